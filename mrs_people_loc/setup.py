@@ -1,0 +1,19 @@
+"""For colcon only; pip installs from the repository's pyproject.toml."""
+
+from glob import glob
+
+from setuptools import setup
+
+setup(
+    name="mrs_people_loc",
+    version="0.1.0",
+    packages=["mrs_people_loc", "mrs_ros", "mrs_tools"],
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
+        ("share/mrs_people_loc", ["package.xml"]),
+        ("share/mrs_people_loc/config", glob("../config/*.yaml") + glob("../config/*.rviz")),
+    ],
+    entry_points={"console_scripts": ["mrs = mrs_tools.cli:main"]},
+    license="Apache-2.0",
+    zip_safe=True,
+)

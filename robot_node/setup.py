@@ -1,0 +1,19 @@
+"""For colcon only; pip installs from the repository's pyproject.toml."""
+
+from glob import glob
+
+from setuptools import setup
+
+setup(
+    name="robot_node",
+    version="0.1.0",
+    packages=["robot_node"],
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/robot_node"]),
+        ("share/robot_node", ["package.xml"]),
+        ("share/robot_node/launch", glob("launch/*.launch.py")),
+    ],
+    entry_points={"console_scripts": ["robot_node = robot_node.__main__:main"]},
+    license="Apache-2.0",
+    zip_safe=True,
+)

@@ -1,0 +1,101 @@
+"""Resolve requirements/lock.txt anew: `make lock`.
+
+Pins everything that `.[all]` needs, with the newest versions that fit together, for each Python
+that the project supports; what differs between them gets a marker. (`pip freeze` does not do:
+some ROS wheels report a version that no index has.)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+ROOT = Path(__file__).resolve().parents[1]
+LOCK = ROOT / "requirements" / "lock.txt"
+HEADER = """\
+# Pinned by `make lock` from pyproject.toml's extra `all`; do not edit by hand.
+# Install with --no-deps: the list is whole.
+"""
+
+
+def find_python(version: str) -> str:
+    """Return a working interpreter of that version, from PATH or from pyenv's folder."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    candidates = [shutil.which(f"python{version}") or ""]
+    candidates += [str(p) for p in sorted(pyenv.glob(f"versions/{version}.*/bin/python"))]
+    for candidate in filter(None, candidates):
+        # A pyenv shim is found on PATH, but fails.
+        asked = [candidate, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
+        answer = subprocess.run(asked, capture_output=True, text=True, check=False)
+        if answer.stdout.strip() == version:
+            return candidate
+    sys.exit(f"make lock needs all of Python {', '.join(PYTHONS)}: {version} was not found.")
+
+
+def resolve(python: str, folder: Path) -> dict[str, str]:
+    """Return name -> version of everything that pip would install with that interpreter."""
+    subprocess.run([python, "-m", "venv", folder], check=True)
+    report = folder / "report.json"
+    pip = [folder / "bin" / "python", "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    options = ["--dry-run", "--ignore-installed", "--report", report]
+    run = subprocess.run(
+        [*pip, "install", *options, ".[all]"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if run.returncode:
+        sys.exit(f"{python}: {run.stderr}")
+    pins = {}
+    for item in json.loads(report.read_text())["install"]:
+        if "dir_info" in item["download_info"]:
+            continue  # this project
+        name = re.sub(r"[-_.]+", "-", item["metadata"]["name"]).lower()
+        pins[name] = item["metadata"]["version"]
+    return pins
+
+
+def marker(pythons: list[str]) -> str:
+    """Return the marker that selects these versions, which follow each other in PYTHONS."""
+    first, last = (PYTHONS.index(python) for python in (pythons[0], pythons[-1]))
+    assert list(PYTHONS[first : last + 1]) == pythons, f"a gap in {pythons}"
+    if 0 < first == last < len(PYTHONS) - 1:
+        return f' ; python_version == "{pythons[0]}"'
+    limits = []
+    if first > 0:
+        limits.append(f'python_version >= "{pythons[0]}"')
+    if last < len(PYTHONS) - 1:
+        limits.append(f'python_version <= "{pythons[-1]}"')
+    return f" ; {' and '.join(limits)}" if limits else ""
+
+
+def lock_lines(pins: dict[str, dict[str, str]]) -> list[str]:
+    """Merge the pins (Python -> name -> version) into requirement lines."""
+    lines = []
+    for name in sorted(set().union(*pins.values())):
+        taken_by: dict[str, list[str]] = {}  # version of the package -> Pythons that take it
+        for python in PYTHONS:
+            if name in pins[python]:
+                taken_by.setdefault(pins[python][name], []).append(python)
+        lines += [f"{name}=={version}{marker(pythons)}" for version, pythons in taken_by.items()]
+    return lines
+
+
+def main() -> None:
+    """Resolve for every Python (two at a time) and write the lock."""
+    interpreters = [find_python(version) for version in PYTHONS]
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(2) as pool:
+        print(f"Resolving for Python {', '.join(PYTHONS)} (a few minutes) ...", flush=True)
+        folders = [Path(folder, version) for version in PYTHONS]
+        pins = dict(zip(PYTHONS, pool.map(resolve, interpreters, folders), strict=True))
+    LOCK.write_text(HEADER + "\n".join(lock_lines(pins)) + "\n")
+    print(f"Wrote {LOCK.relative_to(ROOT)}: {', '.join(f'{len(pins[v])} for {v}' for v in pins)}.")
+
+
+if __name__ == "__main__":
+    main()
