@@ -1,0 +1,1 @@
+"""The `mrs` command: bags, evaluation, simulation and plots."""

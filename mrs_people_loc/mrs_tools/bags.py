@@ -1,0 +1,554 @@
+"""Bags: recordings of ROS topics, read and written without ROS.
+
+A thin layer over `rosbags`: the same two classes for every tool, every failure a `BagError` that
+names the file, what is wrong and what to do.
+
+    with BagReader("bags/paper_formation") as bag:
+        for topic, time_ns, message in bag.decoded(["/robot_a/odom"]):
+            ...
+
+    with BagWriter("out.mcap") as out:
+        out.write("/chatter", time_ns, String("hello"))     # a message of `bag.typestore`
+
+A bag is a folder with `metadata.yaml`, as `ros2 bag` makes it, or one `.mcap` or `.db3` file.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+import shutil
+import sys
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinitionFormat,
+    Nodetype,
+    Qos,
+)
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from mrs_people_loc.errors import BagError
+
+OUR_MESSAGES = tuple(f"mrs_people_msgs/msg/{n}" for n in ("People", "Person", "Group", "RobotScan"))
+
+
+class RawMessage(NamedTuple):
+    """One message as it lies in the bag."""
+
+    topic: str
+    type: str
+    """Type name such as `sensor_msgs/msg/Image`."""
+    time_ns: int
+    """Bag time, i.e. when the message was recorded; nanoseconds since 1970."""
+    data: bytes
+    """The message in CDR, encapsulation header included: what `rclpy` publishes as it is."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a bag.
+
+    Attributes:
+        name: Full name.
+        type: Type name such as `sensor_msgs/msg/Image`.
+        count: Number of messages.
+        qos: What the recorded publishers offered; empty if the bag does not say.
+    """
+
+    name: str
+    type: str
+    count: int
+    qos: tuple[Qos, ...] = ()
+
+
+def matching(names: Iterable[str], patterns: Collection[str]) -> list[str]:
+    """Names that fit at least one shell pattern; all of them if there is no pattern.
+
+    Args:
+        names: Topic names.
+        patterns: Names or shell patterns such as `/robot_a/*`; a missing leading slash is added.
+
+    Returns:
+        Those names, in their order.
+    """
+    full = [p if p.startswith(("/", "*")) else f"/{p}" for p in patterns]
+    return [n for n in names if not full or any(fnmatch.fnmatchcase(n, p) for p in full)]
+
+
+# ---------------------------------------------------------------------------------------- types
+
+
+@lru_cache(maxsize=1)
+def default_typestore() -> Typestore:
+    """Every standard message of ROS 2 Jazzy and, where they are installed, our own."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    if _definition_file(OUR_MESSAGES[0]):
+        require_types(store, OUR_MESSAGES)
+    return store
+
+
+def require_types(store: Typestore, types: Iterable[str]) -> None:
+    """Add types that a store lacks, and all they are made of, from the installed packages.
+
+    Args:
+        store: The store to add to.
+        types: Type names such as `mrs_people_msgs/msg/People`.
+
+    Raises:
+        BagError: A definition is not installed or cannot be read.
+    """
+    wanted = list(types)
+    while wanted:
+        name = wanted.pop()
+        if name in store.fielddefs:
+            continue
+        file = _definition_file(name)
+        if file is None:
+            raise BagError(
+                f"message type {name} is unknown: install its package, or source the workspace "
+                "that has it"
+            )
+        try:
+            found = get_types_from_msg(file.read_text(encoding="utf-8"), name)
+            store.register(found)
+        except Exception as err:
+            raise BagError(f"{file}: not a message definition ({_reason(err)})") from err
+        for _, fields in found.values():
+            for _, (kind, value) in fields:
+                if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                    kind, value = value[0]
+                if kind == Nodetype.NAME:
+                    wanted.append(value)
+
+
+def _definition_file(name: str) -> Path | None:
+    """Where ROS installed the definition of a type, if it did."""
+    package, _, message = name.partition("/msg/")
+    for prefix in [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]:
+        file = Path(prefix, "share", package, "msg", f"{message}.msg")
+        if prefix and message and file.is_file():
+            return file
+    return None
+
+
+# -------------------------------------------------------------------------------------- reading
+
+
+class BagReader:
+    """An open bag; use it as a context manager or call `close`.
+
+    Attributes:
+        path: The bag.
+        topics: Its topics by name, sorted.
+        start_ns: Bag time of the first message, nanoseconds since 1970.
+        end_ns: Bag time of the last message.
+        message_count: Number of messages on all topics.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Open a bag.
+
+        Args:
+            path: A folder with `metadata.yaml`, or one `.mcap` or `.db3` file.
+
+        Raises:
+            BagError: There is no such bag, it has no messages, or it is truncated or damaged.
+        """
+        self.path = Path(path)
+        _check_is_bag(self.path)
+        try:
+            self._reader = Reader(self.path)
+            self._reader.open()
+        except Exception as err:  # the library lets errors of many kinds through on damaged files
+            raise _damaged(self.path, err) from err
+        try:
+            self._read_index()
+        except BagError:
+            self.close()
+            raise
+        except Exception as err:
+            self.close()
+            raise _damaged(self.path, err) from err
+
+    def _read_index(self) -> None:
+        self._connections: list[Connection] = list(self._reader.connections)
+        self.message_count: int = self._reader.message_count
+        self.start_ns: int = self._reader.start_time
+        self.end_ns: int = self._reader.end_time - 1
+        if self.message_count == 0:
+            raise BagError(
+                f"{self.path}: the bag is empty, it has no messages. Record it again while the "
+                "topics are being published"
+            )
+        self.topics: dict[str, Topic] = {}
+        for c in sorted(self._connections, key=lambda c: c.topic):
+            known = self.topics.get(c.topic, Topic(c.topic, c.msgtype, 0))
+            if known.type != c.msgtype:
+                raise BagError(
+                    f"{self.path}: topic {c.topic} has two types, {known.type} and {c.msgtype}. "
+                    "Split the bag by type first"
+                )
+            assert isinstance(c.ext, ConnectionExtRosbag2)
+            self.topics[c.topic] = Topic(
+                c.topic,
+                c.msgtype,
+                known.count + c.msgcount,
+                known.qos + tuple(c.ext.offered_qos_profiles),
+            )
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first message to the last."""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+    def select(self, patterns: Collection[str]) -> list[str]:
+        """Topics of the bag that were asked for.
+
+        Args:
+            patterns: Names or shell patterns such as `/robot_a/*`; none: every topic.
+
+        Returns:
+            Topic names, sorted.
+
+        Raises:
+            BagError: A pattern fits no topic.
+        """
+        for pattern in patterns:
+            if not matching(self.topics, [pattern]):
+                raise BagError(
+                    f"{self.path}: no topic {pattern}. It has: {', '.join(self.topics)}"
+                )
+        return matching(self.topics, patterns)
+
+    def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
+        """Messages in the order of their bag time.
+
+        Args:
+            topics: Names or shell patterns of the topics to read; none: every topic.
+
+        Yields:
+            The messages, undecoded.
+
+        Raises:
+            BagError: The bag has no such topic, or is truncated or damaged.
+        """
+        chosen = set(self.select(topics))
+        connections = [c for c in self._connections if c.topic in chosen]
+        source = self._reader.messages(connections)
+        count = 0
+        while True:
+            try:
+                connection, time_ns, data = next(source)
+            except StopIteration:
+                break
+            except Exception as err:
+                raise _damaged(self.path, err) from err
+            count += 1
+            yield RawMessage(connection.topic, connection.msgtype, time_ns, bytes(data))
+        # Some damage makes the library read less than there is, and say nothing.
+        if sum(c.msgcount for c in self._connections) == self.message_count:
+            expected = sum(c.msgcount for c in connections)
+            if count != expected:
+                raise _damaged(self.path, f"its index promises {expected} messages, {count} found")
+
+    def decoded(self, topics: Collection[str] = ()) -> Iterator[tuple[str, int, Any]]:
+        """Messages in the order of their bag time, decoded.
+
+        Args:
+            topics: Names or shell patterns of the topics to read; none: every topic.
+
+        Yields:
+            Topic, bag time in nanoseconds, and the message: an object whose attributes are the
+            message's fields, arrays as NumPy arrays.
+
+        Raises:
+            BagError: As `messages` and `decode`.
+        """
+        for raw in self.messages(topics):
+            yield raw.topic, raw.time_ns, self.decode(raw)
+
+    def decode(self, raw: RawMessage) -> Any:
+        """One message as an object, with the definition that the bag was recorded with.
+
+        Args:
+            raw: A message of this bag.
+
+        Raises:
+            BagError: The type is unknown or the bytes are no message of it.
+        """
+        try:
+            return self.typestore.deserialize_cdr(raw.data, raw.type)
+        except BagError:
+            raise
+        except Exception as err:
+            raise BagError(
+                f"{self.path}: the message on {raw.topic} at {raw.time_ns} ns is no {raw.type} "
+                f"({_reason(err)}). The bag is damaged there"
+            ) from err
+
+    @cached_property
+    def typestore(self) -> Typestore:
+        """Message types: the bag's own definitions first, then `default_typestore`.
+
+        Raises:
+            BagError: A type is defined neither in the bag nor among the installed packages.
+        """
+        own: dict[str, Any] = {}
+        try:
+            for c in self._connections:
+                if c.msgdef.format == MessageDefinitionFormat.MSG:
+                    own.update(get_types_from_msg(c.msgdef.data, c.msgtype))
+                elif c.msgdef.format == MessageDefinitionFormat.IDL:
+                    for text in _idl_parts(c.msgdef.data):
+                        own.update(get_types_from_idl(text))
+            store = get_typestore(Stores.EMPTY)
+            store.register({**default_typestore().fielddefs, **own})
+            require_types(store, {c.msgtype for c in self._connections})
+        except BagError as err:
+            raise BagError(f"{self.path}: {err}") from err
+        except Exception as err:
+            raise _damaged(self.path, err) from err
+        return store
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._reader.is_open:
+            self._reader.close()
+
+    def __enter__(self) -> BagReader:
+        """Return the open bag."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the files."""
+        self.close()
+
+
+def _check_is_bag(path: Path) -> None:
+    """Raise if what lies at a path can be no bag, with the reason a person can act on."""
+    if not path.exists():
+        raise BagError(f"{path}: there is no such bag")
+    if path.is_dir():
+        if (path / "metadata.yaml").exists():
+            return
+        files = sorted(f.name for f in path.iterdir() if f.suffix in (".mcap", ".db3"))
+        if files:
+            raise BagError(
+                f"{path}: the folder has no metadata.yaml. Open {path / files[0]} itself, or "
+                "write one with `ros2 bag reindex`"
+            )
+        raise BagError(f"{path}: the folder is no bag, it has no metadata.yaml")
+    if path.suffix == ".bag":
+        raise BagError(f"{path}: a bag of ROS 1. Convert it with `rosbags-convert`")
+    if path.suffix not in (".mcap", ".db3"):
+        raise BagError(f"{path}: not a bag. Give a folder with metadata.yaml, a .mcap or a .db3")
+    if path.stat().st_size == 0:
+        raise BagError(f"{path}: the file is empty. Record it again")
+
+
+def _idl_parts(text: str) -> list[str]:
+    """The files that a definition in IDL is put together from."""
+    separator = "=" * 80 + "\n"
+    if not text.startswith(separator):
+        return [text]
+    return [part.split("\n", 1)[1] for part in text.split(separator)[1:]]
+
+
+def _damaged(path: Path, reason: BaseException | str) -> BagError:
+    """The error for a bag that cannot be read (to the end)."""
+    if isinstance(reason, PermissionError):
+        return BagError(f"{path}: no permission to read it")
+    if isinstance(reason, BaseException):
+        reason = _reason(reason)
+    file = path / "metadata.yaml" if path.is_dir() else path
+    return BagError(
+        f"{path}: the bag is truncated or damaged ({reason}). Copy it again; if that is all there "
+        f"is of it, save what can be saved with "
+        + (f"`sqlite3 {file} .recover`" if path.suffix == ".db3" else "`mcap recover`")
+    )
+
+
+def _reason(err: BaseException) -> str:
+    """What an error of another library says, on one line."""
+    text = " ".join(str(err).split()).rstrip(".")
+    return text if len(text) > 10 else f"{type(err).__name__} {text}".strip()
+
+
+# -------------------------------------------------------------------------------------- writing
+
+
+class BagWriter:
+    """A bag (mcap) that is being written; use it as a context manager.
+
+    The bag appears under its name when it is closed: what is there is complete. Until then it
+    lies beside it in `<name>.part`. An exception inside the `with` block removes it.
+
+    Attributes:
+        path: Where the bag will be.
+        counts: Number of messages written so far, by topic.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Begin a bag.
+
+        Args:
+            path: `NAME.mcap` for one file, any other name for a folder with `metadata.yaml`.
+
+        Raises:
+            BagError: It exists already or cannot be written.
+        """
+        self.path = Path(path)
+        self._part = self.path.with_name(self.path.name + ".part")
+        self.counts: dict[str, int] = {}
+        self._connections: dict[str, Connection] = {}
+        if self.path.suffix in (".db3", ".bag"):
+            raise BagError(f"{self.path}: only mcap is written. Name it {self.path.stem}.mcap")
+        for taken in (self.path, self._part):
+            if taken.exists():
+                raise BagError(f"{taken}: exists already. Give another name, or remove it first")
+        # The library makes NAME/NAME.mcap and writes that name into both files.
+        name = self.path.stem if self.path.suffix == ".mcap" else self.path.name
+        self._writer = Writer(self._part / name, version=9, storage_plugin=StoragePlugin.MCAP)
+        try:
+            self._writer.open()
+        except OSError as err:
+            raise self._failed(err) from err
+
+    def add_topic(
+        self,
+        name: str,
+        msgtype: str,
+        qos: Sequence[Qos] = (),
+        typestore: Typestore | None = None,
+    ) -> None:
+        """Announce a topic; once per topic, before its first `write_raw`.
+
+        Args:
+            name: Full topic name.
+            msgtype: Type name such as `sensor_msgs/msg/Image`.
+            qos: What the publishers offer.
+            typestore: Where the definition is; `default_typestore()` if None.
+
+        Raises:
+            BagError: The topic was announced before, or the type is unknown.
+        """
+        if name in self._connections:
+            raise BagError(f"{self.path}: topic {name} was announced before")
+        store = typestore or default_typestore()
+        require_types(store, [msgtype])
+        self._connections[name] = self._writer.add_connection(
+            name, msgtype, typestore=store, offered_qos_profiles=qos
+        )
+        self.counts[name] = 0
+
+    def write_raw(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
+        """Write one message that is already in CDR.
+
+        Args:
+            topic: A topic that was announced.
+            time_ns: Bag time, nanoseconds since 1970.
+            data: The message in CDR, encapsulation header included.
+
+        Raises:
+            BagError: The topic was not announced, or the disk does not take it.
+        """
+        if topic not in self._connections:
+            raise BagError(f"{self.path}: topic {topic} was not announced with add_topic")
+        try:
+            self._writer.write(self._connections[topic], time_ns, data)
+        except OSError as err:
+            raise self._failed(err) from err
+        self.counts[topic] += 1
+
+    def write(
+        self, topic: str, time_ns: int, message: Any, typestore: Typestore | None = None
+    ) -> None:
+        """Write one message; a new topic is announced by it.
+
+        Args:
+            topic: Full topic name.
+            time_ns: Bag time, nanoseconds since 1970.
+            message: A message of the typestore's classes, as `BagReader.decode` gives them.
+            typestore: Where the definition is; `default_typestore()` if None.
+
+        Raises:
+            BagError: It is no such message, is of another type than the topic, or the disk does
+                not take it.
+        """
+        msgtype = getattr(message, "__msgtype__", None)
+        if msgtype is None:
+            raise BagError(
+                f"{self.path}: {type(message).__name__} on {topic} is no message of a typestore"
+            )
+        if topic not in self._connections:
+            self.add_topic(topic, msgtype, typestore=typestore)
+        if msgtype != self._connections[topic].msgtype:
+            raise BagError(
+                f"{self.path}: topic {topic} is {self._connections[topic].msgtype}, "
+                f"not {msgtype}"
+            )
+        try:
+            data = (typestore or default_typestore()).serialize_cdr(message, msgtype)
+        except Exception as err:
+            raise BagError(
+                f"{self.path}: the {msgtype} for {topic} has a bad value ({_reason(err)})"
+            ) from err
+        self.write_raw(topic, time_ns, data)
+
+    def close(self) -> None:
+        """Write the index and put the bag in its place.
+
+        Raises:
+            BagError: The disk does not take it, or something else took its place meanwhile.
+        """
+        try:
+            self._writer.close()
+            if self.path.exists():
+                raise BagError(f"{self.path}: exists by now. This bag was left in {self._part}")
+            bag = self._writer.path
+            if self.path.suffix == ".mcap":
+                (bag / f"{bag.name}.mcap").rename(self.path)
+            else:
+                bag.rename(self.path)
+            shutil.rmtree(self._part)
+        except OSError as err:
+            raise self._failed(err) from err
+
+    def abort(self) -> None:
+        """Drop the bag: nothing of it stays."""
+        self._writer.abort()
+        shutil.rmtree(self._part, ignore_errors=True)
+
+    def _failed(self, err: OSError) -> BagError:
+        return BagError(f"{self.path}: cannot be written ({err.strerror or err})")
+
+    def __enter__(self) -> BagWriter:
+        """Return the open bag."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the bag, or drop it if there was an exception."""
+        if kind is None:
+            self.close()
+        else:
+            self.abort()

@@ -1,0 +1,1 @@
+"""The planner_node: ROS around the method."""

@@ -1,0 +1,1 @@
+"""The robot_node: ROS around the method."""
