@@ -1,0 +1,547 @@
+"""Configuration: frozen, validated, and the one place of every default.
+
+Each field states its meaning, unit and allowed range; ROS parameters, the YAML files in `config/`
+and the tables in the documentation derive from these definitions. Lengths are metres, times
+seconds, angles radians, unless the name says otherwise (`_px`). The paper's constants are those of
+Martinez-Garcia, Ohya & Yuta (2004); `config/paper.yaml` holds them.
+
+A parameter file is an ordinary ROS 2 parameter file, and one file describes a team::
+
+    /**/robot_node:            # every robot
+      ros__parameters:
+        zones: {low: 0.20, high: 1.40}
+    /robot_a/robot_node:       # one robot; later sections win
+      ros__parameters:
+        mounting: {height: 1.10}
+    /**/planner_node:
+      ros__parameters:
+        robots: [robot_a, robot_b]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from mrs_people_loc.errors import ConfigError
+
+Value = Any  # bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+
+_SectionT = TypeVar("_SectionT", bound="Section")
+
+_TYPE_NAMES = {
+    "bool": "true or false",
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text",
+    "floats": "a list of numbers",
+    "strs": "a list of texts",
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Definition of one configuration field, by its dotted name.
+
+    Attributes:
+        name: Dotted name, such as `zones.low`.
+        kind: One of bool, int, float, str, floats, strs.
+        default: Default value.
+        doc: What it means, with its unit.
+        low: Smallest allowed value, inclusive; None without limit.
+        high: Largest allowed value, inclusive; None without limit.
+        choices: The allowed texts; empty for any.
+        odd: Whether the number must be odd.
+        length: Exact length of a list; None for any.
+        live: Whether a running node takes a change.
+    """
+
+    name: str
+    kind: str
+    default: Value
+    doc: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    odd: bool = False
+    length: int | None = None
+    live: bool = True
+
+    def allowed(self) -> str:
+        """Says in words which values are allowed."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        text = "an odd whole number" if self.odd else _TYPE_NAMES[self.kind]
+        if self.length is not None:
+            text += f" of length {self.length}"
+        if self.low is not None and self.high is not None:
+            text += f" from {self.low:g} to {self.high:g}"
+        elif self.low is not None:
+            text += f" of at least {self.low:g}"
+        return text
+
+    def check(self, value: object) -> Value:
+        """Returns `value` in this field's type.
+
+        Raises:
+            ConfigError: Naming the field, the value and what is allowed.
+        """
+        checked = self._convert(value)
+        if checked is None:
+            raise ConfigError(f"{self.name} is {value!r}; allowed: {self.allowed()}")
+        return checked
+
+    def _convert(self, value: object) -> Value | None:
+        if self.kind == "bool":
+            return value if isinstance(value, bool) else None
+        if self.kind == "str":
+            ok = isinstance(value, str) and (not self.choices or value in self.choices)
+            return value if ok else None
+        if self.kind in ("floats", "strs"):
+            if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
+                return None
+            items = tuple(value)
+            if self.length is not None and len(items) not in (0, self.length):
+                return None
+            if self.kind == "strs":
+                return items if all(isinstance(item, str) and item for item in items) else None
+            return tuple(float(i) for i in items) if all(map(_is_number, items)) else None
+        if not _is_number(value):
+            return None
+        assert isinstance(value, (int, float))
+        if self.kind == "int":
+            if value != int(value) or (self.odd and value % 2 == 0):
+                return None
+            value = int(value)
+        else:
+            value = float(value)
+        if self.low is not None and value < self.low:
+            return None
+        if self.high is not None and value > self.high:
+            return None
+        return value
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _field(default: Value, doc: str, **limits: Any) -> Any:
+    """A dataclass field with its definition (see `Parameter`) as metadata."""
+    kind = limits.pop("kind", "strs") if isinstance(default, tuple) else type(default).__name__
+    return dataclasses.field(default=default, metadata={"kind": kind, "doc": doc, **limits})
+
+
+class Section:
+    """A frozen dataclass of parameters and of further sections, validated when it is built."""
+
+    def __post_init__(self) -> None:
+        """Checks each value and the relations between them."""
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            if field.metadata:
+                parameter = Parameter(field.name, default=field.default, **field.metadata)
+                try:
+                    checked = parameter.check(getattr(self, field.name))
+                except ConfigError as err:
+                    raise ConfigError(f"{type(self).__name__}: {err}") from None
+                object.__setattr__(self, field.name, checked)
+        self._check_relations()
+
+    def _check_relations(self) -> None:
+        """Raises ConfigError where values that are each allowed do not fit together."""
+
+    @classmethod
+    def parameters(cls, prefix: str = "") -> Iterator[Parameter]:
+        """Yields the definition of every field, sections flattened to dotted names."""
+        for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+            if field.metadata:
+                yield Parameter(prefix + field.name, default=field.default, **field.metadata)
+            else:
+                section: Any = field.default_factory
+                yield from section.parameters(f"{prefix}{field.name}.")
+
+    @classmethod
+    def from_mapping(
+        cls: type[_SectionT], values: Mapping[str, Any], base: _SectionT | None = None
+    ) -> _SectionT:
+        """Builds the configuration from nested or dotted names; what is not named stays.
+
+        Args:
+            values: `{"zones": {"low": 0.2}}` or `{"zones.low": 0.2}`.
+            base: What stays where nothing is named; the defaults if None.
+
+        Raises:
+            ConfigError: A name is unknown (the nearest one is suggested) or a value not allowed.
+        """
+        known = {parameter.name: parameter for parameter in cls.parameters()}
+        flat = _flatten(values)
+        for name in flat:
+            if name not in known:
+                near = difflib.get_close_matches(name, known, 1, 0.5)
+                hint = f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
+                raise ConfigError(f"unknown parameter {name}{hint}")
+        checked = {name: known[name].check(value) for name, value in flat.items()}
+        return (base or cls())._replace(checked)
+
+    def _replace(self: _SectionT, flat: Mapping[str, Value]) -> _SectionT:
+        own = {name: value for name, value in flat.items() if "." not in name}
+        inner: dict[str, dict[str, Value]] = {}
+        for name, value in flat.items():
+            if "." in name:
+                section, rest = name.split(".", 1)
+                inner.setdefault(section, {})[rest] = value
+        own.update({name: getattr(self, name)._replace(part) for name, part in inner.items()})
+        return dataclasses.replace(self, **own)  # type: ignore[type-var]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Returns nested plain values, as a YAML parameter file holds them."""
+        result: dict[str, Any] = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, Section):
+                value = value.to_mapping()
+            result[field.name] = list(value) if isinstance(value, tuple) else value
+        return result
+
+
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat.update(_flatten(value, f"{prefix}{name}."))
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+# -------------------------------------------------------------------------------- robot ----
+
+
+@dataclass(frozen=True)
+class Images(Section):
+    """Which images come in, and how they pair."""
+
+    rectified: bool = _field(
+        True, "true: image_rect is used as it is; false: image_raw is rectified here", live=False
+    )
+    top: bool = _field(False, "true: a third camera `top` above (or below) `left`", live=False)
+    working_width: int = _field(
+        160, "larger images are scaled down to fit this width [px]", low=32, high=4096
+    )
+    working_height: int = _field(
+        120, "larger images are scaled down to fit this height [px]", low=24, high=4096
+    )
+    max_stamp_difference: float = _field(
+        0.0, "images whose stamps differ by up to this form a pair; 0: same stamp [s]",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    queue_size: int = _field(8, "images per camera that wait for their pair", low=1, high=100)
+
+
+@dataclass(frozen=True)
+class Mounting(Section):
+    """Where the head sits: pose of the left (reference) camera in the robot's base_link.
+
+    Angles turn as REP 103 says: first yaw (to the left), then pitch (nose down), then roll (right
+    side down), each about the axis that the former left. Zero: level, looking ahead.
+    """
+
+    height: float = _field(1.0, "lens height over the floor [m]", low=0.0, high=20.0)
+    forward: float = _field(0.0, "lens in front of base_link's origin [m]", low=-5.0, high=5.0)
+    left: float = _field(0.0, "lens to the left of base_link's origin [m]", low=-5.0, high=5.0)
+    pitch: float = _field(
+        0.0, "nose down is positive; pi/2 looks straight down [rad]", low=-math.pi, high=math.pi
+    )
+    roll: float = _field(0.0, "right side down is positive [rad]", low=-math.pi, high=math.pi)
+    yaw: float = _field(0.0, "turned to the left is positive [rad]", low=-math.pi, high=math.pi)
+
+
+@dataclass(frozen=True)
+class Disparity(Section):
+    """Stereo matching with OpenCV's StereoBM (SAD)."""
+
+    pre_filter: str = _field(
+        "xsobel", "StereoBM's pre-filter, in place of the head's edge filter",
+        choices=("xsobel", "normalized_response"),
+    )  # fmt: skip
+    pre_filter_size_px: int = _field(
+        11, "window of normalized_response [px] (the paper's edge mask)",
+        low=5, high=255, odd=True,
+    )  # fmt: skip
+    pre_filter_cap: int = _field(31, "pre-filter output is cut here", low=1, high=63)
+    block_size_px: int = _field(
+        15, "SAD window [px] (the paper's stereo mask)", low=5, high=51, odd=True
+    )
+    min_range: float = _field(0.7, "nearest working depth [m]", low=0.1, high=50.0)
+    max_range: float = _field(5.0, "farthest working depth [m]", low=0.2, high=100.0)
+    uniqueness_ratio: int = _field(
+        10, "margin of the best over the second best match [%]", low=0, high=100
+    )
+    texture_threshold: int = _field(
+        10, "least sum of absolute pre-filter output over the block", low=0, high=100_000
+    )
+    left_right_difference_px: int = _field(
+        1, "left and right match must agree within this [px]; -1: not checked", low=-1, high=16
+    )
+    trinocular_difference_px: float = _field(
+        1.0, "horizontal and vertical pair must agree within this [px]", low=0.0, high=16.0
+    )
+
+    def _check_relations(self) -> None:
+        if self.min_range >= self.max_range:
+            raise ConfigError(
+                f"disparity.min_range is {self.min_range:g}; "
+                f"allowed: less than disparity.max_range, {self.max_range:g}"
+            )
+
+
+@dataclass(frozen=True)
+class Zones(Section):
+    """Zone discrimination (eq. 1): heights over the floor that are kept."""
+
+    low: float = _field(0.20, "knees: th1 of eq. 1 [m]", low=-1.0, high=10.0)
+    high: float = _field(1.40, "shoulders: th2 of eq. 1 [m]", low=-1.0, high=10.0)
+
+    def _check_relations(self) -> None:
+        if self.low >= self.high:
+            raise ConfigError(
+                f"zones.low is {self.low:g}; allowed: less than zones.high, {self.high:g}"
+            )
+
+
+@dataclass(frozen=True)
+class Noise(Section):
+    """Noise reduction (eqs. 2-3)."""
+
+    window: float = _field(0.10, "side of a noise window: fwin of eq. 2 [m]", low=0.01, high=2.0)
+    min_points: int = _field(
+        20, "a window with fewer points is emptied: th_n of eq. 3", low=1, high=100_000
+    )
+
+
+@dataclass(frozen=True)
+class Quantization(Section):
+    """Point reduction (eqs. 4-5)."""
+
+    cell: float = _field(0.05, "side of a cell: hwin of eq. 4 [m]", low=0.01, high=1.0)
+    top_support: int = _field(
+        5, "so many points at or above it make the top of a column", low=1, high=1000
+    )
+    top_gap: float = _field(
+        0.25, "a column ends where no point follows within this height [m]", low=0.05, high=2.0
+    )
+
+
+@dataclass(frozen=True)
+class PoseInput(Section):
+    """Where the robot's pose comes from, and how often it goes out."""
+
+    source: str = _field(
+        "odom", "topic of the pose: nav_msgs/Odometry on `odom` or "
+        "geometry_msgs/PoseWithCovarianceStamped on `pose_in`",
+        choices=("odom", "pose_in"), live=False,
+    )  # fmt: skip
+    map_from_odom: tuple[float, ...] = _field(
+        (), "x, y [m] and yaw [rad] of the odometry's frame in the map, for poses that are not in "
+        "the map already; empty: not known",
+        kind="floats", length=3,
+    )  # fmt: skip
+    map_frame: str = _field("map", "the common frame", live=False)
+    max_rate: float = _field(100.0, "poses published per second, at most [Hz]", low=1.0, high=1e3)
+
+
+@dataclass(frozen=True)
+class RobotConfig(Section):
+    """Configuration of one robot: from its images to its scan."""
+
+    images: Images = dataclasses.field(default_factory=Images)
+    mounting: Mounting = dataclasses.field(default_factory=Mounting)
+    disparity: Disparity = dataclasses.field(default_factory=Disparity)
+    zones: Zones = dataclasses.field(default_factory=Zones)
+    noise: Noise = dataclasses.field(default_factory=Noise)
+    quantization: Quantization = dataclasses.field(default_factory=Quantization)
+    pose: PoseInput = dataclasses.field(default_factory=PoseInput)
+
+
+# ------------------------------------------------------------------------------ planner ----
+
+
+@dataclass(frozen=True)
+class Interval(Section):
+    """When an interval closes."""
+
+    max_wait: float = _field(
+        0.1, "after the first scan the others have this long [s]", low=0.0, high=5.0
+    )
+    max_scan_age: float = _field(
+        0.25, "a scan that is older than the newest by more is left out [s]", low=0.0, high=5.0
+    )
+    max_pose_age: float = _field(
+        0.25, "a scan is placed with poses no farther from its stamp than this [s]",
+        low=0.0, high=5.0,
+    )  # fmt: skip
+    robot_timeout: float = _field(
+        2.0, "a robot that is silent for longer is not waited for [s]", low=0.1, high=60.0
+    )
+
+
+@dataclass(frozen=True)
+class Clustering(Section):
+    """Clustering based segmentation (eqs. 8-10)."""
+
+    distance: float = _field(
+        0.15, "points within this distance belong together: d_th [m]", low=0.01, high=2.0
+    )
+
+
+@dataclass(frozen=True)
+class Human(Section):
+    """Size of a human, as a cluster shows it. The paper says 'a priori' and prints no values.
+
+    Heights: from a school child to a tall man; a table's edge or a chair's back is lower, a wall or
+    a door higher. Width and depth: a body is 0.3 to 0.6 m; depth noise of 1/16 px and more smears
+    its cells along the line of sight. Points: of a body 5 m away the zone covers about 12 x 25
+    pixels of a 160 x 120 image (block matching widens it), of which half may be lost.
+    """
+
+    min_height: float = _field(1.2, "least height of the cluster's top [m]", low=0.0, high=3.0)
+    max_height: float = _field(2.2, "greatest height of the cluster's top [m]", low=0.0, high=10.0)
+    min_width: float = _field(0.20, "least extent along the long side [m]", low=0.0, high=5.0)
+    max_width: float = _field(1.3, "greatest extent along the long side [m]", low=0.0, high=10.0)
+    max_depth: float = _field(0.9, "greatest extent along the short side [m]", low=0.0, high=10.0)
+    min_points: int = _field(150, "least number of 3D points in its cells", low=1, high=1_000_000)
+    circle_sigmas: float = _field(
+        3.0, "radius of the drawn circle, in sigmas of the cluster", low=0.0, high=10.0
+    )
+
+    def _check_relations(self) -> None:
+        for low, high in (("min_height", "max_height"), ("min_width", "max_width")):
+            if getattr(self, low) > getattr(self, high):
+                raise ConfigError(
+                    f"human.{low} is {getattr(self, low):g}; "
+                    f"allowed: at most human.{high}, {getattr(self, high):g}"
+                )
+
+
+@dataclass(frozen=True)
+class PlannerConfig(Section):
+    """Configuration of the planner: from the robots' scans to people."""
+
+    robots: tuple[str, ...] = _field(
+        (), "names (namespaces) of the robots; empty: discovered as they appear", live=False
+    )
+    map_frame: str = _field("map", "the common frame", live=False)
+    interval: Interval = dataclasses.field(default_factory=Interval)
+    clustering: Clustering = dataclasses.field(default_factory=Clustering)
+    human: Human = dataclasses.field(default_factory=Human)
+
+    def _check_relations(self) -> None:
+        for name in self.robots:
+            if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name):
+                raise ConfigError(
+                    f"robots has {name!r}; allowed: ROS namespaces without a leading slash"
+                )
+            if self.robots.count(name) > 1:
+                raise ConfigError(f"robots names {name} more than once; allowed: each robot once")
+
+
+# ---------------------------------------------------------------------------- the files ----
+
+ROBOT_NODE = "robot_node"
+PLANNER_NODE = "planner_node"
+#: Parameters that nodes have besides those of their configuration.
+NODE_PARAMETERS = frozenset({"use_sim_time", "autostart", "start_type_description_service"})
+
+
+@dataclass(frozen=True)
+class Team:
+    """One parameter file: the planner and each robot of a team.
+
+    Attributes:
+        planner: The planner's configuration; its `robots` are the team.
+        robots: Configuration of each robot of the team, by name.
+        path: The file.
+    """
+
+    planner: PlannerConfig
+    robots: Mapping[str, RobotConfig]
+    path: Path
+
+
+def load_team(path: str | Path, robots: tuple[str, ...] = ()) -> Team:
+    """Reads a parameter file (see the module's docstring) as the nodes would.
+
+    Args:
+        path: The YAML file.
+        robots: Names of the robots, where the file itself does not name them.
+
+    Raises:
+        ConfigError: The file cannot be read, is not a parameter file, or holds a bad value.
+    """
+    path = Path(path)
+    sections = _read_sections(path)
+    try:
+        planner = PlannerConfig.from_mapping(_parameters_of(sections, f"/{PLANNER_NODE}"))
+        names = planner.robots or robots
+        configs = {
+            name: RobotConfig.from_mapping(_parameters_of(sections, f"/{name}/{ROBOT_NODE}"))
+            for name in names
+        }
+        # Also where no robot is named, what the file says of robots is checked.
+        for key, values in sections.items():
+            if key.endswith(ROBOT_NODE):
+                RobotConfig.from_mapping(_without_node_parameters(values))
+            elif not key.endswith((PLANNER_NODE, "*")):
+                raise ConfigError(
+                    f"section {key} names no node of ours; "
+                    f"allowed: ...{ROBOT_NODE}, ...{PLANNER_NODE}"
+                )
+            if key.endswith(ROBOT_NODE) and "*" not in key and names:
+                robot = key.strip("/").removesuffix(ROBOT_NODE).strip("/")
+                if robot not in names:
+                    raise ConfigError(
+                        f"section {key} is of a robot that is not in the team: {', '.join(names)}"
+                    )
+    except ConfigError as err:
+        raise ConfigError(f"{path}: {err}") from err
+    return Team(planner, configs, path)
+
+
+def _read_sections(path: Path) -> dict[str, Mapping[str, Any]]:
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+        raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
+    if not isinstance(document, Mapping):
+        raise ConfigError(f"{path}: is not a ROS 2 parameter file (a mapping of node names)")
+    sections: dict[str, Mapping[str, Any]] = {}
+    for key, body in document.items():
+        if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
+            raise ConfigError(f"{path}: section {key} must hold `ros__parameters:` and only that")
+        values = body["ros__parameters"]
+        if not isinstance(values, Mapping):
+            raise ConfigError(f"{path}: section {key}: ros__parameters must be a mapping")
+        sections["/" + str(key).lstrip("/")] = values
+    return sections
+
+
+def _parameters_of(sections: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
+    """Merges the sections that match a node's full name, later ones over earlier, as rcl does."""
+    merged: dict[str, Any] = {}
+    for key, values in sections.items():
+        pattern = re.escape(key).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+        if re.fullmatch(pattern, node):
+            merged.update(_flatten(_without_node_parameters(values)))
+    return merged
+
+
+def _without_node_parameters(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name not in NODE_PARAMETERS}

@@ -1,0 +1,164 @@
+"""Disparity by StereoBM (SAD block matching), on horizontal and vertical pairs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.errors import CameraError, ImageError
+from mrs_people_loc.images import Gray, StereoImages
+
+Float32 = NDArray[np.float32]
+
+#: StereoBM's results are in sixteenths of a pixel.
+SUBPIXELS = 16
+_STEP = 16  # StereoBM searches multiples of this
+
+
+class StereoMatcher:
+    """Disparity images of one head.
+
+    The search range follows from the working distances: disparities up to that of `min_range`.
+    StereoBM leaves a margin without values (the searched range on the left and half a block on
+    each side); the images are padded by that margin, so no column or row is lost.
+
+    Args:
+        camera: The head.
+        config: Matching parameters.
+
+    Raises:
+        CameraError: The search range does not fit the image.
+    """
+
+    def __init__(self, camera: StereoCamera, config: cfg.Disparity) -> None:
+        self.camera = camera
+        self.config = config
+        self._horizontal = _BlockMatcher(
+            camera.disparity_of(config.min_range), config, camera.width
+        )
+        self._vertical: _BlockMatcher | None = None
+        if camera.vertical_baseline:
+            vertical_range = abs(camera.vertical_baseline) * camera.fy / config.min_range
+            self._vertical = _BlockMatcher(
+                vertical_range + camera.vertical_offset_px, config, camera.height
+            )
+
+    def __call__(self, images: StereoImages) -> Float32:
+        """Disparity of the left image.
+
+        Args:
+            images: Rectified images of the camera's size; `top` is needed for a trinocular head.
+
+        Returns:
+            Disparity of the horizontal pair [px], float32, shape (height, width), NaN where there
+            is none.
+
+        Raises:
+            ImageError: The size differs from the camera's, or `top` is missing.
+        """
+        wanted = (self.camera.height, self.camera.width)
+        if images.left.shape != wanted:
+            raise ImageError(
+                f"images are {images.left.shape[1]}x{images.left.shape[0]}; "
+                f"wanted as the camera: {wanted[1]}x{wanted[0]}"
+            )
+        horizontal = self._horizontal(images.left, images.right)
+        if self._vertical is None:
+            return horizontal
+        if images.top is None:
+            raise ImageError("the head is trinocular but there is no top image")
+        # StereoBM matches along rows: turned by a quarter, a camera above becomes one to the
+        # right (clockwise), one below too (counterclockwise).
+        above = self.camera.vertical_baseline > 0
+        turn = cv2.ROTATE_90_CLOCKWISE if above else cv2.ROTATE_90_COUNTERCLOCKWISE
+        back = cv2.ROTATE_90_COUNTERCLOCKWISE if above else cv2.ROTATE_90_CLOCKWISE
+        vertical = self._vertical(_rotated(images.left, turn), _rotated(images.top, turn))
+        camera = self.camera
+        ratio = camera.depth_disparity / (abs(camera.vertical_baseline) * camera.fy)
+        vertical = (cv2.rotate(vertical, back) - camera.vertical_offset_px) * ratio
+        vertical += camera.disparity_offset_px
+        return combine(
+            horizontal,
+            vertical.astype(np.float32, copy=False),
+            max_difference_px=self.config.trinocular_difference_px,
+        )
+
+
+def combine(horizontal: Float32, vertical: Float32, *, max_difference_px: float) -> Float32:
+    """Joins the disparities of the two pairs of a trinocular head.
+
+    Where both have a value they must agree, and the result is their mean; where one has, it
+    counts: an edge along one pair's baseline is seen by the other pair only.
+
+    Args:
+        horizontal: Disparity [px], NaN where there is none.
+        vertical: Disparity of the vertical pair, in pixels of the horizontal pair, same shape.
+        max_difference_px: Agreement [px].
+
+    Returns:
+        Disparity [px], float32, the same shape, NaN where there is none or no agreement.
+    """
+    mean = (horizontal + vertical) * np.float32(0.5)
+    mean[np.abs(horizontal - vertical) > max_difference_px] = np.nan
+    one = np.where(np.isnan(horizontal), vertical, horizontal)
+    both = ~(np.isnan(horizontal) | np.isnan(vertical))
+    return np.where(both, mean, one)
+
+
+class _BlockMatcher:
+    """StereoBM for one pair, with padding."""
+
+    def __init__(self, max_disparity_px: float, config: cfg.Disparity, width: int) -> None:
+        searched = _STEP * max(1, math.ceil((max_disparity_px + 1.0) / _STEP))
+        if searched >= width:
+            raise CameraError(
+                f"disparity.min_range = {config.min_range:g} m asks for {searched} px of "
+                f"disparity in an image of {width} px; allowed: less (raise min_range)"
+            )
+        half = config.block_size_px // 2
+        self._pad = (half, half, searched + half, half)  # top, bottom, left, right
+        bm: Any = cv2.StereoBM_create(  # type: ignore[attr-defined]
+            numDisparities=searched, blockSize=config.block_size_px
+        )
+        bm.setPreFilterType(
+            cv2.STEREO_BM_PREFILTER_XSOBEL
+            if config.pre_filter == "xsobel"
+            else cv2.STEREO_BM_PREFILTER_NORMALIZED_RESPONSE
+        )
+        bm.setPreFilterSize(config.pre_filter_size_px)
+        bm.setPreFilterCap(config.pre_filter_cap)
+        bm.setUniquenessRatio(config.uniqueness_ratio)
+        bm.setTextureThreshold(config.texture_threshold)
+        bm.setDisp12MaxDiff(config.left_right_difference_px)
+        self._bm = bm
+
+    def __call__(self, left: Gray, right: Gray) -> Float32:
+        fixed = self.raw(left, right)
+        height, width = left.shape
+        top, _, start, _ = self._pad
+        disparity = fixed[top : top + height, start : start + width].astype(np.float32)
+        disparity *= np.float32(1.0 / SUBPIXELS)
+        # Below 0: no match. More than the column: the match would lie outside the right image.
+        none = (disparity < 0) | (disparity > np.arange(width, dtype=np.float32))
+        disparity[none] = np.nan
+        return disparity
+
+    def raw(self, left: Gray, right: Gray) -> NDArray[np.int16]:
+        """StereoBM's own result on the padded images, in sixteenths of a pixel."""
+        border = cv2.BORDER_REPLICATE
+        fixed: NDArray[np.int16] = self._bm.compute(
+            cv2.copyMakeBorder(left, *self._pad, border),
+            cv2.copyMakeBorder(right, *self._pad, border),
+        )
+        return fixed
+
+
+def _rotated(image: Gray, turn: int) -> Gray:
+    rotated: Any = cv2.rotate(image, turn)
+    return np.asarray(rotated, dtype=np.uint8)

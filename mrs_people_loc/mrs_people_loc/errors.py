@@ -1,0 +1,31 @@
+"""All errors of the project: one root, one class per kind of input that can be wrong."""
+
+from __future__ import annotations
+
+
+class PeopleLocError(Exception):
+    """Root of every error that this project raises on purpose."""
+
+
+class ConfigError(PeopleLocError):
+    """A configuration value is unknown, of the wrong type or out of its range."""
+
+
+class CameraError(PeopleLocError):
+    """Camera calibration that cannot be used."""
+
+
+class ImageError(PeopleLocError):
+    """An image that cannot be used, or does not fit its calibration or its pair."""
+
+
+class ScanError(PeopleLocError):
+    """A scan (`points`) that cannot be used."""
+
+
+class PoseError(PeopleLocError):
+    """A pose that cannot be used, or none at the time that was asked for."""
+
+
+class BagError(PeopleLocError):
+    """A recording that cannot be read or written."""

@@ -1,0 +1,68 @@
+"""Fusion: the cells of all robots on the common map, for one interval (eq. 6, section 5.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.poses import Pose
+from mrs_people_loc.scan import Cells, Scan
+
+
+@dataclass(frozen=True)
+class ShortTermMap:
+    """The union of all robots' cells in the common frame: the paper's K.
+
+    Attributes:
+        robots: Names of the robots, in the order of their scans.
+        robot: Which of them each cell comes from, shape (n,).
+        xy: Cell centres in the common frame [m], float64, shape (n, 2).
+        cells: The cells as the robots sent them; x and y are in each robot's base_link.
+    """
+
+    robots: tuple[str, ...]
+    robot: NDArray[np.intp]
+    xy: Float
+    cells: Cells
+
+    def __len__(self) -> int:
+        """Number of cells."""
+        return len(self.xy)
+
+
+def map_from_robot(points: Float, pose: Pose) -> Float:
+    """Turns points by a robot's heading and moves them by its position (eq. 6).
+
+    Args:
+        points: x, y in the robot's base_link [m], shape (n, 2).
+        pose: The robot's pose in the common frame.
+
+    Returns:
+        x, y in the common frame [m], shape (n, 2).
+    """
+    return points @ rotation_2d(pose.yaw).T + (pose.x, pose.y)
+
+
+def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
+    """Puts the scans on one map: K = [W]a | [W]b | [W]c.
+
+    Args:
+        scans: One per robot.
+        poses: By robot, its pose in the common frame at its scan's stamp.
+    """
+    parts = [
+        map_from_robot(
+            np.stack([scan.cells.x, scan.cells.y], axis=1).astype(np.float64), poses[scan.robot]
+        )
+        for scan in scans
+    ]
+    return ShortTermMap(
+        robots=tuple(scan.robot for scan in scans),
+        robot=np.repeat(np.arange(len(scans)), [len(scan.cells) for scan in scans]),
+        xy=np.concatenate([np.empty((0, 2)), *parts]),
+        cells=Cells.concatenate([scan.cells for scan in scans]),
+    )

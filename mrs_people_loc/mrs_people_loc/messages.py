@@ -1,0 +1,204 @@
+"""Reads ROS messages into the core's types, and checks them.
+
+Only the messages' attributes are used, which are the same in rclpy's and in rosbags' classes, so
+nodes and offline tools read, and refuse, the same. Every error names the field, what was got and
+what is wanted; the caller adds the topic.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+
+from mrs_people_loc.camera import CameraModel
+from mrs_people_loc.errors import CameraError, ImageError, PoseError, ScanError
+from mrs_people_loc.geometry import yaw_from_quaternion
+from mrs_people_loc.images import Gray
+from mrs_people_loc.poses import Pose
+from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
+
+Message = Any
+
+#: Image encodings that are read: channels, and OpenCV's conversion to grey.
+ENCODINGS = {"mono8": (1, None), "bgr8": (3, cv2.COLOR_BGR2GRAY), "rgb8": (3, cv2.COLOR_RGB2GRAY)}
+
+#: PointField's datatypes (sensor_msgs/PointField).
+_POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
+FLOAT32, UINT32 = 7, 6
+
+#: A quaternion's length may differ from 1 by this much (float32 sources round).
+_QUATERNION_TOLERANCE = 1e-2
+#: base_link stands upright; a pose that leans by more is in some other frame [rad].
+_MAX_TILT = math.radians(30.0)
+
+
+def stamp_ns_of(stamp: Message) -> int:
+    """Time of a builtin_interfaces/Time [ns]."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def read_camera_info(message: Message) -> CameraModel:
+    """Reads sensor_msgs/CameraInfo.
+
+    Raises:
+        CameraError: A value cannot be used.
+    """
+    binning = (int(message.binning_x), int(message.binning_y))
+    if binning not in ((0, 0), (1, 1)):
+        raise CameraError(f"binning is {binning[0]}x{binning[1]}; allowed: none")
+    roi = message.roi
+    if int(roi.width) not in (0, int(message.width)) or int(roi.height) not in (
+        0,
+        int(message.height),
+    ):
+        raise CameraError(f"roi is {roi.width}x{roi.height}; allowed: none or the full image")
+    return CameraModel(
+        width=int(message.width),
+        height=int(message.height),
+        k=np.array(message.k, dtype=np.float64).reshape(3, 3),
+        d=tuple(float(value) for value in message.d),
+        r=np.array(message.r, dtype=np.float64).reshape(3, 3),
+        p=np.array(message.p, dtype=np.float64).reshape(3, 4),
+        distortion_model=str(message.distortion_model),
+    )
+
+
+def read_image(message: Message) -> Gray:
+    """Reads sensor_msgs/Image as grey, uint8, shape (height, width).
+
+    Raises:
+        ImageError: The encoding is not one of `ENCODINGS`, or sizes and data do not fit.
+    """
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    if message.encoding not in ENCODINGS:
+        raise ImageError(f"encoding is {message.encoding!r}; allowed: {', '.join(ENCODINGS)}")
+    channels, conversion = ENCODINGS[message.encoding]
+    if height == 0 or width == 0:
+        raise ImageError(f"image is {width}x{height}; wanted: more than 0x0")
+    if step < width * channels:
+        raise ImageError(
+            f"step is {step} bytes; wanted for {message.encoding} at width {width}: "
+            f"at least {width * channels}"
+        )
+    data = np.frombuffer(message.data, dtype=np.uint8)
+    if data.size != step * height:
+        raise ImageError(f"data has {data.size} bytes; wanted: step * height = {step * height}")
+    rows = data.reshape(height, step)[:, : width * channels]
+    if conversion is None:
+        return np.ascontiguousarray(rows)
+    return cv2.cvtColor(rows.reshape(height, width, channels), conversion)  # type: ignore[return-value]
+
+
+def read_pose(message: Message) -> Pose:
+    """Reads the pose of a PoseWithCovarianceStamped or Odometry (in its header's frame).
+
+    Raises:
+        PoseError: A value is not finite, the quaternion is none, or the robot does not stand.
+    """
+    return _pose(stamp_ns_of(message.header.stamp), message.pose)
+
+
+def _pose(stamp_ns: int, with_covariance: Message) -> Pose:
+    position, q = with_covariance.pose.position, with_covariance.pose.orientation
+    values = [position.x, position.y, position.z, q.x, q.y, q.z, q.w]
+    if not np.isfinite(values).all():
+        raise PoseError(
+            "pose holds NaN or infinite values: position "
+            f"({position.x}, {position.y}, {position.z}), orientation ({q.x}, {q.y}, {q.z}, {q.w})"
+        )
+    norm = math.sqrt(q.x**2 + q.y**2 + q.z**2 + q.w**2)
+    if abs(norm - 1.0) > _QUATERNION_TOLERANCE:
+        raise PoseError(f"orientation has length {norm:.4g}; wanted: a quaternion of length 1")
+    x, y, z, w = (value / norm for value in (q.x, q.y, q.z, q.w))
+    tilt = math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
+    if tilt > _MAX_TILT:
+        raise PoseError(
+            f"pose leans by {tilt:.2f} rad; allowed: {_MAX_TILT:.2f} "
+            "(base_link is upright on the floor, not a camera frame)"
+        )
+    covariance = np.array(with_covariance.covariance, dtype=np.float64)
+    if covariance.size != 36:
+        raise PoseError(f"covariance has {covariance.size} values; wanted: 36")
+    planar = covariance.reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
+    return Pose(
+        stamp_ns, float(position.x), float(position.y), yaw_from_quaternion(x, y, z, w), planar
+    )
+
+
+def read_people_scans(message: Message) -> dict[str, Pose]:
+    """Reads which scans a mrs_people_msgs/People was made from.
+
+    Returns:
+        By robot, the pose at its scan's stamp as the planner used it (`Pose.stamp_ns` is the
+        scan's stamp).
+
+    Raises:
+        PoseError: A pose cannot be used.
+    """
+    return {scan.robot: _pose(stamp_ns_of(scan.stamp), scan.pose) for scan in message.scans}
+
+
+def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan:
+    """Reads a scan from sensor_msgs/PointCloud2, taking fields by name.
+
+    Args:
+        message: The message.
+        robot: Name of the robot that sent it.
+        frame_id: The frame it must be in; None: `<robot>/base_link`.
+
+    Raises:
+        ScanError: The frame, a field, the layout or a value is wrong.
+    """
+    wanted_frame = f"{robot}/base_link" if frame_id is None else frame_id
+    if message.header.frame_id != wanted_frame:
+        raise ScanError(f"frame_id is {message.header.frame_id!r}; wanted: {wanted_frame!r}")
+    if message.is_bigendian:
+        raise ScanError("is_bigendian is true; wanted: little-endian data")
+    fields = {field.name: field for field in message.fields}
+    names = CELL_DTYPE.names or ()
+    missing = [name for name in names if name not in fields]
+    if missing:
+        raise ScanError(
+            f"fields are missing: {', '.join(missing)}; got: {', '.join(fields) or 'none'}; "
+            f"wanted: {', '.join(names)}"
+        )
+    point_step, row_step = int(message.point_step), int(message.row_step)
+    width, height = int(message.width), int(message.height)
+    formats, offsets = [], []
+    for name in names:
+        field = fields[name]
+        code = _POINT_FIELD_TYPES.get(int(field.datatype))
+        if code is None or int(field.count) != 1:
+            raise ScanError(
+                f"field {name} has datatype {field.datatype} and count {field.count}; "
+                "wanted: one number"
+            )
+        end = int(field.offset) + np.dtype(code).itemsize
+        if end > point_step:
+            raise ScanError(f"field {name} ends at byte {end}; point_step is {point_step}")
+        formats.append(code)
+        offsets.append(int(field.offset))
+    if row_step < width * point_step:
+        raise ScanError(f"row_step is {row_step}; wanted: at least {width * point_step}")
+    data = np.frombuffer(message.data, dtype=np.uint8)
+    if data.size != row_step * height:
+        raise ScanError(
+            f"data has {data.size} bytes; wanted: row_step * height = {row_step * height}"
+        )
+    layout = np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": point_step}
+    )
+    if data.size == 0:
+        records = np.empty(0, layout)
+    else:
+        rows = np.ascontiguousarray(data.reshape(height, row_step)[:, : width * point_step])
+        records = rows.reshape(-1).view(layout)
+    counts = records["count"]
+    if counts.dtype.kind == "f" and not np.isfinite(counts).all():
+        raise ScanError("count is NaN or infinite")
+    if (counts < 0).any() or (counts > np.iinfo(np.uint32).max).any():
+        raise ScanError("count is negative or too large; wanted: uint32")
+    return Scan(robot, stamp_ns_of(message.header.stamp), Cells.from_records(records))

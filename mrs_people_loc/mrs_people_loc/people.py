@@ -1,0 +1,220 @@
+"""People: what each cluster measures, which are human-sized, where they are (section 6.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.fusion import ShortTermMap
+from mrs_people_loc.geometry import Float
+from mrs_people_loc.poses import Pose
+
+Int = NDArray[np.intp]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Measures of the clusters of a map, a struct of arrays of one length (m,).
+
+    Attributes:
+        label: Of each cell of the map, shape (n,).
+        centroid: Centre of gravity of the cells [m], shape (m, 2).
+        scatter: Covariance of the cells about it, shape (m, 2, 2) [m^2].
+        sigma: Standard deviation of the distances from the centroid to the cells [m].
+        width: Extent along the long principal axis [m].
+        depth: Extent along the short principal axis, likewise [m].
+        height: Highest top of its cells [m].
+        bottom: Lowest z of its cells [m].
+        cells: Number of cells.
+        points: Number of 3D points in its cells.
+        seen_by: Whether a robot of the map contributed, shape (m, robots).
+    """
+
+    label: Int
+    centroid: Float
+    scatter: Float
+    sigma: Float
+    width: Float
+    depth: Float
+    height: Float
+    bottom: Float
+    cells: Int
+    points: Int
+    seen_by: Bool
+
+    def __len__(self) -> int:
+        """Number of clusters."""
+        return len(self.cells)
+
+
+@dataclass(frozen=True)
+class Person:
+    """One person in one interval.
+
+    Attributes:
+        position: In the common frame [m], shape (2,).
+        covariance: Of the position [m^2], shape (2, 2).
+        height: Highest supported point over the floor [m].
+        sigma: Standard deviation of the distances from the position to the cells [m].
+        robots: Names of the robots that saw the person.
+        label: The cluster.
+    """
+
+    position: Float
+    covariance: Float
+    height: float
+    sigma: float
+    robots: tuple[str, ...]
+    label: int
+
+
+@dataclass(frozen=True)
+class Group:
+    """All people of an interval.
+
+    Attributes:
+        centre: Centre of gravity of their positions [m], shape (2,).
+        covariance: Of the centre [m^2], shape (2, 2).
+        radius: Distance to the farthest of them [m].
+        rms_spread: Root mean square distance to them [m].
+        size: How many they are.
+    """
+
+    centre: Float
+    covariance: Float
+    radius: float
+    rms_spread: float
+    size: int
+
+
+def measure(fused: ShortTermMap, label: Int) -> Clusters:
+    """Measures each cluster of a map.
+
+    Args:
+        fused: The map.
+        label: Cluster of each cell, from 0 without gaps, shape (n,).
+    """
+    count = int(label.max()) + 1 if len(label) else 0
+    cells = np.bincount(label, minlength=count)
+    x, y = fused.xy[:, 0], fused.xy[:, 1]
+    centroid = np.stack(
+        [np.bincount(label, axis, minlength=count) / cells for axis in (x, y)], axis=1
+    )
+    offset = fused.xy - centroid[label]
+    dx, dy = offset[:, 0], offset[:, 1]
+    xx, xy, yy = (
+        np.bincount(label, product, minlength=count) / cells
+        for product in (dx * dx, dx * dy, dy * dy)
+    )
+    scatter = np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2)
+
+    order = np.argsort(label, kind="stable")
+    first = np.cumsum(cells) - cells
+    angle = (0.5 * np.arctan2(2.0 * xy, xx - yy))[label]  # of the long axis
+    cos, sin = np.cos(angle), np.sin(angle)
+    distance = np.hypot(dx, dy)
+    mean_distance = np.bincount(label, distance, minlength=count) / cells
+    sigma = np.sqrt(
+        np.bincount(label, (distance - mean_distance[label]) ** 2, minlength=count) / cells
+    )
+    seen_by = np.zeros((count, len(fused.robots)), dtype=bool)
+    seen_by[label, fused.robot] = True
+    return Clusters(
+        label=label,
+        centroid=centroid,
+        scatter=scatter,
+        sigma=sigma,
+        width=_extent((cos * dx + sin * dy)[order], first),
+        depth=_extent((cos * dy - sin * dx)[order], first),
+        height=_reduce(np.maximum, fused.cells.top[order], first),
+        bottom=_reduce(np.minimum, fused.cells.z_min[order], first),
+        cells=cells,
+        points=np.bincount(label, fused.cells.count, minlength=count).astype(np.intp),
+        seen_by=seen_by,
+    )
+
+
+def _reduce(function: np.ufunc, values: NDArray[np.floating], first: Int) -> Float:
+    if not len(first):
+        return np.empty(0)
+    return np.asarray(function.reduceat(values, first), dtype=np.float64)
+
+
+def _extent(values: Float, first: Int) -> Float:
+    return _reduce(np.maximum, values, first) - _reduce(np.minimum, values, first)
+
+
+def is_human(clusters: Clusters, config: cfg.Human) -> Bool:
+    """Whether each cluster has the size of a human, shape (m,).
+
+    The paper names number of points, height, width and depth; the limits are configuration.
+    """
+    return (
+        (clusters.height >= config.min_height)
+        & (clusters.height <= config.max_height)
+        & (clusters.width >= config.min_width)
+        & (clusters.width <= config.max_width)
+        & (clusters.depth <= config.max_depth)
+        & (clusters.points >= config.min_points)
+    )
+
+
+def locate(
+    fused: ShortTermMap, clusters: Clusters, human: Bool, poses: Mapping[str, Pose]
+) -> tuple[Person, ...]:
+    """The people: position is the centre of gravity of the cluster's cells.
+
+    The covariance adds, to first order, two parts: the scatter of the cells, since each robot sees
+    a near surface of the body and not its axis, divided by the number of robots that saw it; and
+    the mean of what the poses of these robots are uncertain by at the person's place.
+
+    Args:
+        fused: The map.
+        clusters: Measures of its clusters.
+        human: Which of them are people, shape (m,).
+        poses: By robot, the pose that its cells were placed with.
+    """
+    people = []
+    for label in np.flatnonzero(human):
+        position = clusters.centroid[label]
+        robots = tuple(fused.robots[i] for i in np.flatnonzero(clusters.seen_by[label]))
+        of_poses = sum(_pose_effect(poses[name], position) for name in robots)
+        people.append(
+            Person(
+                position=position,
+                covariance=(clusters.scatter[label] + of_poses / len(robots)) / len(robots),
+                height=float(clusters.height[label]),
+                sigma=float(clusters.sigma[label]),
+                robots=robots,
+                label=int(label),
+            )
+        )
+    return tuple(people)
+
+
+def _pose_effect(pose: Pose, position: Float) -> Float:
+    """Covariance of a place that was measured from an uncertain pose, shape (2, 2) [m^2]."""
+    lever = np.array([[1.0, 0.0, -(position[1] - pose.y)], [0.0, 1.0, position[0] - pose.x]])
+    effect: Float = lever @ pose.covariance @ lever.T
+    return effect
+
+
+def gather(people: tuple[Person, ...]) -> Group | None:
+    """The group of all people: the centre of gravity of their positions; None if there are none."""
+    if not people:
+        return None
+    positions = np.array([person.position for person in people])
+    centre = positions.mean(axis=0)
+    distance = np.hypot(*(positions - centre).T)
+    return Group(
+        centre=centre,
+        covariance=np.sum([p.covariance for p in people], axis=0) / len(people) ** 2,
+        radius=float(distance.max()),
+        rms_spread=float(np.sqrt(np.mean(distance**2))),
+        size=len(people),
+    )

@@ -1,0 +1,120 @@
+"""One robot: from images to its scan, stage by stage as in the paper's section 5."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import filters
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.cloud import CloudMaker
+from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.disparity import StereoMatcher
+from mrs_people_loc.images import StereoImages
+from mrs_people_loc.scan import Cells, Scan
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Everything that one view went through.
+
+    Attributes:
+        disparity: [px], float32, shape (height, width), NaN where there is none.
+        cloud: All points in base_link [m] (RAW), shape (n, 3).
+        zones: Those between knees and shoulders (V), shape (n, 3).
+        noise: Those in windows with many points (H), shape (n, 3).
+        scan: The cells (W).
+        times_ms: What each stage took, by name [ms].
+    """
+
+    disparity: Float32
+    cloud: Float32
+    zones: Float32
+    noise: Float32
+    scan: Scan
+    times_ms: dict[str, float] = field(default_factory=dict)
+
+
+class RobotPipeline:
+    """Makes scans of a robot's rectified images.
+
+    Args:
+        robot: The robot's name.
+        camera: Its head, with the mounting.
+        config: Its configuration.
+
+    Raises:
+        CameraError: Camera and configuration do not fit together.
+    """
+
+    def __init__(self, robot: str, camera: StereoCamera, config: RobotConfig) -> None:
+        self.robot = robot
+        self.camera = camera
+        self.config = config
+        self._match = StereoMatcher(camera, config.disparity)
+        self._make_cloud = CloudMaker(
+            camera, min_range=config.disparity.min_range, max_range=config.disparity.max_range
+        )
+
+    def step(self, images: StereoImages) -> Scan:
+        """The scan of one view.
+
+        Raises:
+            ImageError: The images do not fit the camera.
+        """
+        return self.stages(images).scan
+
+    def stages(self, images: StereoImages) -> Stages:
+        """The scan of one view, and everything on the way to it.
+
+        Raises:
+            ImageError: The images do not fit the camera.
+        """
+        config, times = self.config, StageTimes()
+        disparity = self._match(images)
+        times.mark("disparity")
+        cloud = self._make_cloud(disparity)
+        times.mark("cloud")
+        zones = filters.discriminate_zones(cloud, low=config.zones.low, high=config.zones.high)
+        times.mark("zones")
+        noise = filters.reduce_noise(
+            zones, window=config.noise.window, min_points=config.noise.min_points
+        )
+        times.mark("noise")
+        cells = filters.quantize(noise, cell=config.quantization.cell)
+        times.mark("cells")
+        cells = self._with_tops(cells, cloud)
+        times.mark("tops")
+        scan = Scan(self.robot, images.stamp_ns, cells)
+        return Stages(disparity, cloud, zones, noise, scan, times.ms)
+
+    def _with_tops(self, cells: Cells, cloud: Float32) -> Cells:
+        config = self.config
+        top = filters.measure_tops(
+            cells,
+            cloud,
+            zone_high=config.zones.high,
+            window=config.noise.window,
+            support=config.quantization.top_support,
+            gap=config.quantization.top_gap,
+        )
+        return Cells(cells.x, cells.y, cells.z, cells.z_min, top, cells.count)
+
+
+class StageTimes:
+    """What passed between marks, by wall clock."""
+
+    def __init__(self) -> None:
+        self.ms: dict[str, float] = {}
+        self._last = time.perf_counter_ns()
+
+    def mark(self, stage: str) -> None:
+        """Ends a stage: its time is what passed since the last mark."""
+        now = time.perf_counter_ns()
+        self.ms[stage] = (now - self._last) / 1e6
+        self._last = now

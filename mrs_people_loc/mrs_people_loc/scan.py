@@ -1,0 +1,108 @@
+"""A robot's scan: the occupied cells of the ground plane, and their bytes on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc.errors import ScanError
+
+Float32 = NDArray[np.float32]
+
+#: One cell on the wire (`points`, sensor_msgs/PointCloud2), little-endian.
+CELL_DTYPE = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("z_min", "<f4"), ("top", "<f4"), ("count", "<u4")]
+)
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Occupied cells of the ground plane, a struct of arrays of one length (n,).
+
+    Attributes:
+        x: Cell centre [m], float32.
+        y: Cell centre [m], float32.
+        z: Highest point in the zone [m], float32.
+        z_min: Lowest point in the zone [m], float32.
+        top: Highest supported point of the column, measured before the zone cut [m], float32.
+        count: Number of 3D points in the cell, uint32.
+    """
+
+    x: Float32
+    y: Float32
+    z: Float32
+    z_min: Float32
+    top: Float32
+    count: NDArray[np.uint32]
+
+    def __post_init__(self) -> None:
+        """Checks shapes, types and values.
+
+        Raises:
+            ScanError: Naming the field, what it is and what is wanted.
+        """
+        for name in CELL_DTYPE.names or ():
+            value = getattr(self, name)
+            if value.shape != (len(self.x),):
+                raise ScanError(f"{name} has shape {value.shape}; wanted: ({len(self.x)},)")
+            if value.dtype != CELL_DTYPE[name]:
+                raise ScanError(f"{name} is {value.dtype}; wanted: {CELL_DTYPE[name]}")
+            if name != "count" and not np.isfinite(value).all():
+                bad = int(np.count_nonzero(~np.isfinite(value)))
+                raise ScanError(f"{name} is NaN or infinite in {bad} of {len(value)} points")
+
+    def __len__(self) -> int:
+        """Number of cells."""
+        return len(self.x)
+
+    @classmethod
+    def empty(cls) -> Cells:
+        """No cell at all."""
+        return cls.from_records(np.empty(0, CELL_DTYPE))
+
+    @classmethod
+    def from_records(cls, records: NDArray[np.void]) -> Cells:
+        """Builds cells from a structured array with (at least) the fields of `CELL_DTYPE`."""
+        return cls(
+            **{
+                name: np.ascontiguousarray(records[name], dtype=CELL_DTYPE[name])
+                for name in CELL_DTYPE.names or ()
+            }
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Cells]) -> Cells:
+        """All cells of several scans, in their order."""
+        if not parts:
+            return cls.empty()
+        return cls(
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in CELL_DTYPE.names or ()
+            }
+        )
+
+    def to_records(self) -> NDArray[np.void]:
+        """The cells as a structured array of `CELL_DTYPE`, shape (n,)."""
+        records = np.empty(len(self), CELL_DTYPE)
+        for name in CELL_DTYPE.names or ():
+            records[name] = getattr(self, name)
+        return records
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What one robot saw in one view.
+
+    Attributes:
+        robot: The robot's name.
+        stamp_ns: Stamp of the images [ns].
+        cells: Occupied cells in the robot's base_link.
+    """
+
+    robot: str
+    stamp_ns: int
+    cells: Cells
