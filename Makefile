@@ -1,21 +1,27 @@
 # make setup, then make demo. Everything lands in .venv; nothing outside this folder is touched.
-# The steps are in setup/, the versions in requirements/, the rest in pyproject.toml.
+# The steps are scripts in setup/, the pinned versions in requirements/, all else in pyproject.toml.
 
-# Any Python from 3.10 to 3.13:  make setup PYTHON=python3.12
-PYTHON ?= python3
-# make test PYTEST_ARGS="-k camera -x"
+# Which Python; if not said, python3 or the first one here that fits.
+PYTHON ?=
+# What to hand to pytest.
 PYTEST_ARGS ?=
 
 VENV := .venv
+OLDEST := .venv-oldest
+VERSIONS := 3.12 3.13 3.11 3.10
+OLDEST_VERSIONS := 3.12 3.11 3.10
+COLCON := .colcon
 BIN := $(VENV)/bin
-STEP := setup/step.sh
-LOGS := $(VENV)/log
-PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 LOCK := requirements/lock.txt
 
-# What a sourced ROS, another environment or pip's configuration would mix into ours.
-unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
-unexport LD_LIBRARY_PATH VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# setup/step.sh LOG "What it does" COMMAND: a line on the terminal, the rest in the log.
+STEP := setup/step.sh
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
+
+# What a sourced ROS or another environment would mix into ours.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+# pip's configuration may say `user = true`, which no virtual environment can do.
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
@@ -24,49 +30,80 @@ FORCE:
 
 help: ## List these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@echo
+	@echo 'make setup PYTHON=python3.12           any Python from 3.10 to 3.13'
+	@echo 'make test PYTEST_ARGS="-x -k camera"   any option of pytest'
 
-# --- set-up: each step leaves a stamp in .venv and runs again when what it depends on changed ------
+# --- set-up ---------------------------------------------------------------------------------------
+# Each step leaves a stamp in .venv and runs again when something it depends on has changed.
 
 setup: $(VENV)/.project ## Make .venv with everything in it (the second time: at once)
 
 # Looked at every time; changes only when the environment is made anew.
 $(VENV)/.made: FORCE
-	@setup/venv.sh $(VENV) "$(PYTHON)" $(if $(filter file,$(origin PYTHON)),,asked)
+	@setup/venv.sh $(VENV) "$(VERSIONS)" $(PYTHON)
 
 $(VENV)/.wheels: $(VENV)/.made $(LOCK)
-	@$(STEP) $(LOGS)/build-tools.log "Installing the build tools" \
-	    $(PIP) install -c $(LOCK) setuptools hatchling
-	@$(STEP) $(LOGS)/wheels.log "Installing the pinned wheels (ROS, OpenCV, ...)" \
-	    $(PIP) install --no-deps --no-build-isolation -r $(LOCK)
+	@$(STEP) $(VENV)/log/build-tools.log "Installing the build tools" \
+	    $(PIP) install --constraint $(LOCK) setuptools hatchling
+	@$(STEP) $(VENV)/log/wheels.log "Installing the pinned wheels (about 300 MB; 1 to 3 minutes)" \
+	    $(PIP) install --no-deps --no-build-isolation --requirement $(LOCK)
 	@touch $@
 
-# Folders are listed, too: their time changes when a file in them is added or removed.
+# Folders are listed, too: their time changes when a file in them comes or goes.
 $(VENV)/.messages: $(VENV)/.wheels $(shell find msgs) setup/messages.sh setup/wheels.cmake
-	@$(STEP) $(LOGS)/messages.log "Building the messages" setup/messages.sh $(VENV)
+	@$(STEP) $(VENV)/log/messages.log "Building the messages" setup/messages.sh $(VENV)
 	@touch $@
 
-# An editable install links the Python code but copies what goes to share/ and lib/.
-COPIED := $(shell find config */launch */resource */scripts */package.xml -not -path '*/__pycache__*')
+# An editable install links to the Python code but copies what belongs in share/ and lib/.
+COPIED := $(shell find config */launch */resource */scripts */package.xml -not -name '__pycache__*')
 $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
-	@$(STEP) $(LOGS)/project.log "Installing this project" \
+	@$(STEP) $(VENV)/log/project.log "Installing this project" \
 	    $(PIP) install --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# --- use -------------------------------------------------------------------------------------------
+# --- use ------------------------------------------------------------------------------------------
 
-demo: setup ## Three simulated robots find people: the whole system on this machine
+demo: setup ## Simulated robots find people: the whole system on this machine
 	$(BIN)/mrs demo
 
-test: setup ## Run the tests (PYTEST_ARGS="...")
+bench: setup ## Measure the speed
+	$(BIN)/mrs bench
+
+# --- checks ---------------------------------------------------------------------------------------
+
+test: setup ## Run the tests
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-lint: setup ## ruff and mypy
+lint: setup ## Check style (ruff) and types (mypy)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
-bench: setup ## Measure the method's speed
-	$(BIN)/mrs bench
+format: setup ## Put the style right as far as ruff can
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+test-oldest: $(OLDEST)/.installed ## Test the method alone with the oldest versions it allows
+	$(OLDEST)/bin/python -m pytest tests/core $(PYTEST_ARGS)
+
+# Not with Python 3.13: it is younger than those versions.
+$(OLDEST)/.made: FORCE
+	@setup/venv.sh $(OLDEST) "$(OLDEST_VERSIONS)" \
+	    $$(setup/find-python.sh "$(OLDEST_VERSIONS)" $(PYTHON) python3)
+
+$(OLDEST)/.installed: $(OLDEST)/.made pyproject.toml $(LOCK) requirements/oldest.txt setup/oldest.sh
+	@$(STEP) $(OLDEST)/log/install.log "Installing the oldest versions" setup/oldest.sh $(OLDEST)
+	@touch $@
+
+colcon: setup ## Build with colcon, as a ROS machine does, into .colcon
+	setup/colcon.sh $(VENV) $(COLCON) --symlink-install
+	@echo "Now:  . $(COLCON)/install/local_setup.sh"
+
+# --- upkeep ---------------------------------------------------------------------------------------
+
+lock: setup ## Pin the newest versions that fit together (needs all four Pythons)
+	$(BIN)/python setup/lock.py
 
 clean: ## Remove what these targets made
-	rm -rf .venv .venv-oldest .colcon .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) $(COLCON) .hypothesis .mypy_cache .pytest_cache .ruff_cache

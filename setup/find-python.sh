@@ -1,13 +1,19 @@
 #!/bin/sh
-# Prints the first of the given Python versions that works here. Usage: setup/find-python.sh 3.12 ...
-for version; do
-    for python in "python$version" "${PYENV_ROOT:-$HOME/.pyenv}/versions/$version".*/bin/python; do
-        # Being on PATH is not enough: pyenv's shims are, for versions that are switched off.
-        if "$python" -c "import sys; assert '%d.%d' % sys.version_info[:2] == '$version'" 2>/dev/null
-        then
-            echo "$python"
-            exit 0
-        fi
-    done
+# Prints the first Python that works here and is one of VERSIONS: the commands given, then
+# python3.x on PATH and in pyenv's folder. Usage: setup/find-python.sh "3.12 3.11" [COMMAND...]
+versions=$1
+shift
+
+for version in $versions; do
+    set -- "$@" "python$version" "${PYENV_ROOT:-$HOME/.pyenv}/versions/$version".*/bin/python
+done
+for python; do
+    # Being on PATH is not enough: pyenv's shims are, for versions that are switched off.
+    is=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+    case " $versions " in *" ${is:-none} "*)
+        echo "$python"
+        exit 0
+        ;;
+    esac
 done
 exit 1

@@ -8,9 +8,7 @@ some ROS wheels report a version that no index has.)
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -27,17 +25,12 @@ HEADER = """\
 
 
 def find_python(version: str) -> str:
-    """Return a working interpreter of that version, from PATH or from pyenv's folder."""
-    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
-    candidates = [shutil.which(f"python{version}") or ""]
-    candidates += [str(p) for p in sorted(pyenv.glob(f"versions/{version}.*/bin/python"))]
-    for candidate in filter(None, candidates):
-        # A pyenv shim is found on PATH, but fails.
-        asked = [candidate, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
-        answer = subprocess.run(asked, capture_output=True, text=True, check=False)
-        if answer.stdout.strip() == version:
-            return candidate
-    sys.exit(f"make lock needs all of Python {', '.join(PYTHONS)}: {version} was not found.")
+    """Return a working interpreter of that version."""
+    command = [ROOT / "setup" / "find-python.sh", version]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    if found.returncode:
+        sys.exit(f"make lock needs all of Python {', '.join(PYTHONS)}: {version} was not found.")
+    return found.stdout.strip()
 
 
 def resolve(python: str, folder: Path) -> dict[str, str]:

@@ -1,22 +1,23 @@
 #!/bin/sh
 # Makes the virtual environment, unless it stands already.
-# Usage: setup/venv.sh VENV PYTHON [asked]
-#   asked: PYTHON was asked for, so an environment of another version will not do.
+# Usage: setup/venv.sh VENV "VERSIONS that will do" [PYTHON]
+# Without PYTHON an environment that stands will do, and a new one gets the first Python that fits.
 set -eu
 venv=$1
-python=$2
-asked=${3:-}
-version='import sys; print("%d.%d" % sys.version_info[:2])'
+versions=$2
+python=${3:-}
+here=$(dirname "$0")
+version() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null; }
 
-# A virtual environment holds its own path: one that was moved is of no use.
-if [ "$(cat "$venv/.made" 2>/dev/null)" = "$PWD/$venv" ] && has=$("$venv/bin/python" -c "$version")
-then
-    [ -z "$asked" ] && exit 0
-    [ "$has" = "$("$python" -c "$version")" ] && exit 0
-    echo "$venv is of Python $has, $python is another: making it anew."
+# An environment holds its own path: one that was moved, or whose Python is gone, is of no use.
+if [ "$(cat "$venv/.made" 2>/dev/null)" = "$PWD/$venv" ] && is=$(version "$venv/bin/python"); then
+    [ -n "$python" ] && [ "$(version "$python")" != "$is" ] || exit 0
+    echo "$venv has Python $is; making it anew with $python."
 fi
-"$(dirname "$0")/check.sh" "$python"
-"$(dirname "$0")/step.sh" "$venv.log" "Making $venv with $("$python" --version)" \
+
+[ -n "$python" ] || python=$("$here/find-python.sh" "$versions" python3) || python=python3
+"$here/check.sh" "$python" "$versions"
+"$here/step.sh" "$venv.log" "Making $venv with $("$python" --version)" \
     "$python" -m venv --clear "$venv"
 rm "$venv.log"
 echo "$PWD/$venv" >"$venv/.made"

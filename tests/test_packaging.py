@@ -1,0 +1,247 @@
+"""The four packages are found and start, from wherever and however they were installed."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[1]
+CORE = ROOT / "mrs_people_loc" / "mrs_people_loc"
+PACKAGES = {  # ROS package -> its folder
+    "mrs_people_loc": "mrs_people_loc",
+    "mrs_people_msgs": "msgs",
+    "planner_node": "planner_node",
+    "robot_node": "robot_node",
+}
+EXECUTABLES = [
+    ("mrs_people_loc", "mrs"),
+    ("planner_node", "planner_node"),
+    ("robot_node", "robot_node"),
+]
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+
+
+def package_prefix(package: str, prefixes: str) -> Path:
+    """Find a package as the ament index does: by its marker under one of the prefixes."""
+    for prefix in map(Path, prefixes.split(os.pathsep)):
+        if (prefix / "share/ament_index/resource_index/packages" / package).is_file():
+            return prefix
+    pytest.fail(f"{package} is not in the ament index of {prefixes}")
+
+
+def executable_path(package: str, executable: str, prefixes: str) -> Path:
+    """Find an executable as `ros2 run` does: executable files of that name in lib/PACKAGE."""
+    folder = package_prefix(package, prefixes) / "lib" / package
+    paths = [p for p in folder.rglob(executable) if p.is_file() and os.access(p, os.X_OK)]
+    assert len(paths) == 1, f"{folder} holds {paths}"
+    return paths[0]
+
+
+def shared_files() -> Iterator[tuple[str, str, Path]]:
+    """Yield what ROS looks up: package, path under its share/ folder, source file."""
+    for package, folder in PACKAGES.items():
+        yield package, "package.xml", ROOT / folder / "package.xml"
+        for path in sorted((ROOT / folder / "launch").glob("*.launch.py")):
+            yield package, f"launch/{path.name}", path
+    for path in sorted([*ROOT.glob("config/*.yaml"), *ROOT.glob("config/*.rviz")]):
+        yield "mrs_people_loc", f"config/{path.name}", path
+
+
+def check_shared_files(prefixes: str, but: tuple[str, ...] = ()) -> None:
+    """Hold every file that ROS looks up against its source."""
+    for package, name, source in shared_files():
+        if package not in but:
+            installed = package_prefix(package, prefixes) / "share" / package / name
+            assert installed.read_bytes() == source.read_bytes(), f"{installed} is out of date"
+
+
+@pytest.fixture(scope="module")
+def prefixes() -> str:
+    """Where this environment's packages lie (tests/conftest.py sets it if nothing else did)."""
+    return os.environ["AMENT_PREFIX_PATH"]
+
+
+# --- the environment that the tests run in -------------------------------------------------------
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_is_found(package: str, prefixes: str) -> None:
+    ament_index = pytest.importorskip("ament_index_python.packages")
+    assert Path(ament_index.get_package_prefix(package)) == package_prefix(package, prefixes)
+
+
+def test_shared_files_are_installed(prefixes: str) -> None:
+    check_shared_files(prefixes)
+
+
+@pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
+def test_executable_starts_from_an_empty_environment(
+    package: str, executable: str, prefixes: str, tmp_path: Path
+) -> None:
+    path = executable_path(package, executable, prefixes)
+    run = subprocess.run(
+        [path, "--help"], env={}, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout
+    assert not run.stderr
+
+
+@pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
+def test_script_runs_the_python_of_its_own_prefix(
+    package: str, executable: str, tmp_path: Path
+) -> None:
+    """The script of the pip install: right interpreter, arguments kept, ament index set."""
+    script = tmp_path / "a prefix" / "lib" / package / executable
+    python = tmp_path / "a prefix" / "bin" / "python3"
+    for path, text in [
+        (script, (ROOT / package / "scripts" / executable).read_text()),
+        (python, '#!/bin/sh\nprintf "%s\\n" "$AMENT_PREFIX_PATH" "$@"\n'),
+    ]:
+        path.parent.mkdir(parents=True)
+        path.write_text(text)
+        path.chmod(0o755)
+    module = {"mrs": "mrs_tools"}.get(executable, executable)
+
+    def said(environment: dict[str, str]) -> list[str]:
+        command = [script, "--team", "a b"]
+        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return run.stdout.splitlines()
+
+    prefix = str(tmp_path / "a prefix")
+    assert said({}) == [prefix, "-m", module, "--team", "a b"]
+    assert said({"AMENT_PREFIX_PATH": "/ros"})[0] == f"{prefix}:/ros"
+
+
+def test_versions_agree() -> None:
+    """The distribution, every package.xml and every setup.py carry one version."""
+    version = metadata.version("mrs-people-loc")
+    for package, folder in PACKAGES.items():
+        manifest = ET.parse(ROOT / folder / "package.xml").getroot()
+        assert manifest.findtext("name") == package
+        assert manifest.findtext("version") == version, folder
+        setup = ROOT / folder / "setup.py"
+        if setup.exists():
+            assert re.findall(r'version="(.*)"', setup.read_text()) == [version], folder
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_lock_satisfies_every_requirement(python: str) -> None:
+    """Someone who adds a dependency runs `make lock`."""
+    environment = {"python_version": python, "python_full_version": f"{python}.0", "extra": "all"}
+    pins = {}
+    for line in (ROOT / "requirements" / "lock.txt").read_text().splitlines():
+        if line and not line.startswith("#"):
+            pin = Requirement(line)
+            if pin.marker is None or pin.marker.evaluate(environment):
+                assert pin.name not in pins, f"{pin.name} is pinned twice for {python}"
+                pins[pin.name] = pin.specifier
+    extras = metadata.metadata("mrs-people-loc").get_all("Provides-Extra") or []
+    for requirement in map(Requirement, metadata.requires("mrs-people-loc") or []):
+        name = canonicalize_name(requirement.name)
+        marker = requirement.marker
+        wanted = marker is None or any(marker.evaluate({**environment, "extra": e}) for e in extras)
+        if name != "mrs-people-loc" and wanted:
+            (pinned,) = pins[name]
+            assert requirement.specifier.contains(pinned.version, prereleases=True), requirement
+
+
+# --- layers --------------------------------------------------------------------------------------
+
+
+def imported(path: Path) -> set[str]:
+    """Return the top-level names of all that a module imports, inside functions too."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.add(str(node.module).partition(".")[0])
+    return names
+
+
+def test_core_imports_only_what_it_declares() -> None:
+    allowed = {"numpy", "cv2", "scipy", "yaml", "mrs_people_loc"} | sys.stdlib_module_names
+    for path in CORE.rglob("*.py"):
+        assert imported(path) <= allowed, path
+
+
+def test_core_loads_no_ros() -> None:
+    """Import every module of the core where ROS cannot be imported."""
+    program = """
+import importlib, pkgutil, re, sys
+
+ROS = re.compile(r"rclpy|rosbags|launch|mrs_ros|(ament|rosidl|tf2)_|\\w+_(msgs|interfaces)\\b")
+
+class NoROS:
+    def find_spec(self, name, path=None, target=None):
+        if ROS.match(name):
+            raise AssertionError(f"the core imports {name}")
+
+sys.meta_path.insert(0, NoROS())
+import mrs_people_loc
+for module in pkgutil.walk_packages(mrs_people_loc.__path__, "mrs_people_loc."):
+    print(importlib.import_module(module.name).__name__)
+"""
+    command = [sys.executable, "-W", "error", "-c", program]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    modules = {f"mrs_people_loc.{path.stem}" for path in CORE.glob("*.py")}
+    assert modules - {"mrs_people_loc.__init__"} <= set(run.stdout.split())
+
+
+# --- colcon --------------------------------------------------------------------------------------
+
+
+def colcon_build(folder: Path, *options: str) -> dict[str, str]:
+    """Build into the folder; return the environment that its setup.sh makes of an empty one."""
+    build = [ROOT / "setup" / "colcon.sh", sys.prefix, folder, *options]
+    run = subprocess.run(
+        build, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    assert run.returncode == 0, run.stdout
+    source = f'COLCON_CURRENT_PREFIX="{folder}/install" . "{folder}/install/local_setup.sh"; env -0'
+    shell = ["env", "-i", "PATH=/usr/bin:/bin", "sh", "-c", source]
+    listing = subprocess.run(shell, capture_output=True, text=True, check=True).stdout
+    return dict(line.split("=", 1) for line in listing.split("\0") if line)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    "options",
+    # The messages take most of the time; they are linked no other way than they are copied.
+    [(), ("--symlink-install", "--packages-ignore", "mrs_people_msgs")],
+    ids=["copied", "linked"],
+)
+def test_colcon_workspace(options: tuple[str, ...], tmp_path: Path) -> None:
+    if not (Path(sys.prefix) / "bin" / "colcon").exists():
+        pytest.skip("colcon is not in this environment")
+    environment = colcon_build(tmp_path, *options)
+    prefixes = environment["AMENT_PREFIX_PATH"]
+    but = ("mrs_people_msgs",) if options else ()
+
+    for package in set(PACKAGES) - set(but):
+        assert package_prefix(package, prefixes) == tmp_path / "install" / package
+    check_shared_files(prefixes, but)
+    for package, executable in EXECUTABLES:
+        path = executable_path(package, executable, prefixes)
+        run = subprocess.run(
+            [path, "--help"],
+            env=environment,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert run.returncode == 0, run.stderr
+        assert run.stdout
