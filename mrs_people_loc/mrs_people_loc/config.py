@@ -463,85 +463,84 @@ NODE_PARAMETERS = frozenset({"use_sim_time", "autostart", "start_type_descriptio
 
 @dataclass(frozen=True)
 class Team:
-    """One parameter file: the planner and each robot of a team.
+    """What parameter files say of a team.
 
     Attributes:
-        planner: The planner's configuration; its `robots` are the team.
+        planner: The planner's configuration.
         robots: Configuration of each robot of the team, by name.
-        path: The file.
     """
 
     planner: PlannerConfig
     robots: Mapping[str, RobotConfig]
-    path: Path
 
 
-def load_team(path: str | Path, robots: tuple[str, ...] = ()) -> Team:
-    """Reads a parameter file (see the module's docstring) as the nodes would.
+def load_team(*paths: str | Path, robots: tuple[str, ...] = ()) -> Team:
+    """Reads parameter files (see the module's docstring) as the nodes would.
 
     Args:
-        path: The YAML file.
-        robots: Names of the robots, where the file itself does not name them.
+        paths: YAML files; later ones win.
+        robots: Names of the robots, where the files do not name them.
 
     Raises:
-        ConfigError: The file cannot be read, is not a parameter file, or holds a bad value.
+        ConfigError: A file cannot be read, is not a parameter file, or holds a bad value.
     """
-    path = Path(path)
-    sections = _read_sections(path)
-    try:
-        planner = PlannerConfig.from_mapping(_parameters_of(sections, f"/{PLANNER_NODE}"))
-        names = planner.robots or robots
-        configs = {
-            name: RobotConfig.from_mapping(_parameters_of(sections, f"/{name}/{ROBOT_NODE}"))
+    sections = [section for path in paths for section in _read_sections(Path(path))]
+    names = PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")).robots or robots
+    for path, key, _ in sections:
+        # Also what applies to no robot of the team is looked at.
+        if not key.endswith((ROBOT_NODE, PLANNER_NODE, "*")):
+            raise ConfigError(
+                f"{path}: section {key} names no node of ours; "
+                f"allowed: .../{ROBOT_NODE}, .../{PLANNER_NODE}"
+            )
+        robot = key.strip("/").removesuffix(ROBOT_NODE).strip("/")
+        if key.endswith(ROBOT_NODE) and "*" not in robot and names and robot not in names:
+            raise ConfigError(
+                f"{path}: section {key} is of a robot that is not in the team: {', '.join(names)}"
+            )
+    return Team(
+        planner=PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")),
+        robots={
+            name: RobotConfig.from_mapping(_merge(sections, f"/{name}/{ROBOT_NODE}"))
             for name in names
-        }
-        # Also where no robot is named, what the file says of robots is checked.
-        for key, values in sections.items():
-            if key.endswith(ROBOT_NODE):
-                RobotConfig.from_mapping(_without_node_parameters(values))
-            elif not key.endswith((PLANNER_NODE, "*")):
-                raise ConfigError(
-                    f"section {key} names no node of ours; "
-                    f"allowed: ...{ROBOT_NODE}, ...{PLANNER_NODE}"
-                )
-            if key.endswith(ROBOT_NODE) and "*" not in key and names:
-                robot = key.strip("/").removesuffix(ROBOT_NODE).strip("/")
-                if robot not in names:
-                    raise ConfigError(
-                        f"section {key} is of a robot that is not in the team: {', '.join(names)}"
-                    )
-    except ConfigError as err:
-        raise ConfigError(f"{path}: {err}") from err
-    return Team(planner, configs, path)
+        },
+    )
 
 
-def _read_sections(path: Path) -> dict[str, Mapping[str, Any]]:
+def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
+    """Sections of a file, checked one by one: file, key with a leading slash, flat parameters."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
         raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
     if not isinstance(document, Mapping):
         raise ConfigError(f"{path}: is not a ROS 2 parameter file (a mapping of node names)")
-    sections: dict[str, Mapping[str, Any]] = {}
-    for key, body in document.items():
+    sections = []
+    for name, body in document.items():
         if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
-            raise ConfigError(f"{path}: section {key} must hold `ros__parameters:` and only that")
+            raise ConfigError(f"{path}: section {name} must hold `ros__parameters:` and only that")
         values = body["ros__parameters"]
         if not isinstance(values, Mapping):
-            raise ConfigError(f"{path}: section {key}: ros__parameters must be a mapping")
-        sections["/" + str(key).lstrip("/")] = values
+            raise ConfigError(f"{path}: section {name}: ros__parameters must be a mapping")
+        key = "/" + str(name).lstrip("/")
+        flat = {k: v for k, v in _flatten(values).items() if k not in NODE_PARAMETERS}
+        config_type = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}.get(
+            key.rpartition("/")[2]
+        )
+        if config_type is not None:
+            try:
+                config_type.from_mapping(flat)
+            except ConfigError as err:
+                raise ConfigError(f"{path}: section {name}: {err}") from err
+        sections.append((path, key, flat))
     return sections
 
 
-def _parameters_of(sections: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
-    """Merges the sections that match a node's full name, later ones over earlier, as rcl does."""
+def _merge(sections: list[tuple[Path, str, dict[str, Any]]], node: str) -> dict[str, Any]:
+    """Joins the sections that match a node's full name, later ones over earlier, as rcl does."""
     merged: dict[str, Any] = {}
-    for key, values in sections.items():
+    for _, key, values in sections:
         pattern = re.escape(key).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
         if re.fullmatch(pattern, node):
-            merged.update(_flatten(_without_node_parameters(values)))
+            merged.update(values)
     return merged
-
-
-def _without_node_parameters(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if name not in NODE_PARAMETERS}

@@ -78,6 +78,18 @@ class ImagePreparer:
         self.output = model.scaled_to_fit(width, height)
         self._maps = None if rectified else _rectification_maps(model)
 
+    def check_size(self, image: Gray) -> None:
+        """Checks that an image has the model's size.
+
+        Raises:
+            ImageError: It has not.
+        """
+        if image.shape != (self.model.height, self.model.width):
+            raise ImageError(
+                f"image is {image.shape[1]}x{image.shape[0]}; wanted as in camera_info: "
+                f"{self.model.width}x{self.model.height}"
+            )
+
     def __call__(self, image: Gray) -> Gray:
         """Prepares one image.
 
@@ -87,11 +99,7 @@ class ImagePreparer:
         Raises:
             ImageError: The image's size differs from the model's.
         """
-        if image.shape != (self.model.height, self.model.width):
-            raise ImageError(
-                f"image is {image.shape[1]}x{image.shape[0]}; wanted as in camera_info: "
-                f"{self.model.width}x{self.model.height}"
-            )
+        self.check_size(image)
         if self._maps is not None:
             image = cv2.remap(image, *self._maps, cv2.INTER_LINEAR)  # type: ignore[assignment]
         if image.shape != (self.output.height, self.output.width):

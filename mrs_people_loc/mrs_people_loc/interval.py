@@ -112,7 +112,7 @@ class IntervalCollector:
             now_ns: The time [ns].
 
         Returns:
-            The interval; None if it stays open, or if no scan is left that can be used.
+            The interval (without scans if none of them can be used); None if it stays open.
         """
         if self._opened_ns is None:
             return None
@@ -138,7 +138,7 @@ class IntervalCollector:
     def _ready(state: RobotState) -> bool:
         return state.pending is not None and state.poses.covers(state.pending.stamp_ns)
 
-    def _take(self) -> Closed | None:
+    def _take(self) -> Closed:
         pending = {name: s.pending for name, s in self.robots.items() if s.pending is not None}
         newest_ns = max(scan.stamp_ns for scan in pending.values())
         max_age_ns = self.config.max_scan_age * 1e9
@@ -163,7 +163,5 @@ class IntervalCollector:
                 left_out[name] = str(err)
                 continue
             scans.append(scan)
-        if not scans:
-            return None
-        time_ns = max(scan.stamp_ns for scan in scans)
+        time_ns = max((scan.stamp_ns for scan in scans), default=newest_ns)
         return Closed(tuple(scans), poses, time_ns, left_out)

@@ -1,1 +1,9 @@
-"""ROS glue that the nodes share."""
+"""ROS around the method: what `robot_node` and `planner_node` share.
+
+| module | holds |
+|---|---|
+| `parameters` | configuration as ROS parameters |
+| `managed_node` | the lifecycle node that starts itself, and `run` |
+| `diagnostics` | what arrived, what was dropped and why, on `/diagnostics` |
+| `convert` | results as messages (reading messages is `mrs_people_loc.messages`) |
+"""

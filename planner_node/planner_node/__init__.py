@@ -1,1 +1,1 @@
-"""The planner_node: ROS around the method."""
+"""The planner on ROS: all robots' `points` and `pose` in, people out."""

@@ -1,9 +1,23 @@
-"""Entry point of `planner_node` (placeholder)."""
+"""Entry point of `planner_node`."""
+
+import sys
+
+from mrs_ros.managed_node import run
+
+USAGE = """
+usage: planner_node [--ros-args --params-file TEAM.yaml -p NAME:=VALUE ...]
+
+The planner of a team: every robot's `points` and `pose` in, `people` on the common map out. The
+parameter `robots` names the robots; left empty, they are discovered as they appear. Parameters:
+see config/default.yaml, or `ros2 param describe`.
+"""
 
 
 def main() -> None:
-    """Start the node."""
-    print("planner_node: not written yet")
+    """Starts the node; the exit code is 0 after Ctrl-C or SIGTERM, 2 for bad configuration."""
+    from planner_node.node import PlannerNode
+
+    sys.exit(run(PlannerNode, USAGE))
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""The robot_node: ROS around the method."""
+"""One robot on ROS: images in, `points` and `pose` out. Images never leave the robot."""

@@ -1,9 +1,22 @@
-"""Entry point of `robot_node` (placeholder)."""
+"""Entry point of `robot_node`."""
+
+import sys
+
+from mrs_ros.managed_node import run
+
+USAGE = """
+usage: robot_node [--ros-args -r __ns:=/ROBOT --params-file TEAM.yaml -p NAME:=VALUE ...]
+
+One robot of a team: stereo images in, occupied cells (`points`) and `pose` out. The namespace is
+the robot's name. Parameters: see config/default.yaml, or `ros2 param describe`.
+"""
 
 
 def main() -> None:
-    """Start the node."""
-    print("robot_node: not written yet")
+    """Starts the node; the exit code is 0 after Ctrl-C or SIGTERM, 2 for bad configuration."""
+    from robot_node.node import RobotNode
+
+    sys.exit(run(RobotNode, USAGE))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,293 @@
+"""The core's results as ROS messages."""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import (
+    Point,
+    PointStamped,
+    PoseArray,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TwistWithCovariance,
+    Vector3,
+)
+from geometry_msgs.msg import Pose as RosPose
+from mrs_people_msgs.msg import Group as GroupMessage
+from mrs_people_msgs.msg import People as PeopleMessage
+from mrs_people_msgs.msg import Person as PersonMessage
+from mrs_people_msgs.msg import RobotScan
+from sensor_msgs.msg import Image, PointCloud2, PointField
+from std_msgs.msg import ColorRGBA, Header
+from stereo_msgs.msg import DisparityImage
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.config import Disparity
+from mrs_people_loc.disparity import SUBPIXELS
+from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_people_loc.people import Group, Person
+from mrs_people_loc.planner import People
+from mrs_people_loc.poses import Pose
+from mrs_people_loc.scan import Scan
+
+_FIELD_TYPES = {"f4": PointField.FLOAT32, "u4": PointField.UINT32, "i4": PointField.INT32}
+#: Variance of a heading that nothing is known of: uniform over the circle [rad^2].
+_ANY_HEADING = (2.0 * math.pi) ** 2 / 12.0
+
+_PERSON = ColorRGBA(r=0.1, g=0.6, b=0.2, a=0.5)
+_TEXT = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
+_CENTRE = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
+_ROBOT = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.9)
+
+
+def header(stamp_ns: int, frame_id: str) -> Header:
+    """A header.
+
+    Args:
+        stamp_ns: Stamp [ns].
+        frame_id: Frame.
+    """
+    return Header(stamp=time(stamp_ns), frame_id=frame_id)
+
+
+def time(stamp_ns: int) -> Time:
+    """A time [ns] as a message."""
+    return Time(sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000)
+
+
+def cloud(stamp_ns: int, frame_id: str, records: np.ndarray) -> PointCloud2:
+    """A structured array of shape (n,) as a PointCloud2 with its fields."""
+    dtype = records.dtype
+    fields = [
+        PointField(name=name, offset=offset, datatype=_FIELD_TYPES[kind.str[1:]], count=1)
+        for name, (kind, offset) in ((n, dtype.fields[n][:2]) for n in dtype.names)
+    ]
+    message = PointCloud2(
+        header=header(stamp_ns, frame_id),
+        height=1,
+        width=len(records),
+        fields=fields,
+        is_bigendian=False,
+        point_step=dtype.itemsize,
+        row_step=dtype.itemsize * len(records),
+        is_dense=True,
+    )
+    message.data = _data(records)
+    return message
+
+
+def points(scan: Scan, frame_id: str) -> PointCloud2:
+    """A scan as the message on `points`."""
+    return cloud(scan.stamp_ns, frame_id, scan.cells.to_records())
+
+
+def xyz_cloud(stamp_ns: int, frame_id: str, xyz: np.ndarray) -> PointCloud2:
+    """Points of shape (n, 3) [m] as a PointCloud2."""
+    records = np.empty(len(xyz), np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")]))
+    for axis, name in enumerate("xyz"):
+        records[name] = xyz[:, axis]
+    return cloud(stamp_ns, frame_id, records)
+
+
+def disparity(
+    source: Header, values: np.ndarray, camera: StereoCamera, config: Disparity
+) -> DisparityImage:
+    """A disparity image as stereo_image_proc publishes it: -1 where there is no value.
+
+    Args:
+        source: Header of the left image.
+        values: [px], float32, shape (height, width), NaN where there is none.
+        camera: The head.
+        config: Its matching parameters.
+    """
+    height, width = values.shape
+    message = DisparityImage(header=source)
+    message.image = Image(
+        header=source,
+        height=height,
+        width=width,
+        encoding="32FC1",
+        is_bigendian=0,
+        step=4 * width,
+    )
+    message.image.data = _data(np.nan_to_num(values, nan=-1.0).astype("<f4"))
+    message.f = camera.fx
+    message.t = camera.baseline
+    message.valid_window.width = width
+    message.valid_window.height = height
+    message.min_disparity = camera.disparity_of(config.max_range)
+    message.max_disparity = camera.disparity_of(config.min_range)
+    message.delta_d = 1.0 / SUBPIXELS
+    return message
+
+
+def _data(values: np.ndarray) -> array.array:
+    data = array.array("B")
+    data.frombytes(values.tobytes())  # rclpy takes this as it is; per element it would be slow
+    return data
+
+
+def pose_with_covariance(pose: Pose) -> PoseWithCovariance:
+    """A planar pose; z, roll and pitch are exactly zero."""
+    covariance = np.zeros((6, 6))
+    covariance[np.ix_((0, 1, 5), (0, 1, 5))] = pose.covariance
+    x, y, z, w = quaternion_from_yaw(pose.yaw)
+    return PoseWithCovariance(
+        pose=RosPose(
+            position=Point(x=pose.x, y=pose.y, z=0.0), orientation=Quaternion(x=x, y=y, z=z, w=w)
+        ),
+        covariance=covariance.reshape(-1),
+    )
+
+
+def pose_stamped(pose: Pose, frame_id: str) -> PoseWithCovarianceStamped:
+    """A pose as the message on `pose`."""
+    return PoseWithCovarianceStamped(
+        header=header(pose.stamp_ns, frame_id), pose=pose_with_covariance(pose)
+    )
+
+
+def people(result: People, frame_id: str) -> PeopleMessage:
+    """An interval's result as the message on `people`."""
+    return PeopleMessage(
+        header=header(result.stamp_ns, frame_id),
+        scans=[
+            RobotScan(robot=robot, stamp=time(pose.stamp_ns), pose=pose_with_covariance(pose))
+            for robot, pose in result.poses.items()
+        ],
+        persons=[_person(person) for person in result.persons],
+        groups=[_group(result.group)] if result.group else [],
+    )
+
+
+def _person(person: Person) -> PersonMessage:
+    return PersonMessage(
+        id=0,
+        pose=_place(person.position, person.covariance),
+        velocity=_unknown_velocity(),
+        height=person.height,
+        sigma=person.sigma,
+        robots=list(person.robots),
+    )
+
+
+def _group(group: Group) -> GroupMessage:
+    return GroupMessage(
+        id=0,
+        size=group.size,
+        centre=_place(group.centre, group.covariance),
+        velocity=_unknown_velocity(),
+        radius=group.radius,
+        rms_spread=group.rms_spread,
+    )
+
+
+def _place(position: np.ndarray, covariance: np.ndarray) -> PoseWithCovariance:
+    """A place on the floor with no heading."""
+    full = np.zeros((6, 6))
+    full[:2, :2] = covariance
+    full[5, 5] = _ANY_HEADING
+    return PoseWithCovariance(pose=_floor_pose(position), covariance=full.reshape(-1))
+
+
+def _floor_pose(position: np.ndarray) -> RosPose:
+    return RosPose(
+        position=Point(x=float(position[0]), y=float(position[1]), z=0.0),
+        orientation=Quaternion(w=1.0),
+    )
+
+
+def _unknown_velocity() -> TwistWithCovariance:
+    unknown = TwistWithCovariance(covariance=np.full(36, math.nan))
+    unknown.twist.linear = Vector3(x=math.nan, y=math.nan, z=math.nan)
+    unknown.twist.angular = Vector3(x=math.nan, y=math.nan, z=math.nan)
+    return unknown
+
+
+def people_poses(result: People, frame_id: str) -> PoseArray:
+    """The positions, for tools that know nothing of our messages."""
+    return PoseArray(
+        header=header(result.stamp_ns, frame_id),
+        poses=[_floor_pose(person.position) for person in result.persons],
+    )
+
+
+def group_centroid(result: People, frame_id: str) -> PointStamped | None:
+    """The group's centre of gravity; None if nobody is there."""
+    if result.group is None:
+        return None
+    return PointStamped(
+        header=header(result.stamp_ns, frame_id), point=_floor_pose(result.group.centre).position
+    )
+
+
+#: A cell of the short-term map: place, heights, points, which robot (its place in `scans` of the
+#: people message of this stamp), which cluster, and which person (-1: none).
+MAP_DTYPE = np.dtype(
+    [
+        ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("z_min", "<f4"), ("top", "<f4"),
+        ("count", "<u4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4"),
+    ]
+)  # fmt: skip
+
+
+def short_term_map(result: People, frame_id: str) -> PointCloud2:
+    """The fused cells with robot, cluster and person."""
+    fused, label = result.fused, result.clusters.label
+    person_of_cluster = np.full(len(result.clusters), -1)
+    for index, person in enumerate(result.persons):
+        person_of_cluster[person.label] = index
+    records = np.empty(len(fused), MAP_DTYPE)
+    records["x"], records["y"] = fused.xy.T
+    for name in ("z", "z_min", "top", "count"):
+        records[name] = getattr(fused.cells, name)
+    records["robot"], records["cluster"] = fused.robot, label
+    records["person"] = person_of_cluster[label]
+    return cloud(result.stamp_ns, frame_id, records)
+
+
+def markers(result: People, frame_id: str, circle_sigmas: float) -> MarkerArray:
+    """What RViz draws: people as circles of some sigmas, the centre, and the robots."""
+    made = [Marker(header=header(result.stamp_ns, frame_id), action=Marker.DELETEALL)]
+
+    def add(
+        namespace: str, kind: int, pose: RosPose, scale: Mapping[str, float], color: Any
+    ) -> Any:
+        marker = Marker(
+            header=header(result.stamp_ns, frame_id),
+            ns=namespace,
+            id=len(made),
+            type=kind,
+            action=Marker.ADD,
+            pose=pose,
+            color=color,
+        )
+        marker.scale = Vector3(**scale)
+        made.append(marker)
+        return marker
+
+    for index, person in enumerate(result.persons):
+        size = 2.0 * circle_sigmas * person.sigma
+        pose = _floor_pose(person.position)
+        add("people", Marker.CYLINDER, pose, {"x": size, "y": size, "z": 0.02}, _PERSON)
+        above = _floor_pose(person.position)
+        above.position.z = person.height + 0.2
+        label = add("heights", Marker.TEXT_VIEW_FACING, above, {"z": 0.2}, _TEXT)
+        label.text = f"{index + 1}: {person.height:.2f} m"
+    if result.group is not None:
+        pose = _floor_pose(result.group.centre)
+        add("centre", Marker.SPHERE, pose, {"x": 0.2, "y": 0.2, "z": 0.2}, _CENTRE)
+    for robot, robot_pose in result.poses.items():
+        pose = pose_with_covariance(robot_pose).pose
+        add("robots", Marker.ARROW, pose, {"x": 0.5, "y": 0.08, "z": 0.08}, _ROBOT)
+        name = add("robot names", Marker.TEXT_VIEW_FACING, pose, {"z": 0.2}, _TEXT)
+        name.text = robot
+    return MarkerArray(markers=made)

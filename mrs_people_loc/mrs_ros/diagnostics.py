@@ -1,0 +1,221 @@
+"""What arrives, what is dropped and why: throttled log lines, and `/diagnostics` at 1 Hz."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSPolicyKind, QoSProfile
+
+from mrs_people_loc.errors import PeopleLocError
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+
+#: The same trouble is logged at most this often [s].
+LOG_PERIOD_S = 5.0
+#: A topic that is silent for longer is reported [s].
+SILENCE_S = 2.0
+#: Stamps that are this far from the clock are reported [s].
+OLD_STAMP_S = 5.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of diagnostics.
+
+    Attributes:
+        name: What it is about.
+        level: OK, WARN, ERROR or STALE.
+        message: What is wrong, and what to do.
+        values: Figures by name.
+    """
+
+    name: str
+    level: bytes
+    message: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
+class Input:
+    """A subscription that knows what it should hear.
+
+    Messages go to `callback`; errors of ours that it raises are counted, logged and dropped with
+    their message, and the node lives on.
+
+    Args:
+        node: The node.
+        message_type: Type of the messages.
+        topic: Relative name.
+        callback: Takes a message.
+        qos: Quality of service that is asked for.
+        required: Whether silence is worth a warning.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        message_type: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        required: bool = True,
+    ) -> None:
+        self.topic = topic
+        self.required = required
+        self.dropped: Counter[str] = Counter()
+        self.last_error = ""
+        self._node = node
+        self._callback = callback
+        self._message_type = message_type
+        self._incompatible = ""
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._since = self._now()
+        self._arrivals: deque[float] = deque(maxlen=100)
+        self.subscription = node.create_subscription(
+            message_type,
+            topic,
+            self._take,
+            qos,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible),
+        )
+
+    def destroy(self) -> None:
+        """Ends the subscription."""
+        self._node.destroy_subscription(self.subscription)
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages per second over the last few seconds."""
+        now = self._now()
+        recent = [t for t in self._arrivals if now - t < 5.0]
+        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0
+
+    def finding(self) -> Finding:
+        """How this input is."""
+        now = self._now()
+        silent = now - (self._arrivals[-1] if self._arrivals else self._since)
+        total = sum(self.dropped.values())
+        values = {
+            "rate_hz": f"{self.rate_hz:.1f}",
+            "silent_s": f"{silent:.1f}",
+            "dropped": total,
+            **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
+        }
+        if silent > SILENCE_S and self.required:
+            return Finding(self.topic, ERROR, self._silence(silent), values)
+        if total:
+            return Finding(self.topic, WARN, f"{total} dropped; last: {self.last_error}", values)
+        return Finding(self.topic, OK, "ok", values)
+
+    def drop(self, reason: str, text: str) -> None:
+        """Counts and logs something that was dropped."""
+        self.dropped[reason] += 1
+        self.last_error = text
+        self._node.get_logger().warning(
+            f"{self.subscription.topic_name}: {text} [dropped: {sum(self.dropped.values())}]",
+            throttle_duration_sec=LOG_PERIOD_S,
+            skip_first=False,
+        )
+
+    def _take(self, message: Any) -> None:
+        self._arrivals.append(self._now())
+        try:
+            self._callback(message)
+        except PeopleLocError as err:
+            self.drop(type(err).__name__, str(err))
+
+    def _on_incompatible(self, event: Any) -> None:
+        self._incompatible = QoSPolicyKind(event.last_policy_kind).name
+        self._node.get_logger().warning(
+            f"{self.subscription.topic_name}: a publisher offers incompatible QoS: "
+            f"{self._incompatible}; its messages do not arrive"
+        )
+
+    def _silence(self, silent: float) -> str:
+        name = self.subscription.topic_name
+        publishers = self._node.get_publishers_info_by_topic(name)
+        text = f"no data on {name} for {silent:.0f} s; publishers: {len(publishers)}"
+        if self._incompatible:
+            text += f"; incompatible QoS: {self._incompatible}"
+        own = _type_name(self._message_type)
+        others = sorted({p.topic_type for p in publishers} - {own})
+        if others:
+            text += f"; published as {', '.join(others)}, wanted: {own}"
+        return text
+
+    def _now(self) -> float:
+        return self._clock.now().nanoseconds / 1e9
+
+
+def _type_name(message_type: Any) -> str:
+    package, kind, _ = message_type.__module__.split(".", 2)
+    return f"{package}/{kind}/{message_type.__name__}"
+
+
+class Reporter:
+    """Publishes findings on `/diagnostics` once a second.
+
+    Args:
+        node: The node.
+        hardware_id: The robot's name, or the planner's.
+        collect: Gives the findings.
+    """
+
+    def __init__(self, node: Node, hardware_id: str, collect: Callable[[], list[Finding]]) -> None:
+        self._node = node
+        self._hardware_id = hardware_id
+        self._collect = collect
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(1.0, self.report, clock=steady)
+
+    def destroy(self) -> None:
+        """Ends reporting."""
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_publisher(self._publisher)
+
+    def report(self) -> None:
+        """Publishes now; what is wrong and was not a moment ago is logged, too."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        for finding in self._collect():
+            message.status.append(
+                DiagnosticStatus(
+                    level=finding.level,
+                    name=f"{self._node.get_fully_qualified_name()}: {finding.name}",
+                    message=finding.message,
+                    hardware_id=self._hardware_id,
+                    values=[
+                        KeyValue(key=key, value=str(value)) for key, value in finding.values.items()
+                    ],
+                )
+            )
+            if finding.level == ERROR:
+                self._node.get_logger().warning(
+                    finding.message, throttle_duration_sec=2 * LOG_PERIOD_S, skip_first=False
+                )
+        self._publisher.publish(message)
+
+
+def stamp_hint(node: Node, stamp_ns: int) -> str:
+    """What to say of a stamp that is far from the node's clock; empty if it is not."""
+    ahead = (stamp_ns - node.get_clock().now().nanoseconds) / 1e9
+    if abs(ahead) <= OLD_STAMP_S:
+        return ""
+    where = "ahead of" if ahead > 0 else "behind"
+    text = f"stamps are {abs(ahead):.1f} s {where} this machine's clock"
+    if node.get_parameter("use_sim_time").value:
+        return text
+    return text + "; for a recording use `mrs replay --clock` and the parameter use_sim_time:=true"

@@ -1,0 +1,228 @@
+"""A lifecycle node that configures and activates itself, and the way our nodes are run."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
+
+from mrs_people_loc.config import Parameter, Section
+from mrs_people_loc.errors import ConfigError, PeopleLocError
+from mrs_ros.diagnostics import Finding, Input, Reporter
+from mrs_ros.parameters import NodeConfig, declare, given_parameters
+
+AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
+#: Exit code for bad configuration or arguments.
+EXIT_USAGE = 2
+
+
+class ManagedNode(LifecycleNode):
+    """Base of our nodes: parameters, inputs, diagnostics and life cycle.
+
+    A node hands in its configuration class and says what to do in `set_up` (make publishers),
+    `start` (listen), `stop` and `tear_down`; inputs made with `listen` and outputs made with
+    `offer` are ended for it.
+
+    Args:
+        name: The node's name.
+        config_type: Its configuration class.
+
+    Raises:
+        ConfigError: A parameter is wrong.
+    """
+
+    def __init__(self, name: str, config_type: type[Section]) -> None:
+        super().__init__(name)
+        self.autostart = bool(AUTOSTART.check(given_parameters(self).get("autostart", True)))
+        declare(self, AUTOSTART, self.autostart)
+        self.inputs: dict[str, Input] = {}
+        self._outputs: list[Any] = []
+        self._reporter: Reporter | None = None
+        self._configured = False
+        self._node_config = NodeConfig(
+            self, config_type, may_restructure=lambda: not self._configured, changed=self.changed
+        )
+
+    # ---- for the node to fill in ----
+
+    def set_up(self) -> None:
+        """Makes what the node needs while it is configured."""
+
+    def tear_down(self) -> None:
+        """Drops what `set_up` made."""
+
+    def start(self) -> None:
+        """Begins to work."""
+
+    def stop(self) -> None:
+        """Ends the work."""
+
+    def changed(self, config: Any) -> None:
+        """Takes a configuration that was changed while the node exists.
+
+        Raises:
+            ConfigError: It does not fit; the change is refused.
+        """
+
+    def findings(self) -> list[Finding]:
+        """What is to be said on `/diagnostics` besides the inputs."""
+        return []
+
+    # ---- for the node to use ----
+
+    @property
+    def config(self) -> Any:
+        """The node's configuration as it is now."""
+        return self._node_config.value
+
+    @property
+    def name_in_team(self) -> str:
+        """The node's namespace without the leading slash: the robot's name."""
+        return str(self.get_namespace()).strip("/")
+
+    def listen(
+        self,
+        message_type: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        required: bool = True,
+    ) -> Input:
+        """Subscribes to a topic until the node stops."""
+        made = Input(self, message_type, topic, callback, qos, required=required)
+        self.inputs[topic] = made
+        return made
+
+    def offer(self, message_type: type, topic: str, qos: QoSProfile | int) -> Any:
+        """Makes a publisher that works while the node is active."""
+        publisher = self.create_lifecycle_publisher(message_type, topic, qos)
+        self._outputs.append(publisher)
+        return publisher
+
+    # ---- life cycle ----
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Sets up."""
+        self._configured = True
+        return self._transition("configure", self._configure, super().on_configure, state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Starts."""
+        # Publishers first: what `start` triggers may publish at once.
+        return self._transition("activate", self.start, super().on_activate, state, last=True)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stops."""
+        return self._transition("deactivate", self._halt, super().on_deactivate, state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Tears down."""
+        return self._transition("clean up", self._clean_up, super().on_cleanup, state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stops and tears down."""
+        return self._transition("shut down", self._clean_up, super().on_shutdown, state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Goes back to unconfigured."""
+        self._clean_up()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        self._reporter = Reporter(self, self.name_in_team or self.get_name(), self._findings)
+        self.set_up()
+
+    def _halt(self) -> None:
+        for made in self.inputs.values():
+            made.destroy()
+        self.inputs.clear()
+        self.stop()
+
+    def _clean_up(self) -> None:
+        self._halt()
+        if self._reporter is not None:
+            self._reporter.destroy()
+            self._reporter = None
+        for publisher in self._outputs:
+            self.destroy_lifecycle_publisher(publisher)
+        self._outputs.clear()
+        self.tear_down()
+        self._configured = False
+
+    def _transition(
+        self,
+        name: str,
+        ours: Callable[[], None],
+        base: Callable[[LifecycleState], TransitionCallbackReturn],
+        state: LifecycleState,
+        *,
+        last: bool = False,
+    ) -> TransitionCallbackReturn:
+        # rclpy swallows what transitions raise, so it is said here.
+        try:
+            if not last:
+                ours()
+            result = base(state)
+            if last:
+                ours()
+        except PeopleLocError as err:
+            self.get_logger().error(f"cannot {name}: {err}")
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            self.get_logger().error(f"cannot {name}:\n{traceback.format_exc()}")
+            return TransitionCallbackReturn.ERROR
+        return result
+
+    def _findings(self) -> list[Finding]:
+        return [made.finding() for made in self.inputs.values()] + self.findings()
+
+
+def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None = None) -> int:
+    """Runs a node until Ctrl-C or SIGTERM.
+
+    Args:
+        make_node: Makes the node.
+        usage: What `--help` prints: "usage: NAME ...".
+        argv: Arguments of the process; None: those of this process.
+
+    Returns:
+        Exit code: 0 after a clean end, 2 if the configuration is wrong, 1 if it cannot start.
+    """
+    argv = sys.argv if argv is None else argv
+    if {"-h", "--help"} & set(argv[1:]):
+        sys.stdout.write(usage.strip() + "\n")
+        return 0
+    try:
+        rclpy.init(args=argv)
+    except Exception as err:  # rclpy raises different classes for different bad arguments
+        sys.stderr.write(f"error: {err}\n")
+        return EXIT_USAGE
+    name = usage.split()[1]
+    node: ManagedNode | None = None
+    try:
+        extra = rclpy.utilities.remove_ros_args(argv)[1:]
+        if extra:
+            raise ConfigError(f"unknown argument {extra[0]}; parameters go after --ros-args")
+        node = make_node()
+        if node.autostart:
+            for transition in (node.trigger_configure, node.trigger_activate):
+                if transition() != TransitionCallbackReturn.SUCCESS:
+                    return 1
+        rclpy.spin(node)
+    except ConfigError as err:
+        rclpy.logging.get_logger(name).error(str(err))
+        return EXIT_USAGE
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

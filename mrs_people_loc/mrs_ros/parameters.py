@@ -1,0 +1,134 @@
+"""Configuration as ROS parameters: declared from the definitions in `mrs_people_loc.config`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from mrs_people_loc.config import NODE_PARAMETERS, Parameter, Section
+from mrs_people_loc.errors import ConfigError
+
+ConfigT = TypeVar("ConfigT", bound=Section)
+
+_TYPES = {
+    "bool": RosParameter.Type.BOOL,
+    "int": RosParameter.Type.INTEGER,
+    "float": RosParameter.Type.DOUBLE,
+    "str": RosParameter.Type.STRING,
+    "floats": RosParameter.Type.DOUBLE_ARRAY,
+    "strs": RosParameter.Type.STRING_ARRAY,
+}
+
+
+def given_parameters(node: Node) -> dict[str, Any]:
+    """What the command line and parameter files give this node, known to it or not.
+
+    rclpy's public way to see them, `automatically_declare_parameters_from_overrides`, fails on an
+    empty list, which has no type; here it is an empty tuple.
+    """
+    overrides: dict[str, RosParameter] = node._parameter_overrides
+    return {name: () if p.value is None else p.value for name, p in overrides.items()}
+
+
+def declare(node: Node, definition: Parameter, value: Any) -> None:
+    """Declares a parameter with its description and range; its value was checked already."""
+    name, plain = definition.name, list(value) if isinstance(value, tuple) else value
+    node.declare_parameter(name, plain, _descriptor(definition), ignore_override=True)
+
+
+class NodeConfig:
+    """A node's configuration, kept in step with its ROS parameters.
+
+    Args:
+        node: The node.
+        config_type: Its configuration class, such as `RobotConfig`.
+        may_restructure: Says whether a change of a parameter that is not live is possible now.
+        changed: Called with the new configuration after each change.
+
+    Raises:
+        ConfigError: A parameter is unknown, of the wrong type or out of its range.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config_type: type[Section],
+        *,
+        may_restructure: Callable[[], bool],
+        changed: Callable[[Any], None],
+    ) -> None:
+        self._node = node
+        self._definitions = {p.name: p for p in config_type.parameters()}
+        self._may_restructure = may_restructure
+        self._changed = changed
+        ours = {
+            name: value
+            for name, value in given_parameters(node).items()
+            if name not in NODE_PARAMETERS and not name.startswith("qos_overrides.")
+        }
+        self.value: Any = config_type.from_mapping(ours)
+        for definition in self._definitions.values():
+            declare(node, definition, _lookup(self.value, definition.name))
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
+        ours = {
+            p.name: () if p.value is None else p.value
+            for p in changes
+            if p.name in self._definitions
+        }
+        if not ours:
+            return SetParametersResult(successful=True)
+        try:
+            value = type(self.value).from_mapping(ours, base=self.value)
+            for name in ours:
+                same = _lookup(value, name) == _lookup(self.value, name)
+                if not same and not self._definitions[name].live and not self._may_restructure():
+                    raise ConfigError(
+                        f"{name} is set while the node runs; "
+                        "allowed: in the lifecycle state unconfigured (deactivate, clean up first)"
+                    )
+            self._changed(value)
+        except ConfigError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        self.value = value
+        return SetParametersResult(successful=True)
+
+
+def _lookup(config: Section, name: str) -> Any:
+    value: Any = config
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def _descriptor(definition: Parameter) -> ParameterDescriptor:
+    # Typing is dynamic so that `1` is taken for `1.0`; our own check refuses all the rest, and
+    # says what is allowed. The range is there for tools to show.
+    text = definition.doc if definition.live else f"{definition.doc} (taken when configured)"
+    descriptor = ParameterDescriptor(
+        name=definition.name,
+        type=_TYPES[definition.kind].value,
+        description=text,
+        additional_constraints=definition.allowed(),
+        dynamic_typing=True,
+    )
+    if definition.low is not None and definition.high is not None:
+        if definition.kind == "int":
+            low, high = int(definition.low), int(definition.high)
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+        elif definition.kind == "float":
+            low, high = float(definition.low), float(definition.high)
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=low, to_value=high, step=0.0)
+            ]
+    return descriptor

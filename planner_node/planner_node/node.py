@@ -1,0 +1,203 @@
+"""The planner's node: gathers scans and poses, calls `Planner`, publishes."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped
+from mrs_people_msgs.msg import People as PeopleMessage
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+from mrs_people_loc import messages
+from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.errors import PoseError
+from mrs_people_loc.interval import Closed, IntervalCollector
+from mrs_people_loc.planner import People, Planner
+from mrs_ros import convert
+from mrs_ros.diagnostics import ERROR, LOG_PERIOD_S, OK, STALE, WARN, Finding, stamp_hint
+from mrs_ros.managed_node import ManagedNode
+
+#: Poses come up to 100 times a second and robot, and none should be lost while an interval is run.
+POSE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+_POINTS = "sensor_msgs/msg/PointCloud2"
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+#: How often `max_wait` is looked at, and the graph for new robots [s].
+_TICK_S, _DISCOVERY_S = 0.01, 0.5
+
+
+class PlannerNode(ManagedNode):
+    """Scans and poses of all robots in, people out."""
+
+    def __init__(self) -> None:
+        super().__init__("planner_node", PlannerConfig)
+
+    # ---- life cycle ----
+
+    def set_up(self) -> None:
+        """Makes the publishers."""
+        self._planner = Planner(self.config)
+        self._collector = IntervalCollector(self.config.interval)
+        self._robots: list[str] = []
+        self._result: People | None = None
+        self._intervals = 0
+        self._people = self.offer(PeopleMessage, "people", 10)
+        self._people_poses = self.offer(PoseArray, "people_poses", 10)
+        self._group_centroid = self.offer(PointStamped, "group_centroid", 10)
+        self._short_term_map = self.offer(PointCloud2, "short_term_map", 2)
+        self._markers = self.offer(MarkerArray, "markers", 2)
+
+    def start(self) -> None:
+        """Listens to the robots, and for robots."""
+        for robot in self.config.robots:
+            self._add_robot(robot)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timers_made = [self.create_timer(_TICK_S, self._close, clock=steady)]
+        if not self.config.robots:
+            self._timers_made.append(self.create_timer(_DISCOVERY_S, self._discover, clock=steady))
+
+    def stop(self) -> None:
+        """Forgets what waits."""
+        for timer in getattr(self, "_timers_made", []):
+            self.destroy_timer(timer)
+        self._timers_made = []
+        self._robots = []
+        self._collector = IntervalCollector(self.config.interval)
+
+    def changed(self, config: PlannerConfig) -> None:
+        """Takes new parameters from the next interval on."""
+        if self._configured:
+            self._planner = Planner(config)
+            self._collector.config = config.interval
+
+    # ---- robots ----
+
+    def _discover(self) -> None:
+        """A robot is a namespace, under the planner's own, that publishes `points` and `pose`."""
+        own = self.get_namespace().rstrip("/") + "/"
+        topics = dict(self.get_topic_names_and_types())
+        for name, types in topics.items():
+            namespace, _, last = name.rpartition("/")
+            robot = namespace.removeprefix(own)
+            if last != "points" or _POINTS not in types or not namespace.startswith(own):
+                continue
+            if robot in self._robots or _POSE not in topics.get(f"{namespace}/pose", []):
+                continue
+            if self.count_publishers(name) and self.count_publishers(f"{namespace}/pose"):
+                self.get_logger().info(f"found {robot}")
+                self._add_robot(robot)
+
+    def _add_robot(self, robot: str) -> None:
+        self._robots.append(robot)
+        self.listen(
+            PointCloud2,
+            f"{robot}/points",
+            partial(self._on_points, robot),
+            qos_profile_sensor_data,
+        )
+        self.listen(
+            PoseWithCovarianceStamped, f"{robot}/pose", partial(self._on_pose, robot), POSE_QOS
+        )
+
+    def _base_frame(self, robot: str) -> str:
+        return f"{self.resolve_topic_name(robot).strip('/')}/base_link"
+
+    # ---- intervals ----
+
+    def _on_points(self, robot: str, message: PointCloud2) -> None:
+        scan = messages.read_scan(message, robot, self._base_frame(robot))
+        self._collector.add_scan(scan, self._now_ns())
+        self._close()
+
+    def _on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
+        if message.header.frame_id != self.config.map_frame:
+            raise PoseError(
+                f"frame_id is {message.header.frame_id!r}; wanted: {self.config.map_frame!r}"
+            )
+        self._collector.add_pose(robot, messages.read_pose(message))
+        self._close()
+
+    def _close(self) -> None:
+        closed = self._collector.close(self._now_ns())
+        if closed is None:
+            return
+        for robot, reason in closed.left_out.items():
+            self.get_logger().warning(
+                f"{robot}: scan left out: {reason}",
+                throttle_duration_sec=LOG_PERIOD_S,
+                skip_first=False,
+            )
+        if closed.scans:
+            self._run(closed)
+
+    def _run(self, closed: Closed) -> None:
+        result = self._planner.step(closed.scans, closed.poses, closed.time_ns)
+        self._result = result
+        self._intervals += 1
+        frame = self.config.map_frame
+        self._people.publish(convert.people(result, frame))
+        self._people_poses.publish(convert.people_poses(result, frame))
+        centroid = convert.group_centroid(result, frame)
+        if centroid is not None:
+            self._group_centroid.publish(centroid)
+        if self._short_term_map.get_subscription_count():
+            self._short_term_map.publish(convert.short_term_map(result, frame))
+        if self._markers.get_subscription_count():
+            sigmas = self.config.human.circle_sigmas
+            self._markers.publish(convert.markers(result, frame, sigmas))
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    # ---- diagnostics ----
+
+    def findings(self) -> list[Finding]:
+        """The intervals, and each robot."""
+        return [self._interval_finding(), *(self._robot_finding(r) for r in self._robots)]
+
+    def _interval_finding(self) -> Finding:
+        result = self._result
+        if not self._robots:
+            wanted = "no robot yet: no namespace publishes both `points` and `pose`"
+            return Finding("intervals", STALE, wanted, {"intervals": 0})
+        if result is None:
+            return Finding("intervals", STALE, "no interval yet", {"intervals": 0})
+        values: dict[str, object] = {
+            "intervals": self._intervals,
+            "robots": ", ".join(result.poses),
+            "people": len(result.persons),
+            "cells": len(result.fused),
+            "clusters": len(result.clusters),
+            **{f"{stage}_ms": f"{ms:.2f}" for stage, ms in result.times_ms.items()},
+        }
+        return Finding("intervals", OK, "ok", values)
+
+    def _robot_finding(self, robot: str) -> Finding:
+        state = self._collector.robot(robot)
+        name = f"robot {robot}"
+        values: dict[str, object] = {
+            "scan_hz": f"{self.inputs[f'{robot}/points'].rate_hz:.1f}",
+            "pose_hz": f"{self.inputs[f'{robot}/pose'].rate_hz:.1f}",
+            "poses_held": len(state.poses),
+            "stamp_resets": state.resets + state.poses.resets,
+            **{f"dropped.{reason}": count for reason, count in state.dropped.items()},
+        }
+        topic = self.resolve_topic_name(f"{robot}/points")
+        publishers = self.count_publishers(topic)
+        if publishers > 1:
+            text = f"{publishers} publishers on {topic}: two robots share a name; rename one"
+            return Finding(name, ERROR, text, values)
+        if state.used_ns is None:
+            return Finding(name, STALE, "no scan used yet", values)
+        values["age_s"] = f"{(self._now_ns() - state.used_ns) / 1e9:.3f}"
+        if not len(state.poses):
+            return Finding(name, ERROR, f"scans but no pose on {robot}/pose", values)
+        hint = stamp_hint(self, state.used_ns)
+        if hint:
+            return Finding(name, WARN, hint, values)
+        lost = state.dropped["too_old"] + state.dropped["no_pose"]
+        if lost:
+            return Finding(name, WARN, f"{lost} scans left out: see dropped.*", values)
+        return Finding(name, OK, "ok", values)
