@@ -67,8 +67,8 @@ def cloud(stamp_ns: int, frame_id: str, records: np.ndarray) -> PointCloud2:
     """A structured array of shape (n,) as a PointCloud2 with its fields."""
     dtype = records.dtype
     fields = [
-        PointField(name=name, offset=offset, datatype=_FIELD_TYPES[kind.str[1:]], count=1)
-        for name, (kind, offset) in ((n, dtype.fields[n][:2]) for n in dtype.names)
+        PointField(name=name, offset=entry[1], datatype=_FIELD_TYPES[entry[0].str[1:]], count=1)
+        for name, entry in (dtype.fields or {}).items()
     ]
     message = PointCloud2(
         header=header(stamp_ns, frame_id),

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+import rclpy.logging
+import rclpy.utilities
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -224,5 +226,5 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     finally:
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
+        rclpy.utilities.try_shutdown()
     return 0

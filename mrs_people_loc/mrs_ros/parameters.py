@@ -124,11 +124,9 @@ def _descriptor(definition: Parameter) -> ParameterDescriptor:
     )
     if definition.low is not None and definition.high is not None:
         if definition.kind == "int":
-            low, high = int(definition.low), int(definition.high)
-            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+            whole = IntegerRange(from_value=int(definition.low), to_value=int(definition.high))
+            descriptor.integer_range = [whole]
         elif definition.kind == "float":
-            low, high = float(definition.low), float(definition.high)
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=low, to_value=high, step=0.0)
-            ]
+            real = FloatingPointRange(from_value=definition.low, to_value=definition.high)
+            descriptor.floating_point_range = [real]
     return descriptor

@@ -6,7 +6,8 @@ from functools import partial
 
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped
 from mrs_people_msgs.msg import People as PeopleMessage
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -49,6 +50,8 @@ class RobotNode(ManagedNode):
         self._info_keys: dict[str, Any] = {}
         self._preparers: dict[str, ImagePreparer] = {}
         self._pipeline: RobotPipeline | None = None
+        self._head_error = ""
+        self._waiting: Mapping[str, tuple[int, Any]] | None = None
         self._pairer = self._new_pairer(self.config)
         self._stages: Stages | None = None
         self._frames = 0
@@ -85,6 +88,7 @@ class RobotNode(ManagedNode):
     def stop(self) -> None:
         """Forgets what waits."""
         self._pairer.reset()
+        self._waiting = None
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters from the next frame on."""
@@ -108,14 +112,22 @@ class RobotNode(ManagedNode):
             *(np.asarray(m).tobytes() for m in (message.k, message.d, message.r, message.p)),
             (message.binning_x, message.binning_y, message.roi.width, message.roi.height),
         )
-        if self._info_keys.get(camera) == key and camera in self._models:
+        if self._info_keys.get(camera) == key:
             return
         self._models.pop(camera, None)
         self._preparers, self._pipeline = {}, None
-        self._models[camera] = messages.read_camera_info(message)
         self._info_keys[camera] = key
-        if len(self._models) == len(self.cameras):
+        try:
+            self._models[camera] = messages.read_camera_info(message)
+            if len(self._models) < len(self.cameras):
+                return
             self._preparers, self._pipeline = self._build(self.config)
+        except CameraError as err:
+            self._head_error = str(err)
+            raise
+        waited, self._waiting = self._waiting, None
+        if waited is not None:
+            self._process(waited)
 
     def _build(self, config: RobotConfig) -> tuple[dict[str, ImagePreparer], RobotPipeline]:
         preparers = {
@@ -134,24 +146,31 @@ class RobotNode(ManagedNode):
         return preparers, RobotPipeline(self.name_in_team, head, config)
 
     def _on_image(self, camera: str, message: Image) -> None:
-        if self._pipeline is None:
-            missing = [c for c in self.cameras if c not in self._models]
-            if not missing:
-                raise CameraError("image is not used: the camera_info of the head is not usable")
-            raise ImageError(f"image is not used: no camera_info yet of {', '.join(missing)}")
         image = messages.read_image(message)
-        self._preparers[camera].check_size(image)
+        if camera in self._preparers:
+            self._preparers[camera].check_size(image)
         resets = self._pairer.resets
         stamp_ns = messages.stamp_ns_of(message.header.stamp)
         found = self._pairer.add(camera, stamp_ns, (message.header, image))
         if self._pairer.resets > resets:
             self.get_logger().warning(f"{camera} images: stamps jumped back; starting anew")
-        if found is not None:
-            images = {c: self._preparers[c](item[1]) for c, (_, item) in found.items()}
-            self._process(found["left"][1][0], StereoImages(found["left"][0], **images))
+        if found is None:
+            return
+        if self._pipeline is not None:
+            self._process(found)
+            return
+        # The calibration may come a moment after the first images: the newest set waits for it.
+        waited, self._waiting = self._waiting, found
+        if waited is not None:
+            missing = ", ".join(c for c in self.cameras if c not in self._info_keys)
+            why = f"no camera_info of {missing}" if missing else self._head_error
+            raise ImageError(f"images are not used: {why}")
 
-    def _process(self, left_header: Any, images: StereoImages) -> None:
+    def _process(self, found: Mapping[str, tuple[int, Any]]) -> None:
         assert self._pipeline is not None
+        prepared = {c: self._preparers[c](image) for c, (_, (_, image)) in found.items()}
+        stamp_ns, (left_header, _) = found["left"]
+        images = StereoImages(stamp_ns, **prepared)
         stages = self._pipeline.stages(images)
         began = time.perf_counter()
         self._points.publish(convert.points(stages.scan, self.base_frame))
