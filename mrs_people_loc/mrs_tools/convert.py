@@ -13,22 +13,20 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any
 
 import cv2
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
-from rosbags.typesys import Stores, get_typestore
 
 from mrs_people_loc.camera import CameraModel
+from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import BagError, CameraError, ConfigError
 from mrs_people_loc.images import Gray
+from mrs_tools.bags import BagWriter, default_typestore
 
 Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 #: Stamp of a recording's first frame [ns]: an arbitrary, fixed moment.
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -48,41 +46,21 @@ PCL_TORSOS_M = ((-0.90, 1.97), (-0.55, 2.30), (0.03, 2.75), (0.46, 2.50), (0.77,
 
 
 class Recording:
-    """A rosbag2 folder (mcap, chunks compressed with zstd) of one robot's cameras.
+    """Writes what one robot's cameras and base would send.
 
     Args:
-        path: The folder; it must not exist.
+        bag: Where to.
         robot: Name of the robot, the first part of its topics and frames.
 
     Raises:
-        BagError: The folder exists or cannot be written.
+        ConfigError: The name is no ROS namespace.
     """
 
-    def __init__(self, path: Path, robot: str) -> None:
+    def __init__(self, bag: BagWriter, robot: str) -> None:
+        PlannerConfig(robots=(robot,))  # knows which names are allowed
+        self._bag = bag
         self._robot = robot
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        try:
-            self._writer = Writer(
-                path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
-            )
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            self._writer.open()
-        except (WriterError, OSError) as err:
-            raise BagError(f"{path} cannot be written: {err}") from err
-        self._connections: dict[str, Any] = {}
-
-    def __enter__(self) -> Recording:
-        """Returns itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Closes the bag, with its metadata."""
-        self._writer.close()
+        self._types = default_typestore().types
 
     def camera(self, name: str, image_topic: str, image: Gray, model: CameraModel, ns: int) -> None:
         """Writes one image and its camera_info.
@@ -106,7 +84,7 @@ class Recording:
             step=width,
             data=np.ascontiguousarray(image).reshape(-1),
         )
-        self._write(f"/{self._robot}/{name}/{image_topic}", message, ns)
+        self._bag.write(f"/{self._robot}/{name}/{image_topic}", ns, message)
         info = self._make(
             "sensor_msgs/msg/CameraInfo",
             header=header,
@@ -128,7 +106,7 @@ class Recording:
                 do_rectify=False,
             ),
         )
-        self._write(f"/{self._robot}/{name}/camera_info", info, ns)
+        self._bag.write(f"/{self._robot}/{name}/camera_info", ns, info)
 
     def odometry_at_origin(self, ns: int) -> None:
         """Writes the pose of a robot that stands at the origin of `map` (1 cm, 0.01 rad)."""
@@ -149,7 +127,7 @@ class Recording:
                 covariance=covariance,
             ),
         )
-        self._write(f"/{self._robot}/odom", message, ns)
+        self._bag.write(f"/{self._robot}/odom", ns, message)
 
     def ground_truth(self, positions: Float, ns: int) -> None:
         """Writes where the people are.
@@ -162,7 +140,7 @@ class Recording:
         message = self._make(
             "geometry_msgs/msg/PoseArray", header=self._header("map", ns), poses=poses
         )
-        self._write("/ground_truth/people_poses", message, ns)
+        self._bag.write("/ground_truth/people_poses", ns, message)
 
     def _pose(self, x: float, y: float) -> Any:
         return self._make(
@@ -176,16 +154,7 @@ class Recording:
         return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def _make(self, kind: str, **fields: Any) -> Any:
-        return self._store.types[kind](**fields)
-
-    def _write(self, topic: str, message: Any, ns: int) -> None:
-        kind = message.__msgtype__
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=self._store
-            )
-        data = self._store.serialize_cdr(message, kind)
-        self._writer.write(self._connections[topic], ns, data)
+        return self._types[kind](**fields)
 
 
 # -------------------------------------------------------------------------------- OAK ----
@@ -207,7 +176,7 @@ def convert_oak(
 
     Args:
         folder: Where the three files lie.
-        out: The bag's folder.
+        out: The bag: a folder, or one file if it ends in `.mcap`.
         robot: The robot's name.
         frames: Which frames to take.
         reduce: Images are scaled down by 1, 2, 4, ... (by area).
@@ -218,7 +187,7 @@ def convert_oak(
     Raises:
         BagError: A file cannot be read, the videos differ, no frame is left, or `out` exists.
         CameraError: calib.json is not the calibration of this stereo pair.
-        ConfigError: `frames` or `reduce` is not allowed.
+        ConfigError: `robot`, `frames` or `reduce` is not allowed.
     """
     left, right = read_oak_calibration(folder / "calib.json", reduce)
     count = 0
@@ -227,7 +196,8 @@ def convert_oak(
         wanted = _indices(frames, len(videos))
         if not wanted:
             raise BagError(f"{folder}: no frame is left of the {len(videos)} in the videos")
-        with Recording(out, robot) as bag:
+        with BagWriter(out) as writer:
+            bag = Recording(writer, robot)
             bag.odometry_at_origin(EPOCH_NS + round((wanted.start - 1) * period_ns))
             for index, left_image, right_image in videos.read(wanted):
                 ns = EPOCH_NS + round(index * period_ns)
@@ -413,7 +383,7 @@ def convert_pcl(
 
     Args:
         file: The organised PCD file, with x, y, z and rgba.
-        out: The bag's folder.
+        out: The bag: a folder, or one file if it ends in `.mcap`.
         robot: The robot's name.
         repeat: Number of pairs.
         rate_hz: Pairs per second.
@@ -426,7 +396,7 @@ def convert_pcl(
 
     Raises:
         BagError: The file cannot be read, is no such frame, or `out` exists.
-        ConfigError: A number is not allowed.
+        ConfigError: `robot` or a number is not allowed.
     """
     for name, value, low in (
         ("repeat", repeat, 1),
@@ -443,7 +413,8 @@ def convert_pcl(
     truth = torsos_in_map()
     rng = np.random.default_rng(0)
     period_ns = 1e9 / rate_hz
-    with Recording(out, robot) as bag:
+    with BagWriter(out) as writer:
+        bag = Recording(writer, robot)
         bag.odometry_at_origin(EPOCH_NS - round(period_ns))
         for index in range(repeat):
             ns = EPOCH_NS + round(index * period_ns)
@@ -631,13 +602,14 @@ def _fill_row(grey: Float, disparity: Float) -> None:
         if not side.size:
             grey[start:stop] = 0.0
             continue
-        # How far the background goes on from the hole's edge, and that much mirrored, again and
-        # again where the hole is wider.
-        side = side[: stop - start]
+        # How far the background goes on from the hole's edge, and that much mirrored about the
+        # edge, to and fro where the hole is wider.
+        side = side[: stop - start + 1]
         other = ~(np.abs(seen[side] - seen[side[0]]) < _SAME_SURFACE_PX)
         count = int(np.argmax(other)) if other.any() else side.size
-        steps = np.arange(stop - start) % (2 * count)
-        mirrored = grey[side[np.where(steps < count, steps, 2 * count - 1 - steps)]]
+        period = max(1, 2 * (count - 1))
+        steps = np.arange(1, stop - start + 1) % period
+        mirrored = grey[side[np.minimum(steps, period - steps)]]
         grey[start:stop] = mirrored if from_left else mirrored[::-1]
 
 
@@ -654,7 +626,7 @@ Reduce = Annotated[int, typer.Option(help="Scale images down by this: 1, 2, 4, .
 @app.command("oak")
 def oak_command(
     folder: Annotated[Path, typer.Argument(help="Folder of left.mp4, right.mp4, calib.json.")],
-    out: Annotated[Path, typer.Argument(help="Folder of the new bag.")],
+    out: Annotated[Path, typer.Argument(help="The new bag: a folder, or NAME.mcap.")],
     robot: Robot = "robot_a",
     frames: Annotated[str, typer.Option(help="START:STOP:STEP, such as 0:627:3.")] = "::",
     reduce: Reduce = 2,
@@ -667,7 +639,7 @@ def oak_command(
 @app.command("pcl")
 def pcl_command(
     file: Annotated[Path, typer.Argument(help="PCL's five_people.pcd.")],
-    out: Annotated[Path, typer.Argument(help="Folder of the new bag.")],
+    out: Annotated[Path, typer.Argument(help="The new bag: a folder, or NAME.mcap.")],
     robot: Robot = "robot_a",
     repeat: Annotated[int, typer.Option(help="Number of stereo pairs.", min=1)] = 10,
     rate: Annotated[float, typer.Option(help="Stereo pairs per second.")] = 5.0,
