@@ -1,0 +1,264 @@
+"""The same pipeline on two real recordings, with only its configuration changed.
+
+An OAK-D stereo video that looks down on people who walk by, and PCL's RGB-D frame of five people.
+Both are converted to bags with `mrs_tools.convert`, read back, rectified, matched with StereoBM,
+filtered, clustered and judged by the project's own code. Nobody shipped ground truth: which
+frames show a person was read from the left video by eye, the torsos from the Kinect's depth.
+
+The recordings are not part of the repository.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.config import load_team
+from mrs_people_loc.images import ImagePreparer, StereoImages
+from mrs_people_loc.messages import read_camera_info, read_image, read_pose
+from mrs_people_loc.planner import People, Planner
+from mrs_people_loc.robot import RobotPipeline, Stages
+
+pytest.importorskip("rosbags", reason="reading bags needs rosbags")
+pytest.importorskip("typer", reason="the converter is part of the mrs command, which needs typer")
+
+from mrs_tools.bags import BagReader
+from mrs_tools.convert import EPOCH_NS, convert_oak, convert_pcl, torsos_in_map
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
+OAK = DATA / "oak-stereo-overhead-person"
+PCL = DATA / "pcl-five-people" / "five_people.pcd"
+ROBOT = "robot_a"
+
+
+@dataclass(frozen=True)
+class View:
+    """One stereo pair's way through the pipeline."""
+
+    stamp_ns: int
+    camera: StereoCamera
+    stages: Stages
+    people: People
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame in a 30 Hz video."""
+        return round((self.stamp_ns - EPOCH_NS) * 30 / 1e9)
+
+    def heights(self) -> np.ndarray:
+        """Height over the floor of every pixel, NaN without disparity."""
+        camera = self.camera
+        rotation, translation = camera.robot_from_optical
+        v, u = np.indices(self.stages.disparity.shape)
+        rays = np.stack(
+            [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)]
+        )
+        disparity = np.where(self.stages.disparity > 0, self.stages.disparity, np.nan)
+        return np.tensordot(rotation[2], rays, 1) * self.depth_of(disparity) + translation[2]
+
+    def depth_of(self, disparity: np.ndarray) -> np.ndarray:
+        return self.camera.depth_disparity / (disparity - self.camera.disparity_offset_px)
+
+
+def views(bag: Path, config: str) -> Iterator[View]:
+    """Every stereo pair of a bag through the pipeline, with the robot's pose at its stamp."""
+    team = load_team(ROOT / "config" / config)
+    robot = team.robots[ROBOT]
+    image = "image_rect" if robot.images.rectified else "image_raw"
+    models, images, poses = {}, {}, {}
+    planner, pipeline, prepare = Planner(team.planner), None, {}
+    with BagReader(bag) as reader:
+        for topic, ns, message in reader.decoded():
+            _, robot_name, *rest = topic.split("/")
+            if robot_name != ROBOT:
+                continue
+            if rest == ["odom"]:
+                assert message.header.frame_id == "map"
+                poses[ns] = read_pose(message)
+            elif rest[1] == "camera_info":
+                models[rest[0]] = read_camera_info(message)
+            elif rest[1] == image:
+                images[rest[0]] = read_image(message)
+            if len(images) < 2 or len(models) < 2:
+                continue
+            if pipeline is None:
+                prepare = {
+                    name: ImagePreparer(
+                        model,
+                        rectified=robot.images.rectified,
+                        width=robot.images.working_width,
+                        height=robot.images.working_height,
+                    )
+                    for name, model in models.items()
+                }
+                camera = StereoCamera.from_models(
+                    prepare["left"].output, prepare["right"].output, mounting=robot.mounting
+                )
+                pipeline = RobotPipeline(ROBOT, camera, robot)
+            pair = {name: prepare[name](value) for name, value in images.items()}
+            stages = pipeline.stages(StereoImages(ns, pair["left"], pair["right"]))
+            yield View(
+                ns, pipeline.camera, stages, planner.step([stages.scan], {ROBOT: poses[ns]}, ns)
+            )
+            images, models = {}, {}
+
+
+# ------------------------------------------------------------------------ from overhead ----
+
+#: First and last frame in which a person's whole head is well inside the left image, and where
+#: the person goes: +1 to the image's left, which is y of the map. By eye.
+PASSES = [(48, 81, +1), (228, 258, -1), (408, 441, +1), (495, 522, +1)]
+#: Frames with nobody in view. Up to 18 they are overexposed; from 303 to 345 somebody stands just
+#: outside and throws a hard shadow across the middle of the image. By eye.
+EMPTY = [(0, 18), (120, 201), (303, 360), (573, 624)]
+#: From the first to the last sight of any part of a person, by eye.
+ANY_PART = [(21, 119), (202, 302), (361, 572)]
+#: Hard shadows on the floor: frame, columns and rows at 160x100. By eye.
+SHADOWS = [(258, (22, 60), (54, 74)), (303, (75, 110), (52, 68))]
+
+
+@pytest.fixture(scope="module")
+def overhead(tmp_path_factory: pytest.TempPathFactory) -> dict[int, View]:
+    """Every third frame of the overhead video, by number."""
+    if not OAK.is_dir():
+        pytest.skip(f"the OAK-D recording is not there: {OAK}")
+    bag = tmp_path_factory.mktemp("overhead") / "bag"
+    assert convert_oak(OAK, bag, robot=ROBOT, frames=slice(0, 627, 3)) == 209
+    return {view.frame: view for view in views(bag, "oak_overhead.yaml")}
+
+
+@pytest.mark.parametrize(("first", "last", "direction"), PASSES)
+def test_overhead_sees_one_person_in_every_frame_of_a_pass(
+    overhead: dict[int, View], first: int, last: int, direction: int
+) -> None:
+    frames = [view for n, view in overhead.items() if first <= n <= last]
+    assert len(frames) == (last - first) // 3 + 1
+    assert [len(view.people.persons) for view in frames] == [1] * len(frames)
+    persons = [view.people.persons[0] for view in frames]
+    heights = np.array([person.height for person in persons])
+    assert ((heights >= 1.4) & (heights <= 2.0)).all()
+    # Medians are 1.63, 1.79, 1.63 and 1.76 m.
+    assert 1.55 <= np.median(heights) <= 1.85
+    # They walk, all the way to one side, in steps of 0.1 s.
+    positions = np.array([person.position for person in persons])
+    steps = np.diff(positions, axis=0)
+    assert (np.hypot(*steps.T) < 0.30).all()
+    assert direction * (positions[-1] - positions[0])[1] > 0.8
+    assert (direction * steps[:, 1] > 0).mean() > 0.85
+
+
+def test_overhead_sees_nobody_where_nobody_is(overhead: dict[int, View]) -> None:
+    for first, last in EMPTY:
+        frames = [n for n in overhead if first <= n <= last]
+        assert len(frames) == (last - first) // 3 + 1
+        assert [n for n in frames if overhead[n].people.persons] == []
+
+
+def test_overhead_never_sees_two_people_nor_anybody_too_early(overhead: dict[int, View]) -> None:
+    seen = {n: len(view.people.persons) for n, view in overhead.items() if view.people.persons}
+    assert max(seen.values()) == 1
+    assert [n for n in seen if not any(a <= n <= b for a, b in ANY_PART)] == []
+    # 64 of these 209 frames, i.e. about 192 of the 627.
+    assert 55 <= len(seen) <= 75
+
+
+def test_overhead_floor_is_flat_and_2_7_m_below(overhead: dict[int, View]) -> None:
+    view = overhead[180]
+    middle = (slice(35, 65), slice(60, 110))
+    assert np.nanmedian(view.depth_of(view.stages.disparity[middle])) == pytest.approx(
+        2.7, abs=0.06
+    )
+    floor = view.heights()[35:75, 15:145]
+    assert np.isfinite(floor).mean() > 0.85
+    assert np.nanmedian(floor) == pytest.approx(0.0, abs=0.03)
+    assert np.nanpercentile(floor, 5) > -0.13
+    assert np.nanpercentile(floor, 95) < 0.13
+
+
+@pytest.mark.parametrize(("frame", "columns", "rows"), SHADOWS)
+def test_overhead_hard_shadows_lie_on_the_floor(
+    overhead: dict[int, View], frame: int, columns: tuple[int, int], rows: tuple[int, int]
+) -> None:
+    shadow = overhead[frame].heights()[slice(*rows), slice(*columns)]
+    assert np.isfinite(shadow).mean() > 0.95
+    assert np.nanmedian(shadow) == pytest.approx(0.0, abs=0.06)
+    assert np.nanmax(np.abs(shadow)) < 0.25
+
+
+# ---------------------------------------------------------------------------- five people ----
+
+
+@pytest.fixture(scope="module")
+def five(tmp_path_factory: pytest.TempPathFactory) -> list[View]:
+    """Ten pairs that differ by their sensor noise."""
+    pytest.importorskip("pypcd4", reason="reading PCD files needs pypcd4")
+    if not PCL.is_file():
+        pytest.skip(f"PCL's frame of five people is not there: {PCL}")
+    bag = tmp_path_factory.mktemp("five") / "bag"
+    assert convert_pcl(PCL, bag, robot=ROBOT, repeat=10) == 10
+    with BagReader(bag) as reader:
+        (_, _, truth), *_ = reader.decoded(["/ground_truth/people_poses"])
+    poses = [(pose.position.x, pose.position.y) for pose in truth.poses]
+    np.testing.assert_allclose(poses, torsos_in_map())
+    return list(views(bag, "pcl_five_people.yaml"))
+
+
+def _torsos_of(view: View, within_m: float = 0.15) -> list[list[int]]:
+    """For each person, which torsos lie within a distance of one of its cells."""
+    fused, label = view.people.fused, view.people.clusters.label
+    torsos = torsos_in_map()
+    result = []
+    for person in view.people.persons:
+        cells = fused.xy[label == person.label]
+        distance = np.hypot(*(cells[:, None] - torsos[None]).transpose(2, 0, 1)).min(axis=0)
+        result.append(np.flatnonzero(distance < within_m).tolist())
+    return result
+
+
+def test_five_every_torso_is_in_a_person_and_nothing_else_is_one(five: list[View]) -> None:
+    for view in five:
+        found = _torsos_of(view)
+        assert sorted(t for torsos in found for t in torsos) == [0, 1, 2, 3, 4]
+        assert all(found)
+        # Neighbours may be one object, as their arms are.
+        assert len(found) >= 4
+
+
+def test_five_are_five(five: list[View]) -> None:
+    # Measured: in all of 30 pairs. With other blocks (11 to 17 px) or 10 % less in a limit, the
+    # two in the middle or the two at the left are one object in some pairs.
+    assert sum(len(view.people.persons) == 5 for view in five) >= 8
+
+
+def test_five_single_people_are_where_their_torsos_are(five: list[View]) -> None:
+    # The torsos are surfaces, some 0.1 m in front of the axis; measured: 0.09 m in the mean.
+    errors, heights = [], []
+    for view in five:
+        for person, torsos in zip(view.people.persons, _torsos_of(view), strict=True):
+            heights.append(person.height)
+            if len(torsos) == 1:
+                errors.append(np.hypot(*(person.position - torsos_in_map()[torsos[0]])))
+    assert len(errors) >= 40
+    assert np.mean(errors) < 0.12
+    assert np.max(errors) < 0.25
+    # Their heads' tops are at 1.69 to 1.77 m in the Kinect's depth.
+    assert min(heights) > 1.60
+    assert max(heights) < 1.90
+
+
+def test_five_floor_is_level(five: list[View]) -> None:
+    # The free floor in front of the two in the middle; it sinks by 7 cm per metre if the pitch
+    # is left out and by 15 cm if its sign is wrong.
+    cloud = five[0].stages.cloud
+    free = cloud[(np.abs(cloud[:, 1] - 0.25) < 0.15) & (np.abs(cloud[:, 2]) < 0.30)]
+    near, far = (free[np.abs(free[:, 0] - x) < 0.2, 2] for x in (2.8, 3.6))
+    assert len(near) > 100
+    assert len(far) > 100
+    assert np.median(near) == pytest.approx(0.0, abs=0.06)
+    assert np.median(far) == pytest.approx(0.0, abs=0.06)
