@@ -125,10 +125,10 @@ def require_types(store: Typestore, types: Iterable[str]) -> None:
             raise BagError(f"{file}: not a message definition ({_reason(err)})") from err
         for _, fields in found.values():
             for _, (kind, value) in fields:
-                if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-                    kind, value = value[0]
+                element: Any = value[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else None
+                kind, value = element or (kind, value)
                 if kind == Nodetype.NAME:
-                    wanted.append(value)
+                    wanted.append(str(value))
 
 
 def _definition_file(name: str) -> Path | None:
@@ -225,9 +225,7 @@ class BagReader:
         """
         for pattern in patterns:
             if not matching(self.topics, [pattern]):
-                raise BagError(
-                    f"{self.path}: no topic {pattern}. It has: {', '.join(self.topics)}"
-                )
+                raise BagError(f"{self.path}: no topic {pattern}. It has: {', '.join(self.topics)}")
         return matching(self.topics, patterns)
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
@@ -298,7 +296,7 @@ class BagReader:
 
     @cached_property
     def typestore(self) -> Typestore:
-        """Message types: the bag's own definitions first, then `default_typestore`.
+        """The types of the bag's topics, defined as the bag says; `default_typestore` where not.
 
         Raises:
             BagError: A type is defined neither in the bag nor among the installed packages.
@@ -311,14 +309,37 @@ class BagReader:
                 elif c.msgdef.format == MessageDefinitionFormat.IDL:
                     for text in _idl_parts(c.msgdef.data):
                         own.update(get_types_from_idl(text))
+            types = {c.msgtype for c in self._connections}
+            if not types <= own.keys():
+                own = {**default_typestore().fielddefs, **own}
             store = get_typestore(Stores.EMPTY)
-            store.register({**default_typestore().fielddefs, **own})
-            require_types(store, {c.msgtype for c in self._connections})
+            store.register(own)
+            require_types(store, types)
         except BagError as err:
             raise BagError(f"{self.path}: {err}") from err
         except Exception as err:
             raise _damaged(self.path, err) from err
         return store
+
+    def type_hash(self, msgtype: str) -> str | None:
+        """The hash (`RIHS01_...`) of a type's definition at the time of recording.
+
+        Args:
+            msgtype: Type name such as `sensor_msgs/msg/Image`.
+
+        Returns:
+            The hash, None if the bag has neither hash nor definition.
+        """
+        connections = [c for c in self._connections if c.msgtype == msgtype]
+        for c in connections:
+            if c.digest.startswith("RIHS"):
+                return c.digest
+        if all(c.msgdef.format == MessageDefinitionFormat.NONE for c in connections):
+            return None
+        try:
+            return self.typestore.hash_rihs01(msgtype)
+        except KeyError:  # the library cannot hash wide strings
+            return None
 
     def close(self) -> None:
         """Close the files."""
@@ -375,18 +396,24 @@ def _damaged(path: Path, reason: BaseException | str) -> BagError:
         return BagError(f"{path}: no permission to read it")
     if isinstance(reason, BaseException):
         reason = _reason(reason)
-    file = path / "metadata.yaml" if path.is_dir() else path
+    if path.is_dir():
+        remedy = "open the data file in it alone, it may be whole"
+    elif path.suffix == ".db3":
+        remedy = f"save what can be saved with `sqlite3 {path} .recover`"
+    else:
+        remedy = "save what can be saved with `mcap recover`"
     return BagError(
         f"{path}: the bag is truncated or damaged ({reason}). Copy it again; if that is all there "
-        f"is of it, save what can be saved with "
-        + (f"`sqlite3 {file} .recover`" if path.suffix == ".db3" else "`mcap recover`")
+        f"is of it, {remedy}"
     )
 
 
 def _reason(err: BaseException) -> str:
     """What an error of another library says, on one line."""
     text = " ".join(str(err).split()).rstrip(".")
-    return text if len(text) > 10 else f"{type(err).__name__} {text}".strip()
+    if len(text) < 10:
+        text = f"{type(err).__name__} {text}".strip()
+    return text if len(text) <= 150 else f"{text[:150]}..."
 
 
 # -------------------------------------------------------------------------------------- writing
@@ -499,8 +526,7 @@ class BagWriter:
             self.add_topic(topic, msgtype, typestore=typestore)
         if msgtype != self._connections[topic].msgtype:
             raise BagError(
-                f"{self.path}: topic {topic} is {self._connections[topic].msgtype}, "
-                f"not {msgtype}"
+                f"{self.path}: topic {topic} is {self._connections[topic].msgtype}, not {msgtype}"
             )
         try:
             data = (typestore or default_typestore()).serialize_cdr(message, msgtype)
@@ -535,7 +561,8 @@ class BagWriter:
         shutil.rmtree(self._part, ignore_errors=True)
 
     def _failed(self, err: OSError) -> BagError:
-        return BagError(f"{self.path}: cannot be written ({err.strerror or err})")
+        rest = f". What there is lies in {self._part}" if self._part.exists() else ""
+        return BagError(f"{self.path}: cannot be written ({err.strerror or err}){rest}")
 
     def __enter__(self) -> BagWriter:
         """Return the open bag."""
