@@ -1,6 +1,169 @@
-"""The `mrs` command (placeholder)."""
+"""The `mrs` command.
+
+To add a subcommand, write a function with Typer annotations in a module of `mrs_tools` and add
+one line to `COMMANDS`. Its module is imported when the subcommand runs, so `mrs --help` stays fast
+and works without ROS; import ROS inside functions, so that `mrs NAME --help` does, too.
+
+An error of this project (`PeopleLocError`) is printed as one line and ends with exit code 1, wrong
+usage with 2, Ctrl-C with 130. Everything else is a bug and shows its traceback.
+"""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Annotated, Any, NoReturn
+
+try:
+    import typer
+    from typer.core import TyperGroup
+except ModuleNotFoundError as err:
+    sys.exit(f"error: mrs needs {err.name}: pip install 'mrs-people-loc[tools]'")
+
+from mrs_people_loc.errors import PeopleLocError
+
+# name: (module:function, what it does). The function may also be a typer.Typer of its own.
+COMMANDS = {
+    "replay": ("mrs_tools.replay:command", "Publish a bag's messages over ROS, in their timing."),
+    "record": ("mrs_tools.record:command", "Record topics into a bag."),
+}
+
+# What brings a module that may be missing.
+_INSTALL = {
+    **dict.fromkeys(["rosbags", "rich"], "[tools]"),
+    "matplotlib": "[plots]",
+    "pypcd4": "[convert]",
+    **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),
+    **dict.fromkeys(["diagnostic_msgs", "stereo_msgs", "visualization_msgs"], "[ros]"),
+    **dict.fromkeys(["builtin_interfaces", "lifecycle_msgs", "rosgraph_msgs"], "[ros]"),
+    "mrs_people_msgs": "make setup",
+}
+
+
+class _LazyGroup(TyperGroup):
+    """Imports a subcommand when it runs, and turns errors into one line and an exit code."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, _load(name) if name in COMMANDS else command, rest
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise typer.Exit(130) from None
+        except PeopleLocError as err:
+            fail(str(err))
+        except ImportError as err:
+            module = (err.name or "").partition(".")[0]
+            if module not in _INSTALL:
+                raise
+            fail(f"this needs {module}, which is not installed: {_how_to_install(module)}")
+
+
+def _load(name: str) -> Any:
+    """The real subcommand behind a name of `COMMANDS`."""
+    path, summary = COMMANDS[name]
+    module, _, attribute = path.partition(":")
+    target = getattr(importlib.import_module(module), attribute)
+    if not isinstance(target, typer.Typer):
+        function, target = target, typer.Typer(add_completion=False)
+        target.command(name, help=None if function.__doc__ else summary)(function)
+    return typer.main.get_command(target)
+
+
+def _how_to_install(module: str) -> str:
+    what = _INSTALL[module]
+    if what == "make setup":
+        return "run `make setup`, or source the workspace that has it"
+    install = f"pip install 'mrs-people-loc{what}'"
+    return f"source your ROS 2 installation, or {install}" if what == "[ros]" else install
+
+
+def fail(message: str) -> NoReturn:
+    """Print an error as one line and leave with exit code 1."""
+    from rich.console import Console
+    from rich.text import Text
+
+    line = Text.assemble(("error: ", "bold red"), " ".join(message.split()))
+    Console(stderr=True, soft_wrap=True).print(line)
+    raise typer.Exit(1)
+
+
+class Stop(threading.Event):
+    """Set when the person at the keyboard, or the system, wants the command to end.
+
+    Attributes:
+        exit_code: 130 after Ctrl-C, 143 after SIGTERM, 0 before. A command for which being
+            stopped is the ordinary end leaves with 0 instead.
+    """
+
+    exit_code = 0
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Stop]:
+    """Let SIGINT and SIGTERM set an event, so that a command ends in its own order.
+
+    A second Ctrl-C interrupts it at once. Only in the main thread.
+
+    Yields:
+        The event; hand it to what runs.
+    """
+    stop = Stop()
+
+    def handle(number: int, _frame: FrameType | None) -> None:
+        if stop.is_set() and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        stop.exit_code = 128 + number
+        stop.set()
+
+    before = {s: signal.signal(s, handle) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+app = typer.Typer(
+    name="mrs",
+    cls=_LazyGroup,
+    help="Several robots with stereo heads find people on one common map.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from mrs_people_loc import __version__
+
+        print(f"mrs {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version."),
+    ] = False,
+) -> None:
+    pass
+
+
+for _name, (_path, _summary) in COMMANDS.items():
+    # A stand-in for the list of subcommands; _LazyGroup puts the real one in its place.
+    app.command(_name, help=_summary)(lambda: None)
 
 
 def main() -> None:
-    """Run the command."""
-    print("mrs: not written yet")
+    """Run the `mrs` command."""
+    sys.exit(app(prog_name="mrs"))
