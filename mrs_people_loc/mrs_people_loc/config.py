@@ -457,6 +457,7 @@ class PlannerConfig(Section):
 
 ROBOT_NODE = "robot_node"
 PLANNER_NODE = "planner_node"
+_CONFIG_TYPES: dict[str, type[Section]] = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}
 #: Parameters that nodes have besides those of their configuration.
 NODE_PARAMETERS = frozenset({"use_sim_time", "autostart", "start_type_description_service"})
 
@@ -524,9 +525,7 @@ def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
             raise ConfigError(f"{path}: section {name}: ros__parameters must be a mapping")
         key = "/" + str(name).lstrip("/")
         flat = {k: v for k, v in _flatten(values).items() if k not in NODE_PARAMETERS}
-        config_type = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}.get(
-            key.rpartition("/")[2]
-        )
+        config_type = _CONFIG_TYPES.get(key.rpartition("/")[2])
         if config_type is not None:
             try:
                 config_type.from_mapping(flat)

@@ -8,7 +8,7 @@ used once. Time is an argument everywhere, so that live nodes and tests do the s
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mrs_people_loc import config as cfg
@@ -45,7 +45,8 @@ class RobotState:
         poses: Its poses over time.
         pending: Its scan that waits for the interval to close.
         used_ns: Stamp of the scan last used or left out [ns].
-        heard_ns: When its last scan arrived [ns].
+        heard_ns: When its last scan arrived [ns]; for a robot that is known to take part and was
+            not heard yet, when the first scan of any robot did.
         dropped: Scans that were not used, by reason: superseded, too_old, no_pose.
         resets: How often its stamps jumped back by more than `RESET_NS`.
     """
@@ -63,11 +64,13 @@ class IntervalCollector:
 
     Args:
         config: When it closes.
+        robots: Robots that are known to take part: at the beginning they are waited for, too.
     """
 
-    def __init__(self, config: cfg.Interval) -> None:
+    def __init__(self, config: cfg.Interval, robots: Iterable[str] = ()) -> None:
         self.config = config
-        self.robots: dict[str, RobotState] = {}
+        self.robots: dict[str, RobotState] = {name: RobotState() for name in robots}
+        self._began_ns: int | None = None
         self._opened_ns: int | None = None
 
     def robot(self, name: str) -> RobotState:
@@ -92,6 +95,10 @@ class IntervalCollector:
         Raises:
             ScanError: It is not newer than the robot's last one.
         """
+        if self._began_ns is None:
+            self._began_ns = now_ns
+            for known in self.robots.values():
+                known.heard_ns = now_ns
         state = self.robot(scan.robot)
         state.heard_ns = now_ns
         newest = state.pending.stamp_ns if state.pending else state.used_ns

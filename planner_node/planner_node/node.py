@@ -40,7 +40,7 @@ class PlannerNode(ManagedNode):
     def set_up(self) -> None:
         """Makes the publishers."""
         self._planner = Planner(self.config)
-        self._collector = IntervalCollector(self.config.interval)
+        self._collector = IntervalCollector(self.config.interval, self.config.robots)
         self._robots: list[str] = []
         self._result: People | None = None
         self._intervals = 0
@@ -65,7 +65,7 @@ class PlannerNode(ManagedNode):
             self.destroy_timer(timer)
         self._timers_made = []
         self._robots = []
-        self._collector = IntervalCollector(self.config.interval)
+        self._collector = IntervalCollector(self.config.interval, self.config.robots)
 
     def changed(self, config: PlannerConfig) -> None:
         """Takes new parameters from the next interval on."""

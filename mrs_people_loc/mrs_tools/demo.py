@@ -1,0 +1,312 @@
+"""`mrs demo`: a recorded team, replayed through its real processes, and scored."""
+
+from __future__ import annotations
+
+import bisect
+import math
+import tempfile
+import threading
+import time
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from mrs_people_loc import messages
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.config import Team, load_team
+from mrs_people_loc.errors import BagError, PeopleLocError
+from mrs_people_loc.evaluation import MATCH_DISTANCE, match
+from mrs_people_loc.geometry import BODY_FROM_OPTICAL, rotation_from_rpy
+from mrs_people_loc.messages import stamp_ns_of
+from mrs_tools.bags import BagReader
+from mrs_tools.people import LivePeople
+from mrs_tools.plots import FieldOfView, TopView, draw_top_view
+from mrs_tools.replay import Replayer
+from mrs_tools.team import RunningTeam, team_processes
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rich.console import Console
+
+#: The nodes get this long to start [s].
+_START_S = 60.0
+#: What is still under way after the bag's end gets this long [s].
+_TAIL_S = 1.5
+TRUTH_TOPIC = "/ground_truth/people_poses"
+
+
+def default_file(*parts: str) -> Path:
+    """A file of the source tree: below this folder, or where this package was installed from."""
+    for root in (Path.cwd(), Path(__file__).resolve().parents[2]):
+        if root.joinpath(*parts).exists():
+            return root.joinpath(*parts)
+    return Path(*parts)
+
+
+@dataclass
+class Truth:
+    """Ground truth of a recording.
+
+    Attributes:
+        stamps_ns: Stamps [ns], ascending.
+        positions: At each stamp the true positions [m], shape (m, 2); NaN for who is not there.
+    """
+
+    stamps_ns: list[int] = field(default_factory=list)
+    positions: list[np.ndarray] = field(default_factory=list)
+
+    def at(self, stamp_ns: int) -> np.ndarray:
+        """The true positions nearest in time."""
+        if not self.stamps_ns:
+            return np.empty((0, 2))
+        index = bisect.bisect_left(self.stamps_ns, stamp_ns)
+        near = [i for i in (index - 1, index) if 0 <= i < len(self.stamps_ns)]
+        return self.positions[min(near, key=lambda i: abs(self.stamps_ns[i] - stamp_ns))]
+
+
+class Listener:
+    """Keeps what the team says.
+
+    Args:
+        node: The ROS node to listen with.
+
+    Attributes:
+        people: The `people` messages.
+        maps: The `short_term_map` messages, by stamp [ns].
+    """
+
+    def __init__(self, node: Node) -> None:
+        from mrs_people_msgs.msg import People
+        from sensor_msgs.msg import PointCloud2
+
+        self.people: list[Any] = []
+        self.maps: dict[int, Any] = {}
+        node.create_subscription(People, "people", self.people.append, 100)
+        node.create_subscription(PointCloud2, "short_term_map", self._on_map, 100)
+
+    def _on_map(self, message: Any) -> None:
+        self.maps[stamp_ns_of(message.header.stamp)] = message
+
+
+def command(
+    bag: Annotated[
+        Path | None, typer.Argument(help="A bag of a team. Default: bags/paper_formation.")
+    ] = None,
+    team: Annotated[
+        list[Path] | None,
+        typer.Option("--team", "-t", help="Parameter file of its team. Default: config/team.yaml."),
+    ] = None,
+    rate: Annotated[float, typer.Option(min=0.01, help="Times as fast as recorded.")] = 1.0,
+    out: Annotated[Path, typer.Option("--out", "-o", help="The picture.")] = Path("demo.png"),
+) -> None:
+    """Replay a recorded team through its real processes and compare with the truth.
+
+    Starts one robot_node per robot and the planner, replays the bag to them over DDS, shows the
+    people live, then prints who was found and how far off, and draws the last interval.
+    """
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    bag = bag or default_file("bags", "paper_formation")
+    files = team or [default_file("config", "team.yaml")]
+    config = load_team(*files)
+    truth, views = _read_bag(bag, config)
+    listener = _run(bag, files, rate, console)
+    complete = [m for m in listener.people if len(m.scans) == len(config.robots)]
+    if not complete:
+        raise PeopleLocError(
+            f"{len(listener.people)} intervals, none of them with scans of all robots: "
+            "is the machine too slow? Try --rate 0.5"
+        )
+    _score(listener.people, truth, console)
+    last = max(complete, key=lambda m: stamp_ns_of(m.header.stamp))
+    draw_top_view(_top_view(last, listener, truth, views, config), out)
+    console.print(f"picture: {out}")
+
+
+def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listener:
+    """Runs the team on the bag and returns what it said."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
+    from rclpy.signals import SignalHandlerOptions
+    from rich.live import Live
+
+    from mrs_tools.cli import stop_on_signals
+
+    nodes = team_processes(files, sim_time=True)
+    context = Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node(
+        "mrs_demo", context=context, parameter_overrides=[Parameter("use_sim_time", value=True)]
+    )
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    listener, live = Listener(node), LivePeople(node)
+    try:
+        with (
+            tempfile.TemporaryFile("w+") as log,
+            stop_on_signals() as stop,
+            Replayer(bag, rate=rate, clock=True) as player,
+            RunningTeam(nodes, log=log) as team,
+        ):
+            console.print(f"starting {', '.join(n.label for n in nodes)} ...")
+            _wait_for_team(node, team, log, stop)
+            player.wait_for_subscribers(stop=stop)
+            console.print(f"replaying {bag}")
+            thread = threading.Thread(target=player.play, kwargs={"stop": stop})
+            thread.start()
+            with Live(live, console=console, refresh_per_second=5, transient=False):
+                end = math.inf
+                while time.monotonic() < end and not stop.is_set():
+                    executor.spin_once(timeout_sec=0.05)
+                    if not thread.is_alive():
+                        end = min(end, time.monotonic() + _TAIL_S)
+            thread.join()
+            if stop.is_set():
+                raise typer.Exit(stop.exit_code)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    return listener
+
+
+def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Event) -> None:
+    """Waits until every process listens to what it should."""
+    deadline = time.monotonic() + _START_S
+    robots = [n.namespace for n in team.processes if n.namespace]
+    while not stop.is_set():
+        if team.ended():
+            log.seek(0)
+            names = ", ".join(f"{n.label} (exit code {c})" for n, c in team.ended().items())
+            raise PeopleLocError(f"ended at the start: {names}\n{log.read()}")
+        deaf = [r for r in robots if not node.count_subscribers(f"/{r}/left/camera_info")]
+        unheard = [r for r in robots if not node.count_subscribers(f"/{r}/points")]
+        if not deaf and not unheard and node.count_publishers("people"):
+            return
+        if time.monotonic() > deadline:
+            waiting = ", ".join(sorted({*deaf, *unheard}) or ["planner"])
+            raise PeopleLocError(f"not ready after {_START_S:.0f} s: {waiting}")
+        stop.wait(0.1)
+
+
+def _read_bag(path: Path, config: Team) -> tuple[Truth, dict[str, FieldOfView]]:
+    """Ground truth, and what each robot's camera sees."""
+    truth, infos = Truth(), {}
+    with BagReader(path) as bag:
+        wanted = [
+            topic
+            for topic in bag.topics
+            if topic == TRUTH_TOPIC or topic.endswith(("left/camera_info", "right/camera_info"))
+        ]
+        missing = [r for r in config.robots if f"/{r}/left/camera_info" not in wanted]
+        if missing:
+            raise BagError(
+                f"{path}: has no camera_info of {', '.join(missing)}; "
+                f"topics: {', '.join(bag.topics)}"
+            )
+        for topic, _, message in bag.decoded(wanted):
+            if topic == TRUTH_TOPIC:
+                truth.stamps_ns.append(stamp_ns_of(message.header.stamp))
+                truth.positions.append(
+                    np.array([[p.position.x, p.position.y] for p in message.poses]).reshape(-1, 2)
+                )
+            elif topic not in infos:
+                infos[topic] = messages.read_camera_info(message)
+    views = {}
+    for robot, settings in config.robots.items():
+        camera = StereoCamera.from_models(
+            infos[f"/{robot}/left/camera_info"], infos[f"/{robot}/right/camera_info"]
+        )
+        mounting = settings.mounting
+        turn = rotation_from_rpy(mounting.roll, mounting.pitch, mounting.yaw) @ BODY_FROM_OPTICAL
+        borders = []
+        for column in (0, camera.width - 1):
+            x, y, _ = turn @ ((column - camera.cx) / camera.fx, 0.0, 1.0)
+            borders.append(math.atan2(y, x))
+        views[robot] = FieldOfView(
+            borders[0], borders[1], settings.disparity.min_range, settings.disparity.max_range
+        )
+    return truth, views
+
+
+def _positions(message: Any) -> np.ndarray:
+    places = [p.pose.pose.position for p in message.persons]
+    return np.array([[at.x, at.y] for at in places]).reshape(-1, 2)
+
+
+def _score(people: list[Any], truth: Truth, console: Console) -> None:
+    """Prints found and expected people, and each one's error."""
+    from rich.table import Table
+
+    if not truth.stamps_ns:
+        console.print(f"the bag has no {TRUTH_TOPIC}: nothing to compare with")
+        return
+    errors: defaultdict[int, list[float]] = defaultdict(list)
+    expected: Counter[int] = Counter()
+    found = 0
+    for message in people:
+        true, positions = truth.at(stamp_ns_of(message.header.stamp)), _positions(message)
+        found += len(positions)
+        for there in np.flatnonzero(np.isfinite(true).all(axis=1)):
+            expected[int(there)] += 1
+        _, indices, distances = match(positions, true)
+        for which, distance in zip(indices, distances, strict=True):
+            errors[int(which)].append(float(distance))
+    table = Table(title="against the ground truth", title_justify="left")
+    for column in ("person", "true x, y [m]", "found / expected", "mean error", "max error"):
+        table.add_column(column, justify="right")
+    for index, count in sorted(expected.items()):
+        own = errors[index]
+        x, y = truth.positions[-1][index]
+        mean = f"{100 * np.mean(own):.1f} cm" if own else "-"
+        most = f"{100 * max(own):.1f} cm" if own else "-"
+        table.add_row(str(index + 1), f"{x:.2f}, {y:.2f}", f"{len(own)} / {count}", mean, most)
+    console.print(table)
+    every = [error for own in errors.values() for error in own]
+    mean = f"{100 * np.mean(every):.1f} cm" if every else "-"
+    console.print(
+        f"found {len(every)} of {sum(expected.values())} people in {len(people)} intervals, "
+        f"{found - len(every)} false; mean error {mean} "
+        f"(a match is within {MATCH_DISTANCE:.2f} m)"
+    )
+
+
+def _top_view(
+    message: Any,
+    listener: Listener,
+    truth: Truth,
+    views: dict[str, FieldOfView],
+    config: Team,
+) -> TopView:
+    stamp_ns = stamp_ns_of(message.header.stamp)
+    cells = listener.maps.get(stamp_ns)
+    if cells is None:
+        raise PeopleLocError("the planner's short_term_map of the last interval did not arrive")
+    names = [f.name for f in cells.fields]
+    # Our own topic: every field has four bytes, floats first, whole numbers after them.
+    kinds = {7: "<f4", 6: "<u4", 5: "<i4"}
+    layout = np.dtype([(f.name, kinds[f.datatype]) for f in cells.fields])
+    records = np.frombuffer(cells.data, layout)
+    assert {"x", "y", "robot", "cluster", "person"} <= set(names)
+    sigmas = config.planner.human.circle_sigmas
+    people = _positions(message)
+    return TopView(
+        title=f"{len(people)} people found by {len(message.scans)} robots",
+        xy=np.stack([records["x"], records["y"]], axis=1).astype(np.float64),
+        robot=records["robot"],
+        cluster=records["cluster"],
+        person=records["person"],
+        robots=messages.read_people_scans(message),
+        views=views,
+        people=people,
+        radii=[sigmas * p.sigma for p in message.persons],
+        truth=truth.at(stamp_ns),
+        circle_sigmas=sigmas,
+    )
