@@ -24,7 +24,7 @@ from mrs_people_loc.messages import read_camera_info, read_image, read_pose
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.robot import RobotPipeline, Stages
 
-pytest.importorskip("rosbags", reason="reading bags needs rosbags")
+pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 pytest.importorskip("typer", reason="the converter is part of the mrs command, which needs typer")
 
 from mrs_tools.bags import BagReader

@@ -17,7 +17,7 @@ from mrs_people_loc.config import Mounting
 from mrs_people_loc.errors import BagError, CameraError, ConfigError
 from mrs_people_loc.messages import read_camera_info, read_image, read_pose, stamp_ns_of
 
-pytest.importorskip("rosbags", reason="writing bags needs rosbags")
+pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
 pytest.importorskip("typer", reason="the mrs command needs typer")
 
 from typer.testing import CliRunner
