@@ -31,6 +31,7 @@ from mrs_people_loc.errors import PeopleLocError
 COMMANDS = {
     "replay": ("mrs_tools.replay:command", "Publish a bag's messages over ROS, in their timing."),
     "record": ("mrs_tools.record:command", "Record topics into a bag."),
+    "convert": ("mrs_tools.convert:app", "Write foreign recordings as bags."),
 }
 
 # What brings a module that may be missing.
@@ -72,7 +73,7 @@ def _load(name: str) -> Any:
     module, _, attribute = path.partition(":")
     target = getattr(importlib.import_module(module), attribute)
     if not isinstance(target, typer.Typer):
-        function, target = target, typer.Typer(add_completion=False)
+        function, target = target, typer.Typer(add_completion=False, rich_markup_mode="markdown")
         target.command(name, help=None if function.__doc__ else summary)(function)
     return typer.main.get_command(target)
 
@@ -138,6 +139,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # in "rich", a unit such as [s] would be taken for markup
 )
 
 
