@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import os
 import tempfile
 import threading
 import time
@@ -110,7 +111,9 @@ def command(
     """
     from rich.console import Console
 
-    console = Console(highlight=False)
+    # A recorded team must not speak to robots on the network, nor hear them.
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    console = Console(highlight=False, soft_wrap=True)
     bag = bag or default_file("bags", "paper_formation")
     files = team or [default_file("config", "team.yaml")]
     config = load_team(*files)
@@ -168,6 +171,7 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
                     if not thread.is_alive():
                         end = min(end, time.monotonic() + _TAIL_S)
             thread.join()
+            console.print()
             if stop.is_set():
                 raise typer.Exit(stop.exit_code)
     finally:
