@@ -616,7 +616,10 @@ def _fill_row(grey: Float, disparity: Float) -> None:
 # ------------------------------------------------------------------------ command line ----
 
 app = typer.Typer(
-    help="Write foreign recordings as bags.", no_args_is_help=True, rich_markup_mode=None
+    help="Write foreign recordings as bags.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
 )
 
 Robot = Annotated[str, typer.Option(help="Name of the robot, the first part of its topics.")]
