@@ -26,7 +26,7 @@ HEADER = """\
 
 def find_python(version: str) -> str:
     """Return a working interpreter of that version."""
-    command = [ROOT / "setup" / "find-python.sh", version]
+    command = [str(ROOT / "setup" / "find-python.sh"), version]
     found = subprocess.run(command, capture_output=True, text=True, check=False)
     if found.returncode:
         sys.exit(f"make lock needs all of Python {', '.join(PYTHONS)}: {version} was not found.")
@@ -37,11 +37,9 @@ def resolve(python: str, folder: Path) -> dict[str, str]:
     """Return name -> version of everything that pip would install with that interpreter."""
     subprocess.run([python, "-m", "venv", folder], check=True)
     report = folder / "report.json"
-    pip = [folder / "bin" / "python", "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    options = ["--dry-run", "--ignore-installed", "--report", report]
-    run = subprocess.run(
-        [*pip, "install", *options, ".[all]"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    pip = f"{folder}/bin/python -m pip --quiet --disable-pip-version-check install"
+    command = [*pip.split(), "--dry-run", "--ignore-installed", "--report", str(report), ".[all]"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if run.returncode:
         sys.exit(f"{python}: {run.stderr}")
     pins = {}

@@ -113,7 +113,7 @@ def test_script_runs_the_python_of_its_own_prefix(
     module = {"mrs": "mrs_tools"}.get(executable, executable)
 
     def said(environment: dict[str, str]) -> list[str]:
-        command = [script, "--team", "a b"]
+        command = [str(script), "--team", "a b"]
         run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         return run.stdout.splitlines()
 
@@ -204,7 +204,7 @@ for module in pkgutil.walk_packages(mrs_people_loc.__path__, "mrs_people_loc."):
 
 def colcon_build(folder: Path, *options: str) -> dict[str, str]:
     """Build into the folder; return the environment that its setup.sh makes of an empty one."""
-    build = [ROOT / "setup" / "colcon.sh", sys.prefix, folder, *options]
+    build = [f"{ROOT}/setup/colcon.sh", sys.prefix, str(folder), *options]
     run = subprocess.run(
         build, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
     )
