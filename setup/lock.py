@@ -37,9 +37,11 @@ def resolve(python: str, folder: Path) -> dict[str, str]:
     """Return name -> version of everything that pip would install with that interpreter."""
     subprocess.run([python, "-m", "venv", folder], check=True)
     report = folder / "report.json"
-    pip = f"{folder}/bin/python -m pip --quiet --disable-pip-version-check install"
-    command = [*pip.split(), "--dry-run", "--ignore-installed", "--report", str(report), ".[all]"]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    pip = [f"{folder}/bin/python", "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    options = ["--dry-run", "--ignore-installed", "--report", str(report)]
+    run = subprocess.run(
+        [*pip, "install", *options, ".[all]"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     if run.returncode:
         sys.exit(f"{python}: {run.stderr}")
     pins = {}

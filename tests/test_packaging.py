@@ -134,6 +134,18 @@ def test_versions_agree() -> None:
             assert re.findall(r'version="(.*)"', setup.read_text()) == [version], folder
 
 
+def test_extra_all_holds_every_extra() -> None:
+    """It is what the lock pins and `make setup` installs."""
+    requirements = [Requirement(line) for line in metadata.requires("mrs-people-loc") or []]
+
+    def names(extra: str) -> set[str]:
+        wanted = (r for r in requirements if r.marker and r.marker.evaluate({"extra": extra}))
+        return {r.name for r in wanted}
+
+    for extra in metadata.metadata("mrs-people-loc").get_all("Provides-Extra") or []:
+        assert names(extra) <= names("all"), extra
+
+
 @pytest.mark.parametrize("python", PYTHONS)
 def test_lock_satisfies_every_requirement(python: str) -> None:
     """Someone who adds a dependency runs `make lock`."""
