@@ -85,7 +85,7 @@ class PoseBuffer:
 
     #: A stamp that jumps back by more than this is a new beginning (a bag that loops) [ns].
     RESET_NS = 1_000_000_000
-    #: The speed past the newest pose is that over this last stretch [ns].
+    #: The speed past a pose is that over this last stretch before it [ns].
     _SPEED_SPAN_NS = 100_000_000
 
     def __len__(self) -> int:
@@ -125,7 +125,7 @@ class PoseBuffer:
         return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
 
     def at(self, stamp_ns: int, max_age_ns: int) -> Pose:
-        """The pose at a time: interpolated, or past the newest carried on at its speed.
+        """The pose at a time: interpolated, or past the last one near it carried on at its speed.
 
         Position and covariance are interpolated linearly, the heading along the shorter arc. A
         pose that is carried on gets, in each variance, the square of the distance it was carried.
@@ -155,19 +155,16 @@ class PoseBuffer:
             return _between(near[0], near[1], stamp_ns)
         if near[0] is after:
             return dataclasses.replace(near[0], stamp_ns=stamp_ns)
-        return self._carried_on(stamp_ns)
+        return self._carried_on(near[0], stamp_ns)
 
-    def _carried_on(self, stamp_ns: int) -> Pose:
-        newest = self._poses[-1]
-        index = bisect.bisect_left(self._stamps, newest.stamp_ns - self._SPEED_SPAN_NS)
+    def _carried_on(self, last: Pose, stamp_ns: int) -> Pose:
+        index = bisect.bisect_left(self._stamps, last.stamp_ns - self._SPEED_SPAN_NS)
         earlier = self._poses[index]
-        if earlier is newest:
-            return dataclasses.replace(newest, stamp_ns=stamp_ns)
-        ahead = _between(earlier, newest, stamp_ns)
-        moved = np.array(
-            [ahead.x - newest.x, ahead.y - newest.y, wrap_angle(ahead.yaw - newest.yaw)]
-        )
-        return dataclasses.replace(ahead, covariance=newest.covariance + np.diag(moved**2))
+        if earlier is last:
+            return dataclasses.replace(last, stamp_ns=stamp_ns)
+        ahead = _between(earlier, last, stamp_ns)
+        moved = np.array([ahead.x - last.x, ahead.y - last.y, wrap_angle(ahead.yaw - last.yaw)])
+        return dataclasses.replace(ahead, covariance=last.covariance + np.diag(moved**2))
 
 
 def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
