@@ -15,7 +15,7 @@ import numpy as np
 
 from mrs_people_loc.camera import CameraModel
 from mrs_people_loc.errors import CameraError, ImageError, PoseError, ScanError
-from mrs_people_loc.geometry import yaw_from_quaternion
+from mrs_people_loc.geometry import Float, yaw_from_quaternion
 from mrs_people_loc.images import Gray
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
@@ -58,12 +58,19 @@ def read_camera_info(message: Message) -> CameraModel:
     return CameraModel(
         width=int(message.width),
         height=int(message.height),
-        k=np.array(message.k, dtype=np.float64).reshape(3, 3),
+        k=_matrix(message, "k", (3, 3)),
         d=tuple(float(value) for value in message.d),
-        r=np.array(message.r, dtype=np.float64).reshape(3, 3),
-        p=np.array(message.p, dtype=np.float64).reshape(3, 4),
+        r=_matrix(message, "r", (3, 3)),
+        p=_matrix(message, "p", (3, 4)),
         distortion_model=str(message.distortion_model),
     )
+
+
+def _matrix(message: Message, name: str, shape: tuple[int, int]) -> Float:
+    values = np.array(getattr(message, name), dtype=np.float64)
+    if values.size != shape[0] * shape[1]:
+        raise CameraError(f"{name} has {values.size} values; wanted: {shape[0] * shape[1]}")
+    return values.reshape(shape)
 
 
 def read_image(message: Message) -> Gray:
@@ -109,7 +116,7 @@ def _pose(stamp_ns: int, with_covariance: Message) -> Pose:
             "pose holds NaN or infinite values: position "
             f"({position.x}, {position.y}, {position.z}), orientation ({q.x}, {q.y}, {q.z}, {q.w})"
         )
-    norm = math.sqrt(q.x**2 + q.y**2 + q.z**2 + q.w**2)
+    norm = math.hypot(q.x, q.y, q.z, q.w)
     if abs(norm - 1.0) > _QUATERNION_TOLERANCE:
         raise PoseError(f"orientation has length {norm:.4g}; wanted: a quaternion of length 1")
     x, y, z, w = (value / norm for value in (q.x, q.y, q.z, q.w))
@@ -188,17 +195,19 @@ def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan
         raise ScanError(
             f"data has {data.size} bytes; wanted: row_step * height = {row_step * height}"
         )
-    layout = np.dtype(
-        {"names": names, "formats": formats, "offsets": offsets, "itemsize": point_step}
-    )
-    if data.size == 0:
-        records = np.empty(0, layout)
+    if width * height == 0:
+        records = np.empty(0, CELL_DTYPE)
     else:
+        layout = np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": point_step}
+        )
         rows = np.ascontiguousarray(data.reshape(height, row_step)[:, : width * point_step])
         records = rows.reshape(-1).view(layout)
     counts = records["count"]
     if counts.dtype.kind == "f" and not np.isfinite(counts).all():
         raise ScanError("count is NaN or infinite")
-    if (counts < 0).any() or (counts > np.iinfo(np.uint32).max).any():
+    if (counts < 0).any() or (counts >= 2**32).any():
         raise ScanError("count is negative or too large; wanted: uint32")
-    return Scan(robot, stamp_ns_of(message.header.stamp), Cells.from_records(records))
+    with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold is refused as inf
+        cells = Cells.from_records(records)
+    return Scan(robot, stamp_ns_of(message.header.stamp), cells)
