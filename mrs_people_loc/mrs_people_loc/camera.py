@@ -77,8 +77,13 @@ class CameraModel:
         """
         if self.k[0, 0] <= 0 or self.k[1, 1] <= 0:
             raise CameraError(f"focal length in k is {self.k[0, 0]:g} px; allowed: more than 0")
-        if abs(np.linalg.det(self.r) - 1.0) > 1e-3:
-            raise CameraError(f"r is no rotation: its determinant is {np.linalg.det(self.r):g}")
+        r = self.r
+        if (
+            np.abs(r).max() > 1.0 + 1e-3
+            or not np.allclose(r @ r.T, np.eye(3), atol=1e-3)
+            or np.linalg.det(r) < 0
+        ):
+            raise CameraError(f"r is no rotation (orthonormal, determinant 1): {r.tolist()}")
         if not self.d:
             return
         counts = DISTORTION_MODELS.get(self.distortion_model)
