@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from mrs_people_loc.geometry import Float
 
@@ -34,14 +31,54 @@ def cluster(xy: Float, *, distance: float) -> Int:
     count = len(xy)
     if count == 0:
         return np.empty(0, dtype=np.intp)
-    pairs = cKDTree(xy).query_pairs(distance + _ROUNDING, output_type="ndarray")
-    graph = coo_array(
-        (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count)
-    )
-    _, labels = connected_components(graph, directed=False)
     order = np.lexsort((xy[:, 1], xy[:, 0]))
-    _, first = np.unique(labels[order], return_index=True)  # by label: where it appears first
-    number = np.empty(len(first), dtype=np.intp)
-    number[np.argsort(first)] = np.arange(len(first))
-    result: Int = number[labels]
-    return result
+    root = _join(*_pairs_within(xy[order], distance + _ROUNDING), count)
+    number = np.cumsum(root == np.arange(count)) - 1
+    labels = np.empty(count, dtype=np.intp)
+    labels[order] = number[root]
+    return labels
+
+
+def _pairs_within(xy: Float, reach: float) -> tuple[Int, Int]:
+    """Pairs of points at most `reach` apart, each once: their indices, shapes (m,).
+
+    The plane is cut into stripes along y that are `reach` wide. What is near a point lies in its
+    own stripe or the next ones, not farther than `reach` along y: a stretch of the points sorted by
+    stripe and y.
+    """
+    wide = 1.001 * reach  # what rounding does to the sums below must hide no pair
+    x, y = xy[:, 0], xy[:, 1] - xy[:, 1].min()
+    length = y.max() + 3.0 * wide
+    place = np.floor((x - x.min()) / wide) * length + y  # the stripes laid end to end
+    order = np.argsort(place)
+    place, x, y = place[order], x[order], y[order]
+
+    # In the own stripe what follows, in the next one all; the one before finds this point itself.
+    index = np.arange(len(x))
+    begin = np.concatenate([index + 1, np.searchsorted(place, place + (length - wide))])
+    until = np.concatenate([place + wide, place + (length + wide)])
+    count = np.searchsorted(place, until, side="right") - begin
+    one = np.repeat(np.concatenate([index, index]), count)
+    other = np.arange(len(one)) + np.repeat(begin - (np.cumsum(count) - count), count)
+    near = np.flatnonzero((x[one] - x[other]) ** 2 + (y[one] - y[other]) ** 2 <= reach**2)
+    return order[one[near]], order[other[near]]
+
+
+def _join(one: Int, other: Int, count: int) -> Int:
+    """Connected components: of each of `count` points, the least index that it is joined to.
+
+    Args:
+        one: One end of each edge, shape (m,).
+        other: The other end, shape (m,).
+        count: Number of points.
+    """
+    root = np.arange(count)
+    while len(one):
+        np.minimum.at(root, np.maximum(one, other), np.minimum(one, other))
+        up = root[root]
+        while not np.array_equal(up, root):
+            root, up = up, up[up]
+        one, other = root[one], root[other]
+        apart = one != other
+        one, other = one[apart], other[apart]
+    return root
