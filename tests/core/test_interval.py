@@ -1,0 +1,284 @@
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.errors import PoseError, ScanError
+from mrs_people_loc.interval import IntervalCollector
+from mrs_people_loc.poses import Pose
+from mrs_people_loc.scan import Cells, Scan
+
+MS = 1_000_000
+CONFIG = cfg.Interval(max_wait=0.1, max_scan_age=0.25, max_pose_age=0.2, robot_timeout=2.0)
+
+
+class Team:
+    """A collector whose times are milliseconds."""
+
+    def __init__(self, *robots: str, known: Sequence[str] = ()) -> None:
+        self.collector = IntervalCollector(CONFIG, known)
+        for robot in robots:  # poses at all times of these tests
+            self.collector.robot(robot).poses.span_ns = 100_000 * MS
+            for at in range(0, 20_001, 100):
+                self.pose(robot, at)
+
+    def pose(self, robot: str, at: float, x: float | None = None) -> None:
+        x = at / 1000 if x is None else x
+        self.collector.add_pose(robot, Pose(round(at * MS), x, 0.0, 0.0))
+
+    def scan(self, robot: str, stamp: float, now: float | None = None) -> None:
+        scan = Scan(robot, round(stamp * MS), Cells.empty())
+        self.collector.add_scan(scan, round((stamp if now is None else now) * MS))
+
+    def close(self, now: float) -> dict[str, float] | None:
+        """Stamps of the scans of the interval that closes, by robot."""
+        self.closed: Any = self.collector.close(round(now * MS))
+        if self.closed is None:
+            return None
+        return {scan.robot: scan.stamp_ns / MS for scan in self.closed.scans}
+
+    def dropped(self, robot: str) -> dict[str, int]:
+        return dict(self.collector.robot(robot).dropped)
+
+
+THREE = ("robot_a", "robot_b", "robot_c")
+
+
+def live_team(*robots: str) -> Team:
+    """A team of which every robot has delivered a scan that was used, at 1000."""
+    team = Team(*robots)
+    for robot in robots:
+        team.scan(robot, 1000)
+    assert team.close(1000) == dict.fromkeys(robots, 1000)
+    return team
+
+
+def test_nothing_closes_before_a_scan():
+    team = Team(*THREE)
+    assert team.close(0) is None
+    assert team.close(99_999) is None
+
+
+def test_one_robot_closes_at_once():
+    team = Team("robot_a")
+    for stamp in (1000, 1050):
+        team.scan("robot_a", stamp)
+        assert team.close(stamp) == {"robot_a": stamp}
+        assert team.close(stamp) is None  # a scan is used once
+    assert team.close(9000) is None
+
+
+def test_what_a_closed_interval_holds():
+    team = Team("robot_a", "robot_b")
+    team.scan("robot_a", 1013)
+    team.scan("robot_b", 1050)
+    assert team.close(1060) == {"robot_a": 1013, "robot_b": 1050}
+    closed = team.closed
+    assert closed.time_ns == 1050 * MS
+    assert dict(closed.left_out) == {}
+    # Poses at the scans' stamps, between those given (x is the time in seconds).
+    assert {name: p.stamp_ns for name, p in closed.poses.items()} == {
+        "robot_a": 1013 * MS,
+        "robot_b": 1050 * MS,
+    }
+    assert closed.poses["robot_a"].x == pytest.approx(1.013)
+
+
+def test_three_robots_wait_for_each_other():
+    team = live_team(*THREE)
+    team.scan("robot_b", 1200)
+    assert team.close(1200) is None
+    team.scan("robot_a", 1190, now=1210)
+    assert team.close(1210) is None
+    team.scan("robot_c", 1213)
+    assert team.close(1213) == {"robot_a": 1190, "robot_b": 1200, "robot_c": 1213}
+
+
+def test_after_max_wait_the_others_go_without():
+    team = live_team(*THREE)
+    team.scan("robot_b", 1200, now=1230)
+    team.scan("robot_a", 1200, now=1280)
+    assert team.close(1329.999999) is None
+    assert team.close(1330) == {"robot_a": 1200, "robot_b": 1200}  # 100 ms after the first
+    # The next one counts anew.
+    team.scan("robot_c", 1250, now=1331)
+    assert team.close(1430) is None
+    assert team.close(1431) == {"robot_c": 1250}
+
+
+def test_a_newer_scan_supersedes():
+    team = live_team("robot_a", "robot_b")
+    team.scan("robot_a", 1200)
+    team.scan("robot_a", 1250)
+    assert team.dropped("robot_a") == {"superseded": 1}
+    team.scan("robot_b", 1260)
+    assert team.close(1260) == {"robot_a": 1250, "robot_b": 1260}
+    # It does not open the interval later.
+    team.scan("robot_a", 1300)
+    team.scan("robot_a", 1350)
+    assert team.close(1399) is None
+    assert team.close(1400) == {"robot_a": 1350}
+
+
+@pytest.mark.parametrize(("age", "used"), [(250, True), (250.000001, False), (400, False)])
+def test_a_scan_that_is_too_old_is_left_out(age, used):
+    team = live_team("robot_a", "robot_b")
+    team.scan("robot_a", 2000 - age, now=2000)
+    team.scan("robot_b", 2000)
+    closed = team.close(2000)
+    assert closed == ({"robot_a": 2000 - age, "robot_b": 2000} if used else {"robot_b": 2000})
+    assert team.dropped("robot_a") == ({} if used else {"too_old": 1})
+    if not used:
+        assert "robot_a" not in team.closed.poses
+        assert team.closed.left_out["robot_a"] == (
+            f"scan is {age / 1000:.3f} s older than the newest; allowed: 0.25 s"
+        )
+    assert team.close(2500) is None  # it is used up
+
+
+def test_a_scan_without_poses_is_waited_for_and_then_left_out():
+    team = Team("robot_a")
+    team.scan("robot_b", 1000)
+    team.scan("robot_a", 1000)
+    assert team.close(1000) is None
+    assert team.close(1100) == {"robot_a": 1000}
+    assert dict(team.closed.left_out) == {"robot_b": "no pose has arrived"}
+    assert team.dropped("robot_b") == {"no_pose": 1}
+
+
+def test_an_interval_without_any_usable_scan_is_empty():
+    team = Team()
+    team.scan("robot_a", 1000)
+    assert team.close(1099) is None
+    assert team.close(1100) == {}
+    assert team.closed.time_ns == 1000 * MS
+    assert dict(team.closed.poses) == {}
+    assert dict(team.closed.left_out) == {"robot_a": "no pose has arrived"}
+    assert team.dropped("robot_a") == {"no_pose": 1}
+    assert team.close(1200) is None
+    assert team.dropped("robot_a") == {"no_pose": 1}  # it was used up
+    with pytest.raises(ScanError, match="wanted: newer than 1000000000"):
+        team.scan("robot_a", 1000)
+
+
+def test_the_time_is_that_of_the_newest_scan_that_is_used():
+    team = Team("robot_a")
+    team.scan("robot_a", 1000)
+    team.scan("robot_b", 1050)  # it has no pose
+    assert team.close(1200) == {"robot_a": 1000}
+    assert team.closed.time_ns == 1000 * MS
+
+
+def test_a_pose_that_comes_later_is_waited_for():
+    team = Team()
+    team.pose("robot_a", 980)
+    team.scan("robot_a", 1000)
+    assert team.close(1010) is None
+    team.pose("robot_a", 990)
+    assert team.close(1020) is None
+    team.pose("robot_a", 1000)
+    assert team.close(1021) == {"robot_a": 1000}
+
+
+@pytest.mark.parametrize(("age", "used"), [(200, True), (200.000001, False)])
+def test_poses_that_stop_are_used_up_to_max_pose_age(age, used):
+    team = Team()
+    team.pose("robot_a", 1000)
+    team.scan("robot_a", 1000 + age)
+    assert team.close(1000 + age) is None
+    assert team.close(2000) == ({"robot_a": 1000 + age} if used else {})
+    assert team.dropped("robot_a") == ({} if used else {"no_pose": 1})
+
+
+def test_a_silent_robot_is_not_waited_for():
+    team = live_team("robot_a", "robot_b")
+    team.scan("robot_a", 2900)
+    assert team.close(2900) is None  # robot_b was heard 1.9 s ago
+    assert team.close(3000) == {"robot_a": 2900}
+    team.scan("robot_a", 2950, now=3000)
+    assert team.close(3000) is None  # 2 s
+    assert team.close(3000.000001) == {"robot_a": 2950}
+    team.scan("robot_a", 4000)
+    assert team.close(4000) == {"robot_a": 4000}
+    # It counts again with its next scan.
+    team.scan("robot_b", 4100)
+    team.scan("robot_a", 4100)
+    assert team.close(4100) == {"robot_a": 4100, "robot_b": 4100}
+    team.scan("robot_a", 4200)
+    assert team.close(4200) is None
+
+
+def test_a_known_robot_is_waited_for_from_the_first_scan_on():
+    for team in (Team("robot_a", "robot_b"), Team("robot_a", known=["robot_b"])):
+        team.scan("robot_a", 1000, now=9000)
+        assert team.close(9000) is None  # robot_b sent a pose, or was named at the beginning
+        assert team.close(9100) == {"robot_a": 1000}
+        team.scan("robot_a", 2000, now=10_950)
+        assert team.close(11_000) is None  # ... and nothing else, for 2 s
+        assert team.close(11_000.000001) == {"robot_a": 2000}
+
+
+def test_a_robot_that_turns_up_later_is_waited_for_from_its_first_scan_on():
+    team = live_team("robot_a")
+    for at in range(0, 5001, 100):
+        team.pose("robot_b", at)
+    team.scan("robot_a", 1200)
+    assert team.close(1200) == {"robot_a": 1200}
+    team.scan("robot_b", 1250)
+    assert team.close(1250) is None
+    team.scan("robot_a", 1260)
+    assert team.close(1260) == {"robot_a": 1260, "robot_b": 1250}
+
+
+@pytest.mark.parametrize("late", [0, 0.000001, 500, 1000])
+@pytest.mark.parametrize("used", [True, False])
+def test_repeated_and_late_scans_are_refused(late, used):
+    team = Team("robot_a")
+    team.scan("robot_a", 2000)
+    if used:
+        assert team.close(2000)
+    stamp = round((2000 - late) * MS)
+    with pytest.raises(ScanError, match=f"stamp is {stamp} ns; wanted: newer than 2000000000 ns"):
+        team.scan("robot_a", 2000 - late, now=2001)
+    assert team.collector.robot("robot_a").resets == 0
+    assert team.close(2101) == (None if used else {"robot_a": 2000})
+
+
+def test_a_repeated_pose_is_refused():
+    team = Team("robot_a")
+    with pytest.raises(PoseError, match="stamp 20000000000 ns is repeated"):
+        team.pose("robot_a", 20_000)
+
+
+@pytest.mark.parametrize("used", [True, False])
+def test_stamps_that_jump_back_begin_anew(used):
+    team = Team("robot_a")
+    team.scan("robot_a", 9000)
+    if used:
+        assert team.close(9000)
+    team.scan("robot_a", 7999, now=9050)
+    assert team.collector.robot("robot_a").resets == 1
+    assert team.close(9050) == {"robot_a": 7999}
+    team.scan("robot_a", 8100, now=9100)
+    assert team.close(9100) == {"robot_a": 8100}
+
+
+def test_a_clock_that_is_set_back_delays_nothing_for_long():
+    team = live_team("robot_a", "robot_b")
+    team.scan("robot_a", 1200, now=99_000)
+    assert team.close(1000) is None  # the clock went back by 98 s
+    assert team.close(1099) is None
+    assert team.close(1100) == {"robot_a": 1200}
+    # robot_a was heard "in the future": also this is forgotten, so that it times out.
+    team.scan("robot_b", 3300)
+    assert team.close(3300) == {"robot_b": 3300}
+
+
+def test_robots_are_made_when_they_are_named():
+    collector = IntervalCollector(CONFIG)
+    assert collector.robots == {}
+    assert list(IntervalCollector(CONFIG, ["robot_b", "robot_a"]).robots) == ["robot_b", "robot_a"]
+    state = collector.robot("robot_a")
+    assert collector.robot("robot_a") is state
+    assert (state.pending, state.used_ns, state.heard_ns, state.resets) == (None, None, None, 0)
