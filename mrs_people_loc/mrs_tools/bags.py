@@ -165,10 +165,12 @@ class BagReader:
             BagError: There is no such bag, it has no messages, or it is truncated or damaged.
         """
         self.path = Path(path)
-        _check_is_bag(self.path)
         try:
+            _check_is_bag(self.path)
             self._reader = Reader(self.path)
             self._reader.open()
+        except BagError:
+            raise
         except Exception as err:  # the library lets errors of many kinds through on damaged files
             raise _damaged(self.path, err) from err
         try:
@@ -366,6 +368,8 @@ def _check_is_bag(path: Path) -> None:
         raise BagError(f"{path}: there is no such bag")
     if path.is_dir():
         if (path / "metadata.yaml").exists():
+            for file in path.glob("*.db3"):
+                _check_is_whole(file)
             return
         files = sorted(f.name for f in path.iterdir() if f.suffix in (".mcap", ".db3"))
         if files:
@@ -380,6 +384,19 @@ def _check_is_bag(path: Path) -> None:
         raise BagError(f"{path}: not a bag. Give a folder with metadata.yaml, a .mcap or a .db3")
     if path.stat().st_size == 0:
         raise BagError(f"{path}: the file is empty. Record it again")
+    if path.suffix == ".db3":
+        _check_is_whole(path)
+
+
+def _check_is_whole(file: Path) -> None:
+    """Raise if an SQLite file is shorter than its header says: SQLite reads zeros there."""
+    with file.open("rb") as stream:
+        header = stream.read(100)
+    if header.startswith(b"SQLite format 3") and header[24:28] == header[92:96]:
+        page = int.from_bytes(header[16:18], "big")
+        expected = int.from_bytes(header[28:32], "big") * (65536 if page == 1 else page)
+        if file.stat().st_size < expected:
+            raise _damaged(file, f"{file.stat().st_size} of {expected} bytes")
 
 
 def _idl_parts(text: str) -> list[str]:

@@ -63,7 +63,8 @@ class Recorder:
 
     Subscribes to what the publishers of each topic offer: reliable if all of them are, transient
     local if all of them are. Topics and publishers that come later are taken in. Messages are
-    written as the bytes that arrive; their bag time is when they arrived.
+    written as the bytes that arrive (DDS may have added up to three bytes of padding at the end);
+    their bag time is when they arrived.
 
     Attributes:
         counts: Number of messages written so far, by topic.

@@ -232,9 +232,9 @@ class Replayer:
         counts = dict.fromkeys(self._publishers, 0)
         rounds, latest_ns = 0, 0
 
-        def report(position_ns: int) -> None:
+        def report(now_ns: int) -> None:
             if on_progress:
-                position_s = (position_ns - self.bag.start_ns) * 1e-9
+                position_s = (min(now_ns, self.bag.end_ns) - self.bag.start_ns) * 1e-9
                 on_progress(Progress(position_s, self.bag.duration_s, sum(counts.values())))
 
         while not stop.is_set():
