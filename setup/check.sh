@@ -29,17 +29,21 @@ case " $versions " in
         lacks "Python.h of Python $is, to build the messages" "python$is-dev"
     ;;
 *)
-    if [ -z "$is" ]; then
-        lacks "Python, one of $versions ('$python' does not work)" python3 python3-venv python3-dev
+    what="Python, one of $versions ('$python' is ${is:-none that works})"
+    if other=$("$(dirname "$0")/find-python.sh" "$versions" python3); then
+        lacks "$what; but there is another: PYTHON=$other"
+    elif [ -z "$is" ]; then
+        lacks "$what" python3 python3-venv python3-dev
     else
         for version in $versions; do
             apt-cache show "python$version" >/dev/null 2>&1 && break
             version=
         done
-        lacks "Python, one of $versions ('$python' is $is)" \
-            ${version:+"python$version" "python$version-venv" "python$version-dev"}
-        [ -n "$version" ] || lacking="$lacking
-    Not in this machine's apt sources; pyenv, for one, has them: pyenv install 3.12"
+        if [ -n "$version" ]; then
+            lacks "$what" "python$version" "python$version-venv" "python$version-dev"
+        else
+            lacks "$what; apt knows none here, but pyenv, for one, does: pyenv install 3.12"
+        fi
     fi
     ;;
 esac

@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -165,6 +166,38 @@ def test_lock_satisfies_every_requirement(python: str) -> None:
         if name != "mrs-people-loc" and wanted:
             (pinned,) = pins[name]
             assert requirement.specifier.contains(pinned.version, prereleases=True), requirement
+
+
+@pytest.mark.parametrize(
+    ("python", "packages"),
+    [
+        ("#!/bin/sh\necho 3.9\n", "g++ make"),  # too old, no apt-cache to ask
+        ("#!/bin/sh\nexit 1\n", "python3 python3-venv python3-dev g++ make"),
+        # Debian's Python alone: it answers, but the modules and the header are not there.
+        ('#!/bin/sh\ncase $2 in *print*) echo 3.11;; *) exit 1;; esac\n',
+         "python3.11-venv python3.11-dev g++ make"),
+    ],
+    ids=["old", "none", "bare"],
+)  # fmt: skip
+def test_setup_names_all_that_is_missing_at_once(
+    python: str, packages: str, tmp_path: Path
+) -> None:
+    for tool in ("dirname", "sh", "uname"):
+        (tmp_path / tool).symlink_to(str(shutil.which(tool)))
+    (tmp_path / "python3").write_text(python)
+    (tmp_path / "python3").chmod(0o755)
+    run = subprocess.run(
+        ["/bin/sh", f"{ROOT}/setup/check.sh", "python3", "3.12 3.11"],
+        env={"PATH": str(tmp_path), "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 1
+    assert not run.stderr
+    for lacking in ("Python", "C++ compiler", "make"):
+        assert lacking in run.stdout
+    assert run.stdout.endswith(f"sudo apt-get install {packages}\n")
 
 
 # --- layers --------------------------------------------------------------------------------------
