@@ -131,7 +131,12 @@ class Parameter:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number that no float holds
+        return False
 
 
 def _field(default: Value, doc: str, **limits: Any) -> Any:
@@ -458,6 +463,10 @@ class PlannerConfig(Section):
 ROBOT_NODE = "robot_node"
 PLANNER_NODE = "planner_node"
 _CONFIG_TYPES: dict[str, type[Section]] = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}
+#: Names of our nodes in a file; a wildcard stands for one name (*) or for any number of them (**).
+_NODE_KEY = re.compile(rf"(/(\w+|\*\*?))*/({ROBOT_NODE}|{PLANNER_NODE}|\*\*?)")
+#: What PyYAML raises besides its own errors, for texts such as `!!int x`, and reading for bad UTF-8.
+_YAML_SLIPS = (ValueError, LookupError, AttributeError, RecursionError)
 #: Parameters that nodes have besides those of their configuration.
 NODE_PARAMETERS = frozenset({"use_sim_time", "autostart", "start_type_description_service"})
 
@@ -475,12 +484,33 @@ class Team:
     robots: Mapping[str, RobotConfig]
 
 
-def load_team(*paths: str | Path, robots: tuple[str, ...] = ()) -> Team:
+def robots_named(*paths: str | Path) -> tuple[str, ...]:
+    """The robots that parameter files name: in the planner's list, or by sections of their own.
+
+    Args:
+        paths: YAML files; later ones win.
+
+    Raises:
+        ConfigError: As `load_team`.
+    """
+    sections = [section for path in paths for section in _read_sections(Path(path))]
+    listed = PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")).robots
+    own = (key.removesuffix(ROBOT_NODE).strip("/") for _, key, _ in sections if ROBOT_NODE in key)
+    return listed or tuple(dict.fromkeys(name for name in own if name and "*" not in name))
+
+
+def load_team(
+    *paths: str | Path,
+    robots: tuple[str, ...] = (),
+    unless_said: Mapping[str, Mapping[str, Value]] | None = None,
+) -> Team:
     """Reads parameter files (see the module's docstring) as the nodes would.
 
     Args:
         paths: YAML files; later ones win.
         robots: Names of the robots, where the files do not name them.
+        unless_said: By robot, parameters by dotted name that hold instead of the defaults where
+            the files say nothing of them.
 
     Raises:
         ConfigError: A file cannot be read, is not a parameter file, or holds a bad value.
@@ -489,7 +519,7 @@ def load_team(*paths: str | Path, robots: tuple[str, ...] = ()) -> Team:
     names = PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")).robots or robots
     for path, key, _ in sections:
         # Also what applies to no robot of the team is looked at.
-        if not key.endswith((ROBOT_NODE, PLANNER_NODE, "*")):
+        if not _NODE_KEY.fullmatch(key):
             raise ConfigError(
                 f"{path}: section {key} names no node of ours; "
                 f"allowed: .../{ROBOT_NODE}, .../{PLANNER_NODE}"
@@ -502,7 +532,9 @@ def load_team(*paths: str | Path, robots: tuple[str, ...] = ()) -> Team:
     return Team(
         planner=PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")),
         robots={
-            name: RobotConfig.from_mapping(_merge(sections, f"/{name}/{ROBOT_NODE}"))
+            name: RobotConfig.from_mapping(
+                {**(unless_said or {}).get(name, {}), **_merge(sections, f"/{name}/{ROBOT_NODE}")}
+            )
             for name in names
         },
     )
@@ -512,7 +544,7 @@ def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
     """Sections of a file, checked one by one: file, key with a leading slash, flat parameters."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+    except (OSError, yaml.YAMLError, *_YAML_SLIPS) as err:
         raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
     if not isinstance(document, Mapping):
         raise ConfigError(f"{path}: is not a ROS 2 parameter file (a mapping of node names)")
@@ -524,7 +556,10 @@ def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
         if not isinstance(values, Mapping):
             raise ConfigError(f"{path}: section {name}: ros__parameters must be a mapping")
         key = "/" + str(name).lstrip("/")
-        flat = {k: v for k, v in _flatten(values).items() if k not in NODE_PARAMETERS}
+        try:
+            flat = {k: v for k, v in _flatten(values).items() if k not in NODE_PARAMETERS}
+        except RecursionError as err:  # an alias can make a mapping its own part
+            raise ConfigError(f"{path}: section {name} is nested too deeply") from err
         config_type = _CONFIG_TYPES.get(key.rpartition("/")[2])
         if config_type is not None:
             try:

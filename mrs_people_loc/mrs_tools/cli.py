@@ -30,6 +30,7 @@ from mrs_people_loc.errors import PeopleLocError
 # name: (module:function, what it does). The function may also be a typer.Typer of its own.
 COMMANDS = {
     "demo": ("mrs_tools.demo:command", "Replay a recorded team and compare with the truth."),
+    "evaluate": ("mrs_tools.evaluate:command", "Score bags against their ground truth."),
     "up": ("mrs_tools.team:up", "Start every node of a team on this machine."),
     "people": ("mrs_tools.people:command", "Show a running team live in the terminal."),
     "replay": ("mrs_tools.replay:command", "Publish a bag's messages over ROS, in their timing."),

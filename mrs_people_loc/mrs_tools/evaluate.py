@@ -1,0 +1,379 @@
+"""`mrs evaluate`: bags through the pipeline, scored against their ground truth.
+
+The rules of the score are at the top of `mrs_people_loc.evaluation`. In Python:
+
+    result = evaluate_bag("scene.mcap", ["config/default.yaml"])
+    result.report()["people"]["recall"]
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.config import PlannerConfig, RobotConfig
+from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.evaluation import Estimate, Frame, Truth, percentile, ratio, score, summary
+from mrs_people_loc.planner import Planner
+from mrs_people_loc.robot import RobotPipeline
+from mrs_tools.bags import BagReader
+from mrs_tools.offline import (
+    TRUTH_TOPIC,
+    BagRun,
+    View,
+    estimate_of,
+    read_recorded,
+    read_truth,
+    robots_of,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+#: What is counted of each view, in the order of the stages.
+STAGES = ("valid_pixels", "raw", "zones", "noise", "cells")
+
+
+@dataclass
+class Result:
+    """What the evaluation of one bag, or of several pooled, gave.
+
+    Attributes:
+        frames: One per ground-truth message.
+        duration_s: From the first to the last message of the bag [s].
+        counts: By robot, for each of its views the numbers named in `STAGES`.
+        times_ms: By stage, what it took each time [ms]; `robot` and `planner` are what one view
+            and one interval took altogether.
+        estimates: What was found, one per interval.
+        truth: What is true; None for several bags.
+        notes: What a reader of the result should know.
+    """
+
+    frames: list[Frame] = field(default_factory=list)
+    duration_s: float = 0.0
+    counts: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
+    times_ms: dict[str, list[float]] = field(default_factory=dict)
+    estimates: list[Estimate] = field(default_factory=list)
+    truth: Truth | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @classmethod
+    def pooled(cls, results: Sequence[Result]) -> Result:
+        """Several results as one; robots of one name count as one robot."""
+        total = cls()
+        for result in results:
+            total.frames += result.frames
+            total.duration_s += result.duration_s
+            for robot, rows in result.counts.items():
+                total.counts.setdefault(robot, []).extend(rows)
+            for stage, times in result.times_ms.items():
+                total.times_ms.setdefault(stage, []).extend(times)
+        return total
+
+    def report(self) -> dict[str, Any]:
+        """The figures, as the JSON of `mrs evaluate` has them; what is undefined is None."""
+        scores = summary(self.frames)
+        return {
+            "frames": scores["frames"],
+            "duration_s": self.duration_s,
+            "people": scores["people"],
+            "group": scores["group"],
+            "stages": {robot: _stage_means(rows) for robot, rows in sorted(self.counts.items())},
+            "timing_ms": {
+                stage: {"median": percentile(times, 50), "p99": percentile(times, 99)}
+                for stage, times in self.times_ms.items()
+            },
+        }
+
+
+def _stage_means(rows: Sequence[tuple[float, ...]]) -> dict[str, float | None]:
+    means = dict(zip(STAGES, np.mean(np.array(rows), axis=0).tolist(), strict=True))
+    kept = {
+        f"{stage}_kept": ratio(means[stage], means[before])
+        for before, stage in pairwise(STAGES[1:])
+    }
+    return {**means, **kept}
+
+
+def evaluate_bag(
+    path: str | os.PathLike[str],
+    configs: Sequence[str | Path] = (),
+    *,
+    recorded: bool = False,
+    pipeline: Callable[[str, StereoCamera, RobotConfig], Any] = RobotPipeline,
+    planner: Callable[[PlannerConfig], Any] = Planner,
+    on_progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Runs a bag through the pipeline, or reads what a planner said, and scores it.
+
+    Args:
+        path: The bag.
+        configs: Parameter files of the team, later ones win.
+        recorded: Score the `people` in the bag. A bag that has them and no robot's images or
+            `points` is scored so anyway.
+        pipeline: See `BagRun`.
+        planner: See `BagRun`.
+        on_progress: Called with how much of the bag is done, 0 to 1.
+
+    Raises:
+        PeopleLocError: The bag or a file cannot be used.
+    """
+    result = Result()
+    with BagReader(path) as bag:
+        result.truth = read_truth(bag)
+        result.duration_s = bag.duration_s
+        if recorded or (not robots_of(bag) and any(t.endswith("/people") for t in bag.topics)):
+            topic, result.estimates = read_recorded(bag)
+            result.notes.append(f"scored as recorded on {topic}")
+        else:
+            recorded = False
+    if not result.estimates and not recorded and not result.notes:
+        run = BagRun(path, configs, pipeline=pipeline, planner=planner)
+        _run(run, result, on_progress)
+    if not len(result.truth):
+        result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
+    result.frames = score(result.truth, result.estimates)
+    return result
+
+
+def _run(run: BagRun, result: Result, on_progress: Callable[[float], None] | None) -> None:
+    times: defaultdict[str, list[float]] = defaultdict(list)
+
+    def on_view(view: View) -> None:
+        stages = view.stages
+        result.counts.setdefault(view.robot, []).append(
+            (
+                float(np.isfinite(stages.disparity).mean()),
+                *(float(len(part)) for part in (stages.cloud, stages.zones, stages.noise)),
+                float(len(stages.scan.cells)),
+            )
+        )
+        for stage, took in view.times_ms.items():
+            times[stage].append(took)
+        times["robot"].append(sum(view.times_ms.values()))
+
+    of_planner: defaultdict[str, list[float]] = defaultdict(list)
+    for interval in run.intervals(on_view=on_view, on_progress=on_progress):
+        result.estimates.append(estimate_of(interval.people))
+        for stage, took in interval.people.times_ms.items():
+            of_planner[stage].append(took)
+        of_planner["planner"].append(sum(interval.people.times_ms.values()))
+    result.times_ms = {**times, **of_planner}
+    result.notes += run.notes
+    result.notes += [f"{what}: {count}" for what, count in run.dropped.items()]
+
+
+# --------------------------------------------------------------------------------------- command
+
+
+def names_of(bags: Sequence[Path]) -> list[str]:
+    """Short names of bags: the file's or folder's, or the path where that is not unique."""
+    names = [Path(os.path.abspath(bag)).stem for bag in bags]
+    return [n if names.count(n) == 1 else str(b) for n, b in zip(names, bags, strict=True)]
+
+
+def command(
+    bags: Annotated[list[Path], typer.Argument(help="Bags with our topics.")],
+    config: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--config",
+            "-c",
+            help="Parameter file: parameters and mounting of each robot; later win.",
+        ),
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures to this file.")
+    ] = None,
+    recorded: Annotated[
+        bool, typer.Option("--recorded", help="Score the people that the bag has recorded.")
+    ] = False,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
+) -> None:
+    """Run bags through the pipeline, as fast as it goes, and score them against their truth.
+
+    Robots are found in the bag as namespaces with images, or with points and pose; a bag that has
+    neither but `people` is scored as recorded. JSON: for one bag an object, for several
+    `{"bags": {name: object}, "total": object}`.
+    """
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    results = dict(zip(names_of(bags), _evaluate(bags, config or [], recorded, jobs), strict=True))
+    show(results, console)
+    if json_file is not None:
+        write_json(results, json_file)
+
+
+def _evaluate(
+    bags: Sequence[Path], configs: Sequence[Path], recorded: bool, jobs: int
+) -> Iterator[Result]:
+    """Evaluates bags, in their order, with a progress bar."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
+        task = progress.add_task("", total=len(bags))
+        if jobs > 1 and len(bags) > 1:
+            with ProcessPoolExecutor(min(jobs, len(bags))) as pool:
+                futures = [pool.submit(_one, bag, configs, recorded) for bag in bags]
+                progress.update(task, description=f"{len(bags)} bags")
+                for _ in as_completed(futures):
+                    progress.advance(task)
+                yield from (future.result() for future in futures)
+            return
+        for index, bag in enumerate(bags):
+            progress.update(task, description=bag.name)
+            yield _one(bag, configs, recorded, _Advance(progress, task, index))
+
+
+@dataclass
+class _Advance:
+    """Moves a bar to a part of one of its steps."""
+
+    progress: Any
+    task: Any
+    step: int
+
+    def __call__(self, part: float) -> None:
+        self.progress.update(self.task, completed=self.step + part)
+
+
+def _one(
+    bag: Path,
+    configs: Sequence[Path],
+    recorded: bool,
+    on_progress: Callable[[float], None] | None = None,
+) -> Result:
+    import cv2
+
+    cv2.setNumThreads(1)  # times are those of one core
+    return evaluate_bag(bag, configs, recorded=recorded, on_progress=on_progress)
+
+
+def as_json(results: Mapping[str, Result]) -> dict[str, Any]:
+    """The figures of one bag, or of several and of all of them pooled."""
+    if len(results) == 1:
+        return next(iter(results.values())).report()
+    return {
+        "bags": {name: result.report() for name, result in results.items()},
+        "total": Result.pooled(list(results.values())).report(),
+    }
+
+
+def write_json(results: Mapping[str, Result], path: Path) -> None:
+    """Writes `as_json`.
+
+    Raises:
+        PeopleLocError: The file cannot be written.
+    """
+    try:
+        path.write_text(json.dumps(as_json(results), indent=2, allow_nan=False) + "\n", "utf-8")
+    except OSError as err:
+        raise PeopleLocError(f"{path}: cannot be written ({err.strerror or err})") from err
+
+
+# ---------------------------------------------------------------------------------------- tables
+
+
+def show(results: Mapping[str, Result], console: Console) -> None:
+    """Prints the figures as tables."""
+    rows = dict(results)
+    if len(results) > 1:
+        rows["total"] = Result.pooled(list(results.values()))
+    reports = {name: result.report() for name, result in rows.items()}
+    console.print(_people_table(reports))
+    last = reports[next(reversed(reports))]
+    if last["stages"]:
+        console.print(_stages_table(last["stages"]))
+    if last["timing_ms"]:
+        console.print(_timing_table(last["timing_ms"]))
+    for name, result in results.items():
+        for note in result.notes:
+            console.print(f"{name}: {note}", style="yellow")
+
+
+def _table(title: str) -> Any:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    # Text: a unit such as [ms] would be taken for markup.
+    return Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+
+
+def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    table = _table("people (errors in cm; in 95%: truth is in the 95 % ellipse)")
+    table.add_column("bag", overflow="fold", min_width=8)
+    for column in ("frames", "true", "found", "recall", "prec.", "mean", "p95", "max"):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("in 95%", justify="right", no_wrap=True)
+    table.add_column("centre", justify="right", no_wrap=True)
+    for name, report in reports.items():
+        people, error = report["people"], report["people"]["error_m"]
+        table.add_row(
+            name,
+            *(str(n) for n in (report["frames"], people["true"], people["found"])),
+            *(_number(people[key], 1, 3) for key in ("recall", "precision")),
+            *(_number(error[key], 100, 1) for key in ("mean", "p95", "max")),
+            _number(people["coverage_95"], 1, 3),
+            _number(report["group"]["centre_error_m"]["mean"], 100, 1),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
+    table = _table("stages: means per view, and the share kept of the stage before")
+    table.add_column("robot")
+    for column in ("valid pixels", "raw", "zones", "noise", "cells"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for robot, means in stages.items():
+        table.add_row(
+            robot,
+            f"{_number(means['valid_pixels'], 100, 0)} %",
+            _number(means["raw"], 1, 0),
+            *(
+                f"{_number(means[s], 1, 0)} {_number(means[f'{s}_kept'], 100, 1):>5} %"
+                for s in ("zones", "noise", "cells")
+            ),
+        )
+    return table
+
+
+def _timing_table(timing: Mapping[str, Mapping[str, float | None]]) -> Any:
+    table = _table("time [ms]")
+    for column in ("stage", "median", "p99"):
+        table.add_column(column, justify="left" if column == "stage" else "right")
+    for stage, times in timing.items():
+        whole = stage in ("robot", "planner")
+        table.add_row(
+            f"whole {stage}" if whole else stage,
+            *(_number(times[which], 1, 2) for which in ("median", "p99")),
+            style="bold" if whole else None,
+        )
+    return table
+
+
+def _number(value: float | None, factor: float, digits: int) -> str:
+    return "-" if value is None else f"{value * factor:.{digits}f}"

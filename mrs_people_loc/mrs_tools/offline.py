@@ -1,0 +1,581 @@
+"""A bag through the pipeline in this process, as fast as it goes.
+
+    run = BagRun("bags/paper_formation")
+    for interval in run.intervals():
+        interval.people                      # what the planner would publish
+        interval.views["robot_a"].stages     # what its robots made of their images
+    run.truth()                              # ground truth, if the bag has it
+
+What comes out is what the live nodes would say on an infinitely fast machine: messages are handed
+over in the order of their bag time, and bag time is the clock. Robots are discovered as namespaces
+of the bag; their images, or the `points` and `pose` that they sent, are where an interval starts
+from. To try another method, hand over other classes than `RobotPipeline` and `Planner`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import messages
+from mrs_people_loc.camera import CameraModel, StereoCamera
+from mrs_people_loc.config import PlannerConfig, RobotConfig, Team, load_team, robots_named
+from mrs_people_loc.errors import BagError, ImageError, PeopleLocError, PoseError
+from mrs_people_loc.evaluation import Estimate, Truth
+from mrs_people_loc.geometry import Float
+from mrs_people_loc.images import Gray, ImagePreparer, Pairer, StereoImages
+from mrs_people_loc.interval import IntervalCollector
+from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_loc.planner import People, Planner
+from mrs_people_loc.poses import Pose
+from mrs_people_loc.robot import RobotPipeline, Stages
+from mrs_people_loc.scan import Scan
+from mrs_tools.bags import BagReader
+
+TRUTH_TOPIC = "/ground_truth/people_poses"
+VISIBLE_TOPIC = "/ground_truth/visible"
+PEOPLE_TYPE = "mrs_people_msgs/msg/People"
+
+_IMAGE = "sensor_msgs/msg/Image"
+_POINTS = "sensor_msgs/msg/PointCloud2"
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+#: std_msgs' arrays of whole numbers.
+_INTEGER_ARRAYS = tuple(
+    f"std_msgs/msg/{sign}Int{bits}MultiArray" for sign in ("", "U") for bits in (8, 16, 32, 64)
+)
+
+
+# --------------------------------------------------------------------------------- ground truth
+
+
+def read_truth(bag: BagReader) -> Truth:
+    """Ground truth of a bag; without any messages where it has none.
+
+    `/ground_truth/people_poses` is a PoseArray in `map`. `/ground_truth/visible` is any array of
+    whole numbers of std_msgs, one number per person, 0: no robot sees that one. It has no stamp, so
+    each message of the first belongs to the message of the second that is nearest in bag time.
+
+    Raises:
+        BagError: A topic has another type, or the two do not fit together.
+    """
+    topics = [topic for topic in (TRUTH_TOPIC, VISIBLE_TOPIC) if topic in bag.topics]
+    for topic, types in ((TRUTH_TOPIC, ("geometry_msgs/msg/PoseArray",)),
+                         (VISIBLE_TOPIC, _INTEGER_ARRAYS)):  # fmt: skip
+        if topic in topics and bag.topics[topic].type not in types:
+            raise BagError(
+                f"{bag.path}: {topic} is {bag.topics[topic].type}; allowed: {', '.join(types)}"
+            )
+    stamps: list[int] = []
+    times: list[int] = []
+    positions: list[Float] = []
+    seen_times: list[int] = []
+    seen: list[NDArray[np.bool_]] = []
+    for topic, time_ns, message in bag.decoded(topics) if topics else ():
+        if topic == VISIBLE_TOPIC:
+            seen_times.append(time_ns)
+            seen.append(np.asarray(message.data) > 0)
+            continue
+        stamps.append(stamp_ns_of(message.header.stamp))
+        times.append(time_ns)
+        places = [(pose.position.x, pose.position.y) for pose in message.poses]
+        positions.append(np.array(places, dtype=np.float64).reshape(-1, 2))
+    if not seen:
+        return Truth.build(stamps, positions)
+    nearest = [int(np.argmin(np.abs(np.array(seen_times) - time_ns))) for time_ns in times]
+    for index, xy in zip(nearest, positions, strict=True):
+        if len(seen[index]) != len(xy):
+            raise BagError(
+                f"{bag.path}: {VISIBLE_TOPIC} has {len(seen[index])} numbers for {len(xy)} people "
+                f"of {TRUTH_TOPIC}; wanted: one per person"
+            )
+    return Truth.build(stamps, positions, [seen[index] for index in nearest])
+
+
+# -------------------------------------------------------------------------------------- results
+
+
+@dataclass(frozen=True)
+class View:
+    """One view of a robot's head, and what the robot made of it.
+
+    Attributes:
+        robot: The robot's name.
+        camera: Its head.
+        images: The prepared images.
+        stages: What its pipeline made of them.
+        times_ms: What each stage took, preparing the images (`prepare`) included [ms].
+    """
+
+    robot: str
+    camera: StereoCamera
+    images: StereoImages
+    stages: Stages
+    times_ms: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One run of the planner.
+
+    Attributes:
+        closed_ns: Bag time at which it closed [ns].
+        scans: What it was made from.
+        people: What came out.
+        views: By robot, the view behind its scan; not for robots whose `points` were recorded.
+    """
+
+    closed_ns: int
+    scans: Sequence[Scan]
+    people: People
+    views: Mapping[str, View]
+
+
+def estimate_of(people: People) -> Estimate:
+    """The people of an interval, as they are scored."""
+    return Estimate(
+        stamp_ns=people.stamp_ns,
+        positions=np.array([p.position for p in people.persons]).reshape(-1, 2),
+        covariances=np.array([p.covariance for p in people.persons]).reshape(-1, 2, 2),
+        centre=people.group.centre if people.group else None,
+    )
+
+
+def read_estimate(message: Any) -> Estimate:
+    """The people of a mrs_people_msgs/People, as they are scored; of several groups the largest."""
+
+    def place(pose: Any) -> tuple[float, float]:
+        return pose.pose.position.x, pose.pose.position.y
+
+    poses = [person.pose for person in message.persons]
+    group = max(message.groups, key=lambda g: g.size, default=None)
+    covariances = [np.reshape(pose.covariance, (6, 6))[:2, :2] for pose in poses]
+    return Estimate(
+        stamp_ns=stamp_ns_of(message.header.stamp),
+        positions=np.array([place(pose) for pose in poses], dtype=np.float64).reshape(-1, 2),
+        covariances=np.array(covariances, dtype=np.float64).reshape(-1, 2, 2),
+        centre=np.array(place(group.centre)) if group else None,
+    )
+
+
+# ---------------------------------------------------------------------------------- what is there
+
+
+@dataclass(frozen=True)
+class BagRobot:
+    """What a bag holds of one robot.
+
+    Attributes:
+        name: Its name: its namespace without the leading slash.
+        images: By kind (`image_rect`, `image_raw`), the cameras that have them.
+        points: Whether there are recorded scans.
+        poses: Which of the topics `odom`, `pose_in` and `pose` there are.
+    """
+
+    name: str
+    images: Mapping[str, tuple[str, ...]]
+    points: bool
+    poses: tuple[str, ...]
+
+
+def robots_of(bag: BagReader) -> dict[str, BagRobot]:
+    """The robots of a bag, by name: namespaces with images of a pair, or with `points`."""
+    types = {name: topic.type for name, topic in bag.topics.items() if topic.count}
+    namespaces = {
+        name.removesuffix(end)
+        for name in types
+        for end in ("/left/image_rect", "/left/image_raw", "/points")
+        if name.endswith(end) and name != end
+    }
+    robots = {}
+    for space in sorted(namespaces):
+        images = {}
+        for kind in ("image_rect", "image_raw"):
+            cameras = tuple(
+                c for c in ("left", "right", "top") if types.get(f"{space}/{c}/{kind}") == _IMAGE
+            )
+            if cameras[:2] == ("left", "right"):
+                images[kind] = cameras
+        kinds = {"odom": _ODOMETRY, "pose_in": _POSE, "pose": _POSE}
+        poses = tuple(name for name, kind in kinds.items() if types.get(f"{space}/{name}") == kind)
+        points = types.get(f"{space}/points") == _POINTS and "pose" in poses
+        if images or points:
+            robots[space.lstrip("/")] = BagRobot(space.lstrip("/"), images, points, poses)
+    return robots
+
+
+# ---------------------------------------------------------------------------------------- robots
+
+
+@dataclass
+class _Source:
+    """A robot of the team, fed with its messages. Handlers by topic are in `handlers`.
+
+    Attributes:
+        has: What the bag holds of it.
+        config: Its configuration.
+        views: Views so far.
+        scans: Scans so far.
+        poses: Poses so far.
+    """
+
+    has: BagRobot
+    config: RobotConfig
+    make: Callable[[str, StereoCamera, RobotConfig], Any]
+    handlers: dict[str, Callable[[Any], Scan | Pose | View | None]] = field(default_factory=dict)
+    scans: int = 0
+    poses: int = 0
+
+    def __post_init__(self) -> None:
+        name, config = self.has.name, self.config
+        if self.has.images:
+            kind = "image_rect" if config.images.rectified else "image_raw"
+            cameras = ("left", "right", "top") if config.images.top else ("left", "right")
+            self._cameras = cameras
+            self._models: dict[str, CameraModel] = {}
+            self._info_keys: dict[str, bytes] = {}
+            self._preparers: dict[str, ImagePreparer] = {}
+            self._pipeline: Any = None
+            self._waiting: Mapping[str, tuple[int, Gray]] | None = None
+            self.pairer: Pairer[Gray] = Pairer(
+                cameras, round(config.images.max_stamp_difference * 1e9), config.images.queue_size
+            )
+            for camera in cameras:
+                base = f"/{name}/{camera}"
+                self.handlers[f"{base}/camera_info"] = partial(self._on_info, camera)
+                self.handlers[f"{base}/{kind}"] = partial(self._on_image, camera)
+        else:
+            self.handlers[f"/{name}/points"] = self._on_points
+        self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
+        self._last_pose_ns: int | None = None
+
+    def _pose_topic(self) -> str:
+        has = self.has.poses
+        if not self.has.images or not {"odom", "pose_in"} & set(has):
+            return "pose"
+        source = self.config.pose.source
+        return source if source in has else next(s for s in ("odom", "pose_in") if s in has)
+
+    # ---- images ----
+
+    def _on_info(self, camera: str, message: Any) -> View | None:
+        parts = (message.width, message.height, message.distortion_model, message.binning_x)
+        arrays = (message.k, message.d, message.r, message.p)
+        key = repr(parts).encode() + b"".join(np.asarray(a).tobytes() for a in arrays)
+        if self._info_keys.get(camera) == key:
+            return None
+        self._info_keys[camera] = key
+        self._models.pop(camera, None)
+        self._pipeline = None
+        self._models[camera] = messages.read_camera_info(message)
+        if len(self._models) < len(self._cameras):
+            return None
+        images = self.config.images
+        self._preparers = {
+            c: ImagePreparer(
+                self._models[c],
+                rectified=images.rectified,
+                width=images.working_width,
+                height=images.working_height,
+            )
+            for c in self._cameras
+        }
+        models = {c: preparer.output for c, preparer in self._preparers.items()}
+        head = StereoCamera.from_models(
+            models["left"], models["right"], models.get("top"), self.config.mounting
+        )
+        self._pipeline = self.make(self.has.name, head, self.config)
+        waited, self._waiting = self._waiting, None
+        return self._process(waited) if waited is not None else None
+
+    def _on_image(self, camera: str, message: Any) -> View | None:
+        image = messages.read_image(message)
+        if camera in self._preparers:
+            self._preparers[camera].check_size(image)
+        found = self.pairer.add(camera, stamp_ns_of(message.header.stamp), image)
+        if found is None:
+            return None
+        if self._pipeline is None:
+            waited, self._waiting = self._waiting, found  # for the calibration
+            if waited is not None:
+                missing = ", ".join(c for c in self._cameras if c not in self._models)
+                raise ImageError(f"no camera_info of {missing}, or none that can be used")
+            return None
+        return self._process(found)
+
+    def _process(self, found: Mapping[str, tuple[int, Gray]]) -> View:
+        began = time.perf_counter()
+        prepared = {c: self._preparers[c](image) for c, (_, image) in found.items()}
+        images = StereoImages(found["left"][0], **prepared)
+        prepare_ms = (time.perf_counter() - began) * 1e3
+        stages = self._pipeline.stages(images)
+        times = {"prepare": prepare_ms, **stages.times_ms}
+        return View(self.has.name, self._pipeline.camera, images, stages, times)
+
+    def _on_points(self, message: Any) -> Scan:
+        return messages.read_scan(message, self.has.name)
+
+    # ---- pose ----
+
+    def _on_pose(self, message: Any) -> Pose | None:
+        pose = messages.read_pose(message)
+        settings, frame_id = self.config.pose, message.header.frame_id.lstrip("/")
+        if frame_id != settings.map_frame:
+            if not settings.map_from_odom:
+                raise PoseFrameError(
+                    f"{self._pose_topic()} is in frame {frame_id!r}; wanted: "
+                    f"{settings.map_frame!r}, or the parameter pose.map_from_odom (x, y, yaw of "
+                    "that frame in the map) in a file for --config"
+                )
+            x, y, yaw = settings.map_from_odom
+            pose = Pose(pose.stamp_ns, x, y, yaw) @ pose
+        last_ns = self._last_pose_ns
+        if last_ns is not None:
+            if 0 <= last_ns - pose.stamp_ns <= 1_000_000_000:
+                raise PoseError(f"stamp is {pose.stamp_ns} ns; wanted: newer than {last_ns} ns")
+            if self.has.images and 0 < pose.stamp_ns - last_ns < 0.9e9 / settings.max_rate:
+                return None  # robot_node would not send it
+        self._last_pose_ns = pose.stamp_ns
+        return pose
+
+    def nothing_said(self) -> str:
+        """Why there was no scan, as far as it is known."""
+        if self.has.images and self.pairer.unpaired:
+            nearest = self.pairer.smallest_difference_ns
+            seen = "no image of the other camera" if nearest is None else f"{nearest / 1e9:.4f} s"
+            return (
+                f"images found no pair; smallest difference of stamps seen: {seen}; allowed by "
+                f"images.max_stamp_difference: {self.config.images.max_stamp_difference:g} s"
+            )
+        return "it has no camera_info" if self.has.images else "no message on points can be used"
+
+
+class PoseFrameError(PoseError):
+    """Poses in a frame that nothing places in the map: every other one will be, too."""
+
+
+# ------------------------------------------------------------------------------------------- run
+
+
+class BagRun:
+    """A bag, and the team that its robots make with some configuration.
+
+    Args:
+        path: The bag.
+        configs: Parameter files, later ones win. What they do not say follows the bag: which images
+            (rectified or raw), whether there is a top camera, where the pose is.
+        pipeline: What makes scans: takes robot, camera and configuration, has `stages(images)`.
+        planner: What makes people: takes the configuration, has `step(scans, poses, time_ns)`.
+
+    Attributes:
+        path: The bag.
+        team: Configuration of the robots of the bag and of the planner.
+        notes: What a reader of the results should know, one line each.
+        dropped: Messages that were not used, by topic and reason.
+
+    Raises:
+        PeopleLocError: The bag cannot be read or has nothing to run, or a file is wrong.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        configs: Sequence[str | Path] = (),
+        *,
+        pipeline: Callable[[str, StereoCamera, RobotConfig], Any] = RobotPipeline,
+        planner: Callable[[PlannerConfig], Any] = Planner,
+    ) -> None:
+        self.path = Path(path)
+        self.notes: list[str] = []
+        self.dropped: Counter[str] = Counter()
+        self._make_pipeline, self._make_planner = pipeline, planner
+        with BagReader(self.path) as bag:
+            self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
+            self._has = robots_of(bag)
+            if not self._has:
+                raise BagError(
+                    f"{self.path}: no robot, i.e. no namespace with left and right images or with "
+                    f"points and pose; topics: {', '.join(bag.topics)}"
+                )
+        self.team = self._load(configs)
+
+    def _load(self, configs: Sequence[str | Path]) -> Team:
+        has = self._has
+        unless_said = {
+            name: {
+                "images.rectified": "image_rect" in robot.images or not robot.images,
+                "images.top": any("top" in cameras for cameras in robot.images.values()),
+                "pose.source": "pose_in" if robot.poses[:1] == ("pose_in",) else "odom",
+            }
+            for name, robot in has.items()
+        }
+        names = tuple(dict.fromkeys([*robots_named(*configs), *has]))
+        team = load_team(*configs, robots=names, unless_said=unless_said)
+        listed = team.planner.robots
+        wanted = listed or tuple(has)
+        if missing := [name for name in names if name not in has]:
+            self.notes.append(f"the bag has nothing of {', '.join(missing)}")
+        if others := [name for name in has if name not in wanted]:
+            self.notes.append(f"the configuration leaves out {', '.join(others)}")
+        used = tuple(name for name in wanted if name in has)
+        if not used:
+            raise BagError(
+                f"{self.path}: has none of the configured robots {', '.join(wanted)}; it has: "
+                f"{', '.join(has)}"
+            )
+        return Team(
+            dataclasses.replace(team.planner, robots=used),
+            {name: self._fit(has[name], team.robots[name]) for name in used},
+        )
+
+    def _fit(self, has: BagRobot, config: RobotConfig) -> RobotConfig:
+        """The configuration, changed where the bag does not have what it asks for."""
+        if not has.images:
+            return config
+        images = config.images
+        rectified = images.rectified
+        if ("image_rect" if rectified else "image_raw") not in has.images:
+            rectified = not rectified
+            self.notes.append(
+                f"{has.name}: the bag has only {'rectified' if rectified else 'raw'} images"
+            )
+        top = images.top and "top" in has.images["image_rect" if rectified else "image_raw"]
+        if top != images.top:
+            self.notes.append(f"{has.name}: the bag has no top images")
+        return dataclasses.replace(
+            config, images=dataclasses.replace(images, rectified=rectified, top=top)
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the bag's first message to its last."""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+    def truth(self) -> Truth:
+        """Ground truth; without any messages where the bag has none."""
+        with BagReader(self.path) as bag:
+            return read_truth(bag)
+
+    def intervals(
+        self,
+        *,
+        on_view: Callable[[View], None] | None = None,
+        on_progress: Callable[[float], None] | None = None,
+    ) -> Iterator[Interval]:
+        """Runs the bag, from the beginning each time.
+
+        Args:
+            on_view: Called with each view, also with those that no interval uses.
+            on_progress: Called with how much of the bag is done, 0 to 1.
+
+        Yields:
+            The intervals, as they close.
+
+        Raises:
+            PeopleLocError: The bag is damaged; the poses of a robot are in an unknown frame; or
+                no robot has anything that can be used. Single messages that cannot be used are
+                counted in `dropped`, as the nodes do.
+        """
+        sources = {
+            name: _Source(self._has[name], config, self._make_pipeline)
+            for name, config in self.team.robots.items()
+        }
+        handlers = {t: (s, h) for s in sources.values() for t, h in s.handlers.items()}
+        collector = IntervalCollector(self.team.planner.interval, self.team.planner.robots)
+        planner = self._make_planner(self.team.planner)
+        waiting: dict[str, View] = {}  # behind the scans that wait for their interval
+        reasons: dict[str, str] = {}
+        self.dropped.clear()
+
+        def close(now_ns: int) -> Iterator[Interval]:
+            closed = collector.close(now_ns)
+            if closed is None:
+                return
+            for robot, reason in closed.left_out.items():
+                self.dropped[f"{robot}: scan left out"] += 1
+                reasons.setdefault(robot, reason)
+            if closed.scans:
+                people = planner.step(closed.scans, closed.poses, closed.time_ns)
+                views = {
+                    scan.robot: waiting[scan.robot]
+                    for scan in closed.scans
+                    if scan.robot in waiting
+                }
+                yield Interval(now_ns, closed.scans, people, views)
+
+        with BagReader(self.path) as bag:
+            topics = [topic for topic in handlers if topic in bag.topics]
+            for raw in bag.messages(topics):
+                source, handle = handlers[raw.topic]
+                # The live planner looks at the clock all the time, not only when something comes.
+                yield from close(raw.time_ns)
+                try:
+                    made = handle(bag.decode(raw))
+                    if isinstance(made, Pose):
+                        collector.add_pose(source.has.name, made)
+                        source.poses += 1
+                    elif made is not None:
+                        if isinstance(made, View) and on_view is not None:
+                            on_view(made)
+                        scan = made.stages.scan if isinstance(made, View) else made
+                        collector.add_scan(scan, raw.time_ns)
+                        source.scans += 1
+                        if isinstance(made, View):
+                            waiting[scan.robot] = made
+                except BagError:
+                    raise
+                except PoseFrameError as err:
+                    raise PoseFrameError(f"{self.path}: {source.has.name}: {err}") from err
+                except PeopleLocError as err:
+                    self.dropped[f"{raw.topic}: not used"] += 1
+                    reasons.setdefault(source.has.name, f"{raw.topic}: {err}")
+                    continue
+                yield from close(raw.time_ns)
+                if on_progress is not None:
+                    on_progress((raw.time_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
+            wait_ns = round(self.team.planner.interval.max_wait * 1e9)
+            yield from close(self.end_ns + wait_ns)
+        self._check(sources, reasons)
+
+    def _check(self, sources: Mapping[str, _Source], reasons: Mapping[str, str]) -> None:
+        """Notes robots that gave nothing; an error if it was all of them."""
+        silent = {}
+        for name, source in sources.items():
+            if not source.scans:
+                silent[name] = "no scan: " + reasons.get(name, source.nothing_said())
+            elif not source.poses:
+                silent[name] = "no pose: " + reasons.get(name, f"topics: {source.has.poses}")
+        lines = [f"{name}: {why}" for name, why in silent.items()]
+        if len(silent) == len(sources):
+            raise BagError(f"{self.path}: {'; '.join(lines)}")
+        for line in lines:
+            if line not in self.notes:
+                self.notes.append(line)
+
+
+def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
+    """The people that a planner said when a bag was recorded.
+
+    Returns:
+        The topic, and what was said on it.
+
+    Raises:
+        BagError: There is no such topic, or several.
+    """
+    topics = [t.name for t in bag.topics.values() if t.type == PEOPLE_TYPE and t.count]
+    if len(topics) != 1:
+        raise BagError(
+            f"{bag.path}: has {len(topics)} topics of {PEOPLE_TYPE}; wanted: one "
+            f"(topics: {', '.join(topics or bag.topics)})"
+        )
+    return topics[0], [read_estimate(message) for _, _, message in bag.decoded(topics)]
