@@ -273,7 +273,8 @@ class Replayer:
             sec, nanosec = divmod(tick_ns, 10**9)
             self._clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
             # Ticks that are overdue are left out, but the clock never overtakes the messages.
-            tick_ns = max(tick_ns + step_ns, min(pace.now_ns(), until_ns))
+            overdue = (min(pace.now_ns(), until_ns) - tick_ns) // step_ns
+            tick_ns += step_ns * max(1, overdue)
         return tick_ns
 
     def _flush(self) -> None:

@@ -277,7 +277,8 @@ def test_clock(ros, tmp_path):
     assert ticks[0] == START_NS - 200_000_000
     assert ticks == sorted(set(ticks))
     steps = sorted(b - a for a, b in itertools.pairwise(ticks))
-    assert steps[len(steps) // 2] == 10_000_000
+    assert steps[0] == 10_000_000
+    assert all(step % 10_000_000 == 0 for step in steps)  # more: the machine was behind
     assert [s for s in seen if isinstance(s, str)] == [str(k) for k in range(6)]
 
 
@@ -288,9 +289,10 @@ def test_slow_clock_still_ticks_a_hundred_times_a_second(ros, tmp_path):
     with Replayer(bag, rate=0.25, clock=True) as player:
         player.wait_for_subscribers()
         player.play()
-    until(lambda: len(ticks) > 100)
+    until(lambda: ticks and ticks[-1] == 220_000_000)
     steps = sorted((b - a) % 10**9 for a, b in itertools.pairwise(ticks))
-    assert steps[len(steps) // 2] == 2_500_000  # 10 ms of real time
+    assert steps[0] == 2_500_000  # 10 ms of real time
+    assert all(step % 2_500_000 == 0 for step in steps)
 
 
 def test_bag_with_its_own_clock_plays_that(ros, tmp_path):
