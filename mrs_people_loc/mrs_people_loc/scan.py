@@ -16,6 +16,7 @@ Float32 = NDArray[np.float32]
 CELL_DTYPE = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("z_min", "<f4"), ("top", "<f4"), ("count", "<u4")]
 )
+_FIELDS = tuple((name, CELL_DTYPE[name]) for name in CELL_DTYPE.names or ())
 
 
 @dataclass(frozen=True)
@@ -44,15 +45,17 @@ class Cells:
         Raises:
             ScanError: Naming the field, what it is and what is wanted.
         """
-        for name in CELL_DTYPE.names or ():
+        size = len(self.x)
+        for name, dtype in _FIELDS:
             value = getattr(self, name)
-            if value.shape != (len(self.x),):
-                raise ScanError(f"{name} has shape {value.shape}; wanted: ({len(self.x)},)")
-            if value.dtype != CELL_DTYPE[name]:
-                raise ScanError(f"{name} is {value.dtype}; wanted: {CELL_DTYPE[name]}")
-            if name != "count" and not np.isfinite(value).all():
-                bad = int(np.count_nonzero(~np.isfinite(value)))
-                raise ScanError(f"{name} is NaN or infinite in {bad} of {len(value)} points")
+            if value.shape != (size,):
+                raise ScanError(f"{name} has shape {value.shape}; wanted: ({size},)")
+            if value.dtype != dtype:
+                raise ScanError(f"{name} is {value.dtype}; wanted: {dtype}")
+            if dtype.kind == "f":
+                bad = size - np.count_nonzero(np.isfinite(value))
+                if bad:
+                    raise ScanError(f"{name} is NaN or infinite in {bad} of {size} points")
 
     def __len__(self) -> int:
         """Number of cells."""
