@@ -48,8 +48,9 @@ class CloudMaker:
             flat = flat - np.float32(self.camera.disparity_offset_px)
         # NaN compares false, so pixels without a disparity drop out here.
         index = np.flatnonzero((flat >= self._min_disparity) & (flat <= self._max_disparity))
-        inverse = np.float32(1.0) / flat[index]
-        points = np.take(self._rays, index, axis=1)
+        # "clip" leaves out the check of the indices, which are good.
+        inverse = np.float32(1.0) / np.take(flat, index, mode="clip")
+        points = np.take(self._rays, index, axis=1, mode="clip")
         points *= inverse
         points += self._translation[:, np.newaxis]
         return points.T

@@ -81,13 +81,11 @@ class StereoMatcher:
         vertical = self._vertical(_rotated(images.left, turn), _rotated(images.top, turn))
         camera = self.camera
         ratio = camera.depth_disparity / (abs(camera.vertical_baseline) * camera.fy)
-        vertical = (cv2.rotate(vertical, back) - camera.vertical_offset_px) * ratio
-        vertical += camera.disparity_offset_px
-        return combine(
-            horizontal,
-            vertical.astype(np.float32, copy=False),
-            max_difference_px=self.config.trinocular_difference_px,
-        )
+        vertical = np.asarray(cv2.rotate(vertical, back), dtype=np.float32)
+        vertical -= np.float32(camera.vertical_offset_px)
+        vertical *= np.float32(ratio)
+        vertical += np.float32(camera.disparity_offset_px)
+        return combine(horizontal, vertical, max_difference_px=self.config.trinocular_difference_px)
 
 
 def combine(horizontal: Float32, vertical: Float32, *, max_difference_px: float) -> Float32:
@@ -104,11 +102,10 @@ def combine(horizontal: Float32, vertical: Float32, *, max_difference_px: float)
     Returns:
         Disparity [px], float32, the same shape, NaN where there is none or no agreement.
     """
-    mean = (horizontal + vertical) * np.float32(0.5)
-    mean[np.abs(horizontal - vertical) > max_difference_px] = np.nan
-    one = np.where(np.isnan(horizontal), vertical, horizontal)
-    both = ~(np.isnan(horizontal) | np.isnan(vertical))
-    return np.where(both, mean, one)
+    # Where only one has a value, fmax and fmin both give that one.
+    joined = (np.fmax(horizontal, vertical) + np.fmin(horizontal, vertical)) * np.float32(0.5)
+    joined[np.abs(horizontal - vertical) > max_difference_px] = np.nan
+    return joined
 
 
 class _BlockMatcher:
@@ -123,6 +120,8 @@ class _BlockMatcher:
             )
         half = config.block_size_px // 2
         self._pad = (half, half, searched + half, half)  # top, bottom, left, right
+        columns = np.arange(width) * SUBPIXELS
+        self._greatest = np.minimum(columns, np.iinfo(np.int16).max).astype(np.uint16)
         bm: Any = cv2.StereoBM_create(  # type: ignore[attr-defined]
             numDisparities=searched, blockSize=config.block_size_px
         )
@@ -139,14 +138,14 @@ class _BlockMatcher:
         self._bm = bm
 
     def __call__(self, left: Gray, right: Gray) -> Float32:
-        fixed = self.raw(left, right)
         height, width = left.shape
         top, _, start, _ = self._pad
-        disparity = fixed[top : top + height, start : start + width].astype(np.float32)
+        fixed = self.raw(left, right)[top : top + height, start : start + width]
+        disparity = fixed.astype(np.float32)
         disparity *= np.float32(1.0 / SUBPIXELS)
-        # Below 0: no match. More than the column: the match would lie outside the right image.
-        none = (disparity < 0) | (disparity > np.arange(width, dtype=np.float32))
-        disparity[none] = np.nan
+        # Below 0, that is large without the sign: no match. More than the column: the match would
+        # lie outside the right image.
+        disparity[fixed.view(np.uint16) > self._greatest] = np.nan
         return disparity
 
     def raw(self, left: Gray, right: Gray) -> NDArray[np.int16]:
