@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -179,28 +180,41 @@ def locate(
         human: Which of them are people, shape (m,).
         poses: By robot, the pose that its cells were placed with.
     """
-    people = []
-    for label in np.flatnonzero(human):
-        position = clusters.centroid[label]
-        robots = tuple(fused.robots[i] for i in np.flatnonzero(clusters.seen_by[label]))
-        of_poses = sum(_pose_effect(poses[name], position) for name in robots)
-        people.append(
-            Person(
-                position=position,
-                covariance=(clusters.scatter[label] + of_poses / len(robots)) / len(robots),
-                height=float(clusters.height[label]),
-                sigma=float(clusters.sigma[label]),
-                robots=robots,
-                label=int(label),
-            )
+    labels = np.flatnonzero(human)
+    positions, seen_by = clusters.centroid[labels], clusters.seen_by[labels]
+    of_poses = np.zeros((len(labels), 2, 2))
+    for name, seen in zip(fused.robots, seen_by.T, strict=True):
+        if seen.any():
+            of_poses[seen] += _pose_effect(poses[name], positions[seen])
+    robots = seen_by.sum(axis=1)[:, np.newaxis, np.newaxis]
+    covariances = (clusters.scatter[labels] + of_poses / robots) / robots
+    return tuple(
+        Person(
+            position=positions[i],
+            covariance=covariances[i],
+            height=float(clusters.height[label]),
+            sigma=float(clusters.sigma[label]),
+            robots=tuple(itertools.compress(fused.robots, seen_by[i])),
+            label=int(label),
         )
-    return tuple(people)
+        for i, label in enumerate(labels)
+    )
 
 
-def _pose_effect(pose: Pose, position: Float) -> Float:
-    """Covariance of a place that was measured from an uncertain pose, shape (2, 2) [m^2]."""
-    lever = np.array([[1.0, 0.0, -(position[1] - pose.y)], [0.0, 1.0, position[0] - pose.x]])
-    effect: Float = lever @ pose.covariance @ lever.T
+def _pose_effect(pose: Pose, positions: Float) -> Float:
+    """Covariance of places that were measured from an uncertain pose [m^2].
+
+    Args:
+        pose: The pose.
+        positions: The places [m], shape (m, 2).
+
+    Returns:
+        Shape (m, 2, 2).
+    """
+    lever = np.zeros((len(positions), 2, 3))
+    lever[:, 0, 0] = lever[:, 1, 1] = 1.0
+    lever[:, 0, 2], lever[:, 1, 2] = pose.y - positions[:, 1], positions[:, 0] - pose.x
+    effect: Float = lever @ pose.covariance @ lever.transpose(0, 2, 1)
     return effect
 
 
