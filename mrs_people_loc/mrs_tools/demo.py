@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 import os
 import tempfile
 import threading
 import time
 from collections import Counter, defaultdict
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,15 +15,16 @@ import numpy as np
 import typer
 
 from mrs_people_loc import messages
-from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import Team, load_team
 from mrs_people_loc.errors import BagError, PeopleLocError
-from mrs_people_loc.evaluation import MATCH_DISTANCE, match
-from mrs_people_loc.geometry import BODY_FROM_OPTICAL, rotation_from_rpy
+from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth, score, summary
+from mrs_people_loc.geometry import Float
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_tools.bags import BagReader
+from mrs_tools.offline import TRUTH_TOPIC, read_estimate, read_truth
 from mrs_tools.people import LivePeople
-from mrs_tools.plots import FieldOfView, TopView, draw_top_view
+from mrs_tools.plots import TopView, draw_top_view, seen_floor
 from mrs_tools.replay import Replayer
 from mrs_tools.team import RunningTeam, team_processes
 
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 _START_S = 60.0
 #: What is still under way after the bag's end gets this long [s].
 _TAIL_S = 1.5
-TRUTH_TOPIC = "/ground_truth/people_poses"
 
 
 def default_file(*parts: str) -> Path:
@@ -46,27 +44,6 @@ def default_file(*parts: str) -> Path:
         if root.joinpath(*parts).exists():
             return root.joinpath(*parts)
     return Path(*parts)
-
-
-@dataclass
-class Truth:
-    """Ground truth of a recording.
-
-    Attributes:
-        stamps_ns: Stamps [ns], ascending.
-        positions: At each stamp the true positions [m], shape (m, 2); NaN for who is not there.
-    """
-
-    stamps_ns: list[int] = field(default_factory=list)
-    positions: list[np.ndarray] = field(default_factory=list)
-
-    def at(self, stamp_ns: int) -> np.ndarray:
-        """The true positions nearest in time."""
-        if not self.stamps_ns:
-            return np.empty((0, 2))
-        index = bisect.bisect_left(self.stamps_ns, stamp_ns)
-        near = [i for i in (index - 1, index) if 0 <= i < len(self.stamps_ns)]
-        return self.positions[min(near, key=lambda i: abs(self.stamps_ns[i] - stamp_ns))]
 
 
 class Listener:
@@ -200,15 +177,11 @@ def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Even
         stop.wait(0.1)
 
 
-def _read_bag(path: Path, config: Team) -> tuple[Truth, dict[str, FieldOfView]]:
-    """Ground truth, and what each robot's camera sees."""
-    truth, infos = Truth(), {}
+def _read_bag(path: Path, config: Team) -> tuple[Truth, dict[str, Float]]:
+    """Ground truth, and what each robot's camera sees of the floor."""
+    infos: dict[str, CameraModel] = {}
     with BagReader(path) as bag:
-        wanted = [
-            topic
-            for topic in bag.topics
-            if topic == TRUTH_TOPIC or topic.endswith(("left/camera_info", "right/camera_info"))
-        ]
+        wanted = [t for t in bag.topics if t.endswith(("left/camera_info", "right/camera_info"))]
         missing = [r for r in config.robots if f"/{r}/left/camera_info" not in wanted]
         if missing:
             raise BagError(
@@ -216,55 +189,34 @@ def _read_bag(path: Path, config: Team) -> tuple[Truth, dict[str, FieldOfView]]:
                 f"topics: {', '.join(bag.topics)}"
             )
         for topic, _, message in bag.decoded(wanted):
-            if topic == TRUTH_TOPIC:
-                truth.stamps_ns.append(stamp_ns_of(message.header.stamp))
-                truth.positions.append(
-                    np.array([[p.position.x, p.position.y] for p in message.poses]).reshape(-1, 2)
-                )
-            elif topic not in infos:
+            if topic not in infos:
                 infos[topic] = messages.read_camera_info(message)
+        truth = read_truth(bag)
     views = {}
     for robot, settings in config.robots.items():
-        camera = StereoCamera.from_models(
-            infos[f"/{robot}/left/camera_info"], infos[f"/{robot}/right/camera_info"]
-        )
-        mounting = settings.mounting
-        turn = rotation_from_rpy(mounting.roll, mounting.pitch, mounting.yaw) @ BODY_FROM_OPTICAL
-        borders = []
-        for column in (0, camera.width - 1):
-            x, y, _ = turn @ ((column - camera.cx) / camera.fx, 0.0, 1.0)
-            borders.append(math.atan2(y, x))
-        views[robot] = FieldOfView(
-            borders[0], borders[1], settings.disparity.min_range, settings.disparity.max_range
-        )
+        left, right = (infos[f"/{robot}/{camera}/camera_info"] for camera in ("left", "right"))
+        camera = StereoCamera.from_models(left, right, mounting=settings.mounting)
+        reach = settings.disparity
+        views[robot] = seen_floor(camera, reach.min_range, reach.max_range)
     return truth, views
-
-
-def _positions(message: Any) -> np.ndarray:
-    places = [p.pose.pose.position for p in message.persons]
-    return np.array([[at.x, at.y] for at in places]).reshape(-1, 2)
 
 
 def _score(people: list[Any], truth: Truth, console: Console) -> None:
     """Prints found and expected people, and each one's error."""
     from rich.table import Table
 
-    if not truth.stamps_ns:
+    if not len(truth):
         console.print(f"the bag has no {TRUTH_TOPIC}: nothing to compare with")
         return
+    frames = score(truth, [read_estimate(message) for message in people])
     errors: defaultdict[int, list[float]] = defaultdict(list)
     expected: Counter[int] = Counter()
-    found = 0
-    for message in people:
-        true, positions = truth.at(stamp_ns_of(message.header.stamp)), _positions(message)
-        found += len(positions)
-        for there in np.flatnonzero(np.isfinite(true).all(axis=1)):
-            expected[int(there)] += 1
-        _, indices, distances = match(positions, true)
-        for which, distance in zip(indices, distances, strict=True):
+    for frame in frames:
+        expected.update(np.flatnonzero(frame.required).tolist())
+        for which, distance in zip(frame.pairs[:, 1], frame.errors, strict=True):
             errors[int(which)].append(float(distance))
     table = Table(title="against the ground truth", title_justify="left")
-    for column in ("person", "true x, y [m]", "found / expected", "mean error", "max error"):
+    for column in ("person", r"true x, y \[m]", "found / expected", "mean error", "max error"):
         table.add_column(column, justify="right")
     for index, count in sorted(expected.items()):
         own = errors[index]
@@ -273,11 +225,11 @@ def _score(people: list[Any], truth: Truth, console: Console) -> None:
         most = f"{100 * max(own):.1f} cm" if own else "-"
         table.add_row(str(index + 1), f"{x:.2f}, {y:.2f}", f"{len(own)} / {count}", mean, most)
     console.print(table)
-    every = [error for own in errors.values() for error in own]
-    mean = f"{100 * np.mean(every):.1f} cm" if every else "-"
+    report = summary(frames)["people"]
+    mean = f"{100 * report['error_m']['mean']:.1f} cm" if report["matched"] else "-"
     console.print(
-        f"found {len(every)} of {sum(expected.values())} people in {len(people)} intervals, "
-        f"{found - len(every)} false; mean error {mean} "
+        f"found {report['matched']} of {report['true']} people in {len(frames)} frames of the "
+        f"ground truth, {report['found'] - report['matched']} false; mean error {mean} "
         f"(a match is within {MATCH_DISTANCE:.2f} m)"
     )
 
@@ -286,7 +238,7 @@ def _top_view(
     message: Any,
     listener: Listener,
     truth: Truth,
-    views: dict[str, FieldOfView],
+    views: dict[str, Float],
     config: Team,
 ) -> TopView:
     stamp_ns = stamp_ns_of(message.header.stamp)
@@ -300,17 +252,19 @@ def _top_view(
     records = np.frombuffer(cells.data, layout)
     assert {"x", "y", "robot", "cluster", "person"} <= set(names)
     sigmas = config.planner.human.circle_sigmas
-    people = _positions(message)
+    people = read_estimate(message)
+    true, visible = truth.at(stamp_ns)
     return TopView(
-        title=f"{len(people)} people found by {len(message.scans)} robots",
+        title=f"{len(people.positions)} people found by {len(message.scans)} robots",
         xy=np.stack([records["x"], records["y"]], axis=1).astype(np.float64),
         robot=records["robot"],
         cluster=records["cluster"],
         person=records["person"],
         robots=messages.read_people_scans(message),
         views=views,
-        people=people,
+        people=people.positions,
         radii=[sigmas * p.sigma for p in message.persons],
-        truth=truth.at(stamp_ns),
+        truth=true,
+        visible=visible,
         circle_sigmas=sigmas,
     )

@@ -99,7 +99,7 @@ class LivePeople:
         if self._rate.silent_s > 2.0:
             title += f", silent for {self._rate.silent_s:.0f} s"
         table = Table(title=title, title_justify="left")
-        for column in ("id", "x [m]", "y [m]", "height [m]", "sigma [m]"):
+        for column in ("id", r"x \[m]", r"y \[m]", r"height \[m]", r"sigma \[m]"):
             table.add_column(column, justify="right")
         table.add_column("seen by")
         for index, person in enumerate(message.persons):
@@ -124,7 +124,7 @@ class LivePeople:
 
         table = Table(title="robots", title_justify="left")
         table.add_column("robot")
-        for column in ("scans/s", "age [ms]", "x [m]", "y [m]", "yaw [deg]"):
+        for column in ("scans/s", r"age \[ms]", r"x \[m]", r"y \[m]", r"yaw \[deg]"):
             table.add_column(column, justify="right")
         for robot in sorted(self._scans):
             scan = self._scans[robot]

@@ -1,4 +1,8 @@
-"""Figures of results; needs the extra `plots` (matplotlib)."""
+"""Drawings of results on axes of matplotlib (the extra `plots`), shared by the commands.
+
+All maps are drawn alike: x and y of the common frame in metres at one scale, a colour per robot,
+gold stars where people truly are.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.evaluation import CHI2_95
+from mrs_people_loc.fusion import map_from_robot
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.poses import Pose
 
@@ -18,23 +26,11 @@ if TYPE_CHECKING:
 
 #: Colours that differ for people who see few colours, too (Okabe & Ito); one per robot.
 ROBOT_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-
-
-@dataclass(frozen=True)
-class FieldOfView:
-    """What a robot can see of the floor.
-
-    Attributes:
-        left: Angle of the left border, from the robot's x axis [rad].
-        right: Angle of the right border [rad].
-        min_range: Nearest depth [m].
-        max_range: Farthest depth [m].
-    """
-
-    left: float
-    right: float
-    min_range: float
-    max_range: float
+#: Those of clusters, in turn; grey is for clusters that are no person.
+CLUSTER_COLORS = (*ROBOT_COLORS[:5], "#8C564B", "#17BECF", "#7F3C8D", "#A5AA00", "#E73F74")
+_NOBODY = "0.6"
+#: What a robot sees of a body is between the floor and this height [m].
+_BODY_HEIGHT = 2.0
 
 
 @dataclass(frozen=True)
@@ -48,11 +44,15 @@ class TopView:
         cluster: Label of each cell, shape (n,).
         person: Index in `people` of each cell, -1 for none, shape (n,).
         robots: Pose of each robot, by name.
-        views: Field of view of each robot, where it is known.
+        views: By robot, where it is known, the border of what it sees (see `seen_floor`).
         people: Positions [m], shape (m, 2).
         radii: Radius of each person's circle [m], shape (m,).
         truth: True positions [m], shape (k, 2); NaN for somebody who is not there.
         circle_sigmas: How many sigmas the circles are.
+        visible: Whether a robot sees each of the true people, shape (k,); None: not known.
+        covariances: Of the positions [m^2], shape (m, 2, 2); None: not drawn.
+        centre: Of the group [m], shape (2,); None: not drawn.
+        notes: By label, what to write beside the number of a cluster.
     """
 
     title: str
@@ -61,11 +61,57 @@ class TopView:
     cluster: np.ndarray
     person: np.ndarray
     robots: Mapping[str, Pose]
-    views: Mapping[str, FieldOfView]
+    views: Mapping[str, Float]
     people: Float
     radii: Sequence[float]
     truth: Float
     circle_sigmas: float = 3.0
+    visible: np.ndarray | None = None
+    covariances: Float | None = None
+    centre: Float | None = None
+    notes: Mapping[int, str] | None = None
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The least rectangle around everything: x from, to, y from, to [m]."""
+        borders = [
+            map_from_robot(border, self.robots[name])
+            for name, border in self.views.items()
+            if name in self.robots
+        ]
+        places = [(pose.x, pose.y) for pose in self.robots.values()]
+        every = np.concatenate(
+            [np.array(part).reshape(-1, 2) for part in (self.xy, self.truth, places, *borders)]
+        )
+        low, high = np.nanmin(every, axis=0) - 0.5, np.nanmax(every, axis=0) + 0.5
+        return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def seen_floor(camera: StereoCamera, min_range: float, max_range: float) -> Float:
+    """Border of the floor above which a head sees a body, whatever its mounting.
+
+    Args:
+        camera: The head.
+        min_range: Nearest depth along the optical axis [m].
+        max_range: Farthest depth [m].
+
+    Returns:
+        Corners of a convex polygon in the robot's base_link [m], shape (k, 2); none if the head
+        sees nothing between the floor and the height of a body.
+    """
+    rotation, origin = camera.robot_from_optical
+    u, v, depth = np.meshgrid(
+        np.linspace(0, camera.width - 1, 9),
+        np.linspace(0, camera.height - 1, 49),
+        np.linspace(min_range, max_range, 49),
+    )
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)])
+    x, y, z = rotation @ (rays * depth).reshape(3, -1) + origin[:, np.newaxis]
+    inside = (z >= 0.0) & (z <= _BODY_HEIGHT)
+    xy = np.stack([x[inside], y[inside]], axis=1)
+    try:
+        return np.asarray(xy[ConvexHull(xy).vertices])
+    except (QhullError, ValueError):  # fewer than three places
+        return np.empty((0, 2))
 
 
 def draw_top_view(view: TopView, path: str | Path) -> None:
@@ -76,78 +122,196 @@ def draw_top_view(view: TopView, path: str | Path) -> None:
         path: PNG file to write.
     """
     from matplotlib.figure import Figure
-    from matplotlib.patches import Circle
 
     figure = Figure(figsize=(9, 8), dpi=110, layout="constrained")
     axes = figure.add_subplot()
+    draw_robots(axes, view)
+    draw_cells(axes, view)
+    frame_nobody(axes, view)
+    number_clusters(axes, view)
+    draw_people(axes, view)
+    draw_truth(axes, view)
+    finish_map(axes, view)
+    axes.set_title(view.title)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    figure.savefig(path)
+
+
+# ----------------------------------------------------------------------------- parts of a map
+
+
+def finish_map(axes: Axes, view: TopView) -> None:
+    """Scale, limits, units and grid: the same on every map of a view."""
+    left, right, low, high = view.bounds()
+    axes.set_xlim(left, right)
+    axes.set_ylim(low, high)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x in map [m]")
+    axes.set_ylabel("y in map [m]")
+    axes.grid(alpha=0.25)
+
+
+def draw_robots(axes: Axes, view: TopView, *, names: bool = True) -> None:
+    """The robots, and what they see."""
     for index, (name, pose) in enumerate(view.robots.items()):
-        color = ROBOT_COLORS[index % len(ROBOT_COLORS)]
-        if name in view.views:
-            _draw_field_of_view(axes, pose, view.views[name], color)
-        _draw_robot(axes, name, pose, color)
+        color = robot_color(index)
+        border = view.views.get(name)
+        if border is not None and len(border):
+            axes.fill(*map_from_robot(border, pose).T, fc=color, ec=color, alpha=0.08, lw=1)
+        shape = np.array([[0.28, 0.0], [-0.18, 0.17], [-0.18, -0.17]])
+        axes.fill(*map_from_robot(shape, pose).T, fc=color, ec="black", lw=0.8, zorder=5)
+        if names:
+            axes.annotate(
+                name,
+                (pose.x, pose.y),
+                xytext=(0, -18),
+                textcoords="offset points",
+                ha="center",
+                annotation_clip=True,
+            )
+
+
+def robot_color(index: int) -> str:
+    """Colour of a robot, by its place in the team."""
+    return ROBOT_COLORS[index % len(ROBOT_COLORS)]
+
+
+def draw_cells(axes: Axes, view: TopView) -> None:
+    """The cells, in the colours of the robots that sent them."""
+    for index, name in enumerate(view.robots):
         mine = view.robot == index
-        axes.plot(*view.xy[mine].T, "s", ms=3.2, color=color, label=f"cells of {name}")
-    _draw_clusters(axes, view)
+        axes.plot(*view.xy[mine].T, "s", ms=3.2, color=robot_color(index), label=f"cells of {name}")
+
+
+def draw_clusters(axes: Axes, view: TopView) -> None:
+    """The cells, in a colour of each cluster; those that are no person are grey."""
+    people = 0
+    for label in np.unique(view.cluster):
+        cells = view.cluster == label
+        somebody = bool(view.person[cells][0] >= 0)
+        color = CLUSTER_COLORS[people % len(CLUSTER_COLORS)] if somebody else _NOBODY
+        people += somebody
+        axes.plot(*view.xy[cells].T, "s", ms=3.2, color=color)
+
+
+def frame_nobody(axes: Axes, view: TopView) -> None:
+    """Grey frames around the cells of clusters that are no person."""
+    nobody = view.person < 0
+    axes.plot(*view.xy[nobody].T, "s", ms=7, mfc="none", mec=_NOBODY, mew=0.8, zorder=1)
+
+
+def number_clusters(axes: Axes, view: TopView) -> None:
+    """Numbers every cluster, from 1."""
+    for label in np.unique(view.cluster):
+        cells = view.cluster == label
+        nobody = view.person[cells][0] < 0
+        text = f"{label + 1}" + (" no person" if nobody else "")
+        if view.notes and label in view.notes:
+            text += f"\n{view.notes[label]}"
+        axes.annotate(
+            text,
+            tuple(view.xy[cells].mean(axis=0)),
+            xytext=(14, 14),
+            textcoords="offset points",
+            color="0.45" if nobody else "black",
+            fontsize=9,
+        )
+
+
+def draw_people(axes: Axes, view: TopView) -> None:
+    """People as circles of some sigmas, and where they are said to be."""
+    from matplotlib.patches import Circle, Ellipse
+
     for (x, y), radius in zip(view.people, view.radii, strict=True):
         axes.add_patch(Circle((x, y), radius, fill=False, ec="black", lw=1.8))
     axes.plot(
         [], [], "o", ms=12, mfc="none", mec="black", label=f"people ({view.circle_sigmas:g} sigma)"
     )
     axes.plot(*view.people.T, "+", ms=9, mew=1.8, color="black", label="their positions")
-    if len(view.truth):
-        axes.plot(
-            *view.truth.T, "*", ms=11, mfc="gold", mec="black", mew=0.7, label="true positions"
-        )
-    axes.set_aspect("equal")
-    axes.set_xlabel("x in map [m]")
-    axes.set_ylabel("y in map [m]")
-    axes.set_title(view.title)
-    axes.grid(alpha=0.25)
-    axes.margins(0.05)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    figure.savefig(path)
+    if view.covariances is not None:
+        for place, covariance in zip(view.people, view.covariances, strict=True):
+            values, vectors = np.linalg.eigh(covariance)
+            width, height = 2.0 * np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0))
+            angle = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
+            axes.add_patch(
+                Ellipse(tuple(place), width, height, angle=angle, fill=False, ec="#D55E00", lw=1.2)
+            )
+        axes.plot([], [], "o", ms=12, mfc="none", mec="#D55E00", label="95 % ellipse")
+    if view.centre is not None:
+        axes.plot(*view.centre, "X", ms=10, mfc="0.3", mec="white", label="centre of the group")
 
 
-def _draw_field_of_view(axes: Axes, pose: Pose, view: FieldOfView, color: str) -> None:
-    # Depth is along the optical axis, so the borders of the range are straight lines.
-    middle = 0.5 * (view.left + view.right)
-    corners = []
-    for angle, depth in (
-        (view.left, view.min_range),
-        (view.left, view.max_range),
-        (view.right, view.max_range),
-        (view.right, view.min_range),
-    ):
-        distance = depth / math.cos(angle - middle)
-        heading = pose.yaw + angle
-        corners.append(
-            (pose.x + distance * math.cos(heading), pose.y + distance * math.sin(heading))
-        )
-    axes.fill(*np.array(corners).T, fc=color, ec=color, alpha=0.08, lw=1)
+def draw_truth(axes: Axes, view: TopView) -> None:
+    """Gold stars where people are; hollow ones where no robot sees them."""
+    if not len(view.truth):
+        return
+    seen = np.ones(len(view.truth), bool) if view.visible is None else view.visible
+    style: dict[str, Any] = {"mec": "black", "mew": 0.7, "ls": "none", "marker": "*", "ms": 11}
+    axes.plot(*view.truth[seen].T, **style, mfc="gold", label="true positions", zorder=6)
+    if not seen.all():
+        axes.plot(*view.truth[~seen].T, **style, mfc="white", label="seen by no robot", zorder=6)
 
 
-def _draw_robot(axes: Axes, name: str, pose: Pose, color: str) -> None:
-    shape = np.array([[0.28, 0.0], [-0.18, 0.17], [-0.18, -0.17]])
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    turned = shape @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y)
-    axes.fill(*turned.T, fc=color, ec="black", lw=0.8, zorder=5)
-    axes.annotate(name, (pose.x, pose.y), xytext=(0, -18), textcoords="offset points", ha="center")
+# ----------------------------------------------------------------------------------- statistics
 
 
-def _draw_clusters(axes: Axes, view: TopView) -> None:
-    """Numbers every cluster; those that are no person are drawn grey."""
-    for label in np.unique(view.cluster):
-        cells = view.cluster == label
-        centre = view.xy[cells].mean(axis=0)
-        nobody = view.person[cells][0] < 0
-        if nobody:
-            axes.plot(*view.xy[cells].T, "s", ms=7, mfc="none", mec="0.6", mew=0.8, zorder=1)
-        text = f"{label + 1}" + (" no person" if nobody else "")
-        axes.annotate(
-            text,
-            tuple(centre),
-            xytext=(14, 14),
-            textcoords="offset points",
-            color="0.45" if nobody else "black",
-            fontsize=9,
-        )
+def draw_errors(axes: Axes, errors_m: Float, *, limit_m: float) -> None:
+    """Histogram of the distances of matched people, with mean, median and 95th percentile.
+
+    Args:
+        axes: Where to.
+        errors_m: Distances [m].
+        limit_m: Greatest possible distance [m]: the end of the axis.
+    """
+    bins = np.linspace(0.0, 100 * limit_m, 41)
+    errors_cm = 100 * errors_m
+    axes.hist(errors_cm, bins=bins.tolist(), color=ROBOT_COLORS[0], alpha=0.75)
+    if len(errors_cm):
+        for name, value, color in (
+            ("median", np.median(errors_cm), ROBOT_COLORS[2]),
+            ("mean", errors_cm.mean(), "black"),
+            ("95 % are within", np.percentile(errors_cm, 95), ROBOT_COLORS[1]),
+        ):
+            axes.axvline(float(value), color=color, lw=1.8, label=f"{name} {value:.1f} cm")
+        axes.legend(frameon=False)
+    axes.set_xlim(0.0, 100 * limit_m)
+    axes.set_xlabel("distance of found from true position [cm]")
+    axes.set_ylabel("matched people (all frames)")
+    axes.grid(alpha=0.25, axis="y")
+
+
+def draw_kept(
+    axes: Axes,
+    kept: Mapping[str, Mapping[str, float | None]],
+    reference: Mapping[str, float] | None = None,
+) -> None:
+    """Bars: the share of points that each stage keeps of the one before.
+
+    Args:
+        axes: Where to.
+        kept: By robot, by stage.
+        reference: By stage, the share that somebody else had (the paper): a line.
+    """
+    stages = list(next(iter(kept.values()), {}))
+    width = 0.8 / max(1, len(kept))
+    for index, (robot, shares) in enumerate(kept.items()):
+        values = [100 * (shares[stage] or 0.0) for stage in stages]
+        places = np.arange(len(stages)) + (index - (len(kept) - 1) / 2) * width
+        bars = axes.bar(places, values, width * 0.92, color=robot_color(index), label=robot)
+        axes.bar_label(bars, fmt="%.0f", padding=2, fontsize=9)
+    for index, stage in enumerate(stages):
+        if reference and stage in reference:
+            axes.hlines(
+                100 * reference[stage],
+                index - 0.45,
+                index + 0.45,
+                color="black",
+                ls="--",
+                lw=1.8,
+                label="the paper" if index == 0 else "_",  # one line of the legend for all
+            )
+    axes.set_xticks(range(len(stages)), stages)
+    axes.set_ylim(0.0, 108.0)
+    axes.set_ylabel("kept of the stage before [%]")
+    axes.legend(frameon=False)
+    axes.grid(alpha=0.25, axis="y")
