@@ -1,0 +1,536 @@
+import dataclasses
+import math
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.config import (
+    Parameter,
+    PlannerConfig,
+    RobotConfig,
+    Section,
+    load_team,
+    robots_named,
+)
+from mrs_people_loc.errors import ConfigError, PeopleLocError
+
+NAN, INF = math.nan, math.inf
+
+ROBOT = {parameter.name: parameter for parameter in RobotConfig.parameters()}
+PLANNER = {parameter.name: parameter for parameter in PlannerConfig.parameters()}
+PARAMETERS = ROBOT | PLANNER
+
+
+def config_of(name: str, value: object) -> Section:
+    """The robot's or the planner's configuration with one value changed."""
+    return (RobotConfig if name in ROBOT else PlannerConfig).from_mapping({name: value})
+
+
+def value_of(config: Section, name: str) -> object:
+    value: object = config
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value
+
+
+# ---------------------------------------------------------------------------- defaults ----
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [  # of the paper, where it has them
+        ("images.working_width", 160),
+        ("images.working_height", 120),
+        ("mounting.height", 1.0),
+        ("disparity.block_size_px", 15),
+        ("disparity.pre_filter_size_px", 11),
+        ("disparity.min_range", 0.7),
+        ("disparity.max_range", 5.0),
+        ("zones.low", 0.20),
+        ("zones.high", 1.40),
+        ("noise.window", 0.10),
+        ("noise.min_points", 20),
+        ("quantization.cell", 0.05),
+        ("clustering.distance", 0.15),
+        ("human.circle_sigmas", 3.0),
+        ("pose.max_rate", 100.0),
+        ("interval.max_wait", 0.1),
+        ("interval.max_scan_age", 0.25),
+        ("robots", ()),
+    ],
+)
+def test_defaults_are_those_of_the_paper(name, value):
+    assert PARAMETERS[name].default == value
+    assert value_of((RobotConfig if name in ROBOT else PlannerConfig)(), name) == value
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_every_parameter_is_defined_whole(name):
+    parameter = PARAMETERS[name]
+    assert parameter.name == name
+    assert parameter.doc
+    assert parameter.check(parameter.default) == parameter.default
+    assert type(parameter.check(parameter.default)) is type(parameter.default)
+    if parameter.kind in ("int", "float"):
+        assert parameter.low is not None
+        assert parameter.high is not None
+
+
+def test_a_configuration_does_not_change():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        RobotConfig().zones.low = 0.3  # type: ignore[misc]
+
+
+# ------------------------------------------------------------------------------ values ----
+
+RELATED = {  # a value at its limit needs its partner out of the way
+    "disparity.min_range": {"disparity.max_range": 100.0},
+    "disparity.max_range": {"disparity.min_range": 0.1},
+    "zones.low": {"zones.high": 10.0},
+    "zones.high": {"zones.low": -1.0},
+    "human.min_height": {"human.max_height": 10.0},
+    "human.max_height": {"human.min_height": 0.0},
+    "human.min_width": {"human.max_width": 10.0},
+    "human.max_width": {"human.min_width": 0.0},
+}
+NUMBERS = [name for name, p in PARAMETERS.items() if p.kind in ("int", "float")]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_limits_are_inclusive(name):
+    parameter = PARAMETERS[name]
+    assert parameter.low is not None
+    assert parameter.high is not None
+    kind = {"int": int, "float": float}[parameter.kind]
+    for limit, outwards in ((kind(parameter.low), -1), (kind(parameter.high), 1)):
+        assert parameter.check(limit) == limit
+        beyond = limit + outwards * (2 if kind is int else 1e-9)  # two: from odd to odd
+        with pytest.raises(ConfigError, match=f"^{name} is .*; allowed: .* from .* to "):
+            parameter.check(beyond)
+        # zones.low = 10 leaves no room above, zones.high = -1 none below.
+        if name in ("zones.low", "zones.high") and outwards == (1 if name == "zones.low" else -1):
+            continue
+        section = RobotConfig if name in ROBOT else PlannerConfig
+        config = section.from_mapping({name: limit} | RELATED.get(name, {}))
+        assert value_of(config, name) == limit
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("zones.low", NAN, "a number from -1 to 10"),
+        ("zones.low", INF, "a number from -1 to 10"),
+        ("zones.low", -INF, "a number from -1 to 10"),
+        ("zones.low", None, "a number from -1 to 10"),
+        ("zones.low", "0.2", "a number from -1 to 10"),
+        ("zones.low", True, "a number from -1 to 10"),
+        ("zones.low", [0.2], "a number from -1 to 10"),
+        ("zones.low", 10**400, "a number from -1 to 10"),
+        ("noise.min_points", 1.5, "a whole number from 1 to 100000"),
+        ("noise.min_points", NAN, "a whole number from 1 to 100000"),
+        ("noise.min_points", True, "a whole number"),
+        ("noise.min_points", "20", "a whole number"),
+        ("noise.min_points", -(10**400), "a whole number"),
+        ("disparity.block_size_px", 14, "an odd whole number from 5 to 51"),
+        ("disparity.block_size_px", 14.0, "an odd whole number"),
+        ("disparity.pre_filter", "laplace", "one of xsobel, normalized_response"),
+        ("disparity.pre_filter", None, "one of xsobel"),
+        ("disparity.pre_filter", ["xsobel"], "one of xsobel"),
+        ("images.top", 1, "true or false"),
+        ("images.top", "true", "true or false"),
+        ("images.top", None, "true or false"),
+        ("pose.map_frame", 3, "a text"),
+        ("pose.map_from_odom", [1.0, 2.0], "a list of numbers of length 3"),
+        ("pose.map_from_odom", [1.0, 2.0, 3.0, 4.0], "a list of numbers of length 3"),
+        ("pose.map_from_odom", [1.0, 2.0, NAN], "a list of numbers"),
+        ("pose.map_from_odom", [1.0, 2.0, "3"], "a list of numbers"),
+        ("pose.map_from_odom", [1.0, 2.0, True], "a list of numbers"),
+        ("pose.map_from_odom", "123", "a list of numbers"),
+        ("pose.map_from_odom", b"123", "a list of numbers"),
+        ("pose.map_from_odom", 1.0, "a list of numbers"),
+        ("robots", "robot_a", "a list of texts"),
+        ("robots", ["robot_a", ""], "a list of texts"),
+        ("robots", ["robot_a", 1], "a list of texts"),
+        ("robots", None, "a list of texts"),
+    ],
+)
+def test_a_bad_value_is_refused(name, value, allowed):
+    with pytest.raises(ConfigError) as error:
+        config_of(name, value)
+    assert str(error.value).startswith(f"{name} is {value!r}; allowed: {allowed}")
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "value"),
+    [
+        ("noise.min_points", 20.0, 20),
+        ("zones.low", 0, 0.0),
+        ("zones.low", 1, 1.0),
+        ("pose.map_from_odom", [1, 2.5, 3], (1.0, 2.5, 3.0)),
+        ("pose.map_from_odom", [], ()),
+        ("robots", ["robot_a", "robot_b"], ("robot_a", "robot_b")),
+        ("robots", ["fleet/robot_a"], ("fleet/robot_a",)),
+        ("images.top", True, True),
+    ],
+)
+def test_values_come_in_the_fields_type(name, given, value):
+    got = value_of(config_of(name, given), name)
+    assert got == value
+    assert type(got) is type(value)
+    if isinstance(value, tuple):
+        assert [type(item) for item in got] == [type(item) for item in value]  # type: ignore[attr-defined]
+
+
+def test_what_is_allowed_without_limits():
+    assert Parameter("x", "float", 1.0, "").allowed() == "a number"
+    assert Parameter("x", "int", 1, "", low=2).allowed() == "a whole number of at least 2"
+    assert Parameter("x", "int", 1, "").check(10**30) == 10**30
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"zones.low": 1.4}, "zones.low is 1.4; allowed: less than zones.high, 1.4"),
+        (
+            {"zones.low": 1.5, "zones.high": 1.2},
+            "zones.low is 1.5; allowed: less than zones.high, ",
+        ),
+        (
+            {"disparity.min_range": 5.0},
+            "disparity.min_range is 5; allowed: less than disparity.max_range, 5",
+        ),
+        ({"disparity.max_range": 0.5}, "disparity.min_range is 0.7; allowed: less than"),
+        ({"human.min_height": 2.3}, "human.min_height is 2.3; allowed: at most human.max_height"),
+        ({"human.max_width": 0.1}, "human.min_width is 0.2; allowed: at most human.max_width, 0.1"),
+        ({"robots": ["a", "b", "a"]}, "robots names a more than once; allowed: each robot once"),
+        ({"robots": ["/robot_a"]}, "robots has '/robot_a'; allowed: ROS namespaces without a lead"),
+        ({"robots": ["robot a"]}, "robots has 'robot a'"),
+        ({"robots": ["robot_a/"]}, "robots has 'robot_a/'"),
+        ({"robots": ["1"]}, "robots has '1'"),
+    ],
+)
+def test_values_that_do_not_fit_together_are_refused(values, message):
+    section = RobotConfig if set(values) <= set(ROBOT) else PlannerConfig
+    with pytest.raises(ConfigError, match=message):
+        section.from_mapping(values)
+
+
+def test_limits_that_meet_are_allowed_for_people():
+    PlannerConfig.from_mapping({"human.min_height": 2.2, "human.max_width": 0.2})
+
+
+def test_a_section_checks_what_it_is_built_of():
+    with pytest.raises(ConfigError, match="Zones: low is nan; allowed: a number from -1 to 10"):
+        cfg.Zones(low=NAN)
+    assert type(cfg.Noise(min_points=20.0).min_points) is int
+
+
+# ------------------------------------------------------------------------------- names ----
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"zones.hihg": 1.0}, "unknown parameter zones.hihg; did you mean zones.high?"),
+        ({"zones": {"lwo": 1.0}}, "unknown parameter zones.lwo; did you mean zones.low?"),
+        ({"zones": 1.0}, "unknown parameter zones; did you mean zones.low?"),
+        ({"noise.windw": 0.1}, "did you mean noise.window?"),
+        ({"zones.low.m": 1.0}, "unknown parameter zones.low.m; did you mean zones.low?"),
+        ({"qqq": 1.0}, "unknown parameter qqq; known: images.rectified, images.top, "),
+        ({1: 1.0}, "unknown parameter 1; known: "),
+        ({None: 1.0}, "unknown parameter None; "),
+    ],
+)
+def test_an_unknown_name_is_refused(values, message):
+    with pytest.raises(ConfigError) as error:
+        RobotConfig.from_mapping(values)
+    assert message in str(error.value)
+
+
+def test_nested_and_dotted_names_are_the_same():
+    nested = RobotConfig.from_mapping({"zones": {"low": 0.3}, "noise": {"min_points": 5}})
+    assert nested == RobotConfig.from_mapping({"zones.low": 0.3, "noise.min_points": 5})
+    assert nested.zones == cfg.Zones(low=0.3, high=1.4)
+    assert nested.noise == cfg.Noise(min_points=5)
+    assert nested.disparity == cfg.Disparity()
+
+
+def test_what_is_not_named_stays():
+    base = RobotConfig.from_mapping({"zones.low": 0.3, "mounting.height": 2.0})
+    changed = RobotConfig.from_mapping({"zones.high": 1.2}, base)
+    assert changed.zones == cfg.Zones(low=0.3, high=1.2)
+    assert changed.mounting.height == 2.0
+    assert base.zones.high == 1.4
+    assert RobotConfig.from_mapping({}, base) == base
+    assert RobotConfig.from_mapping({"zones": {}}) == RobotConfig()
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        RobotConfig(),
+        PlannerConfig(),
+        RobotConfig.from_mapping({"pose.map_from_odom": [1, 2, 3], "images.top": True}),
+        PlannerConfig.from_mapping({"robots": ["robot_b", "robot_a"]}),
+    ],
+)
+def test_a_mapping_and_back_also_through_yaml(config):
+    mapping = config.to_mapping()
+    assert type(config).from_mapping(mapping) == config
+    assert type(config).from_mapping(yaml.safe_load(yaml.safe_dump(mapping))) == config
+
+
+plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+values = plain | st.lists(plain, max_size=3)
+names = st.sampled_from([*PARAMETERS, *{name.split(".")[0] for name in PARAMETERS}]) | plain
+
+
+@given(st.recursive(st.dictionaries(names, values, max_size=4), lambda inner: st.dictionaries(
+    names, inner | values, max_size=3
+)))  # fmt: skip
+def test_any_mapping(mapping):
+    for section in (RobotConfig, PlannerConfig):
+        try:
+            section.from_mapping(mapping)
+        except PeopleLocError as err:
+            assert type(err) is ConfigError  # noqa: PT017
+
+
+# ------------------------------------------------------------------------------- files ----
+
+TEAM = """
+/**/robot_node:            # every robot
+  ros__parameters:
+    use_sim_time: true
+    zones: {low: 0.30, high: 1.30}
+    noise.min_points: 15
+/robot_a/robot_node:       # one robot; later sections win
+  ros__parameters:
+    zones: {low: 0.25}
+    images: {top: true}
+/**/planner_node:
+  ros__parameters:
+    robots: [robot_a, robot_b]
+    human: {min_points: 99}
+"""
+
+
+@pytest.fixture(scope="session")
+def file_with(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("config")
+
+    def write(content: str | bytes, name: str = "team.yaml"):
+        path = folder / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return write
+
+
+def test_a_team(file_with):
+    team = load_team(file_with(TEAM))
+    assert team.planner == PlannerConfig.from_mapping(
+        {"robots": ["robot_a", "robot_b"], "human.min_points": 99}
+    )
+    every = {"zones": {"low": 0.30, "high": 1.30}, "noise.min_points": 15}
+    assert dict(team.robots) == {
+        "robot_a": RobotConfig.from_mapping(every | {"zones.low": 0.25, "images.top": True}),
+        "robot_b": RobotConfig.from_mapping(every),
+    }
+
+
+def test_the_order_of_sections_decides(file_with):
+    first_one, then_all = TEAM.index("/robot_a"), TEAM.index("/**/planner")
+    turned = TEAM[first_one:then_all] + TEAM[:first_one] + TEAM[then_all:]
+    robot = load_team(file_with(turned)).robots["robot_a"]
+    assert robot.zones == cfg.Zones(low=0.30, high=1.30)
+    assert robot.images.top
+
+
+def test_later_files_win(file_with):
+    one = file_with(TEAM, "one.yaml")
+    other = file_with(
+        "/**/robot_node: {ros__parameters: {zones: {low: 0.1}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_c, robot_a]}}",
+        "other.yaml",
+    )
+    team = load_team(one, other)
+    assert team.planner.robots == ("robot_c", "robot_a")
+    assert team.planner.human.min_points == 99
+    assert team.robots["robot_a"].zones == cfg.Zones(low=0.1, high=1.3)
+    team = load_team(other, one)
+    assert team.planner.robots == ("robot_a", "robot_b")
+    assert team.robots["robot_a"].zones == cfg.Zones(low=0.25, high=1.3)
+
+
+ONE_FOR_ALL = "/**/robot_node: {ros__parameters: {zones: {low: 0.1}}}"
+
+
+def test_robots_that_the_file_does_not_name(file_with):
+    path = file_with(ONE_FOR_ALL)
+    assert dict(load_team(path).robots) == {}
+    team = load_team(path, robots=("robot_x", "fleet/robot_y"))
+    assert team.robots["robot_x"].zones.low == 0.1
+    assert team.robots["fleet/robot_y"].zones.low == 0.1
+    assert team.planner.robots == ()
+    assert list(load_team(file_with(TEAM), robots=("robot_x",)).robots) == ["robot_a", "robot_b"]
+
+
+def test_parameters_that_hold_unless_the_file_says_otherwise(file_with):
+    unless_said = {"robot_a": {"images.top": False, "mounting.height": 1.5}}
+    robots = load_team(file_with(TEAM), unless_said=unless_said).robots
+    assert robots["robot_a"].images.top  # the file says so
+    assert robots["robot_a"].mounting.height == 1.5
+    assert robots["robot_b"].mounting.height == 1.0
+
+
+def test_which_robots_files_name(file_with):
+    assert robots_named(file_with(TEAM)) == ("robot_a", "robot_b")
+    assert robots_named(file_with(ONE_FOR_ALL)) == ()
+    own = (
+        "/robot_b/robot_node: {ros__parameters: {}}\n"
+        "/fleet/robot_a/robot_node: {ros__parameters: {}}"
+    )
+    assert robots_named(file_with(own), file_with(ONE_FOR_ALL, "all.yaml")) == (
+        "robot_b",
+        "fleet/robot_a",
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "robots"),
+    [
+        ("/**/robot_node", {"robot_a", "fleet/robot_b"}),
+        ("/**", {"robot_a", "fleet/robot_b"}),
+        ("/*/robot_node", {"robot_a"}),
+        ("/robot_a/robot_node", {"robot_a"}),
+        ("robot_a/robot_node", {"robot_a"}),
+        ("/fleet/**/robot_node", {"fleet/robot_b"}),
+        ("/fleet/*/robot_node", {"fleet/robot_b"}),
+        ("/*/robot_b/robot_node", {"fleet/robot_b"}),
+        ("/robot_node", set()),
+    ],
+)
+def test_which_robots_a_section_is_for(file_with, key, robots):
+    own = "use_sim_time: true" if key == "/**" else "zones: {low: 0.1}"
+    path = file_with(f"'{key}': {{ros__parameters: {{{own}}}}}")
+    if key == "/robot_node":
+        with pytest.raises(ConfigError, match="section /robot_node is of a robot that is not in t"):
+            load_team(path, robots=("robot_a", "fleet/robot_b"))
+        return
+    team = load_team(path, robots=("robot_a", "fleet/robot_b"))
+    if key != "/**":
+        assert {name for name, config in team.robots.items() if config.zones.low == 0.1} == robots
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "is not a ROS 2 parameter file"),
+        ("[1, 2]", "is not a ROS 2 parameter file"),
+        ("text", "is not a ROS 2 parameter file"),
+        ("/**: {}", r"section /\*\* must hold `ros__parameters:` and only that"),
+        ("/**: [ros__parameters]", "must hold `ros__parameters:` and only that"),
+        ("/**: {ros__parameters: {}, more: 1}", "must hold `ros__parameters:` and only that"),
+        ("/**/robot_node: {ros__parameters: }", "ros__parameters must be a mapping"),
+        ("/**/robot_node: {ros__parameters: [1]}", "ros__parameters must be a mapping"),
+        ("a: {b", "cannot be read as a YAML file"),
+        ("\t- a", "cannot be read as a YAML file"),
+        (b"a: \xff\xfe", "cannot be read as a YAML file"),
+        # What PyYAML does not translate into its own error.
+        ("a: 2001-13-45", "cannot be read as a YAML file"),
+        ("a: !!int x", "cannot be read as a YAML file"),
+        ("a: !!int ''", "cannot be read as a YAML file"),
+        ("a: !!bool x", "cannot be read as a YAML file"),
+        ("a: !!timestamp x", "cannot be read as a YAML file"),
+        ("[" * 1000, "cannot be read as a YAML file"),
+        ("a: " + "9" * 5000, "cannot be read as a YAML file"),
+        ("/**/robot_node: {ros__parameters: &a {zones: *a}}", "section /.* nested too deeply"),
+        ("/**/robot_node: {ros__parameters: {zones: &a [*a]}}", "unknown parameter zones"),
+        (
+            "/**/robot_node: {ros__parameters: {noise: {window: 1.0e+400}}}",
+            "noise.window is inf; al",
+        ),
+        (
+            "/**/robot_node: {ros__parameters: {noise.window: " + "9" * 400 + "}}",
+            "noise.window is 9+; allowed",
+        ),
+        (
+            "/**/robot_node: {ros__parameters: {zones: {hihg: 1}}}",
+            r"section /\*\*/robot_node: unknown parameter zones.hihg; did you mean zones.high",
+        ),
+        (
+            "/r/robot_node: {ros__parameters: {zones: {low: 9.0}}}",
+            "section /r/robot_node: zones.low is 9; allowed: less than zones.high",
+        ),
+        (
+            "/**/planner_node: {ros__parameters: {zones: {low: 0.2}}}",
+            r"section /\*\*/planner_node: unknown parameter zones.low",
+        ),
+        (
+            "/**/planner_node: {ros__parameters: {robots: [a, a]}}",
+            "robots names a more than once",
+        ),
+        ("/**: {ros__parameters: {zones: {low: 0.2}}}", "unknown parameter zones.low"),
+        ("/robot_a/robto_node: {ros__parameters: {}}", "section /robot_a/robto_node names no node"),
+        ("/my_planner_node: {ros__parameters: {a: 1}}", "section /my_planner_node names no node"),
+        ("/r/my_robot_node: {ros__parameters: {a: 1}}", "section /r/my_robot_node names no node"),
+        ("/robot_*/robot_node: {ros__parameters: {}}", r"section /robot_\*/robot_node names no no"),
+    ],
+)
+def test_a_bad_file_is_refused(file_with, content, message):
+    path = file_with(content)
+    with pytest.raises(ConfigError, match=message) as error:
+        load_team(path)
+    assert str(error.value).startswith(f"{path}: ") or "/**: {ros" in str(content)
+
+
+def test_a_robot_that_is_not_in_the_team_is_refused(file_with):
+    path = file_with(TEAM.replace("/robot_a/", "/robot_x/"))
+    message = "section /robot_x/robot_node is of a robot that is not in the team: robot_a, robot_b"
+    with pytest.raises(ConfigError, match=message):
+        load_team(path)
+
+
+def test_relations_hold_also_across_sections(file_with):
+    content = (
+        "/**/robot_node: {ros__parameters: {zones: {high: 0.9}}}\n"
+        "/robot_a/robot_node: {ros__parameters: {zones: {low: 1.0}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_a]}}"
+    )
+    with pytest.raises(ConfigError, match=r"zones\.low is 1; allowed: less than zones\.high, 0.9"):
+        load_team(file_with(content))
+
+
+def test_a_file_that_is_not_there_is_refused(file_with):
+    folder = file_with("").parent
+    for path in (folder / "none.yaml", folder, str(folder / "none.yaml"), "a\0b"):
+        with pytest.raises(ConfigError, match="cannot be read as a YAML file"):
+            load_team(path)
+
+
+node_keys = st.sampled_from(["/**", "/*", "/**/robot_node", "/r/robot_node", "/**/planner_node"])
+bodies = st.dictionaries(
+    st.just("ros__parameters"),
+    st.dictionaries(names, st.dictionaries(names, values, max_size=2) | values, max_size=3) | plain,
+)
+documents = (
+    st.dictionaries(node_keys | plain, bodies | plain, max_size=3).map(yaml.safe_dump)
+    | st.text(st.sampled_from("/*_:{}[]&!%-?|>'\"#, \n\tarobtnde019.~"), max_size=40)
+    | st.text(max_size=20)
+    | st.binary(max_size=20)
+)
+
+
+@given(documents, st.sampled_from([(), ("r",), ("r", "r/s")]))
+@settings(max_examples=200)
+def test_any_file(file_with, content, robots):
+    path = file_with(content, "any.yaml")
+    for read in (lambda: load_team(path, robots=robots), lambda: robots_named(path)):
+        try:
+            read()
+        except PeopleLocError as err:
+            assert type(err) is ConfigError  # noqa: PT017

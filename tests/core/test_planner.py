@@ -1,0 +1,161 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.errors import PoseError, ScanError
+from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.planner import People, Planner
+from mrs_people_loc.poses import Pose
+from mrs_people_loc.scan import Cells, Scan
+
+PI = math.pi
+BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]  # 0.3 x 0.1 m
+
+# People on the map, and the robots: a looks back at them, b and c follow.
+PEOPLE = [(3.0, 3.0), (3.0, 4.0), (4.5, 3.5)]
+POSES = {
+    "robot_a": Pose(0, 6.0, 3.5, PI, np.diag([0.01, 0.02, 0.001])),
+    "robot_b": Pose(0, 0.5, 2.0, 0.4, np.diag([0.02, 0.01, 0.002])),
+    "robot_c": Pose(0, 0.5, 5.0, -0.4),
+}
+
+
+def in_robot(pose: Pose, points) -> np.ndarray:
+    """Points of the map in a robot's base_link."""
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return (np.array(points) - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
+
+
+@pytest.fixture(scope="session")
+def scene(make_cells):
+    """A scan of every robot: of each person a body around the place, and a low table."""
+
+    def scan(robot: str, stamp: int) -> Scan:
+        placed = [(x + dx, y + dy) for x, y in PEOPLE for dx, dy in BODY]
+        table = [(1.0 + dx, 1.0 + dy) for dx, dy in BODY]
+        top = [1.7] * len(placed) + [0.7] * len(table)
+        return Scan(robot, stamp, make_cells(in_robot(POSES[robot], placed + table), top=top))
+
+    return [scan(robot, stamp) for stamp, robot in enumerate(POSES)]
+
+
+def step(scans, poses=None, time_ns=7) -> People:
+    return Planner(PlannerConfig()).step(scans, POSES if poses is None else poses, time_ns)
+
+
+def positions(people: People) -> np.ndarray:
+    return np.array([person.position for person in people.persons]).reshape(-1, 2)
+
+
+def test_people_of_a_scene(scene):
+    people = step(scene)
+    np.testing.assert_allclose(positions(people), PEOPLE, atol=1e-6)
+    assert all(p.robots == ("robot_a", "robot_b", "robot_c") for p in people.persons)
+    assert all(p.height == pytest.approx(1.7) for p in people.persons)
+    assert len(people.clusters) == 4  # and the table
+    assert people.stamp_ns == 7
+    assert people.group is not None
+    np.testing.assert_allclose(people.group.centre, (3.5, 3.5), atol=1e-6)
+    assert people.group.size == 3
+    assert len(people.fused) == 3 * 4 * len(BODY)
+    assert list(people.times_ms) == ["fusion", "clustering", "people"]
+
+
+def test_what_it_was_made_from(scene):
+    people = step(scene[:2])
+    assert people.poses == {name: POSES[name] for name in ("robot_a", "robot_b")}
+    assert people.fused.robots == ("robot_a", "robot_b")
+
+
+def test_the_configuration_counts(scene):
+    for values, found in (
+        ({"human.min_height": 0.5}, 4),
+        ({"human.min_height": 1.8}, 0),
+        ({"clustering.distance": 0.01}, 0),
+        ({"clustering.distance": 0.75}, 3),
+        ({"clustering.distance": 0.95, "human.max_width": 2.0}, 2),  # two in a row become one
+    ):
+        planner = Planner(PlannerConfig.from_mapping(values))
+        assert len(planner.step(scene, POSES, 0).persons) == found, values
+
+
+@pytest.mark.parametrize("scans", [[], [Scan("robot_a", 0, Cells.empty())]])
+def test_nobody(scans):
+    people = step(scans, time_ns=5)
+    assert people.persons == ()
+    assert people.group is None
+    assert len(people.clusters) == 0
+    assert people.stamp_ns == 5
+    assert list(people.poses) == [scan.robot for scan in scans]
+
+
+def test_one_cell_is_nobody(make_cells):
+    people = step([Scan("robot_a", 0, make_cells([(1, 1)]))])
+    assert (len(people.clusters), people.persons) == (1, ())
+
+
+def test_two_scans_of_one_robot_are_refused(scene):
+    message = "two scans of one robot in an interval: robot_a, robot_b, robot_b"
+    with pytest.raises(ScanError, match=message):
+        step([scene[1], scene[0], scene[1]])
+
+
+def test_a_robot_without_a_pose_is_refused(scene):
+    with pytest.raises(PoseError, match="no pose for the scan of robot_a, robot_c"):
+        step(scene, {"robot_b": POSES["robot_b"]})
+
+
+@given(st.permutations(range(3)), st.randoms(use_true_random=False))
+@settings(max_examples=30)
+def test_the_order_of_scans_and_cells_does_not_matter(scene, order, random):
+    def shuffled(scan: Scan) -> Scan:
+        cells = random.sample(range(len(scan.cells)), len(scan.cells))
+        return Scan(scan.robot, scan.stamp_ns, Cells.from_records(scan.cells.to_records()[cells]))
+
+    one, other = step(scene), step([shuffled(scene[i]) for i in order])
+    assert len(other.persons) == len(one.persons) == 3
+    for a, b in zip(one.persons, other.persons, strict=True):
+        np.testing.assert_allclose(b.position, a.position, atol=1e-12)
+        np.testing.assert_allclose(b.covariance, a.covariance, atol=1e-12)
+        assert (b.label, b.robots, b.height) == (a.label, a.robots, a.height)
+        assert b.sigma == pytest.approx(a.sigma)
+    np.testing.assert_array_equal(other.clusters.points, one.clusters.points)
+
+
+@given(st.floats(-50, 50), st.floats(-50, 50), st.floats(-7, 7))
+@settings(max_examples=50)
+def test_people_move_with_the_map(scene, x, y, yaw):
+    moved_map = Pose(0, x, y, yaw)
+    moved_poses = {name: moved_map @ pose for name, pose in POSES.items()}
+    before, after = step(scene), step(scene, moved_poses)
+
+    c, s = math.cos(yaw), math.sin(yaw)
+    rotation = np.array([[c, -s], [s, c]])
+    by_place = {tuple(np.round(p.position, 4)): p for p in before.persons}
+    assert len(after.persons) == len(by_place) == 3
+    for person in after.persons:
+        back = rotation.T @ (person.position - (x, y))
+        old = by_place[tuple(np.round(back, 4))]
+        np.testing.assert_allclose(back, old.position, atol=1e-9)
+        np.testing.assert_allclose(
+            person.covariance, rotation @ old.covariance @ rotation.T, atol=1e-9
+        )
+        assert (person.sigma, person.height) == pytest.approx((old.sigma, old.height))
+        assert person.robots == old.robots
+    assert before.group is not None
+    assert after.group is not None
+    np.testing.assert_allclose(after.group.centre, rotation @ before.group.centre + (x, y))
+    assert after.group.radius == pytest.approx(before.group.radius)
+    assert after.group.rms_spread == pytest.approx(before.group.rms_spread)
+
+
+def test_a_heading_that_is_off_moves_what_is_far_away(scene):
+    # By 0.1 rad, about the robot's place; the person at (3, 4) is at (-3, 0.5) from there.
+    people = step(scene[:1], {"robot_a": Pose(0, 6.0, 3.5, wrap_angle(PI + 0.1))})
+    c, s = math.cos(0.1), math.sin(0.1)
+    turned = (6.0 - 3.0 * c - 0.5 * s, 3.5 - 3.0 * s + 0.5 * c)
+    assert np.linalg.norm(positions(people) - turned, axis=1).min() < 1e-6
