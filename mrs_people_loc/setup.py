@@ -2,12 +2,12 @@
 
 from glob import glob
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 setup(
     name="mrs_people_loc",
     version="0.1.0",
-    packages=["mrs_people_loc", "mrs_ros", "mrs_tools"],
+    packages=find_packages(),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
         ("share/mrs_people_loc", ["package.xml"]),

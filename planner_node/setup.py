@@ -2,12 +2,12 @@
 
 from glob import glob
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 setup(
     name="planner_node",
     version="0.1.0",
-    packages=["planner_node"],
+    packages=find_packages(),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/planner_node"]),
         ("share/planner_node", ["package.xml"]),

@@ -2,12 +2,12 @@
 
 from glob import glob
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 setup(
     name="robot_node",
     version="0.1.0",
-    packages=["robot_node"],
+    packages=find_packages(),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/robot_node"]),
         ("share/robot_node", ["package.xml"]),

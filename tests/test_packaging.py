@@ -57,6 +57,15 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
         yield "mrs_people_loc", f"config/{path.name}", path
 
 
+def python_files() -> Iterator[tuple[str, Path]]:
+    """Yield every file of the Python packages: ROS package, path under its folder."""
+    for package in PACKAGES:
+        for init in (ROOT / package).glob("*/__init__.py"):
+            for path in init.parent.rglob("*"):
+                if path.is_file() and "__pycache__" not in path.parts:
+                    yield package, path.relative_to(ROOT / package)
+
+
 def check_shared_files(prefixes: str, but: tuple[str, ...] = ()) -> None:
     """Hold every file that ROS looks up against its source."""
     for package, name, source in shared_files():
@@ -280,6 +289,10 @@ def test_colcon_workspace(options: tuple[str, ...], tmp_path: Path) -> None:
     for package in set(PACKAGES) - set(but):
         assert package_prefix(package, prefixes) == tmp_path / "install" / package
     check_shared_files(prefixes, but)
+    if not options:
+        for package, name in python_files():
+            (site_packages,) = (tmp_path / "install" / package).glob("lib/python*/site-packages")
+            assert (site_packages / name).is_file()
     for package, executable in EXECUTABLES:
         path = executable_path(package, executable, prefixes)
         run = subprocess.run(
