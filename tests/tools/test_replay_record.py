@@ -114,6 +114,19 @@ def ros():
         executor.shutdown()
 
 
+@contextlib.contextmanager
+def running(function, **options):
+    """A function in a thread that ends when its `stop` is set, as it is here at the end."""
+    stop = threading.Event()
+    thread = threading.Thread(target=function, kwargs={"stop": stop, **options})
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(LIMIT_S)
+
+
 def raw_subscription(ros, cls, topic, qos=RELIABLE):
     arrived = []
     ros.create_subscription(cls, topic, arrived.append, qos, raw=True)
@@ -346,19 +359,12 @@ def test_late_subscriber_gets_what_was_latched(ros, tmp_path):
         bag.write_raw("/map", START_NS, serialize_message(String(data="the map")))
         bag.write_raw("/talk", START_NS, serialize_message(String(data="missed")))
         bag.write_raw("/talk", START_NS + 600 * 10**9, serialize_message(String(data="never")))
-    stop = threading.Event()
-    with Replayer(tmp_path / "b.mcap") as player:
-        progress = []
-        playing = threading.Thread(
-            target=player.play, kwargs={"stop": stop, "on_progress": progress.append}
-        )
-        playing.start()
+    progress: list[Progress] = []
+    with Replayer(tmp_path / "b.mcap") as player, running(player.play, on_progress=progress.append):
         until(lambda: progress and progress[-1].published == 2)
         arrived = raw_subscription(ros, String, "/map", LATCHED)
         missed = raw_subscription(ros, String, "/talk")
         until(lambda: arrived)
-        stop.set()
-        playing.join(LIMIT_S)
     assert texts_of(arrived) == ["the map"]
     assert missed == []
     assert progress[-1].duration_s == 600.0
@@ -522,16 +528,10 @@ def test_record_goes_along_when_a_publisher_comes_that_offers_less(ros, tmp_path
 
 def test_record_only_what_was_asked_for(ros, tmp_path):
     publishers = [ros.create_publisher(String, t, RELIABLE) for t in ("/a/x", "/a/y", "/b/x")]
-    stop = threading.Event()
     seen = []
     with Recorder(tmp_path / "out", ["/a/*", "b/z"]) as recorder:
-        recording = threading.Thread(
-            target=recorder.run, kwargs={"stop": stop, "on_status": seen.append}
-        )
-        recording.start()
-        publish_until(publishers, lambda: seen and seen[-1].messages > 20)
-        stop.set()
-        recording.join(LIMIT_S)
+        with running(recorder.run, on_status=seen.append):
+            publish_until(publishers, lambda: seen and seen[-1].messages > 20)
         assert recorder.silent() == ["b/z"]
         assert recorder.counts.keys() == {"/a/x", "/a/y"}
     assert seen[-1].topics == 2
