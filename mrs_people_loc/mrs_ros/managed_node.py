@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -201,6 +202,10 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     if {"-h", "--help"} & set(argv[1:]):
         sys.stdout.write(usage.strip() + "\n")
         return 0
+    # rclpy's handler ends the spinning, at Ctrl-C as at SIGTERM. Python's, which it calls too,
+    # would raise KeyboardInterrupt wherever the node is, and again while it is being ended:
+    # `ros2 launch` passes on a Ctrl-C that everybody in the terminal has received already.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         rclpy.init(args=argv)
     except Exception as err:  # rclpy raises different classes for different bad arguments
@@ -216,15 +221,20 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
         if node.autostart:
             for transition in (node.trigger_configure, node.trigger_activate):
                 if transition() != TransitionCallbackReturn.SUCCESS:
-                    return 1
+                    return 1 if rclpy.ok() else 0
         rclpy.spin(node)
     except ConfigError as err:
         rclpy.logging.get_logger(name).error(str(err))
         return EXIT_USAGE
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
+    except Exception:
+        if rclpy.ok():
+            raise
+        # A callback was at work when the signal came; it can publish no more.
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all that is left is to leave
     return 0

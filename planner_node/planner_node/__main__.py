@@ -1,8 +1,7 @@
 """Entry point of `planner_node`."""
 
+import signal
 import sys
-
-from mrs_ros.managed_node import run
 
 USAGE = """
 usage: planner_node [--ros-args --params-file TEAM.yaml -p NAME:=VALUE ...]
@@ -15,6 +14,8 @@ see config/default.yaml, or `ros2 param describe`.
 
 def main() -> None:
     """Starts the node; the exit code is 0 after Ctrl-C or SIGTERM, 2 for bad configuration."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while the libraries load: no traceback
+    from mrs_ros.managed_node import run
     from planner_node.node import PlannerNode
 
     sys.exit(run(PlannerNode, USAGE))

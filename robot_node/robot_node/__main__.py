@@ -1,8 +1,7 @@
 """Entry point of `robot_node`."""
 
+import signal
 import sys
-
-from mrs_ros.managed_node import run
 
 USAGE = """
 usage: robot_node [--ros-args -r __ns:=/ROBOT --params-file TEAM.yaml -p NAME:=VALUE ...]
@@ -14,6 +13,8 @@ the robot's name. Parameters: see config/default.yaml, or `ros2 param describe`.
 
 def main() -> None:
     """Starts the node; the exit code is 0 after Ctrl-C or SIGTERM, 2 for bad configuration."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while the libraries load: no traceback
+    from mrs_ros.managed_node import run
     from robot_node.node import RobotNode
 
     sys.exit(run(RobotNode, USAGE))
