@@ -43,6 +43,8 @@ def declare(node: Node, definition: Parameter, value: Any) -> None:
     """Declares a parameter with its description and range; its value was checked already."""
     name, plain = definition.name, list(value) if isinstance(value, tuple) else value
     node.declare_parameter(name, plain, _descriptor(definition), ignore_override=True)
+    if plain == []:  # which rclpy declares as a list of bytes
+        node.set_parameters([RosParameter(name, _TYPES[definition.kind], [])])
 
 
 class NodeConfig:
@@ -78,14 +80,30 @@ class NodeConfig:
         self.value: Any = config_type.from_mapping(ours)
         for definition in self._definitions.values():
             declare(node, definition, _lookup(self.value, definition.name))
+        node.add_pre_set_parameters_callback(self._typed)
         node.add_on_set_parameters_callback(self._on_set)
 
+    def _typed(self, changes: list[RosParameter]) -> list[RosParameter]:
+        """Gives `1` for a number, `1.0` for a whole one and empty lists the type declared."""
+        typed = []
+        for change in changes:
+            kind = getattr(self._definitions.get(change.name), "kind", "")
+            given, value = change.type_, change.value
+            if kind == "float" and given is RosParameter.Type.INTEGER:
+                value = float(value)
+            elif kind == "int" and given is RosParameter.Type.DOUBLE and value.is_integer():
+                value = int(value)
+            elif kind == "floats" and given is RosParameter.Type.INTEGER_ARRAY:
+                value = [float(item) for item in value]
+            elif not (kind in ("floats", "strs") and given.name.endswith("ARRAY") and not value):
+                typed.append(change)
+                continue
+            typed.append(RosParameter(change.name, _TYPES[kind], value))
+        return typed
+
     def _on_set(self, changes: list[RosParameter]) -> SetParametersResult:
-        ours = {
-            p.name: () if p.value is None else p.value
-            for p in changes
-            if p.name in self._definitions
-        }
+        # To delete a parameter is to set it to None, which none of ours allows.
+        ours = {p.name: p.value for p in changes if p.name in self._definitions}
         if not ours:
             return SetParametersResult(successful=True)
         try:
