@@ -31,6 +31,7 @@ from mrs_people_loc.errors import PeopleLocError
 COMMANDS = {
     "demo": ("mrs_tools.demo:command", "Replay a recorded team and compare with the truth."),
     "evaluate": ("mrs_tools.evaluate:command", "Score bags against their ground truth."),
+    "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag."),
     "up": ("mrs_tools.team:up", "Start every node of a team on this machine."),
     "people": ("mrs_tools.people:command", "Show a running team live in the terminal."),
     "replay": ("mrs_tools.replay:command", "Publish a bag's messages over ROS, in their timing."),

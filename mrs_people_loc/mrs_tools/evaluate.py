@@ -21,18 +21,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from mrs_people_loc.camera import StereoCamera
-from mrs_people_loc.config import PlannerConfig, RobotConfig
-from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import Estimate, Frame, Truth, percentile, ratio, score, summary
-from mrs_people_loc.planner import Planner
-from mrs_people_loc.robot import RobotPipeline
 from mrs_tools.bags import BagReader
 from mrs_tools.offline import (
     TRUTH_TOPIC,
     BagRun,
+    Interval,
     View,
     estimate_of,
+    has_people,
     read_recorded,
     read_truth,
     robots_of,
@@ -107,47 +105,53 @@ def _stage_means(rows: Sequence[tuple[float, ...]]) -> dict[str, float | None]:
 
 
 def evaluate_bag(
-    path: str | os.PathLike[str],
+    bag: str | os.PathLike[str] | BagRun,
     configs: Sequence[str | Path] = (),
     *,
     recorded: bool = False,
-    pipeline: Callable[[str, StereoCamera, RobotConfig], Any] = RobotPipeline,
-    planner: Callable[[PlannerConfig], Any] = Planner,
+    on_interval: Callable[[Interval], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
     """Runs a bag through the pipeline, or reads what a planner said, and scores it.
 
     Args:
-        path: The bag.
-        configs: Parameter files of the team, later ones win.
+        bag: The bag; or a `BagRun`, which may have another pipeline and planner.
+        configs: Parameter files of the team, later ones win; not with a `BagRun`.
         recorded: Score the `people` in the bag. A bag that has them and no robot's images or
             `points` is scored so anyway.
-        pipeline: See `BagRun`.
-        planner: See `BagRun`.
+        on_interval: Called with each interval that is run.
         on_progress: Called with how much of the bag is done, 0 to 1.
 
     Raises:
         PeopleLocError: The bag or a file cannot be used.
     """
-    result = Result()
-    with BagReader(path) as bag:
-        result.truth = read_truth(bag)
-        result.duration_s = bag.duration_s
-        if recorded or (not robots_of(bag) and any(t.endswith("/people") for t in bag.topics)):
-            topic, result.estimates = read_recorded(bag)
+    if isinstance(bag, BagRun):
+        result = Result(truth=bag.truth(), duration_s=bag.duration_s)
+        _run(bag, result, on_interval, on_progress)
+        return _scored(result)
+    with BagReader(bag) as reader:
+        if recorded or (not robots_of(reader) and has_people(reader)):
+            result = Result(truth=read_truth(reader), duration_s=reader.duration_s)
+            topic, result.estimates = read_recorded(reader)
             result.notes.append(f"scored as recorded on {topic}")
-        else:
-            recorded = False
-    if not result.estimates and not recorded and not result.notes:
-        run = BagRun(path, configs, pipeline=pipeline, planner=planner)
-        _run(run, result, on_progress)
+            return _scored(result)
+    return evaluate_bag(BagRun(bag, configs), on_interval=on_interval, on_progress=on_progress)
+
+
+def _scored(result: Result) -> Result:
+    assert result.truth is not None
     if not len(result.truth):
         result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
     result.frames = score(result.truth, result.estimates)
     return result
 
 
-def _run(run: BagRun, result: Result, on_progress: Callable[[float], None] | None) -> None:
+def _run(
+    run: BagRun,
+    result: Result,
+    on_interval: Callable[[Interval], None] | None,
+    on_progress: Callable[[float], None] | None,
+) -> None:
     times: defaultdict[str, list[float]] = defaultdict(list)
 
     def on_view(view: View) -> None:
@@ -165,6 +169,8 @@ def _run(run: BagRun, result: Result, on_progress: Callable[[float], None] | Non
 
     of_planner: defaultdict[str, list[float]] = defaultdict(list)
     for interval in run.intervals(on_view=on_view, on_progress=on_progress):
+        if on_interval is not None:
+            on_interval(interval)
         result.estimates.append(estimate_of(interval.people))
         for stage, took in interval.people.times_ms.items():
             of_planner[stage].append(took)
@@ -178,9 +184,17 @@ def _run(run: BagRun, result: Result, on_progress: Callable[[float], None] | Non
 
 
 def names_of(bags: Sequence[Path]) -> list[str]:
-    """Short names of bags: the file's or folder's, or the path where that is not unique."""
-    names = [Path(os.path.abspath(bag)).stem for bag in bags]
-    return [n if names.count(n) == 1 else str(b) for n, b in zip(names, bags, strict=True)]
+    """Short names of bags: as much of the end of their paths as tells them apart."""
+    paths = [Path(os.path.abspath(bag)) for bag in bags]
+    names = [path.stem if path.suffix == ".mcap" else path.name for path in paths]
+    for depth in range(2, max((len(path.parts) for path in paths), default=0) + 1):
+        names = [
+            name if names.count(name) == 1 else "/".join(path.parts[-depth:])
+            for name, path in zip(names, paths, strict=True)
+        ]
+    if len(set(names)) < len(names):
+        raise BagError(f"a bag is named twice: {', '.join(sorted(map(str, bags)))}")
+    return names
 
 
 def command(
@@ -199,6 +213,9 @@ def command(
     recorded: Annotated[
         bool, typer.Option("--recorded", help="Score the people that the bag has recorded.")
     ] = False,
+    plots: Annotated[
+        Path | None, typer.Option("--plots", help="Draw errors and stages into this folder.")
+    ] = None,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
 ) -> None:
     """Run bags through the pipeline, as fast as it goes, and score them against their truth.
@@ -214,25 +231,35 @@ def command(
     show(results, console)
     if json_file is not None:
         write_json(results, json_file)
+    if plots is not None:
+        from mrs_tools import figures
+
+        files = figures.save(figures.figures_of_results(results), plots)
+        console.print(f"{len(files)} pictures in {plots}: {', '.join(f.name for f in files)}")
 
 
-def _evaluate(
-    bags: Sequence[Path], configs: Sequence[Path], recorded: bool, jobs: int
-) -> Iterator[Result]:
-    """Evaluates bags, in their order, with a progress bar."""
+def progress_bar() -> Any:
+    """A progress bar on the terminal, nothing where there is none; to be used in a `with`."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
+    return Progress(
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),
         console=console,
         transient=True,
         disable=not console.is_terminal,
-    ) as progress:
+    )
+
+
+def _evaluate(
+    bags: Sequence[Path], configs: Sequence[Path], recorded: bool, jobs: int
+) -> Iterator[Result]:
+    """Evaluates bags, in their order, with a progress bar."""
+    with progress_bar() as progress:
         task = progress.add_task("", total=len(bags))
         if jobs > 1 and len(bags) > 1:
             with ProcessPoolExecutor(min(jobs, len(bags))) as pool:
@@ -310,7 +337,7 @@ def show(results: Mapping[str, Result], console: Console) -> None:
         console.print(_timing_table(last["timing_ms"]))
     for name, result in results.items():
         for note in result.notes:
-            console.print(f"{name}: {note}", style="yellow")
+            console.print(f"{name}: {note}", style="yellow", markup=False)
 
 
 def _table(title: str) -> Any:
@@ -319,7 +346,9 @@ def _table(title: str) -> Any:
     from rich.text import Text
 
     # Text: a unit such as [ms] would be taken for markup.
-    return Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+    return Table(
+        title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, padding=0
+    )
 
 
 def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:

@@ -563,6 +563,11 @@ class BagRun:
                 self.notes.append(line)
 
 
+def has_people(bag: BagReader) -> bool:
+    """Whether a planner's `people` are in a bag."""
+    return any(topic.type == PEOPLE_TYPE and topic.count for topic in bag.topics.values())
+
+
 def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
     """The people that a planner said when a bag was recorded.
 

@@ -151,16 +151,16 @@ def finish_map(axes: Axes, view: TopView) -> None:
     axes.grid(alpha=0.25)
 
 
-def draw_robots(axes: Axes, view: TopView, *, names: bool = True) -> None:
-    """The robots, and what they see."""
+def draw_robots(axes: Axes, view: TopView, *, only: str | None = None) -> None:
+    """The robots with their names and what they see; or without, and what `only` one sees."""
     for index, (name, pose) in enumerate(view.robots.items()):
         color = robot_color(index)
         border = view.views.get(name)
-        if border is not None and len(border):
+        if border is not None and len(border) and only in (None, name):
             axes.fill(*map_from_robot(border, pose).T, fc=color, ec=color, alpha=0.08, lw=1)
         shape = np.array([[0.28, 0.0], [-0.18, 0.17], [-0.18, -0.17]])
         axes.fill(*map_from_robot(shape, pose).T, fc=color, ec="black", lw=0.8, zorder=5)
-        if names:
+        if only is None:
             axes.annotate(
                 name,
                 (pose.x, pose.y),
@@ -202,19 +202,25 @@ def frame_nobody(axes: Axes, view: TopView) -> None:
 
 def number_clusters(axes: Axes, view: TopView) -> None:
     """Numbers every cluster, from 1."""
+    from matplotlib.patheffects import withStroke
+
     for label in np.unique(view.cluster):
         cells = view.cluster == label
         nobody = view.person[cells][0] < 0
-        text = f"{label + 1}" + (" no person" if nobody else "")
+        text = f"{label + 1}"
         if view.notes and label in view.notes:
-            text += f"\n{view.notes[label]}"
+            text += f": {view.notes[label]}"
+        elif nobody:
+            text += " no person"
         axes.annotate(
             text,
             tuple(view.xy[cells].mean(axis=0)),
-            xytext=(14, 14),
+            xytext=(14, 14 if not nobody else -4),
             textcoords="offset points",
-            color="0.45" if nobody else "black",
-            fontsize=9,
+            color="0.35" if nobody else "black",
+            fontsize=8 if nobody else 10,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            zorder=7,
         )
 
 
@@ -292,13 +298,16 @@ def draw_kept(
         kept: By robot, by stage.
         reference: By stage, the share that somebody else had (the paper): a line.
     """
+    from matplotlib.patheffects import withStroke
+
     stages = list(next(iter(kept.values()), {}))
     width = 0.8 / max(1, len(kept))
     for index, (robot, shares) in enumerate(kept.items()):
         values = [100 * (shares[stage] or 0.0) for stage in stages]
         places = np.arange(len(stages)) + (index - (len(kept) - 1) / 2) * width
         bars = axes.bar(places, values, width * 0.92, color=robot_color(index), label=robot)
-        axes.bar_label(bars, fmt="%.0f", padding=2, fontsize=9)
+        outline = [withStroke(linewidth=3, foreground="white")]
+        axes.bar_label(bars, fmt="%.0f", padding=2, path_effects=outline, zorder=4)
     for index, stage in enumerate(stages):
         if reference and stage in reference:
             axes.hlines(
