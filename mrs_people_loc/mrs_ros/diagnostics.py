@@ -31,6 +31,31 @@ SILENCE_S = 2.0
 OLD_STAMP_S = 5.0
 
 
+class Throttle:
+    """Lets something of each kind through at most once in a while.
+
+    rclpy's own throttle goes by the place in the code: there, one topic's trouble would keep
+    another's out of the log.
+
+    Args:
+        period_s: How long a kind is kept back after it was let through [s].
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._last_s: dict[str, float] = {}
+
+    def lets_through(self, kind: str) -> bool:
+        """Whether one of this kind goes through now."""
+        now_s = self._clock.now().nanoseconds / 1e9
+        last_s = self._last_s.get(kind)
+        if last_s is not None and now_s - last_s < self._period_s:
+            return False
+        self._last_s[kind] = now_s
+        return True
+
+
 @dataclass(frozen=True)
 class Finding:
     """One line of diagnostics.
@@ -81,6 +106,7 @@ class Input:
         self._callback = callback
         self._message_type = message_type
         self._incompatible = ""
+        self._log = Throttle(LOG_PERIOD_S)
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._since = self._now()
         self._arrivals: deque[float] = deque(maxlen=100)
@@ -124,11 +150,10 @@ class Input:
         """Counts and logs something that was dropped."""
         self.dropped[reason] += 1
         self.last_error = text
-        self._node.get_logger().warning(
-            f"{self.subscription.topic_name}: {text} [dropped: {sum(self.dropped.values())}]",
-            throttle_duration_sec=LOG_PERIOD_S,
-            skip_first=False,
-        )
+        if self._log.lets_through(reason):
+            self._node.get_logger().warning(
+                f"{self.subscription.topic_name}: {text} [dropped: {sum(self.dropped.values())}]"
+            )
 
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())
@@ -178,6 +203,7 @@ class Reporter:
         self._node = node
         self._hardware_id = hardware_id
         self._collect = collect
+        self._log = Throttle(2 * LOG_PERIOD_S)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self.report, clock=steady)
@@ -203,10 +229,8 @@ class Reporter:
                     ],
                 )
             )
-            if finding.level == ERROR:
-                self._node.get_logger().warning(
-                    finding.message, throttle_duration_sec=2 * LOG_PERIOD_S, skip_first=False
-                )
+            if finding.level == ERROR and self._log.lets_through(finding.name):
+                self._node.get_logger().warning(finding.message)
         self._publisher.publish(message)
 
 

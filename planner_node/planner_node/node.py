@@ -18,7 +18,7 @@ from mrs_people_loc.errors import PoseError
 from mrs_people_loc.interval import Closed, IntervalCollector
 from mrs_people_loc.planner import People, Planner
 from mrs_ros import convert
-from mrs_ros.diagnostics import ERROR, LOG_PERIOD_S, OK, STALE, WARN, Finding, stamp_hint
+from mrs_ros.diagnostics import ERROR, LOG_PERIOD_S, OK, STALE, WARN, Finding, Throttle, stamp_hint
 from mrs_ros.managed_node import ManagedNode
 
 #: Poses come up to 100 times a second and robot, and none should be lost while an interval is run.
@@ -44,6 +44,7 @@ class PlannerNode(ManagedNode):
         self._robots: list[str] = []
         self._result: People | None = None
         self._intervals = 0
+        self._left_out_log = Throttle(LOG_PERIOD_S)
         self._people = self.offer(PeopleMessage, "people", 10)
         self._people_poses = self.offer(PoseArray, "people_poses", 10)
         self._group_centroid = self.offer(PointStamped, "group_centroid", 10)
@@ -125,11 +126,8 @@ class PlannerNode(ManagedNode):
         if closed is None:
             return
         for robot, reason in closed.left_out.items():
-            self.get_logger().warning(
-                f"{robot}: scan left out: {reason}",
-                throttle_duration_sec=LOG_PERIOD_S,
-                skip_first=False,
-            )
+            if self._left_out_log.lets_through(robot):
+                self.get_logger().warning(f"{robot}: scan left out: {reason}")
         if closed.scans:
             self._run(closed)
 
