@@ -1,0 +1,410 @@
+"""Real node processes, and a peer on the same DDS domain that feeds and hears them."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+ROOT = Path(__file__).resolve().parents[2]
+#: What a condition is waited for, at most, on a machine that is busy with other things [s].
+DEADLINE_S = 40.0
+OK, WARN, ERROR, STALE = (bytes([level]) for level in range(4))
+#: Hears reliable and best-effort publishers, and loses nothing of what a test sends.
+HEAR_ALL = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
+SEND_ALL = QoSProfile(depth=2000)
+
+T = TypeVar("T")
+
+
+# --- a domain of one's own ------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS_DOMAIN_ID that nobody on this machine uses, while the context lasts.
+
+    Runs of these tests agree by lock files, which end with their process; a domain of others is
+    seen by its first participant's UDP port.
+    """
+    folder = Path(tempfile.gettempdir()) / f"mrs_people_loc-domains-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    for step in range(101):
+        domain = 1 + (os.getpid() + step) % 101
+        with (folder / str(domain)).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            if not _in_use(domain):
+                yield domain
+                return
+    raise RuntimeError("all ROS domains from 1 to 101 are in use on this machine")
+
+
+def _in_use(domain: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", 7400 + 250 * domain + 10))  # DDSI-RTPS 9.6.1: participant 0, unicast
+        except OSError:
+            return True
+    return False
+
+
+# --- processes ------------------------------------------------------------------------------------
+
+
+class NodeProcess:
+    """A node of ours as a process of its own.
+
+    Args:
+        executable: `robot_node` or `planner_node`.
+        log: File that takes what it writes.
+        namespace: Its namespace with the leading slash.
+        params: Parameters by name, as the command line takes them.
+        files: Parameter files.
+        extra: Further arguments.
+    """
+
+    def __init__(
+        self,
+        executable: str,
+        log: Path,
+        *,
+        namespace: str = "/",
+        params: Mapping[str, str] | None = None,
+        files: Sequence[Path] = (),
+        extra: Sequence[str] = (),
+    ) -> None:
+        self.name = f"{namespace.rstrip('/')}/{executable}"
+        self._log = log
+        self._awaited = False
+        command = [
+            sys.executable,
+            "-m",
+            executable,
+            *extra,
+            "--ros-args",
+            "-r",
+            f"__ns:={namespace}",
+        ]
+        for file in files:
+            command += ["--params-file", str(file)]
+        for name, value in (params or {}).items():
+            command += ["-p", f"{name}:={value}"]
+        with log.open("wb") as out:
+            self.process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
+
+    @property
+    def log(self) -> str:
+        """What it has written so far."""
+        return self._log.read_text(errors="replace")
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self.process.poll() is None
+
+    @property
+    def died(self) -> bool:
+        """Whether it ended and nobody waited for that."""
+        return not self.alive and not self._awaited
+
+    def exit_code(self) -> int:
+        """Waits for its end."""
+        self._awaited = True
+        try:
+            return self.process.wait(DEADLINE_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise AssertionError(f"{self.name} did not end:\n{self.log}") from None
+
+    def stop(self, number: int = signal.SIGINT) -> float:
+        """Ends it as a user does, and holds that it ends cleanly; returns how long it took [s]."""
+        assert self.alive, f"{self.name} died: {self.process.returncode}\n{self.log}"
+        began = time.monotonic()
+        self.process.send_signal(number)
+        code = self.exit_code()
+        took = time.monotonic() - began
+        assert code == 0, f"{self.name} ended with {code}:\n{self.log}"
+        assert "Traceback" not in self.log, self.log
+        return took
+
+
+class Team:
+    """Processes of one test module; at its end all of them must stop cleanly.
+
+    Args:
+        folder: For their logs.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.processes: list[NodeProcess] = []
+
+    def start(self, executable: str, **how: Any) -> NodeProcess:
+        """Starts a process; see `NodeProcess`."""
+        log = self.folder / f"{len(self.processes)}-{executable}.log"
+        made = NodeProcess(executable, log, **how)
+        self.processes.append(made)
+        return made
+
+    def end(self) -> None:
+        """Stops what still runs, all at once, and holds that it ends cleanly."""
+        died = [f"{p.name}: {p.process.returncode}\n{p.log}" for p in self.processes if p.died]
+        running = [p for p in self.processes if p.alive]
+        for process in running:
+            process.process.send_signal(signal.SIGINT)
+        codes = {process.name: process.exit_code() for process in running}
+        assert not died, "\n".join(died)
+        assert set(codes.values()) <= {0}, codes
+        for process in running:
+            assert "Traceback" not in process.log, process.log
+
+
+# --- the peer -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One entry of `/diagnostics`, and the number of the report that it came in."""
+
+    level: bytes
+    message: str
+    values: Mapping[str, str]
+    report: int
+
+    def count(self, key: str) -> int:
+        """A figure; 0 if it is not there."""
+        return int(self.values.get(key, 0))
+
+
+class Peer:
+    """A ROS node in the test's process: sends, hears, asks; everything waits with a deadline.
+
+    Args:
+        domain: ROS_DOMAIN_ID.
+        name: The node's name.
+    """
+
+    def __init__(self, domain: int, name: str = "peer") -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node(
+            name, context=self.context, start_parameter_services=False, enable_rosout=False
+        )
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._publishers: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
+        self._findings: dict[str, dict[str, Finding]] = defaultdict(dict)
+        self._reports: dict[str, int] = defaultdict(int)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 100)
+
+    def close(self) -> None:
+        """Leaves the domain."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    # ---- time ----
+
+    def spin(self, seconds: float = 0.0) -> None:
+        """Hears for a while; never a proof of anything."""
+        end = time.monotonic() + seconds
+        while True:
+            self._executor.spin_once(timeout_sec=max(0.0, end - time.monotonic()))
+            if time.monotonic() >= end:
+                return
+
+    def until(
+        self,
+        condition: Callable[[], T],
+        what: str | Callable[[], object],
+        deadline: float = DEADLINE_S,
+    ) -> T:
+        """Hears until a condition holds, and returns its value."""
+        end = time.monotonic() + deadline
+        while True:
+            value = condition()
+            if value:
+                return value
+            if time.monotonic() > end:
+                text = what if isinstance(what, str) else what()
+                raise AssertionError(f"waited {deadline:g} s in vain: {text}")
+            self._executor.spin_once(timeout_sec=0.02)
+
+    # ---- topics ----
+
+    def hear(self, kind: type, topic: str, qos: QoSProfile = HEAR_ALL) -> list[Any]:
+        """Subscribes; the list grows as messages arrive."""
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, qos)
+        return heard
+
+    def publisher(self, kind: type, topic: str, qos: QoSProfile = SEND_ALL) -> Any:
+        """The publisher of a topic, made when it is first asked for and then connected."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
+        return self._publishers[topic]
+
+    def send(self, topic: str, message: Any) -> None:
+        """Publishes a message to somebody who listens."""
+        publisher = self.publisher(type(message), topic)
+        self.until(publisher.get_subscription_count, f"nobody listens to {topic}")
+        publisher.publish(message)
+
+    def silence(self, topic: str) -> None:
+        """Ends the publisher of a topic."""
+        self.node.destroy_publisher(self._publishers.pop(topic))
+
+    # ---- diagnostics ----
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        names = {status.name.partition(": ")[0] for status in message.status}
+        for node in names:
+            self._reports[node] += 1
+            self._findings[node].clear()
+        for status in message.status:
+            node, _, name = status.name.partition(": ")
+            values = {entry.key: entry.value for entry in status.values}
+            self._findings[node][name] = Finding(
+                status.level, status.message, values, self._reports[node]
+            )
+
+    def findings(self, node: str) -> Mapping[str, Finding]:
+        """The last report of a node, by what each entry is about."""
+        return self._findings[node]
+
+    def next_findings(self, *nodes: str) -> dict[str, Mapping[str, Finding]]:
+        """By node, a report that begins from now on.
+
+        The one under way when this is called may hold what was; so the second one is taken.
+        """
+        seen = {node: self._reports[node] for node in nodes}
+        self.until(
+            lambda: all(self._reports[node] >= seen[node] + 2 for node in nodes),
+            lambda: f"{nodes} do not all report",
+        )
+        return {node: dict(self._findings[node]) for node in nodes}
+
+    def until_finding(
+        self, node: str, name: str, wanted: Callable[[Finding], bool], what: str = ""
+    ) -> Finding:
+        """Waits until an entry of a node's report is as wanted."""
+
+        def found() -> Finding | None:
+            finding = self._findings[node].get(name)
+            return finding if finding is not None and wanted(finding) else None
+
+        def now() -> str:
+            return f"{what}; {name} of {node} is {self._findings[node].get(name)}"
+
+        result = self.until(found, now)
+        assert result is not None
+        return result
+
+    # ---- services ----
+
+    def call(self, kind: type, name: str, request: Any) -> Any:
+        """Calls a service."""
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        client = self._clients[name]
+        self.until(client.service_is_ready, f"no service {name}")
+        future = client.call_async(request)
+        self.until(future.done, f"no answer from {name}")
+        return future.result()
+
+    def state(self, node: str) -> str:
+        """Lifecycle state of a node."""
+        return str(self.call(GetState, f"{node}/get_state", GetState.Request()).current_state.label)
+
+    def until_active(self, *nodes: str) -> None:
+        """Waits until nodes are in the state `active`."""
+        for node in nodes:
+            self.until(lambda n=node: self.state(n) == "active", f"{node} is not active")  # type: ignore[misc]
+
+    def change_state(self, node: str, transition: str) -> bool:
+        """Asks for a transition: configure, activate, deactivate, cleanup."""
+        request = ChangeState.Request(transition=Transition(label=transition))
+        return bool(self.call(ChangeState, f"{node}/change_state", request).success)
+
+    def set(self, node: str, **params: Any) -> list[Any]:
+        """Sets parameters one by one (`__` stands for the dot); returns the results."""
+        request = SetParameters.Request(parameters=_parameters(params))
+        return list(self.call(SetParameters, f"{node}/set_parameters", request).results)
+
+    def set_together(self, node: str, **params: Any) -> Any:
+        """Sets parameters all together or not at all."""
+        request = SetParametersAtomically.Request(parameters=_parameters(params))
+        return self.call(
+            SetParametersAtomically, f"{node}/set_parameters_atomically", request
+        ).result
+
+    def must_set(self, node: str, **params: Any) -> None:
+        """Sets parameters all together, and holds that they are taken."""
+        result = self.set_together(node, **params)
+        assert result.successful, result.reason
+
+    def get(self, node: str, *names: str) -> list[Any]:
+        """Values of parameters."""
+        request = GetParameters.Request(names=list(names))
+        answer = self.call(GetParameters, f"{node}/get_parameters", request)
+        return [parameter_value_to_python(value) for value in answer.values]
+
+    def describe(self, node: str) -> dict[str, Any]:
+        """All parameters of a node, with their descriptors."""
+        listed = self.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        names = list(listed.result.names)
+        request = DescribeParameters.Request(names=names)
+        answer = self.call(DescribeParameters, f"{node}/describe_parameters", request)
+        return dict(zip(names, answer.descriptors, strict=True))
+
+    def reconfigure(self, node: str, **params: Any) -> None:
+        """Takes an active node through cleanup, sets parameters, and activates it again."""
+        assert self.change_state(node, "deactivate")
+        assert self.change_state(node, "cleanup")
+        self.must_set(node, **params)
+        assert self.change_state(node, "configure")
+        assert self.change_state(node, "activate")
+
+
+def _parameters(values: Mapping[str, Any]) -> list[Any]:
+    return [
+        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
+
+
+def holds(text: str, parts: Sequence[str]) -> bool:
+    """Whether a text holds all parts, each a regular expression."""
+    return all(re.search(part, text) for part in parts)
