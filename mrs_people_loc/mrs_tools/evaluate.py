@@ -109,6 +109,7 @@ def evaluate_bag(
     configs: Sequence[str | Path] = (),
     *,
     recorded: bool = False,
+    beside: bool = True,
     on_interval: Callable[[Interval], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
@@ -119,6 +120,7 @@ def evaluate_bag(
         configs: Parameter files of the team, later ones win; not with a `BagRun`.
         recorded: Score the `people` in the bag. A bag that has them and no robot's images or
             `points` is scored so anyway.
+        beside: Whether the bag's own parameter file is read, see `BagRun`.
         on_interval: Called with each interval that is run.
         on_progress: Called with how much of the bag is done, 0 to 1.
 
@@ -135,7 +137,8 @@ def evaluate_bag(
             topic, result.estimates = read_recorded(reader)
             result.notes.append(f"scored as recorded on {topic}")
             return _scored(result)
-    return evaluate_bag(BagRun(bag, configs), on_interval=on_interval, on_progress=on_progress)
+    run = BagRun(bag, configs, beside=beside)
+    return evaluate_bag(run, on_interval=on_interval, on_progress=on_progress)
 
 
 def _scored(result: Result) -> Result:
@@ -177,7 +180,7 @@ def _run(
         of_planner["planner"].append(sum(interval.people.times_ms.values()))
     result.times_ms = {**times, **of_planner}
     result.notes += run.notes
-    result.notes += [f"{what}: {count}" for what, count in run.dropped.items()]
+    result.notes += [f"not used: {what} ({count})" for what, count in run.dropped.items()]
 
 
 # --------------------------------------------------------------------------------------- command
@@ -195,6 +198,16 @@ def names_of(bags: Sequence[Path]) -> list[str]:
     if len(set(names)) < len(names):
         raise BagError(f"a bag is named twice: {', '.join(sorted(map(str, bags)))}")
     return names
+
+
+#: Whether a bag's own parameter file is read.
+OwnConfig = Annotated[
+    bool,
+    typer.Option(
+        "--own-config/--no-own-config",
+        help="Read a parameter file of the bag's name that lies beside it, after the others.",
+    ),
+]
 
 
 def command(
@@ -216,6 +229,7 @@ def command(
     plots: Annotated[
         Path | None, typer.Option("--plots", help="Draw errors and stages into this folder.")
     ] = None,
+    own_config: OwnConfig = True,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
 ) -> None:
     """Run bags through the pipeline, as fast as it goes, and score them against their truth.
@@ -227,7 +241,9 @@ def command(
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
-    results = dict(zip(names_of(bags), _evaluate(bags, config or [], recorded, jobs), strict=True))
+    names = names_of(bags)
+    options = {"configs": config or [], "recorded": recorded, "beside": own_config}
+    results = dict(zip(names, _evaluate(bags, options, jobs), strict=True))
     show(results, console)
     if json_file is not None:
         write_json(results, json_file)
@@ -255,15 +271,13 @@ def progress_bar() -> Any:
     )
 
 
-def _evaluate(
-    bags: Sequence[Path], configs: Sequence[Path], recorded: bool, jobs: int
-) -> Iterator[Result]:
+def _evaluate(bags: Sequence[Path], options: Mapping[str, Any], jobs: int) -> Iterator[Result]:
     """Evaluates bags, in their order, with a progress bar."""
     with progress_bar() as progress:
         task = progress.add_task("", total=len(bags))
         if jobs > 1 and len(bags) > 1:
             with ProcessPoolExecutor(min(jobs, len(bags))) as pool:
-                futures = [pool.submit(_one, bag, configs, recorded) for bag in bags]
+                futures = [pool.submit(_one, bag, options) for bag in bags]
                 progress.update(task, description=f"{len(bags)} bags")
                 for _ in as_completed(futures):
                     progress.advance(task)
@@ -271,7 +285,7 @@ def _evaluate(
             return
         for index, bag in enumerate(bags):
             progress.update(task, description=bag.name)
-            yield _one(bag, configs, recorded, _Advance(progress, task, index))
+            yield _one(bag, options, _Advance(progress, task, index))
 
 
 @dataclass
@@ -287,15 +301,12 @@ class _Advance:
 
 
 def _one(
-    bag: Path,
-    configs: Sequence[Path],
-    recorded: bool,
-    on_progress: Callable[[float], None] | None = None,
+    bag: Path, options: Mapping[str, Any], on_progress: Callable[[float], None] | None = None
 ) -> Result:
     import cv2
 
     cv2.setNumThreads(1)  # times are those of one core
-    return evaluate_bag(bag, configs, recorded=recorded, on_progress=on_progress)
+    return evaluate_bag(bag, **options, on_progress=on_progress)
 
 
 def as_json(results: Mapping[str, Result]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth
 from mrs_people_loc.fusion import map_from_robot
 from mrs_people_loc.geometry import Float
 from mrs_tools import plots
-from mrs_tools.evaluate import Result, evaluate_bag, progress_bar
+from mrs_tools.evaluate import OwnConfig, Result, evaluate_bag, progress_bar
 from mrs_tools.offline import BagRun, Interval
 from mrs_tools.plots import TopView
 
@@ -349,6 +349,7 @@ def figures_of(
     path: Path,
     configs: Sequence[Path] = (),
     *,
+    beside: bool = True,
     at_s: float | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> tuple[dict[str, Figure], list[str]]:
@@ -357,6 +358,7 @@ def figures_of(
     Args:
         path: The bag.
         configs: Parameter files of the team.
+        beside: Whether the bag's own parameter file is read, see `BagRun`.
         at_s: Which interval is shown: that nearest to so long after the bag's beginning, among
             those with the most robots; None: the middle.
         on_progress: Called with how much of the bag is done, 0 to 1.
@@ -367,7 +369,7 @@ def figures_of(
     Raises:
         PeopleLocError: The bag or a file cannot be used, or there is no interval.
     """
-    run = BagRun(path, configs)
+    run = BagRun(path, configs, beside=beside)
     offset_ns = (run.end_ns - run.start_ns) // 2 if at_s is None else round(at_s * 1e9)
     chooser = _Chooser(run.start_ns + offset_ns)
     result = evaluate_bag(run, on_interval=chooser, on_progress=on_progress)
@@ -455,6 +457,7 @@ def command(
         float | None,
         typer.Option("--at", min=0.0, help="Which interval [s since the bag's start]: the middle."),
     ] = None,
+    own_config: OwnConfig = True,
 ) -> None:
     """Draw the paper's figures from a bag, as PNG files.
 
@@ -467,7 +470,11 @@ def command(
     with progress_bar() as progress:
         task = progress.add_task(bag.name, total=1.0)
         figures, notes = figures_of(
-            bag, config or [], at_s=at, on_progress=lambda p: progress.update(task, completed=p)
+            bag,
+            config or [],
+            beside=own_config,
+            at_s=at,
+            on_progress=lambda p: progress.update(task, completed=p),
         )
         task = progress.add_task("drawing", total=len(figures))
         files = []

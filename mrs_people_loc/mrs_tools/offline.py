@@ -25,11 +25,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from mrs_people_loc import messages
 from mrs_people_loc.camera import CameraModel, StereoCamera
-from mrs_people_loc.config import PlannerConfig, RobotConfig, Team, load_team, robots_named
+from mrs_people_loc.config import (
+    PLANNER_NODE,
+    ROBOT_NODE,
+    PlannerConfig,
+    RobotConfig,
+    Team,
+    load_team,
+    robots_named,
+)
 from mrs_people_loc.errors import BagError, ImageError, PeopleLocError, PoseError
 from mrs_people_loc.evaluation import Estimate, Truth
 from mrs_people_loc.geometry import Float
@@ -50,6 +59,8 @@ _IMAGE = "sensor_msgs/msg/Image"
 _POINTS = "sensor_msgs/msg/PointCloud2"
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _ODOMETRY = "nav_msgs/msg/Odometry"
+#: Where a robot's pose may be, and as what.
+_POSE_TOPICS = {"odom": _ODOMETRY, "pose_in": _POSE, "pose": _POSE}
 #: std_msgs' arrays of whole numbers.
 _INTEGER_ARRAYS = tuple(
     f"std_msgs/msg/{sign}Int{bits}MultiArray" for sign in ("", "U") for bits in (8, 16, 32, 64)
@@ -206,12 +217,29 @@ def robots_of(bag: BagReader) -> dict[str, BagRobot]:
             )
             if cameras[:2] == ("left", "right"):
                 images[kind] = cameras
-        kinds = {"odom": _ODOMETRY, "pose_in": _POSE, "pose": _POSE}
-        poses = tuple(name for name, kind in kinds.items() if types.get(f"{space}/{name}") == kind)
+        poses = tuple(
+            name for name, kind in _POSE_TOPICS.items() if types.get(f"{space}/{name}") == kind
+        )
         points = types.get(f"{space}/points") == _POINTS and "pose" in poses
         if images or points:
             robots[space.lstrip("/")] = BagRobot(space.lstrip("/"), images, points, poses)
     return robots
+
+
+def file_beside(bag: Path) -> Path | None:
+    """The parameter file that belongs to a bag: `scene.yaml` beside `scene` or `scene.mcap`.
+
+    `mrs simulate` writes it: the mounting of each head, where odometry begins. A file of that name
+    that is something else does not count.
+    """
+    bag = Path(os.path.abspath(bag))
+    file = bag.with_name(f"{bag.stem if bag.suffix == '.mcap' else bag.name}.yaml")
+    try:
+        document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return None
+    keys = [str(key) for key in document] if isinstance(document, Mapping) else []
+    return file if any(key.endswith((ROBOT_NODE, PLANNER_NODE)) for key in keys) else None
 
 
 # ---------------------------------------------------------------------------------------- robots
@@ -261,10 +289,9 @@ class _Source:
 
     def _pose_topic(self) -> str:
         has = self.has.poses
-        if not self.has.images or not {"odom", "pose_in"} & set(has):
+        if not self.has.images:
             return "pose"
-        source = self.config.pose.source
-        return source if source in has else next(s for s in ("odom", "pose_in") if s in has)
+        return next((name for name in (self.config.pose.source, *has) if name in has), "odom")
 
     # ---- images ----
 
@@ -331,11 +358,16 @@ class _Source:
         pose = messages.read_pose(message)
         settings, frame_id = self.config.pose, message.header.frame_id.lstrip("/")
         if frame_id != settings.map_frame:
-            if not settings.map_from_odom:
+            topic = self._pose_topic()
+            if topic == "pose" or not settings.map_from_odom:
+                remedy = (
+                    ""
+                    if topic == "pose"
+                    else ", or the parameter pose.map_from_odom (x, y, yaw of that frame in the "
+                    "map) in a file for --config"
+                )
                 raise PoseFrameError(
-                    f"{self._pose_topic()} is in frame {frame_id!r}; wanted: "
-                    f"{settings.map_frame!r}, or the parameter pose.map_from_odom (x, y, yaw of "
-                    "that frame in the map) in a file for --config"
+                    f"{topic} is in frame {frame_id!r}; wanted: {settings.map_frame!r}{remedy}"
                 )
             x, y, yaw = settings.map_from_odom
             pose = Pose(pose.stamp_ns, x, y, yaw) @ pose
@@ -359,6 +391,10 @@ class _Source:
             )
         return "it has no camera_info" if self.has.images else "no message on points can be used"
 
+    def no_pose(self) -> str:
+        """Why there was no pose."""
+        return f"there is nothing on {', '.join(_POSE_TOPICS)}"
+
 
 class PoseFrameError(PoseError):
     """Poses in a frame that nothing places in the map: every other one will be, too."""
@@ -374,6 +410,7 @@ class BagRun:
         path: The bag.
         configs: Parameter files, later ones win. What they do not say follows the bag: which images
             (rectified or raw), whether there is a top camera, where the pose is.
+        beside: Whether the bag's own parameter file is read, after the others (`file_beside`).
         pipeline: What makes scans: takes robot, camera and configuration, has `stages(images)`.
         planner: What makes people: takes the configuration, has `step(scans, poses, time_ns)`.
 
@@ -381,7 +418,7 @@ class BagRun:
         path: The bag.
         team: Configuration of the robots of the bag and of the planner.
         notes: What a reader of the results should know, one line each.
-        dropped: Messages that were not used, by topic and reason.
+        dropped: How many messages were not used in the last run, by topic, or by robot and reason.
 
     Raises:
         PeopleLocError: The bag cannot be read or has nothing to run, or a file is wrong.
@@ -392,6 +429,7 @@ class BagRun:
         path: str | os.PathLike[str],
         configs: Sequence[str | Path] = (),
         *,
+        beside: bool = True,
         pipeline: Callable[[str, StereoCamera, RobotConfig], Any] = RobotPipeline,
         planner: Callable[[PlannerConfig], Any] = Planner,
     ) -> None:
@@ -407,6 +445,10 @@ class BagRun:
                     f"{self.path}: no robot, i.e. no namespace with left and right images or with "
                     f"points and pose; topics: {', '.join(bag.topics)}"
                 )
+        own = file_beside(self.path) if beside else None
+        if own is not None and own.resolve() not in [Path(file).resolve() for file in configs]:
+            configs = [*configs, own]
+            self.notes.append(f"{own.name}, which lies beside the bag, was read, too")
         self.team = self._load(configs)
 
     def _load(self, configs: Sequence[str | Path]) -> Team:
@@ -502,49 +544,51 @@ class BagRun:
             if closed is None:
                 return
             for robot, reason in closed.left_out.items():
-                self.dropped[f"{robot}: scan left out"] += 1
                 reasons.setdefault(robot, reason)
             if closed.scans:
                 people = planner.step(closed.scans, closed.poses, closed.time_ns)
-                views = {
-                    scan.robot: waiting[scan.robot]
-                    for scan in closed.scans
-                    if scan.robot in waiting
-                }
+                names = [scan.robot for scan in closed.scans if scan.robot in waiting]
+                views = {name: waiting[name] for name in names}
                 yield Interval(now_ns, closed.scans, people, views)
 
+        def take(source: _Source, made: Pose | View | Scan, now_ns: int) -> None:
+            if isinstance(made, Pose):
+                collector.add_pose(source.has.name, made)
+                source.poses += 1
+                return
+            if isinstance(made, View) and on_view is not None:
+                on_view(made)
+            scan = made.stages.scan if isinstance(made, View) else made
+            collector.add_scan(scan, now_ns)
+            source.scans += 1
+            if isinstance(made, View):
+                waiting[scan.robot] = made
+
+        span_ns = max(1, self.end_ns - self.start_ns)
         with BagReader(self.path) as bag:
-            topics = [topic for topic in handlers if topic in bag.topics]
-            for raw in bag.messages(topics):
+            for raw in bag.messages([topic for topic in handlers if topic in bag.topics]):
                 source, handle = handlers[raw.topic]
                 # The live planner looks at the clock all the time, not only when something comes.
                 yield from close(raw.time_ns)
+                message = bag.decode(raw)
                 try:
-                    made = handle(bag.decode(raw))
-                    if isinstance(made, Pose):
-                        collector.add_pose(source.has.name, made)
-                        source.poses += 1
-                    elif made is not None:
-                        if isinstance(made, View) and on_view is not None:
-                            on_view(made)
-                        scan = made.stages.scan if isinstance(made, View) else made
-                        collector.add_scan(scan, raw.time_ns)
-                        source.scans += 1
-                        if isinstance(made, View):
-                            waiting[scan.robot] = made
-                except BagError:
-                    raise
+                    made = handle(message)
+                    if made is not None:
+                        take(source, made, raw.time_ns)
                 except PoseFrameError as err:
                     raise PoseFrameError(f"{self.path}: {source.has.name}: {err}") from err
                 except PeopleLocError as err:
-                    self.dropped[f"{raw.topic}: not used"] += 1
+                    self.dropped[raw.topic] += 1
                     reasons.setdefault(source.has.name, f"{raw.topic}: {err}")
-                    continue
                 yield from close(raw.time_ns)
                 if on_progress is not None:
-                    on_progress((raw.time_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
-            wait_ns = round(self.team.planner.interval.max_wait * 1e9)
-            yield from close(self.end_ns + wait_ns)
+                    on_progress((raw.time_ns - self.start_ns) / span_ns)
+        yield from close(self.end_ns + round(self.team.planner.interval.max_wait * 1e9))
+        for name, source in sources.items():
+            for reason, count in collector.robot(name).dropped.items():
+                self.dropped[f"{name}: scan {reason}"] += count
+            if source.has.images and source.pairer.unpaired:
+                self.dropped[f"{name}: image without its pair"] += source.pairer.unpaired
         self._check(sources, reasons)
 
     def _check(self, sources: Mapping[str, _Source], reasons: Mapping[str, str]) -> None:
@@ -554,13 +598,12 @@ class BagRun:
             if not source.scans:
                 silent[name] = "no scan: " + reasons.get(name, source.nothing_said())
             elif not source.poses:
-                silent[name] = "no pose: " + reasons.get(name, f"topics: {source.has.poses}")
+                silent[name] = "no pose: " + reasons.get(name, source.no_pose())
         lines = [f"{name}: {why}" for name, why in silent.items()]
         if len(silent) == len(sources):
             raise BagError(f"{self.path}: {'; '.join(lines)}")
-        for line in lines:
-            if line not in self.notes:
-                self.notes.append(line)
+        lines += [f"{name}: {why}" for name, why in reasons.items() if name not in silent]
+        self.notes += [line for line in lines if line not in self.notes]
 
 
 def has_people(bag: BagReader) -> bool:
