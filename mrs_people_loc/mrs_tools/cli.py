@@ -30,6 +30,7 @@ from mrs_people_loc.errors import PeopleLocError
 # name: (module:function, what it does). The function may also be a typer.Typer of its own.
 COMMANDS = {
     "demo": ("mrs_tools.demo:command", "Replay a recorded team and compare with the truth."),
+    "simulate": ("mrs_tools.simulate:command", "Draw what a team would see, with ground truth."),
     "evaluate": ("mrs_tools.evaluate:command", "Score bags against their ground truth."),
     "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag."),
     "up": ("mrs_tools.team:up", "Start every node of a team on this machine."),
@@ -44,6 +45,7 @@ _INSTALL = {
     **dict.fromkeys(["rosbags", "rich"], "[tools]"),
     "matplotlib": "[plots]",
     "pypcd4": "[convert]",
+    "embreex": "[sim]",
     **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),
     **dict.fromkeys(["diagnostic_msgs", "stereo_msgs", "visualization_msgs"], "[ros]"),
     **dict.fromkeys(["builtin_interfaces", "lifecycle_msgs", "rosgraph_msgs"], "[ros]"),

@@ -1,0 +1,268 @@
+"""`mrs simulate`: bags of what the stereo heads of a moving team would see.
+
+    mrs simulate scenes/paper_formation.yaml OUT      one scene
+    mrs simulate --suite train OUT_DIR                half of the published suite
+    mrs simulate scenes/tour.yaml --live --rate 0.5   published over ROS
+
+Beside each bag `NAME` lies `NAME.yaml`: parameters of the team (mountings, third cameras, where
+its odometry starts), for the nodes and for `mrs evaluate --config`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mrs_people_loc.errors import ConfigError
+from mrs_tools.simulation.layouts import expand
+from mrs_tools.simulation.scene import Scene, load_scene, load_yaml, read_scene
+
+if TYPE_CHECKING:
+    from mrs_tools.simulation.world import Frame, World
+
+#: The published suite, below the repository or where the package's data was installed.
+_SUITE = ("scenes", "suite.yaml")
+
+
+def simulate(scene: Scene, out: Path, *, jobs: int = 1, on_frame: Any = None) -> World:
+    """Renders a scene into a bag, and writes its team's parameters beside it.
+
+    Args:
+        scene: The scene, its layout not yet expanded.
+        out: A folder, or `NAME.mcap`.
+        jobs: Processes.
+        on_frame: Called after each frame, without arguments.
+
+    Returns:
+        The world.
+
+    Raises:
+        BagError: The bag exists already or cannot be written.
+        ConfigError: The scene cannot be rendered.
+    """
+    from mrs_tools.simulation.world import World
+    from mrs_tools.simulation.writer import write_bag, write_team
+
+    scene = expand(scene)
+    if not scene.robots:
+        raise ConfigError(f"{scene.name}: there is no robot in the scene")
+    world = World(scene)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_bag(out, world, _counted(render_frames(world, jobs), on_frame))
+    write_team(team_file(out), world)
+    return world
+
+
+def team_file(bag: Path) -> Path:
+    """The team's parameter file beside a bag."""
+    return bag.with_name(f"{bag.name.removesuffix('.mcap')}.yaml")
+
+
+def render_frames(world: World, jobs: int = 1) -> Iterator[list[Frame]]:
+    """What all robots see, frame by frame, rendered by so many processes."""
+    indices = range(world.scene.timing.frames)
+    if jobs <= 1:
+        for index in indices:
+            yield [world.render(name, index) for name in world.names]
+        return
+    with ProcessPoolExecutor(
+        jobs, get_context("spawn"), initializer=_start_worker, initargs=(world.scene,)
+    ) as pool:
+        todo = [(name, index) for index in indices for name in world.names]
+        results = pool.map(_render, todo)
+        for _ in indices:
+            yield [next(results) for _ in world.names]
+
+
+_world: World | None = None
+
+
+def _start_worker(scene: Scene) -> None:
+    from mrs_tools.simulation.world import World
+
+    global _world
+    _world = World(scene)
+
+
+def _render(job: tuple[str, int]) -> Frame:
+    assert _world is not None
+    return _world.render(*job)
+
+
+def _counted(frames: Iterator[list[Frame]], on_frame: Any) -> Iterator[list[Frame]]:
+    for frame in frames:
+        yield frame
+        if on_frame is not None:
+            on_frame()
+
+
+# ------------------------------------------------------------------------------- suite ----
+
+
+def suite_scenes(file: Path, half: str) -> list[Scene]:
+    """Scenes of one half of a suite.
+
+    Args:
+        file: A YAML list of scenes, each with `half: train` or `half: test`.
+        half: train, test or all.
+
+    Raises:
+        ConfigError: The file or a scene cannot be used, or the half is empty.
+    """
+    if half not in ("train", "test", "all"):
+        raise ConfigError(f"suite is {half!r}; allowed: train, test, all")
+    document = load_yaml(file)
+    if not isinstance(document, list):
+        raise ConfigError(f"{file}: is not a suite (a list of scenes)")
+    scenes = []
+    for number, item in enumerate(document):
+        scene = read_scene(item, f"{file}, scene {number + 1}")
+        if item.get("half") not in ("train", "test"):
+            raise ConfigError(f"{file}: scene {scene.name} has no `half: train` or `half: test`")
+        if half in ("all", item["half"]):
+            scenes.append(scene)
+    if not scenes:
+        raise ConfigError(f"{file}: no scene of the half {half}")
+    return scenes
+
+
+def suite_file() -> Path:
+    """The published suite.
+
+    Raises:
+        ConfigError: It is neither below this folder, nor in the source tree, nor installed.
+    """
+    roots = (Path.cwd(), Path(__file__).resolve().parents[2])
+    for root in (*roots, Path(sys.prefix, "share", "mrs_people_loc")):
+        if root.joinpath(*_SUITE).is_file():
+            return root.joinpath(*_SUITE)
+    raise ConfigError("the suite, scenes/suite.yaml, is not here: run this in the repository")
+
+
+def simulate_suite(
+    scenes: list[Scene], folder: Path, *, jobs: int = 1, on_scene: Any = None
+) -> list[Path]:
+    """Renders scenes into a folder, several at a time; a bag that is there already stays.
+
+    Args:
+        scenes: The scenes.
+        folder: Where the bags go, each under its scene's name.
+        jobs: Processes, each with a scene of its own.
+        on_scene: Called with the scene's name after each.
+
+    Returns:
+        The bags.
+
+    Raises:
+        BagError: A bag cannot be written.
+        ConfigError: A scene cannot be rendered.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    bags = [folder / scene.name for scene in scenes]
+    todo = [(s, bag) for s, bag in zip(scenes, bags, strict=True) if not bag.exists()]
+    # The longest first, so that no process is left alone with one at the end.
+    todo.sort(key=lambda job: -job[0].timing.frames * max(1, job[0].layout.robots))
+    if jobs <= 1:
+        for job in todo:
+            on_scene and on_scene(_simulate_job(job))
+        return bags
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        for name in pool.map(_simulate_job, todo):
+            on_scene and on_scene(name)
+    return bags
+
+
+def _simulate_job(job: tuple[Scene, Path]) -> str:
+    scene, bag = job
+    simulate(scene, bag)
+    return scene.name
+
+
+# ------------------------------------------------------------------------ command line ----
+
+
+def command(
+    scene: Annotated[
+        Path, typer.Argument(help="Scene file; with --suite: the folder for the bags.")
+    ],
+    out: Annotated[Path | None, typer.Argument(help="The new bag: a folder, or NAME.mcap.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Instead of the scene's.", min=0)] = None,
+    frames: Annotated[int | None, typer.Option(help="Instead of the scene's.", min=1)] = None,
+    tracks: Annotated[
+        Path | None, typer.Option(help="Recorded pedestrians (obsmat.txt) who walk there, too.")
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
+    ] = 0,
+    suite: Annotated[
+        str, typer.Option(help="Render a half of the published suite: train, test or all.")
+    ] = "",
+    live: Annotated[
+        bool, typer.Option("--live", help="Publish over ROS instead of writing a bag.")
+    ] = False,
+    rate: Annotated[
+        float, typer.Option(help="With --live: times as fast as in the scene.", min=0.01)
+    ] = 1.0,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="With --live: begin again at the end, until Ctrl-C.")
+    ] = False,
+) -> None:
+    """Draw what the stereo heads of a team would see, with ground truth.
+
+    Writes a bag and, beside it under the same name, the team's parameter file (.yaml) for the
+    nodes and `mrs evaluate --config`. The same scene and seed give the same images. With --live
+    the scene is rendered first, then published with its time on /clock (use_sim_time).
+    """
+    jobs = jobs or os.cpu_count() or 1
+    if suite:
+        if out is not None:
+            raise typer.BadParameter("--suite takes one folder, OUT_DIR")
+        scenes = suite_scenes(suite_file(), suite)
+        with _progress("scenes", len(scenes)) as advance:
+            bags = simulate_suite(scenes, scene, jobs=jobs, on_scene=lambda _: advance())
+        typer.echo(f"{scene}: {len(bags)} bags")
+        return
+    if live == (out is not None):
+        raise typer.BadParameter("give OUT, the new bag, or --live")
+    what = load_scene(scene, seed=seed)
+    if frames is not None:
+        what = dataclasses.replace(what, timing=dataclasses.replace(what.timing, frames=frames))
+    if tracks is not None:
+        what = dataclasses.replace(what, tracks=str(tracks))
+    with tempfile.TemporaryDirectory() as folder:
+        bag = out or Path(folder, what.name)
+        with _progress("frames", what.timing.frames) as advance:
+            world = simulate(what, bag, jobs=jobs, on_frame=advance)
+        people, robots = len(world.people), len(world.names)
+        typer.echo(
+            f"{bag}: {what.timing.frames} frames of {robots} robot{'s' * (robots != 1)} and "
+            f"{people} {'person' if people == 1 else 'people'}; team: {team_file(bag)}"
+        )
+        if live:
+            from mrs_tools import replay
+
+            replay.command(bag, rate=rate, loop=loop, clock=True, topics=None, wait=5.0)
+
+
+@contextmanager
+def _progress(label: str, total: int) -> Iterator[Any]:
+    """A bar on the terminal; yields what moves it on by one."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    console = Console(stderr=True)
+    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), Remaining())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda: bar.advance(task)

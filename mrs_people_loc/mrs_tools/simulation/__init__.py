@@ -1,0 +1,19 @@
+"""The simulator behind `mrs simulate`: what the stereo heads of a moving team would see.
+
+    scene.py      the scene file: sections, validated
+    layouts.py    random scenes from a few numbers and a seed
+    motion.py     where everybody is at a time: standing, turning, paths, walkers, recorded tracks
+    meshes.py     triangles with texture coordinates
+    textures.py   procedural textures and the atlas they are sampled from
+    rooms.py      floor, walls, furniture, clutter
+    bodies.py     articulated people
+    robots.py     the robots as solid bodies
+    heads.py      cameras: rays of every pixel, and what the sensor makes of the light
+    rendering.py  ray casting (Embree) and shading
+    odometry.py   what the robots believe about their poses
+    world.py      all of it together: one frame of one robot
+    writer.py     messages, bags, the team's parameter file, live publishing
+
+NumPy, OpenCV and SciPy throughout; only `rendering` needs Embree (`pip install .[sim]`), and
+nothing needs ROS but publishing live. Units are metres, seconds and radians; everything is seeded.
+"""

@@ -1,0 +1,281 @@
+"""Random scenes from a few numbers and a seed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_tools.simulation.rooms import SIZES, footprint
+from mrs_tools.simulation.scene import Furniture, Head, Person, Robot, Scene
+
+Rng = np.random.Generator
+
+_LARGE = ("table", "desk", "shelf", "cabinet", "pillar", "plant", "partition", "sofa", "board",
+          "sign", "coat_stand", "chair", "desk", "chair")  # fmt: skip
+_SMALL = ("chair", "bin", "boxes", "lamp", "plant", "boxes", "coat_stand")
+_WALLED = {"shelf", "cabinet", "desk", "sofa"}
+
+
+def expand(scene: Scene) -> Scene:
+    """The scene with its layout carried out: people, robots and furniture are all named.
+
+    The result depends on the scene and its seed alone.
+    """
+    plan = scene.layout
+    if not (plan.people or plan.robots or plan.furniture or plan.clutter):
+        return scene
+    rng = np.random.default_rng([scene.seed, 100])
+    centre = _centre(scene, rng)
+    people = [*scene.people]
+    spots = _spots(scene, centre, rng)
+    robots, heads = dict(scene.robots), dict(scene.heads)
+    common = next(iter(scene.heads.values()), Head())
+    names = [f"robot_{chr(ord('a') + k)}" for k in range(26)]
+    names = [n for n in names if n not in robots][: plan.robots]
+    middle = np.mean(spots, axis=0) if spots else centre
+    posts = _posts(scene, middle, spots, len(names), rng)
+    tour = plan.activity == "tour"
+    for k, (name, (x, y, yaw)) in enumerate(zip(names, posts, strict=True)):
+        robots[name] = Robot(
+            x=x, y=y, yaw=yaw,
+            phase=float(rng.choice([0.0, rng.uniform(0.0, 0.04)])) if k else 0.0,
+            body=str(rng.choice(["mast", "column"])),
+        )  # fmt: skip
+        heads[name] = _head(scene, common, k, rng)
+    heads.pop("", None)
+    people += _people(scene, middle, spots, rng)
+    furniture = [*scene.furniture]
+    keep_clear = [*spots, *((r.x, r.y) for r in robots.values())]
+    furniture += _furniture(scene, keep_clear, robots, rng)
+    result = dataclasses.replace(
+        scene,
+        people=tuple(people),
+        robots=robots,
+        heads=heads,
+        furniture=tuple(furniture),
+    )
+    return _guided(result, rng) if tour else result
+
+
+def _centre(scene: Scene, rng: Rng) -> NDArray:
+    """The group's middle: somewhere around the room's."""
+    size = np.array([scene.room.length, scene.room.width])
+    return size / 2 + rng.uniform(-0.08, 0.08, 2) * size
+
+
+def _spots(scene: Scene, centre: NDArray, rng: Rng) -> list[tuple[float, float]]:
+    """Where the people are (at first), at least 0.5 m apart."""
+    plan = scene.layout
+    size = np.array([scene.room.length, scene.room.width])
+    gap = {"close": 0.50, "talk": 0.6, "tour": 0.65}.get(plan.activity, 0.8)
+    spread = 0.35 * gap * math.sqrt(max(plan.people, 1)) + 0.35
+    if plan.activity in ("stand", "walk", "mixed"):
+        spread = min(1.5, 0.5 + 0.22 * plan.people)
+    spots: list[tuple[float, float]] = [(p.x, p.y) for p in scene.people]
+    first = len(spots)
+    while len(spots) - first < plan.people:
+        for attempt in range(400):
+            place = centre + rng.normal(0.0, spread * (1 + attempt / 200), 2)
+            if plan.activity == "talk" and (len(spots) - first) % 2:
+                angle = rng.uniform(0, 2 * math.pi)
+                reach = rng.uniform(0.65, 0.95)
+                place = np.array(spots[-1]) + reach * np.array([math.cos(angle), math.sin(angle)])
+            inside = (place > 0.6).all() and (place < size - 0.6).all()
+            least = gap * (1 - attempt / 800)
+            if inside and all(math.dist(place, other) >= least for other in spots):
+                break
+        spots.append((float(place[0]), float(place[1])))
+    return spots[first:]
+
+
+def _posts(
+    scene: Scene, centre: NDArray, spots: list[tuple[float, float]], count: int, rng: Rng
+) -> list[tuple[float, float, float]]:
+    """Where the robots stand: around the group, looking at it, more or less."""
+    plan = scene.layout
+    size = np.array([scene.room.length, scene.room.width])
+    turn = rng.uniform(0, 2 * math.pi)
+    posts: list[tuple[float, float, float]] = []
+    for k in range(count):
+        for attempt in range(400):
+            spread = 2 * math.pi / max(count, 1)
+            angle = turn + k * spread + rng.normal(0, 0.25 + attempt / 200)
+            reach = rng.uniform(plan.near, plan.far)
+            place = centre + reach * np.array([math.cos(angle), math.sin(angle)])
+            inside = (place > 0.35).all() and (place < size - 0.35).all()
+            apart = all(math.dist(place, spot) > 1.1 for spot in spots)
+            clear = all(math.dist(place, post[:2]) > 0.9 for post in posts)
+            if inside and apart and clear:
+                break
+        yaw = math.atan2(*(centre - place)[::-1]) + rng.normal(0, 0.12)
+        posts.append((float(place[0]), float(place[1]), float(math.remainder(yaw, 2 * math.pi))))
+    return posts
+
+
+def _head(scene: Scene, common: Head, k: int, rng: Rng) -> Head:
+    kind = scene.layout.heads
+    if kind == "trinocular":
+        return dataclasses.replace(common, top=common.baseline) if k == 0 else common
+    if kind == "tilted" or (kind == "mixed" and rng.random() < 0.6):
+        height = float(rng.uniform(1.2, min(2.4, scene.room.height - 0.3)))
+        # The higher, the more it looks down: at somebody's chest about 2.6 m away.
+        pitch = math.atan2(height - 1.1, rng.uniform(2.0, 3.4))
+        return dataclasses.replace(
+            common,
+            height=round(height, 3),
+            pitch=round(min(pitch, 0.5236), 4),
+            roll=round(float(rng.uniform(-0.1745, 0.1745)), 4),
+            yaw=round(float(rng.normal(0, 0.05)), 4),
+            forward=round(float(rng.uniform(0.0, 0.15)), 3),
+            left=round(float(rng.uniform(-0.05, 0.1)), 3),
+        )
+    return common
+
+
+def _people(
+    scene: Scene, centre: NDArray, spots: list[tuple[float, float]], rng: Rng
+) -> list[Person]:
+    plan = scene.layout
+    people = []
+    for k, (x, y) in enumerate(spots):
+        seed = int(rng.integers(1, 2**31))
+        yaw = float(rng.uniform(-math.pi, math.pi))
+        person = Person(x=x, y=y, yaw=yaw, seed=seed)
+        if plan.activity == "talk":
+            mate = k + 1 if k % 2 == 0 else k - 1
+            if mate < len(spots):
+                yaw = math.atan2(spots[mate][1] - y, spots[mate][0] - x)
+            person = dataclasses.replace(person, yaw=yaw, pose="talk")
+        elif plan.activity in ("walk", "mixed"):
+            if plan.activity == "walk" or k % 2 == 0:
+                # Mostly across the group, so that people stay in view.
+                goal: tuple[float, ...] = ()
+                if rng.random() < 0.6:
+                    away = centre - (x, y)
+                    target = centre + away * 0.8 + rng.normal(0, 0.5, 2)
+                    size = np.array([scene.room.length, scene.room.width])
+                    target = np.clip(target, 0.6, size - 0.6)
+                    goal = (float(target[0]), float(target[1]))
+                person = dataclasses.replace(
+                    person,
+                    walks=True,
+                    speed=float(rng.uniform(0.6, 1.4)),
+                    goal=goal,
+                    area=(float(centre[0]), float(centre[1]), 0.6 + 0.8 * plan.near),
+                )
+            elif rng.random() < 0.4:
+                person = dataclasses.replace(person, turn_rate=float(rng.uniform(-0.8, 0.8)))
+        people.append(person)
+    return people
+
+
+def _guided(scene: Scene, rng: Rng) -> Scene:
+    """A tour: everybody goes along x at one speed, the first robot ahead and looking back."""
+    plan = scene.layout
+    speed = float(rng.uniform(0.6, 1.1))
+    duration = (scene.timing.frames - 1) / scene.timing.rate + 1.2
+    way = speed * duration
+    count = len(scene.people) - plan.people
+    people = list(scene.people[:count])
+    for person in scene.people[count:]:
+        x0, y0 = person.x - way / 2, person.y
+        bend = float(rng.normal(0, 0.1))
+        people.append(
+            dataclasses.replace(
+                person,
+                path=(x0, y0, person.x, y0 + bend, x0 + way, y0),
+                speed=speed * float(rng.uniform(0.94, 1.06)),
+                walks=False,
+            )
+        )
+    xs = [p.x for p in scene.people[count:]] or [scene.room.length / 2]
+    middle = float(np.mean([p.y for p in scene.people[count:]] or [scene.room.width / 2]))
+    robots = {}
+    for k, (name, robot) in enumerate(scene.robots.items()):
+        if k == 0:
+            x, y, ahead = max(xs) + float(rng.uniform(1.3, 1.9)), middle, True
+        else:
+            x = min(xs) - float(rng.uniform(1.3, 1.9))
+            y, ahead = middle + (0.9, -0.9, 0.0)[(k - 1) % 3], False
+            x -= 0.9 * ((k - 1) // 2)
+        y = float(np.clip(y + rng.normal(0, 0.1), 0.5, scene.room.width - 0.5))
+        robots[name] = dataclasses.replace(
+            robot, path=(x - way / 2, y, x + way / 2, y), speed=speed, backwards=ahead
+        )
+    return dataclasses.replace(scene, people=tuple(people), robots=robots)
+
+
+def _furniture(
+    scene: Scene, keep_clear: list[tuple[float, float]], robots: dict[str, Robot], rng: Rng
+) -> list[Furniture]:
+    """Pieces that stand in nobody's way; the large ones mostly along the walls."""
+    plan, room = scene.layout, scene.room
+    placed: list[Furniture] = []
+    wishes = [(_LARGE, 0.6)] * plan.furniture + [(_SMALL, 0.2)] * plan.clutter
+    for kinds, at_wall in wishes:
+        for _ in range(60):
+            kind = str(rng.choice(kinds))
+            size = list(SIZES[kind])
+            if kind == "pillar":
+                size[2] = room.height
+            elif kind in ("shelf", "plant", "partition", "cabinet", "boxes", "sign", "coat_stand"):
+                size[2] = round(size[2] * float(rng.uniform(0.75, 1.1)), 3)
+            radius = 0.5 * math.hypot(size[0], size[1])
+            if kind in _WALLED or rng.random() < at_wall:
+                x, y, yaw = _along_wall(room.length, room.width, size, rng)
+            else:
+                x = float(rng.uniform(0.3 + radius, max(room.length - 0.3 - radius, 0.31 + radius)))
+                y = float(rng.uniform(0.3 + radius, max(room.width - 0.3 - radius, 0.31 + radius)))
+                yaw = float(rng.uniform(-math.pi, math.pi))
+            piece = Furniture(kind=kind, x=x, y=y, yaw=yaw, size=tuple(size))
+            if _fits(piece, radius, keep_clear, placed, scene) and not _blocks(
+                piece, radius, robots
+            ):
+                placed.append(piece)
+                break
+    return placed
+
+
+def _along_wall(
+    length: float, width: float, size: list[float], rng: Rng
+) -> tuple[float, float, float]:
+    depth = size[0] / 2 + 0.03
+    wall = int(rng.integers(4))
+    if wall < 2:
+        x = float(rng.uniform(size[1] / 2 + 0.1, max(length - size[1] / 2 - 0.1, size[1])))
+        return (x, depth, math.pi / 2) if wall == 0 else (x, width - depth, -math.pi / 2)
+    y = float(rng.uniform(size[1] / 2 + 0.1, max(width - size[1] / 2 - 0.1, size[1])))
+    return (depth, y, 0.0) if wall == 2 else (length - depth, y, math.pi)
+
+
+def _fits(
+    piece: Furniture,
+    radius: float,
+    keep_clear: list[tuple[float, float]],
+    placed: list[Furniture],
+    scene: Scene,
+) -> bool:
+    tour = scene.layout.activity == "tour"
+    if tour and abs(piece.y - scene.room.width / 2) < 1.5 + radius:
+        return False
+    if any(math.dist((piece.x, piece.y), spot) < radius + 0.45 for spot in keep_clear):
+        return False
+    others = [*scene.furniture, *placed]
+    return all(
+        math.dist((piece.x, piece.y), footprint(other)[:2]) > radius + footprint(other)[2]
+        for other in others
+    )
+
+
+def _blocks(piece: Furniture, radius: float, robots: dict[str, Robot]) -> bool:
+    """Whether it stands right before a robot, where it would hide all else."""
+    for robot in robots.values():
+        dx, dy = piece.x - robot.x, piece.y - robot.y
+        ahead = dx * math.cos(robot.yaw) + dy * math.sin(robot.yaw)
+        aside = abs(-dx * math.sin(robot.yaw) + dy * math.cos(robot.yaw))
+        if 0 < ahead < 1.2 + radius and aside < radius + 0.25 * ahead and piece.kind != "chair":
+            return True
+    return False

@@ -1,0 +1,434 @@
+"""The scene file: what stands, walks and looks in it.
+
+A scene is a YAML file. Every section below is a mapping whose keys, meanings and ranges are the
+fields here; what is not named has its default, what is not known is an error::
+
+    name: two_people
+    seed: 7
+    timing: {frames: 5, rate: 10.0}
+    room: {length: 8.0, width: 7.0}
+    furniture: [{kind: table, x: 2.6, y: 1.3}]
+    people:
+      - {x: 3.0, y: 3.5, yaw: 0.0}
+      - {path: [1.0, 1.0, 5.0, 2.0], speed: 1.1}
+    robots:
+      robot_a: {x: 6.3, y: 3.5, yaw: 3.14, head: {pitch: 0.3, height: 1.5}}
+    head: {baseline: 0.10}        # of all robots, unless they say otherwise
+    imaging: {noise: 2.0}
+    odometry: {mode: exact}
+    layout: {people: 4}           # ... and what `layouts.py` adds at random
+
+Positions are metres in `map`, whose origin is a corner of the room; angles are radians; a path is
+a flat list x0, y0, x1, y1, ...
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mrs_people_loc.config import PlannerConfig, Section
+from mrs_people_loc.errors import ConfigError
+
+_TAU = 6.2832
+
+
+def _field(default: Any, doc: str, **limits: Any) -> Any:
+    kind = limits.pop("kind", "strs") if isinstance(default, tuple) else type(default).__name__
+    return dataclasses.field(default=default, metadata={"kind": kind, "doc": doc, **limits})
+
+
+@dataclass(frozen=True)
+class Timing(Section):
+    """When images are taken."""
+
+    frames: int = _field(5, "images per camera", low=1, high=100_000)
+    rate: float = _field(10.0, "images per second [Hz]", low=0.1, high=200.0)
+    start: float = _field(1.0e9, "stamp of the first frame, since 1970 [s]", low=0.0, high=4.0e9)
+
+
+@dataclass(frozen=True)
+class Room(Section):
+    """Floor, walls and light. One corner is the origin of `map`."""
+
+    length: float = _field(8.0, "along x [m]", low=1.0, high=100.0)
+    width: float = _field(7.0, "along y [m]", low=1.0, high=100.0)
+    height: float = _field(2.8, "floor to ceiling [m]", low=1.8, high=20.0)
+    walls: str = _field(
+        "plaster",
+        "surface of the walls",
+        choices=("plaster", "wallpaper", "brick", "concrete", "wood", "plain", "speckle"),
+    )
+    floor: str = _field(
+        "carpet",
+        "surface of the floor",
+        choices=("carpet", "planks", "tiles", "concrete", "plain", "speckle"),
+    )
+    contrast: float = _field(
+        1.0, "contrast of every texture; a third of it is a poor room", low=0.0, high=3.0
+    )
+    wall_shade: float = _field(0.6, "reflectance of the walls", low=0.05, high=0.95)
+    floor_shade: float = _field(0.38, "reflectance of the floor", low=0.05, high=0.95)
+    posters: int = _field(4, "posters, boards and windows on the walls", low=0, high=100)
+    doors: int = _field(1, "doors in the walls", low=0, high=20)
+    lamps: int = _field(2, "lamps under the ceiling", low=1, high=8)
+    ambient: float = _field(
+        0.45, "share of the light that comes from everywhere", low=0.0, high=1.0
+    )
+
+
+#: Furniture and clutter that can be placed, see `rooms.py`.
+FURNITURE = (
+    "table", "table_on_edge", "chair", "desk", "shelf", "cabinet", "pillar", "plant", "partition",
+    "bin", "boxes", "coat_stand", "sign", "sofa", "lamp", "board", "block",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Furniture(Section):
+    """One piece of furniture; its front looks along x before it is turned."""
+
+    kind: str = _field("table", "what it is", choices=FURNITURE)
+    x: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
+    y: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
+    z: float = _field(0.0, "what it stands on, over the floor [m]", low=0.0, high=5.0)
+    yaw: float = _field(0.0, "turned to the left [rad]", low=-_TAU, high=_TAU)
+    size: tuple[float, ...] = _field(
+        (), "edge lengths x, y, z; empty: as such things are [m]", kind="floats", length=3
+    )
+
+
+@dataclass(frozen=True)
+class Person(Section):
+    """One person. Without a path or a walk, he stands where x, y and yaw say."""
+
+    x: float = _field(0.0, "axis of the neck, in the map [m]", low=-1000.0, high=1000.0)
+    y: float = _field(0.0, "axis of the neck, in the map [m]", low=-1000.0, high=1000.0)
+    yaw: float = _field(0.0, "where the person faces [rad]", low=-_TAU, high=_TAU)
+    path: tuple[float, ...] = _field((), "x0, y0, x1, y1, ... to walk along [m]", kind="floats")
+    speed: float = _field(1.0, "walking speed [m/s]", low=0.0, high=4.0)
+    walks: bool = _field(False, "walks about on his own, from x, y")
+    goal: tuple[float, ...] = _field(
+        (), "where one who walks wants to go; empty: anywhere [m]", kind="floats", length=2
+    )
+    area: tuple[float, ...] = _field(
+        (), "x, y, radius of the circle where one who walks stays; empty: the room [m]",
+        kind="floats", length=3,
+    )  # fmt: skip
+    turn_rate: float = _field(0.0, "turns on the spot [rad/s]", low=-6.0, high=6.0)
+    height: float = _field(0.0, "1.45 to 1.95 is usual; 0: at random [m]", low=0.0, high=2.3)
+    build: float = _field(0.0, "girth, 1 is average; 0: at random", low=0.0, high=1.6)
+    top: str = _field(
+        "random",
+        "what covers the upper body",
+        choices=("random", "pullover", "shirt", "jacket", "coat"),
+    )
+    bottom: str = _field(
+        "random", "what covers the legs", choices=("random", "trousers", "skirt", "shorts")
+    )
+    cloth: str = _field(
+        "random",
+        "texture of the upper garment",
+        choices=("random", "plain", "knit", "stripes", "checks", "print", "denim"),
+    )
+    shade: float = _field(0.0, "its reflectance, 0.05 is black; 0: at random", low=0.0, high=0.95)
+    hair: str = _field("random", "hair", choices=("random", "short", "long", "bald", "cap"))
+    bag: str = _field(
+        "random", "what is carried", choices=("random", "none", "backpack", "shoulder")
+    )
+    pose: str = _field(
+        "random",
+        "what one who stands does with his arms",
+        choices=(
+            "random",
+            "hang",
+            "pockets",
+            "crossed",
+            "hips",
+            "phone",
+            "behind",
+            "talk",
+            "point",
+        ),
+    )
+    seed: int = _field(0, "of everything that is left to chance; 0: from the scene", low=0)
+
+
+@dataclass(frozen=True)
+class Head(Section):
+    """A stereo head and its mounting (see the robot's `mounting` parameters)."""
+
+    width: int = _field(160, "image width [px]", low=16, high=4096)
+    height_px: int = _field(120, "image height [px]", low=16, high=4096)
+    focal: float = _field(105.46, "focal length [px]", low=5.0, high=10_000.0)
+    cx: float = _field(-1.0, "principal point; -1: the image's middle [px]", low=-1.0, high=4096.0)
+    cy: float = _field(-1.0, "principal point; -1: the image's middle [px]", low=-1.0, high=4096.0)
+    baseline: float = _field(0.10, "from left to right [m]", low=0.01, high=2.0)
+    top: float = _field(0.0, "third camera so far above left; 0: none [m]", low=-1.0, high=1.0)
+    distortion: tuple[float, ...] = _field(
+        (), "k1, k2, p1, p2, k3 of raw images; empty: rectified images", kind="floats"
+    )
+    calibration: tuple[str, ...] = _field(
+        (), "CameraInfo YAML files of left, right (and top), instead of the numbers above"
+    )
+    height: float = _field(1.0, "lens height over the floor [m]", low=0.05, high=10.0)
+    forward: float = _field(0.0, "lens in front of base_link [m]", low=-5.0, high=5.0)
+    left: float = _field(0.0, "lens to the left of base_link [m]", low=-5.0, high=5.0)
+    pitch: float = _field(0.0, "nose down [rad]", low=-1.6, high=1.6)
+    roll: float = _field(0.0, "right side down [rad]", low=-3.2, high=3.2)
+    yaw: float = _field(0.0, "to the left [rad]", low=-3.2, high=3.2)
+
+
+@dataclass(frozen=True)
+class Robot(Section):
+    """One robot. Without a path it stands."""
+
+    x: float = _field(0.0, "base_link in the map [m]", low=-1000.0, high=1000.0)
+    y: float = _field(0.0, "base_link in the map [m]", low=-1000.0, high=1000.0)
+    yaw: float = _field(0.0, "heading [rad]", low=-_TAU, high=_TAU)
+    path: tuple[float, ...] = _field((), "x0, y0, x1, y1, ... to drive along [m]", kind="floats")
+    speed: float = _field(0.8, "driving speed [m/s]", low=0.0, high=3.0)
+    backwards: bool = _field(False, "drives with its back ahead, as one who looks at followers")
+    phase: float = _field(
+        0.0, "its images are this much later than the frame [s]", low=0.0, high=1.0
+    )
+    body: str = _field("mast", "how it looks", choices=("mast", "column", "none"))
+
+
+@dataclass(frozen=True)
+class Imaging(Section):
+    """From light to grey levels. Differences are drawn once per camera."""
+
+    samples: int = _field(4, "rays per pixel", low=1, high=64)
+    target: float = _field(105.0, "mean grey level that exposure aims at", low=10.0, high=240.0)
+    noise: float = _field(2.0, "noise of a pixel in the dark [grey levels]", low=0.0, high=50.0)
+    shot_noise: float = _field(
+        0.08, "noise that grows with the root of the grey level", low=0.0, high=2.0
+    )
+    gain_difference: float = _field(0.02, "deviation of gains, relative", low=0.0, high=0.5)
+    brightness_difference: float = _field(
+        1.0, "deviation of offsets [grey levels]", low=0.0, high=50.0
+    )
+    vignetting: float = _field(0.10, "loss of light in the corners", low=0.0, high=0.9)
+    blur: float = _field(0.4, "Gaussian blur of the lens, sigma [px]", low=0.0, high=5.0)
+    exposure: float = _field(0.008, "exposure time, for motion blur [s]", low=0.0, high=0.1)
+    slices: int = _field(2, "instants that are averaged while exposing", low=1, high=16)
+    calibration_error: float = _field(
+        0.05, "deviation of the cameras' orientation from calibration [px]", low=0.0, high=5.0
+    )
+    gamma: float = _field(1.0, "grey = light ** gamma; 1: linear", low=0.2, high=3.0)
+
+
+@dataclass(frozen=True)
+class Odometry(Section):
+    """What the robots say about their poses.
+
+    `exact`: the truth, in `map`. `localized`: in `map`, with a slowly wandering error of the given
+    sigmas. `drift`: in `<robot>/odom`, whose place in the map is known from the start (parameter
+    `pose.map_from_odom`), with an error that grows with the way. The covariance says how large the
+    error is expected to be.
+    """
+
+    mode: str = _field("exact", "kind of error", choices=("exact", "localized", "drift"))
+    rate: float = _field(50.0, "messages per second [Hz]", low=1.0, high=1000.0)
+    sigma: float = _field(
+        0.015, "localized, and at the start of drift: position [m]", low=0.0, high=1.0
+    )
+    sigma_yaw: float = _field(0.005, "the same for the heading [rad]", low=0.0, high=1.0)
+    period: float = _field(5.0, "localized: the error changes within this time [s]", low=0.1)
+    drift: float = _field(
+        0.03, "drift: position per root of the way [m / sqrt(m)]", low=0.0, high=1.0
+    )
+    drift_yaw: float = _field(
+        0.01, "drift: heading per root of the way [rad / sqrt(m)]", low=0.0, high=1.0
+    )
+
+
+@dataclass(frozen=True)
+class Layout(Section):
+    """Numbers from which `layouts.py` makes people, robots and furniture at random."""
+
+    people: int = _field(0, "people", low=0, high=30)
+    robots: int = _field(0, "robots around them", low=0, high=8)
+    activity: str = _field(
+        "stand",
+        "what people do: stand about, talk in pairs, stand closely together, follow the first "
+        "robot, walk about, or a mixture of standing and walking",
+        choices=("stand", "talk", "close", "tour", "walk", "mixed"),
+    )
+    heads: str = _field(
+        "level",
+        "level at 1 m; tilted: up to 2.4 m, 30 deg and 10 deg of roll; mixed; or trinocular for "
+        "the first robot",
+        choices=("level", "tilted", "mixed", "trinocular"),
+    )
+    furniture: int = _field(0, "pieces of furniture", low=0, high=60)
+    clutter: int = _field(0, "small things", low=0, high=60)
+    near: float = _field(1.5, "robots are at least so far from the group's middle [m]", low=0.3)
+    far: float = _field(3.2, "robots are at most so far from the group's middle [m]", low=0.3)
+    cloth: str = _field(
+        "random", "clothes: random, or dark pullovers only", choices=("random", "dark")
+    )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A whole scene, see the module's docstring.
+
+    Attributes:
+        name: Its name.
+        seed: Of everything that is left to chance.
+        description: For people.
+        timing: When images are taken.
+        room: Floor, walls and light.
+        furniture: What stands in it.
+        people: Who is there; the index is the person's.
+        robots: The team, by name.
+        heads: Each robot's stereo head, by its name.
+        imaging: From light to grey levels.
+        odometry: What the robots say about their poses.
+        layout: What is added at random.
+        tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
+        tracks_window: First and last time of the recording to be used [s], and the x, y that
+            become the map's origin [m].
+    """
+
+    name: str = "scene"
+    seed: int = 1
+    description: str = ""
+    timing: Timing = Timing()
+    room: Room = Room()
+    furniture: tuple[Furniture, ...] = ()
+    people: tuple[Person, ...] = ()
+    robots: Mapping[str, Robot] = dataclasses.field(default_factory=dict)
+    heads: Mapping[str, Head] = dataclasses.field(default_factory=dict)
+    imaging: Imaging = Imaging()
+    odometry: Odometry = Odometry()
+    layout: Layout = Layout()
+    tracks: str = ""
+    tracks_window: tuple[float, ...] = ()
+
+
+_SECTIONS: dict[str, type[Section]] = {
+    "timing": Timing,
+    "room": Room,
+    "imaging": Imaging,
+    "odometry": Odometry,
+    "layout": Layout,
+}
+_OTHERS = (
+    "name", "seed", "description", "half", "furniture", "people", "robots", "head", "tracks",
+    "tracks_window",
+)  # fmt: skip
+
+
+def read_scene(document: object, where: str, *, seed: int | None = None) -> Scene:
+    """Builds a scene from what a YAML file holds.
+
+    Args:
+        document: The parsed file.
+        where: Its name, for errors.
+        seed: Instead of the file's.
+
+    Raises:
+        ConfigError: A key is unknown or a value not allowed.
+    """
+    if not isinstance(document, Mapping):
+        raise ConfigError(f"{where}: is not a scene (a mapping with room, people, robots, ...)")
+    unknown = [key for key in document if key not in _SECTIONS and key not in _OTHERS]
+    if unknown:
+        raise ConfigError(
+            f"{where}: unknown section {unknown[0]}; known: {', '.join((*_OTHERS, *_SECTIONS))}"
+        )
+    try:
+        sections = {
+            name: kind.from_mapping(_mapping(document.get(name) or {}, name))
+            for name, kind in _SECTIONS.items()
+        }
+        common = Head.from_mapping(_mapping(document.get("head") or {}, "head"))
+        robots, heads = {}, {}
+        for name, body in _mapping(document.get("robots") or {}, "robots").items():
+            values = dict(_mapping(body or {}, f"robots.{name}"))
+            heads[name] = Head.from_mapping(_mapping(values.pop("head", {}), "head"), common)
+            robots[name] = Robot.from_mapping(values)
+        PlannerConfig(robots=tuple(robots))  # knows which names are allowed
+        scene = Scene(
+            name=str(document.get("name", Path(where).stem)),
+            seed=_whole(document.get("seed", 1) if seed is None else seed),
+            description=str(document.get("description", "")),
+            furniture=_list(Furniture, document.get("furniture"), "furniture"),
+            people=_list(Person, document.get("people"), "people"),
+            robots=robots,
+            heads=heads or {"": common},
+            tracks=str(document.get("tracks", "")),
+            tracks_window=tuple(float(t) for t in document.get("tracks_window", ())),
+            **sections,  # type: ignore[arg-type]
+        )
+        for kind, items in (("people", scene.people), ("robots", scene.robots.values())):
+            for item in items:
+                if len(item.path) % 2 or len(item.path) == 2:
+                    raise ConfigError(
+                        f"{kind}: path has {len(item.path)} numbers; wanted x0, y0, "
+                        "x1, y1, ...: at least two points"
+                    )
+        if len(scene.tracks_window) not in (0, 4):
+            raise ConfigError("tracks_window wants four numbers: first and last time, x, y")
+    except (ConfigError, TypeError, ValueError) as err:
+        raise ConfigError(f"{where}: {err}") from err
+    return scene
+
+
+def load_scene(path: str | Path, *, seed: int | None = None) -> Scene:
+    """Reads a scene file; paths in it are relative to it.
+
+    Raises:
+        ConfigError: It cannot be read, a key is unknown or a value not allowed.
+    """
+    path = Path(path)
+    scene = read_scene(load_yaml(path), str(path), seed=seed)
+    if scene.tracks:
+        scene = dataclasses.replace(scene, tracks=str(path.parent / scene.tracks))
+    heads = {
+        name: dataclasses.replace(
+            head, calibration=tuple(str(path.parent / file) for file in head.calibration)
+        )
+        for name, head in scene.heads.items()
+    }
+    return dataclasses.replace(scene, heads=heads)
+
+
+def load_yaml(path: Path) -> Any:
+    """What a YAML file holds.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+        raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
+
+
+def _mapping(value: object, name: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{name} is {value!r}; wanted: a mapping")
+    return value
+
+
+def _list(kind: Any, value: object, name: str) -> tuple:
+    if value is None:
+        return ()
+    if not isinstance(value, list):
+        raise ConfigError(f"{name} is {value!r}; wanted: a list")
+    return tuple(kind.from_mapping(_mapping(item, f"{name}[{i}]")) for i, item in enumerate(value))
+
+
+def _whole(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ConfigError(f"seed is {value!r}; allowed: a whole number of at least 0")
+    return value

@@ -1,0 +1,307 @@
+"""A scene come to life: what one robot sees at one instant, and what is true then.
+
+Owners of triangles: -1 the room and its furniture, i >= 0 person i, -10 - k robot k.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.geometry import rotation_from_rpy
+from mrs_tools.simulation import motion
+from mrs_tools.simulation.bodies import Body
+from mrs_tools.simulation.heads import Camera, Gray, camera_models, expose, is_raw, make_camera
+from mrs_tools.simulation.heads import mounting as head_mounting
+from mrs_tools.simulation.meshes import Mesh, merge
+from mrs_tools.simulation.motion import Place, Track, Walker
+from mrs_tools.simulation.odometry import Belief, believe
+from mrs_tools.simulation.rendering import Caster, Light
+from mrs_tools.simulation.robots import robot_mesh
+from mrs_tools.simulation.rooms import footprint, furniture_mesh, room_mesh
+from mrs_tools.simulation.scene import Person, Robot, Scene
+from mrs_tools.simulation.textures import Atlas
+
+ROOM = -1
+_ROBOT = -10
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What one robot's head saw.
+
+    Attributes:
+        robot: Its name.
+        index: Number of the frame.
+        stamp_ns: When the images were taken [ns].
+        images: By camera: left, right, top.
+        pixels: How much of each person the left camera saw [px], shape (people,).
+    """
+
+    robot: str
+    index: int
+    stamp_ns: int
+    images: dict[str, Gray]
+    pixels: NDArray
+
+
+class World:
+    """A scene with everything drawn that was left to chance.
+
+    Args:
+        scene: The scene, its layout already expanded (`layouts.expand`).
+
+    Attributes:
+        scene: The scene.
+        names: Names of the robots.
+        raw: Whether a robot gives raw images, by name.
+        cameras: Each robot's cameras, by name.
+        beliefs: What each robot says about its pose, by name.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.names = list(scene.robots)
+        self._duration = (scene.timing.frames - 1) / scene.timing.rate + max(
+            [r.phase for r in scene.robots.values()], default=0.0
+        )
+        self._atlas = Atlas()
+        self._build_room()
+        self._build_robots()
+        self._build_people()
+        self._casters: dict[tuple, Caster] = {}
+        self._exposure: dict[str, float] = {}
+
+    def _rng(self, *what: int) -> np.random.Generator:
+        return np.random.default_rng([self.scene.seed, *what])
+
+    # --------------------------------------------------------------------- building ----
+
+    def _build_room(self) -> None:
+        scene, room = self.scene, self.scene.room
+        parts = [room_mesh(room, self._rng(1), self._atlas)]
+        for k, piece in enumerate(scene.furniture):
+            parts.append(furniture_mesh(piece, self._rng(2, k), self._atlas, room.contrast))
+        self._room = merge(parts)
+        rng = self._rng(3)
+        span = (np.arange(room.lamps) + 0.5) / room.lamps
+        along = room.length >= room.width
+        x = room.length * (span if along else np.full(room.lamps, 0.5))
+        y = room.width * (np.full(room.lamps, 0.5) if along else span)
+        lamps = np.stack([x, y, np.full(room.lamps, room.height - 0.05)], axis=1)
+        lamps[:, :2] += rng.normal(0.0, 0.3, (room.lamps, 2))
+        power = rng.uniform(2.0, 4.0, room.lamps) * (1.0 - room.ambient)
+        self._light = Light(lamps, power, room.ambient)
+
+    def _build_robots(self) -> None:
+        scene = self.scene
+        self.raw: dict[str, bool] = {}
+        self.cameras: dict[str, list[Camera]] = {}
+        self.beliefs: dict[str, Belief] = {}
+        self._robot_tracks: dict[str, Track] = {}
+        self._robot_meshes: dict[str, Mesh] = {}
+        self.stereo: dict[str, StereoCamera] = {}
+        for k, (name, robot) in enumerate(scene.robots.items()):
+            head = scene.heads[name]
+            models = camera_models(head)
+            self.raw[name] = is_raw(head, models)
+            self.stereo[name] = StereoCamera.from_models(
+                models["left"], models["right"], models.get("top"), head_mounting(head)
+            )
+            rng = self._rng(4, k)
+            self.cameras[name] = [
+                make_camera(camera, model, self.raw[name], scene.imaging, rng)
+                for camera, model in models.items()
+            ]
+            track = _robot_track(robot, self._duration)
+            self._robot_tracks[name] = track
+            self.beliefs[name] = believe(track, scene.odometry, self._duration, self._rng(5, k))
+            body = robot_mesh(robot, head, self._rng(6, k), self._atlas)
+            self._robot_meshes[name] = body.owned_by(_ROBOT - k)
+
+    def _build_people(self) -> None:
+        scene = self.scene
+        people = list(scene.people)
+        self._tracks: list[Track] = []
+        walkers = []
+        for k, person in enumerate(people):
+            if person.walks:
+                goal = (person.goal[0], person.goal[1]) if person.goal else None
+                area = (person.area[0], person.area[1], person.area[2]) if person.area else None
+                walkers.append((k, Walker(person.x, person.y, person.speed, goal, area)))
+            self._tracks.append(self._person_track(person, k))
+        recorded = []
+        if scene.tracks:
+            recorded = motion.read_tracks(scene.tracks, scene.tracks_window, self._duration)
+        if walkers:
+            walking = {k for k, _ in walkers}
+            others = [t for k, t in enumerate(self._tracks) if k not in walking]
+            others += recorded + list(self._robot_tracks.values())
+            ways = motion.walk_about(
+                [w for _, w in walkers],
+                duration=self._duration,
+                bounds=(0.0, scene.room.length, 0.0, scene.room.width),
+                obstacles=np.array([footprint(f) for f in scene.furniture]).reshape(-1, 3),
+                others=others,
+                rng=self._rng(7),
+            )
+            for (k, _), way in zip(walkers, ways, strict=True):
+                self._tracks[k] = way
+        self._tracks += recorded
+        people += [Person()] * len(recorded)
+        self.people = people
+        dark = scene.layout.cloth == "dark"
+        self._bodies = [
+            Body(
+                person,
+                int(self._rng(8, k).integers(1, 2**31)),
+                self._atlas,
+                contrast=scene.room.contrast,
+                dark=dark,
+            )
+            for k, person in enumerate(people)
+        ]
+
+    def _person_track(self, person: Person, k: int) -> Track:
+        if person.path:
+            return motion.along(person.path, person.speed, self._duration)
+        rng = self._rng(9, k)
+        return motion.standing(
+            person.x,
+            person.y,
+            person.yaw,
+            self._duration,
+            turn_rate=person.turn_rate,
+            sway=0.006,
+            phase=float(rng.uniform(0, 2 * math.pi)),
+        )
+
+    # ------------------------------------------------------------------------ truth ----
+
+    def time_of(self, index: int) -> float:
+        """Time of a frame [s]; a robot's images are its phase later."""
+        return index / self.scene.timing.rate
+
+    def stamp_ns(self, time: float) -> int:
+        """The stamp of a time [ns]."""
+        return round(self.scene.timing.start * 1e9) + round(time * 1e9)
+
+    def truth_time(self, index: int) -> float:
+        """Time at which a frame's ground truth is given: that of its newest images [s]."""
+        return self.time_of(index) + max([r.phase for r in self.scene.robots.values()], default=0.0)
+
+    def person_places(self, time: float) -> list[Place]:
+        """Where the people are."""
+        return [track.at(time) for track in self._tracks]
+
+    def robot_place(self, name: str, time: float) -> Place:
+        """Where a robot's base_link is."""
+        return self._robot_tracks[name].at(time)
+
+    # ---------------------------------------------------------------------- looking ----
+
+    def render(self, name: str, index: int) -> Frame:
+        """What a robot sees in a frame. The same every time, whatever was rendered before."""
+        time = self.time_of(index) + self.scene.robots[name].phase
+        exposure = self._exposure_of(name)
+        robot = self.names.index(name)
+        lights, pixels = self._lights(name, time)
+        images = {
+            camera.name: expose(
+                lights[camera.name], camera, exposure, self.scene.imaging,
+                self._rng(10, robot, k, index),
+            )
+            for k, camera in enumerate(self.cameras[name])
+        }  # fmt: skip
+        return Frame(name, index, self.stamp_ns(time), images, pixels)
+
+    def look(self, name: str, time: float, camera: int = 0) -> tuple[NDArray, NDArray]:
+        """Owner and depth [m] at the samples of a camera's pixels, without exposing.
+
+        Returns:
+            Owners and depths along the optical axis, shape (samples, height, width).
+        """
+        seen = self.cameras[name][camera]
+        caster = self._caster(name, time)
+        shape = (-1, seen.model.height, seen.model.width)
+        origin, directions = self._rays(name, seen, time, slice(None))
+        _, owner, depth = caster.look(origin, directions, seen.pixel_angle)
+        return owner.reshape(shape), depth.reshape(shape)
+
+    def _lights(self, name: str, time: float) -> tuple[dict[str, NDArray], NDArray]:
+        imaging = self.scene.imaging
+        slices = min(imaging.slices, imaging.samples) if self._moves(time) else 1
+        cameras = self.cameras[name]
+        sums = {c.name: np.zeros(c.rays.shape[1], dtype=np.float32) for c in cameras}
+        counts = np.zeros(len(self._bodies))
+        for k in range(slices):
+            instant = time + imaging.exposure * ((k + 0.5) / slices - 0.5)
+            caster = self._caster(name, instant)
+            for camera in cameras:
+                chosen = slice(k, None, slices)
+                origin, directions = self._rays(name, camera, instant, chosen)
+                light, owner, _ = caster.look(origin, directions, camera.pixel_angle)
+                sums[camera.name] += light.reshape(-1, camera.rays.shape[1]).sum(axis=0)
+                if camera.name == "left" and len(counts):
+                    people = owner[owner >= 0]
+                    counts += np.bincount(people, minlength=len(counts))
+        shape = (cameras[0].model.height, cameras[0].model.width)
+        lights = {key: (s / imaging.samples).reshape(shape) for key, s in sums.items()}
+        return lights, counts / imaging.samples
+
+    def _moves(self, time: float) -> bool:
+        """Whether anything moves so that it could blur."""
+        places = [*self.person_places(time), *(t.at(time) for t in self._robot_tracks.values())]
+        turning = any(p.turn_rate for p in self.scene.people)
+        return self.scene.imaging.exposure > 0 and (
+            turning or any(abs(p.speed) > 0.05 for p in places)
+        )
+
+    def _rays(
+        self, name: str, camera: Camera, time: float, chosen: slice
+    ) -> tuple[NDArray, NDArray]:
+        """Lens and directions in the map."""
+        place = self._robot_tracks[name].at(time)
+        turn, lens = self.stereo[name].robot_from_optical
+        heading = rotation_from_rpy(0.0, 0.0, place.yaw)
+        rotation = heading @ turn
+        origin = heading @ (lens + turn @ camera.centre) + [place.x, place.y, 0.0]
+        rays = camera.rays[chosen].reshape(-1, 3)
+        return origin, rays @ rotation.T.astype(np.float32)
+
+    def _caster(self, name: str, time: float) -> Caster:
+        """Everything that a robot can see at a time; its own body is not."""
+        places = [(k, p) for k, p in enumerate(self.person_places(time)) if math.isfinite(p.x)]
+        others = {n: self._robot_tracks[n].at(time) for n in self.names if n != name}
+        key = (name, time)
+        if key not in self._casters:
+            parts = [self._room]
+            for k, place in places:
+                person = self.people[k]
+                mesh = self._bodies[k].mesh(place, time, talking=person.pose == "talk")
+                parts.append(mesh.owned_by(k))
+            for other, place in others.items():
+                parts.append(self._robot_meshes[other].placed(place.x, place.y, place.yaw))
+            self._casters = {key: Caster(merge(parts), self._atlas, self._light)}
+        return self._casters[key]
+
+    def _exposure_of(self, name: str) -> float:
+        """Grey levels per light that give the head's first left image its mean."""
+        if name not in self._exposure:
+            instant = self.scene.robots[name].phase
+            caster = self._caster(name, instant)
+            left = self.cameras[name][0]
+            origin, directions = self._rays(name, left, instant, slice(0, 1))
+            light, _, _ = caster.look(origin, directions[::4], left.pixel_angle)
+            self._exposure[name] = self.scene.imaging.target / max(float(light.mean()), 1e-6)
+        return self._exposure[name]
+
+
+def _robot_track(robot: Robot, duration: float) -> Track:
+    if robot.path:
+        return motion.along(robot.path, robot.speed, duration, backwards=robot.backwards)
+    return motion.standing(robot.x, robot.y, robot.yaw, duration)

@@ -1,0 +1,187 @@
+"""From frames to messages: bags, and the parameter file of the simulated team."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_tools.bags import BagWriter, default_typestore
+from mrs_tools.convert import Recording
+from mrs_tools.simulation.odometry import PoseSample
+from mrs_tools.simulation.world import Frame, World
+
+PEOPLE_TOPIC = "/ground_truth/people_poses"
+VISIBLE_TOPIC = "/ground_truth/visible"
+
+
+def true_pose_topic(robot: str) -> str:
+    """Where a robot's true pose is."""
+    return f"/ground_truth/{robot}/pose"
+
+
+class Messages:
+    """Makes messages from the types of some message store.
+
+    Args:
+        make: Makes a message from its type name and fields; rosbags' classes if None.
+    """
+
+    def __init__(self, make: Callable[..., Any] | None = None) -> None:
+        types = default_typestore().types
+        self._make = make or (lambda kind, **fields: types[kind](**fields))
+
+    def header(self, frame: str, ns: int) -> Any:
+        """std_msgs/Header."""
+        stamp = self._make("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
+        return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def pose(self, x: float, y: float, yaw: float) -> Any:
+        """geometry_msgs/Pose on the floor; the position is NaN for who is not there."""
+        qx, qy, qz, qw = quaternion_from_yaw(yaw if math.isfinite(yaw) else 0.0)
+        z = 0.0 if math.isfinite(x) else math.nan
+        return self._make(
+            "geometry_msgs/msg/Pose",
+            position=self._make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+            orientation=self._make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+        )
+
+    def people(self, world: World, index: int) -> Any:
+        """Where the people are in a frame."""
+        time = world.truth_time(index)
+        return self._make(
+            "geometry_msgs/msg/PoseArray",
+            header=self.header("map", world.stamp_ns(time)),
+            poses=[self.pose(p.x, p.y, p.yaw) for p in world.person_places(time)],
+        )
+
+    def visible(self, frames: list[Frame]) -> Any:
+        """Pixels of each person in the left image of the robot that saw most of him.
+
+        std_msgs/Int32MultiArray; one dimension, labelled `people_pixels`.
+        """
+        best = np.max([f.pixels for f in frames], axis=0) if frames else np.zeros(0)
+        data = np.rint(best).astype(np.int32)
+        dimension = self._make(
+            "std_msgs/msg/MultiArrayDimension", label="people_pixels", size=len(data),
+            stride=len(data),
+        )  # fmt: skip
+        layout = self._make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
+        return self._make("std_msgs/msg/Int32MultiArray", layout=layout, data=data)
+
+    def true_pose(self, world: World, robot: str, time: float) -> Any:
+        """Where a robot is, as PoseStamped."""
+        place = world.robot_place(robot, time)
+        return self._make(
+            "geometry_msgs/msg/PoseStamped",
+            header=self.header("map", world.stamp_ns(time)),
+            pose=self.pose(place.x, place.y, place.yaw),
+        )
+
+    def odometry(self, robot: str, frame: str, sample: PoseSample, ns: int) -> Any:
+        """nav_msgs/Odometry."""
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_((0, 1, 5), (0, 1, 5))] = sample.covariance
+        vector = "geometry_msgs/msg/Vector3"
+        twist = self._make(
+            "geometry_msgs/msg/Twist",
+            linear=self._make(vector, x=sample.velocity, y=0.0, z=0.0),
+            angular=self._make(vector, x=0.0, y=0.0, z=sample.turn_rate),
+        )
+        return self._make(
+            "nav_msgs/msg/Odometry",
+            header=self.header("map" if frame == "map" else f"{robot}/{frame}", ns),
+            child_frame_id=f"{robot}/base_link",
+            pose=self._make(
+                "geometry_msgs/msg/PoseWithCovariance",
+                pose=self.pose(sample.x, sample.y, sample.yaw),
+                covariance=covariance.reshape(-1),
+            ),
+            twist=self._make(
+                "geometry_msgs/msg/TwistWithCovariance",
+                twist=twist,
+                covariance=np.diag([1e-4, 1e-6, 1e-6, 1e-6, 1e-6, 1e-4]).reshape(-1),
+            ),
+        )
+
+
+def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
+    """Writes a bag.
+
+    Args:
+        out: A folder, or `NAME.mcap`.
+        world: What was rendered.
+        frames: For each frame what the robots saw, in order.
+
+    Raises:
+        BagError: It exists already or cannot be written.
+    """
+    messages = Messages()
+    with BagWriter(out) as bag:
+        recordings = {name: Recording(bag, name) for name in world.names}
+        pending = [
+            (world.stamp_ns(sample.time), name, belief.frame, sample)
+            for name, belief in world.beliefs.items()
+            for sample in belief.samples
+        ]
+        pending.sort(key=lambda item: (item[0], item[1]), reverse=True)
+
+        def odometry_until(ns: float) -> None:
+            while pending and pending[-1][0] <= ns:
+                at, name, frame, sample = pending.pop()
+                bag.write(f"/{name}/odom", at, messages.odometry(name, frame, sample, at))
+                time = sample.time
+                bag.write(true_pose_topic(name), at, messages.true_pose(world, name, time))
+
+        for index, seen in enumerate(frames):
+            for frame in sorted(seen, key=lambda f: f.stamp_ns):
+                odometry_until(frame.stamp_ns)
+                topic = "image_raw" if world.raw[frame.robot] else "image_rect"
+                for camera in world.cameras[frame.robot]:
+                    recordings[frame.robot].camera(
+                        camera.name, topic, frame.images[camera.name], camera.model, frame.stamp_ns
+                    )
+            ns = world.stamp_ns(world.truth_time(index))
+            odometry_until(ns)
+            bag.write(PEOPLE_TOPIC, ns, messages.people(world, index))
+            bag.write(VISIBLE_TOPIC, ns, messages.visible(seen))
+        odometry_until(math.inf)
+
+
+def team_parameters(world: World) -> dict[str, Any]:
+    """Parameters of the simulated team, as a ROS 2 parameter file holds them: what differs."""
+    document: dict[str, Any] = {}
+    for name in world.names:
+        mounting = world.stereo[name].mounting.to_mapping()
+        mounting = {
+            key: round(value, 6) for key, value in mounting.items() if value or key == "height"
+        }
+        parameters: dict[str, Any] = {"mounting": mounting}
+        images: dict[str, Any] = {}
+        if world.raw[name]:
+            images["rectified"] = False
+        if len(world.cameras[name]) == 3:
+            images["top"] = True
+        if images:
+            parameters["images"] = images
+        place = world.beliefs[name].map_from_odom
+        if place is not None:
+            parameters["pose"] = {"map_from_odom": [round(v, 6) for v in place]}
+        document[f"/{name}/robot_node"] = {"ros__parameters": parameters}
+    document["/**/planner_node"] = {"ros__parameters": {"robots": list(world.names)}}
+    return document
+
+
+def write_team(path: Path, world: World) -> None:
+    """Writes `team_parameters` as a file for the nodes and `--config`."""
+    text = yaml.safe_dump(team_parameters(world), sort_keys=False, default_flow_style=None)
+    path.write_text(
+        f"# The team of the simulated scene {world.scene.name}, seed {world.scene.seed}: what "
+        f"differs from default.yaml.\n{text}",
+        encoding="utf-8",
+    )
