@@ -158,11 +158,7 @@ class Recorder:
                 continue
             if name in self.skipped:
                 continue
-            offers = [
-                info
-                for info in self._node.get_publishers_info_by_topic(name)
-                if info.node_name != self._node.get_name()
-            ]
+            offers = self._node.get_publishers_info_by_topic(name)
             if offers:
                 self._subscribe(name, offers)
 

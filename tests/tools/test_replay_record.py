@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -162,6 +163,7 @@ def texts_of(arrived):
 # ----------------------------------------------------------------------------- replay and record
 
 
+@pytest.mark.slow
 def test_what_is_recorded_is_what_was_replayed(tmp_path):
     """Every byte of the starter bag, through two processes."""
     out = tmp_path / "out.mcap"
@@ -308,6 +310,24 @@ def test_slow_clock_still_ticks_a_hundred_times_a_second(ros, tmp_path):
     assert all(step % 2_500_000 == 0 for step in steps)
 
 
+def test_clock_of_a_machine_that_is_behind(monkeypatch):
+    """It leaves ticks out, keeps to its grid, and never overtakes the message that is due."""
+    fake = FakeTime()
+    monkeypatch.setattr(replay, "time", fake)
+    ticks = []
+    publisher = SimpleNamespace(
+        publish=lambda m: ticks.append(m.clock.sec * 10**9 + m.clock.nanosec - START_NS)
+    )
+    player = SimpleNamespace(_clock=publisher, rate=1.0)
+    pace = replay._Pace(START_NS, 1.0, fake, lambda position: None)
+    fake.now_ns += 1_003_000_000
+    tick_ns = Replayer._run_clock(player, pace, START_NS, START_NS + 500_000_000)
+    assert ticks == [0, 500_000_000]
+    assert tick_ns == START_NS + 510_000_000
+    Replayer._run_clock(player, pace, tick_ns, START_NS + 1_020_000_000)
+    assert ticks == [0, 500_000_000, 510_000_000, 1_000_000_000, 1_010_000_000, 1_020_000_000]
+
+
 def test_bag_with_its_own_clock_plays_that(ros, tmp_path):
     with BagWriter(tmp_path / "b.mcap") as bag:
         bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")
@@ -363,7 +383,7 @@ def test_late_subscriber_gets_what_was_latched(ros, tmp_path):
     with Replayer(tmp_path / "b.mcap") as player, running(player.play, on_progress=progress.append):
         until(lambda: progress and progress[-1].published == 2)
         arrived = raw_subscription(ros, String, "/map", LATCHED)
-        missed = raw_subscription(ros, String, "/talk")
+        missed = raw_subscription(ros, String, "/talk", LATCHED)
         until(lambda: arrived)
     assert texts_of(arrived) == ["the map"]
     assert missed == []
