@@ -94,11 +94,11 @@ def _how_to_install(module: str) -> str:
 
 
 def fail(message: str) -> NoReturn:
-    """Print an error as one line and leave with exit code 1."""
+    """Print an error and leave with exit code 1."""
     from rich.console import Console
     from rich.text import Text
 
-    line = Text.assemble(("error: ", "bold red"), " ".join(message.split()))
+    line = Text.assemble(("error: ", "bold red"), message)
     Console(stderr=True, soft_wrap=True).print(line)
     raise typer.Exit(1)
 
