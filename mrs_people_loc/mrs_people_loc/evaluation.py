@@ -122,8 +122,8 @@ class Truth:
         if not len(self):
             return np.empty((0, 2)), np.empty(0, dtype=bool)
         after = int(np.searchsorted(self.stamps_ns, stamp_ns))
-        if after == 0 or after == len(self):
-            index = min(after, len(self) - 1)
+        index = min(after, len(self) - 1)
+        if after in (0, len(self)) or self.stamps_ns[index] == stamp_ns:
             return self.positions[index], self.visible[index]
         before = after - 1
         begin, end = int(self.stamps_ns[before]), int(self.stamps_ns[after])
