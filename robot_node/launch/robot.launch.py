@@ -1,11 +1,32 @@
 """Starts one robot: ros2 launch robot_node robot.launch.py robot:=NAME team:=FILE."""
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from mrs_people_loc.config import load_team
+from mrs_people_loc.errors import ConfigError
+
+
+def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    robot = LaunchConfiguration("robot").perform(context).strip("/")
+    team = LaunchConfiguration("team").perform(context)
+    # Left to itself, launch warns of a file that is not there and starts the node without it.
+    robots = load_team(team, robots=(robot,)).robots
+    if robot not in robots:
+        raise ConfigError(f"{robot} is no robot of {team}, which names {', '.join(robots)}")
+    sim_time = LaunchConfiguration("use_sim_time").perform(context).lower() == "true"
+    return [
+        Node(
+            package="robot_node",
+            executable="robot_node",
+            namespace=robot,
+            parameters=[team, {"use_sim_time": sim_time}],
+            output="screen",
+        )
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -22,15 +43,6 @@ def generate_launch_description() -> LaunchDescription:
                 choices=["true", "false"],
                 description="take the time from /clock",
             ),
-            Node(
-                package="robot_node",
-                executable="robot_node",
-                namespace=LaunchConfiguration("robot"),
-                parameters=[
-                    LaunchConfiguration("team"),
-                    {"use_sim_time": LaunchConfiguration("use_sim_time")},
-                ],
-                output="screen",
-            ),
+            OpaqueFunction(function=start),
         ]
     )
