@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mrs_people_loc.errors import PoseError
+from mrs_people_loc import config as cfg
+from mrs_people_loc.errors import PoseError, PoseFrameError
 from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
 
 
@@ -178,3 +179,61 @@ def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
         wrap_angle(one.yaw + part * wrap_angle(other.yaw - one.yaw)),
         (1.0 - weight) * one.covariance + weight * other.covariance,
     )
+
+
+@dataclass
+class PoseIntake:
+    """Which of the poses that a robot hears go out: in the map, in order, at most so many a second.
+
+    Attributes:
+        config: What brings them to the map, and their rate.
+        last: The last pose that went out, in the map; None before the first.
+    """
+
+    config: cfg.PoseInput
+    last: Pose | None = None
+    _due_ns: int = 0
+
+    def __call__(self, pose: Pose, frame_id: str) -> Pose | None:
+        """Takes a pose.
+
+        Args:
+            pose: The pose as it came.
+            frame_id: Its frame.
+
+        Returns:
+            The pose in the map; None if it is too early after the last one.
+
+        Raises:
+            PoseError: Its frame is not known in the map, or it is not newer than the last one.
+        """
+        pose = self._in_map(pose, frame_id.lstrip("/"))
+        stamp_ns, period_ns = pose.stamp_ns, round(1e9 / self.config.max_rate)
+        if self.last is None or self.last.stamp_ns - stamp_ns > PoseBuffer.RESET_NS:
+            due_ns = stamp_ns  # the first, or a new beginning
+        else:
+            if stamp_ns <= self.last.stamp_ns:
+                raise PoseError(
+                    f"stamp is {stamp_ns} ns; wanted: newer than {self.last.stamp_ns} ns"
+                )
+            # A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next is due a
+            # period after this one was, so that the rate holds in the long run.
+            due_ns = self._due_ns
+            if due_ns - stamp_ns > period_ns // 10:
+                return None
+            if stamp_ns - due_ns >= period_ns:
+                due_ns = stamp_ns
+        self._due_ns = due_ns + period_ns
+        self.last = pose
+        return pose
+
+    def _in_map(self, pose: Pose, frame_id: str) -> Pose:
+        if frame_id == self.config.map_frame:
+            return pose
+        if not self.config.map_from_odom:
+            raise PoseFrameError(
+                f"frame_id is {frame_id!r}; wanted: {self.config.map_frame!r}, or the parameter "
+                "pose.map_from_odom (x, y, yaw of that frame in the map)"
+            )
+        x, y, yaw = self.config.map_from_odom
+        return Pose(pose.stamp_ns, x, y, yaw) @ pose

@@ -39,14 +39,14 @@ from mrs_people_loc.config import (
     load_team,
     robots_named,
 )
-from mrs_people_loc.errors import BagError, ImageError, PeopleLocError, PoseError
+from mrs_people_loc.errors import BagError, ImageError, PeopleLocError, PoseFrameError
 from mrs_people_loc.evaluation import Estimate, Truth
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.images import Gray, ImagePreparer, Pairer, StereoImages
 from mrs_people_loc.interval import IntervalCollector
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.planner import People, Planner
-from mrs_people_loc.poses import Pose
+from mrs_people_loc.poses import Pose, PoseIntake
 from mrs_people_loc.robot import RobotPipeline, Stages
 from mrs_people_loc.scan import Scan
 from mrs_tools.bags import BagReader
@@ -285,7 +285,7 @@ class _Source:
         else:
             self.handlers[f"/{name}/points"] = self._on_points
         self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
-        self._last_pose_ns: int | None = None
+        self._intake = PoseIntake(self.config.pose)
 
     def _pose_topic(self) -> str:
         has = self.has.poses
@@ -355,29 +355,13 @@ class _Source:
     # ---- pose ----
 
     def _on_pose(self, message: Any) -> Pose | None:
-        pose = messages.read_pose(message)
-        settings, frame_id = self.config.pose, message.header.frame_id.lstrip("/")
-        if frame_id != settings.map_frame:
-            topic = self._pose_topic()
-            if topic == "pose" or not settings.map_from_odom:
-                remedy = (
-                    ""
-                    if topic == "pose"
-                    else ", or the parameter pose.map_from_odom (x, y, yaw of that frame in the "
-                    "map) in a file for --config"
-                )
-                raise PoseFrameError(
-                    f"{topic} is in frame {frame_id!r}; wanted: {settings.map_frame!r}{remedy}"
-                )
-            x, y, yaw = settings.map_from_odom
-            pose = Pose(pose.stamp_ns, x, y, yaw) @ pose
-        last_ns = self._last_pose_ns
-        if last_ns is not None:
-            if 0 <= last_ns - pose.stamp_ns <= 1_000_000_000:
-                raise PoseError(f"stamp is {pose.stamp_ns} ns; wanted: newer than {last_ns} ns")
-            if self.has.images and 0 < pose.stamp_ns - last_ns < 0.9e9 / settings.max_rate:
-                return None  # robot_node would not send it
-        self._last_pose_ns = pose.stamp_ns
+        pose, frame_id = messages.read_pose(message), message.header.frame_id
+        if self._pose_topic() != "pose":
+            return self._intake(pose, frame_id)
+        if frame_id != self.config.pose.map_frame:
+            raise PoseFrameError(
+                f"frame_id is {frame_id!r}; wanted: {self.config.pose.map_frame!r}"
+            )
         return pose
 
     def nothing_said(self) -> str:
@@ -394,10 +378,6 @@ class _Source:
     def no_pose(self) -> str:
         """Why there was no pose."""
         return f"there is nothing on {', '.join(_POSE_TOPICS)}"
-
-
-class PoseFrameError(PoseError):
-    """Poses in a frame that nothing places in the map: every other one will be, too."""
 
 
 # ------------------------------------------------------------------------------------------- run
@@ -576,7 +556,7 @@ class BagRun:
                     if made is not None:
                         take(source, made, raw.time_ns)
                 except PoseFrameError as err:
-                    raise PoseFrameError(f"{self.path}: {source.has.name}: {err}") from err
+                    raise PoseFrameError(f"{self.path}: {raw.topic}: {err}") from err
                 except PeopleLocError as err:
                     self.dropped[raw.topic] += 1
                     reasons.setdefault(source.has.name, f"{raw.topic}: {err}")

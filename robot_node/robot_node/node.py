@@ -17,9 +17,9 @@ from stereo_msgs.msg import DisparityImage
 from mrs_people_loc import messages
 from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import CameraError, ConfigError, ImageError, PoseError
+from mrs_people_loc.errors import CameraError, ConfigError, ImageError
 from mrs_people_loc.images import ImagePreparer, Pairer, StereoImages
-from mrs_people_loc.poses import Pose
+from mrs_people_loc.poses import PoseIntake
 from mrs_people_loc.robot import RobotPipeline, Stages
 from mrs_ros import convert
 from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, stamp_hint
@@ -56,9 +56,7 @@ class RobotNode(ManagedNode):
         self._stages: Stages | None = None
         self._frames = 0
         self._newest_ns = 0
-        self._last_pose_ns: int | None = None
-        self._last_pose: Pose | None = None
-        self._pose_due_ns = 0
+        self._intake = PoseIntake(self.config.pose)
         self._overhead_ms = 0.0
 
         self._points = self.offer(PointCloud2, "points", qos_profile_sensor_data)
@@ -100,6 +98,7 @@ class RobotNode(ManagedNode):
                 except CameraError as err:
                     raise ConfigError(str(err)) from err
                 self._preparers, self._pipeline = preparers, pipeline
+            self._intake.config = config.pose
             if config.images != self.config.images:
                 self._pairer = self._new_pairer(config)
 
@@ -205,35 +204,9 @@ class RobotNode(ManagedNode):
     # ---- pose ----
 
     def _on_pose(self, message: Any) -> None:
-        pose = self._in_map(messages.read_pose(message), message.header.frame_id.lstrip("/"))
-        last_ns, stamp_ns = self._last_pose_ns, pose.stamp_ns
-        period_ns = round(1e9 / self.config.pose.max_rate)
-        if last_ns is None or last_ns - stamp_ns > 1_000_000_000:  # a new beginning
-            due_ns = stamp_ns
-        else:
-            if stamp_ns <= last_ns:
-                raise PoseError(f"stamp is {stamp_ns} ns; wanted: newer than {last_ns} ns")
-            # A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next is due a
-            # period after this one was, so that the rate holds in the long run.
-            due_ns = self._pose_due_ns
-            if due_ns - stamp_ns > period_ns // 10:
-                return
-            if stamp_ns - due_ns >= period_ns:
-                due_ns = stamp_ns
-        self._pose_due_ns = due_ns + period_ns
-        self._last_pose_ns, self._last_pose = stamp_ns, pose
-        self._pose.publish(convert.pose_stamped(pose, self.config.pose.map_frame))
-
-    def _in_map(self, pose: Pose, frame_id: str) -> Pose:
-        settings = self.config.pose
-        if frame_id == settings.map_frame:
-            return pose
-        if not settings.map_from_odom:
-            raise PoseError(
-                f"frame_id is {frame_id!r}; wanted: {settings.map_frame!r}, or the parameter "
-                "pose.map_from_odom (x, y, yaw of that frame in the map)"
-            )
-        return Pose(pose.stamp_ns, *settings.map_from_odom) @ pose
+        pose = self._intake(messages.read_pose(message), message.header.frame_id)
+        if pose is not None:
+            self._pose.publish(convert.pose_stamped(pose, self.config.pose.map_frame))
 
     # ---- diagnostics ----
 
@@ -276,7 +249,7 @@ class RobotNode(ManagedNode):
         return Finding("scan", WARN if hint else OK, hint or "ok", values)
 
     def _pose_finding(self) -> Finding:
-        pose = self._last_pose
+        pose = self._intake.last
         if pose is None:
             return Finding("pose", ERROR, f"no usable pose on {self.config.pose.source} yet")
         values = {"x": f"{pose.x:.3f}", "y": f"{pose.y:.3f}", "yaw": f"{pose.yaw:.3f}"}
