@@ -227,16 +227,14 @@ def command(
     if suite:
         if out is not None:
             raise typer.BadParameter("--suite takes one folder, OUT_DIR")
-        scenes = suite_scenes(suite_file(), suite)
+        scenes = [_shortened(s, frames) for s in suite_scenes(suite_file(), suite)]
         with _progress("scenes", len(scenes)) as advance:
             bags = simulate_suite(scenes, scene, jobs=jobs, on_scene=lambda _: advance())
         typer.echo(f"{scene}: {len(bags)} bags")
         return
     if live == (out is not None):
         raise typer.BadParameter("give OUT, the new bag, or --live")
-    what = load_scene(scene, seed=seed)
-    if frames is not None:
-        what = dataclasses.replace(what, timing=dataclasses.replace(what.timing, frames=frames))
+    what = _shortened(load_scene(scene, seed=seed), frames)
     if tracks is not None:
         what = dataclasses.replace(what, tracks=str(tracks))
     with tempfile.TemporaryDirectory() as folder:
@@ -252,6 +250,13 @@ def command(
             from mrs_tools import replay
 
             replay.command(bag, rate=rate, loop=loop, clock=True, topics=None, wait=5.0)
+
+
+def _shortened(scene: Scene, frames: int | None) -> Scene:
+    """The scene with so many frames, where a number is given."""
+    if frames is None:
+        return scene
+    return dataclasses.replace(scene, timing=dataclasses.replace(scene.timing, frames=frames))
 
 
 @contextmanager

@@ -67,6 +67,8 @@ _UPPER_ARM, _FOREARM, _HAND = 0.172, 0.150, 0.090
 _HIP, _HIP_HALF = 0.515, 0.052
 _THIGH, _SHANK, _ANKLE = 0.240, 0.235, 0.045
 _CHIN = 0.868
+#: From under the ankle to the ends of the shoe.
+_TOE, _HEEL = 0.135, 0.035
 
 
 @dataclass(frozen=True)
@@ -199,9 +201,10 @@ class Body:
         ankles, pitches = [], []
         for k, side in enumerate((1.0, -1.0)):
             p = (phase + 0.5 * k) % 1.0
+            lift = 0.0
             if p < stance:
                 q = p / stance
-                x, lift = reach * (0.5 - q), 0.07 * h / 1.7 * max(0.0, (q - 0.7) / 0.3) ** 1.5
+                x = reach * (0.5 - q)
                 pitch = 0.8 * max(0.0, (q - 0.7) / 0.3)
                 if q < 0.12:
                     pitch = -0.25 * (1 - q / 0.12)
@@ -209,10 +212,13 @@ class Body:
                 q = (p - stance) / (1 - stance)
                 soft = q * q * (3 - 2 * q)
                 x = reach * (soft - 0.5)
-                lift = 0.07 * h / 1.7 * (1 - soft) + 0.06 * h / 1.7 * math.sin(math.pi * q)
+                lift = 0.045 * h / 1.7 * math.sin(math.pi * q)
                 pitch = 0.8 * (1 - soft) - 0.25 * soft
             x, lift, pitch = x * pace + 0.01 * (1 - pace), lift * pace, pitch * pace
-            ankles.append(np.array([x - 0.02, side * (0.030 * h + 0.02), _ANKLE * h + lift]))
+            # Rolled over the toes or on the heel, the sole's lowest point is on the floor.
+            rise = max(_TOE * math.sin(pitch), -_HEEL * math.sin(pitch))
+            high = (_ANKLE * math.cos(pitch) + rise) * h + lift
+            ankles.append(np.array([x - 0.02, side * (0.030 * h + 0.02), high]))
             pitches.append(pitch)
         # The stance leg is nearly straight in the middle of its phase; the body sinks in between.
         leg = (_THIGH + _SHANK) * h * 0.995

@@ -262,7 +262,12 @@ def _push(
     return (strength[..., None] * away / np.maximum(gap, 1e-3)[..., None]).sum(axis=1)
 
 
-def read_tracks(path: str | Path, window: tuple[float, ...], duration: float) -> list[Track]:
+def read_tracks(
+    path: str | Path,
+    window: tuple[float, ...],
+    duration: float,
+    size: tuple[float, float] = (math.inf, math.inf),
+) -> list[Track]:
     """Recorded pedestrians: `obsmat.txt` of the UCY and ETH sets, positions in metres.
 
     Columns 0, 1, 2 and 4 are used: frame, id, x and y; 0.4 s between rows of one pedestrian.
@@ -272,6 +277,7 @@ def read_tracks(path: str | Path, window: tuple[float, ...], duration: float) ->
         window: First and last time [s] of the recording, and the x, y that become the map's
             origin [m]; empty: from its beginning, as it is.
         duration: Length of the scene [s].
+        size: Length and width of the room [m]; who is out of it is not there.
 
     Raises:
         ConfigError: The file cannot be read, or nobody is there in that time.
@@ -298,8 +304,10 @@ def read_tracks(path: str | Path, window: tuple[float, ...], duration: float) ->
         when, where = when[order], where[order]
         way = np.stack([np.interp(t, when, where[:, k]) for k in (0, 1)], axis=1)
         way = np.stack([_smooth(way[:, k], 21) for k in (0, 1)], axis=1)
-        way[(t < when[0]) | (t > when[-1])] = np.nan
-        tracks.append(Track(-LEAD_S, way))
+        inside = (way > 0.25).all(axis=1) & (way < np.array(size) - 0.25).all(axis=1)
+        way[(t < when[0]) | (t > when[-1]) | ~(inside | np.isinf(size[0]))] = np.nan
+        if np.isfinite(way).any():
+            tracks.append(Track(-LEAD_S, way))
     if not tracks:
         raise ConfigError(f"{path}: nobody is there from {first:g} s on for {duration:g} s")
     return tracks

@@ -44,8 +44,7 @@ class Caster:
 
         self._mesh, self._atlas, self._light = mesh, atlas, light
         self._scene = EmbreeScene()
-        corners = np.ascontiguousarray(mesh.vertices[mesh.triangles])
-        self._keep = TriangleMesh(self._scene, corners)
+        self._keep = TriangleMesh(self._scene, mesh.vertices, mesh.triangles)
 
     def cast(self, origins: Float32, directions: Float32) -> tuple[Int32, Float32, dict]:
         """Finds what rays hit first.

@@ -136,7 +136,12 @@ class World:
             self._tracks.append(self._person_track(person, k))
         recorded = []
         if scene.tracks:
-            recorded = motion.read_tracks(scene.tracks, scene.tracks_window, self._duration)
+            recorded = motion.read_tracks(
+                scene.tracks,
+                scene.tracks_window,
+                self._duration,
+                (scene.room.length, scene.room.width),
+            )
         if walkers:
             walking = {k for k, _ in walkers}
             others = [t for k, t in enumerate(self._tracks) if k not in walking]
