@@ -208,7 +208,7 @@ def command(
         str, typer.Option(help="Render a half of the published suite: train, test or all.")
     ] = "",
     live: Annotated[
-        bool, typer.Option("--live", help="Publish over ROS instead of writing a bag.")
+        bool, typer.Option("--live", help="Publish over ROS when it is rendered.")
     ] = False,
     rate: Annotated[
         float, typer.Option(help="With --live: times as fast as in the scene.", min=0.01)
@@ -221,7 +221,8 @@ def command(
 
     Writes a bag and, beside it under the same name, the team's parameter file (.yaml) for the
     nodes and `mrs evaluate --config`. The same scene and seed give the same images. With --live
-    the scene is rendered first, then published with its time on /clock (use_sim_time).
+    the scene is rendered first, then published with its time on /clock (use_sim_time); a bag is
+    kept only if OUT is given, too.
     """
     jobs = jobs or os.cpu_count() or 1
     if suite:
@@ -232,7 +233,7 @@ def command(
             bags = simulate_suite(scenes, scene, jobs=jobs, on_scene=lambda _: advance())
         typer.echo(f"{scene}: {len(bags)} bags")
         return
-    if live == (out is not None):
+    if out is None and not live:
         raise typer.BadParameter("give OUT, the new bag, or --live")
     what = _shortened(load_scene(scene, seed=seed), frames)
     if tracks is not None:
@@ -242,10 +243,11 @@ def command(
         with _progress("frames", what.timing.frames) as advance:
             world = simulate(what, bag, jobs=jobs, on_frame=advance)
         people, robots = len(world.people), len(world.names)
-        typer.echo(
-            f"{bag}: {what.timing.frames} frames of {robots} robot{'s' * (robots != 1)} and "
-            f"{people} {'person' if people == 1 else 'people'}; team: {team_file(bag)}"
+        said = (
+            f"{what.timing.frames} frame{'s' * (what.timing.frames != 1)} of {robots} "
+            f"robot{'s' * (robots != 1)} and {people} {'person' if people == 1 else 'people'}"
         )
+        typer.echo(f"{out}: {said}; team: {team_file(out)}" if out else said)
         if live:
             from mrs_tools import replay
 
