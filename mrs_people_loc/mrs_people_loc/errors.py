@@ -27,9 +27,5 @@ class PoseError(PeopleLocError):
     """A pose that cannot be used, or none at the time that was asked for."""
 
 
-class PoseFrameError(PoseError):
-    """A pose in a frame that nothing places in the map: so is every other one from there."""
-
-
 class BagError(PeopleLocError):
     """A recording that cannot be read or written."""

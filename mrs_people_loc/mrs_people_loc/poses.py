@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.errors import PoseError, PoseFrameError
+from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
 
 
@@ -231,7 +231,7 @@ class PoseIntake:
         if frame_id == self.config.map_frame:
             return pose
         if not self.config.map_from_odom:
-            raise PoseFrameError(
+            raise PoseError(
                 f"frame_id is {frame_id!r}; wanted: {self.config.map_frame!r}, or the parameter "
                 "pose.map_from_odom (x, y, yaw of that frame in the map)"
             )

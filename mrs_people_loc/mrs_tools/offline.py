@@ -39,7 +39,7 @@ from mrs_people_loc.config import (
     load_team,
     robots_named,
 )
-from mrs_people_loc.errors import BagError, ImageError, PeopleLocError, PoseFrameError
+from mrs_people_loc.errors import BagError, ImageError, PeopleLocError, PoseError
 from mrs_people_loc.evaluation import Estimate, Truth
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.images import Gray, ImagePreparer, Pairer, StereoImages
@@ -245,6 +245,10 @@ def file_beside(bag: Path) -> Path | None:
 # ---------------------------------------------------------------------------------------- robots
 
 
+class _FrameError(PoseError):
+    """Poses in a frame that nothing places in the map: every other one will be, too."""
+
+
 @dataclass
 class _Source:
     """A robot of the team, fed with its messages. Handlers by topic are in `handlers`.
@@ -356,13 +360,14 @@ class _Source:
 
     def _on_pose(self, message: Any) -> Pose | None:
         pose, frame_id = messages.read_pose(message), message.header.frame_id
-        if self._pose_topic() != "pose":
-            return self._intake(pose, frame_id)
-        if frame_id != self.config.pose.map_frame:
-            raise PoseFrameError(
-                f"frame_id is {frame_id!r}; wanted: {self.config.pose.map_frame!r}"
+        config, recorded = self.config.pose, self._pose_topic() == "pose"
+        if frame_id.lstrip("/") != config.map_frame and (recorded or not config.map_from_odom):
+            remedy = ", or pose.map_from_odom (x, y, yaw of that frame in the map) in a --config"
+            raise _FrameError(
+                f"frame_id is {frame_id!r}; wanted: {config.map_frame!r}"
+                + ("" if recorded else remedy)
             )
-        return pose
+        return pose if recorded else self._intake(pose, frame_id)
 
     def nothing_said(self) -> str:
         """Why there was no scan, as far as it is known."""
@@ -555,8 +560,8 @@ class BagRun:
                     made = handle(message)
                     if made is not None:
                         take(source, made, raw.time_ns)
-                except PoseFrameError as err:
-                    raise PoseFrameError(f"{self.path}: {raw.topic}: {err}") from err
+                except _FrameError as err:
+                    raise PoseError(f"{self.path}: {raw.topic}: {err}") from err
                 except PeopleLocError as err:
                     self.dropped[raw.topic] += 1
                     reasons.setdefault(source.has.name, f"{raw.topic}: {err}")

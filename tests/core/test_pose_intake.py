@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import PoseInput
-from mrs_people_loc.errors import PoseError, PoseFrameError
+from mrs_people_loc.errors import PoseError
 from mrs_people_loc.poses import Pose, PoseIntake
 
 MS = 1_000_000
@@ -36,7 +36,7 @@ def test_another_frame_is_placed_in_the_map():
 
 def test_a_frame_that_nothing_places_is_refused():
     intake = PoseIntake(PoseInput())
-    with pytest.raises(PoseFrameError, match=r"'odom'.*'map'.*pose\.map_from_odom"):
+    with pytest.raises(PoseError, match=r"'odom'.*'map'.*pose\.map_from_odom"):
         intake(pose(0), "odom")
     assert intake.last is None
 
