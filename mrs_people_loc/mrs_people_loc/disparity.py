@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc import timing
 from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.errors import CameraError, ImageError
 from mrs_people_loc.images import Gray, StereoImages
@@ -32,6 +33,9 @@ class StereoMatcher:
         camera: The head.
         config: Matching parameters.
 
+    Attributes:
+        searched_px: Disparities that StereoBM searches, for each pair.
+
     Raises:
         CameraError: The search range does not fit the image.
     """
@@ -48,6 +52,13 @@ class StereoMatcher:
             self._vertical = _BlockMatcher(
                 vertical_range + camera.vertical_offset_px, config, camera.height
             )
+        self._pairs = [pair for pair in (self._horizontal, self._vertical) if pair is not None]
+        self.searched_px = tuple(pair.searched_px for pair in self._pairs)
+
+    @property
+    def stereo_bm_ms(self) -> float:
+        """What StereoBM itself took of the last call, all pairs [ms]."""
+        return sum(pair.took_ns for pair in self._pairs) / 1e6
 
     def __call__(self, images: StereoImages) -> Float32:
         """Disparity of the left image.
@@ -118,24 +129,13 @@ class _BlockMatcher:
                 f"disparity.min_range = {config.min_range:g} m asks for {searched} px of "
                 f"disparity in an image of {width} px; allowed: less (raise min_range)"
             )
+        self.searched_px = searched
+        self.took_ns = 0
         half = config.block_size_px // 2
         self._pad = (half, half, searched + half, half)  # top, bottom, left, right
         columns = np.arange(width) * SUBPIXELS
         self._greatest = np.minimum(columns, np.iinfo(np.int16).max).astype(np.uint16)
-        bm: Any = cv2.StereoBM_create(  # type: ignore[attr-defined]
-            numDisparities=searched, blockSize=config.block_size_px
-        )
-        bm.setPreFilterType(
-            cv2.STEREO_BM_PREFILTER_XSOBEL
-            if config.pre_filter == "xsobel"
-            else cv2.STEREO_BM_PREFILTER_NORMALIZED_RESPONSE
-        )
-        bm.setPreFilterSize(config.pre_filter_size_px)
-        bm.setPreFilterCap(config.pre_filter_cap)
-        bm.setUniquenessRatio(config.uniqueness_ratio)
-        bm.setTextureThreshold(config.texture_threshold)
-        bm.setDisp12MaxDiff(config.left_right_difference_px)
-        self._bm = bm
+        self._bm = make_stereo_bm(config, searched)
 
     def __call__(self, left: Gray, right: Gray) -> Float32:
         height, width = left.shape
@@ -150,12 +150,35 @@ class _BlockMatcher:
 
     def raw(self, left: Gray, right: Gray) -> NDArray[np.int16]:
         """StereoBM's own result on the padded images, in sixteenths of a pixel."""
-        border = cv2.BORDER_REPLICATE
-        fixed: NDArray[np.int16] = self._bm.compute(
-            cv2.copyMakeBorder(left, *self._pad, border),
-            cv2.copyMakeBorder(right, *self._pad, border),
-        )
+        left = cv2.copyMakeBorder(left, *self._pad, cv2.BORDER_REPLICATE)  # type: ignore[assignment]
+        right = cv2.copyMakeBorder(right, *self._pad, cv2.BORDER_REPLICATE)  # type: ignore[assignment]
+        began = timing.now_ns()
+        fixed: NDArray[np.int16] = self._bm.compute(left, right)
+        self.took_ns = timing.now_ns() - began
         return fixed
+
+
+def make_stereo_bm(config: cfg.Disparity, searched_px: int) -> Any:
+    """OpenCV's StereoBM as configured.
+
+    Args:
+        config: Matching parameters.
+        searched_px: Disparities to search, a multiple of 16.
+    """
+    bm: Any = cv2.StereoBM_create(  # type: ignore[attr-defined]
+        numDisparities=searched_px, blockSize=config.block_size_px
+    )
+    bm.setPreFilterType(
+        cv2.STEREO_BM_PREFILTER_XSOBEL
+        if config.pre_filter == "xsobel"
+        else cv2.STEREO_BM_PREFILTER_NORMALIZED_RESPONSE
+    )
+    bm.setPreFilterSize(config.pre_filter_size_px)
+    bm.setPreFilterCap(config.pre_filter_cap)
+    bm.setUniquenessRatio(config.uniqueness_ratio)
+    bm.setTextureThreshold(config.texture_threshold)
+    bm.setDisp12MaxDiff(config.left_right_difference_px)
+    return bm
 
 
 def _rotated(image: Gray, turn: int) -> Gray:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc import filters
+from mrs_people_loc import filters, timing
 from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.cloud import CloudMaker
 from mrs_people_loc.config import RobotConfig
@@ -48,6 +47,9 @@ class RobotPipeline:
         camera: Its head, with the mounting.
         config: Its configuration.
 
+    Attributes:
+        matcher: Makes its disparities.
+
     Raises:
         CameraError: Camera and configuration do not fit together.
     """
@@ -56,7 +58,7 @@ class RobotPipeline:
         self.robot = robot
         self.camera = camera
         self.config = config
-        self._match = StereoMatcher(camera, config.disparity)
+        self.matcher = StereoMatcher(camera, config.disparity)
         self._make_cloud = CloudMaker(
             camera, min_range=config.disparity.min_range, max_range=config.disparity.max_range
         )
@@ -76,7 +78,7 @@ class RobotPipeline:
             ImageError: The images do not fit the camera.
         """
         config, times = self.config, StageTimes()
-        disparity = self._match(images)
+        disparity = self.matcher(images)
         times.mark("disparity")
         cloud = self._make_cloud(disparity)
         times.mark("cloud")
@@ -107,14 +109,14 @@ class RobotPipeline:
 
 
 class StageTimes:
-    """What passed between marks, by wall clock."""
+    """What passed between marks, by the clock of `timing`."""
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
-        self._last = time.perf_counter_ns()
+        self._last = timing.now_ns()
 
     def mark(self, stage: str) -> None:
         """Ends a stage: its time is what passed since the last mark."""
-        now = time.perf_counter_ns()
+        now = timing.now_ns()
         self.ms[stage] = (now - self._last) / 1e6
         self._last = now
