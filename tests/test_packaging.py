@@ -270,7 +270,7 @@ def colcon_build(folder: Path, *options: str) -> dict[str, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)  # 40 s where nothing else runs
 @pytest.mark.parametrize(
     "options",
     # The messages take most of the time; they are linked no other way than they are copied.
