@@ -1,0 +1,761 @@
+"""`mrs evaluate` on bags whose scores were worked out by hand, and on the paper's formation."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.errors import BagError, ConfigError, PeopleLocError, PoseError
+from mrs_people_loc.planner import Planner
+
+pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
+pytest.importorskip("typer", reason="the mrs command needs typer")
+
+from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
+
+from mrs_people_loc.scan import CELL_DTYPE
+from mrs_tools.bags import BagReader, BagWriter, default_typestore, require_types
+from mrs_tools.cli import app
+from mrs_tools.evaluate import Result, as_json, evaluate_bag, names_of
+from mrs_tools.offline import BagRun, file_beside, read_truth
+
+ROOT = Path(__file__).resolve().parents[2]
+PAPER = ROOT / "config" / "paper.yaml"
+FORMATION = ROOT / "bags" / "paper_formation"
+START_NS = 1_700_000_000_000_000_000
+MS = 1_000_000
+NOBODY = (math.nan, math.nan)
+
+
+# -------------------------------------------------------------------------- bags made by hand
+
+
+class Bag:
+    """Writes messages; times are milliseconds after `START_NS`."""
+
+    def __init__(self, writer: BagWriter) -> None:
+        self.writer = writer
+        self.types = default_typestore().types
+
+    def make(self, msgtype: str, /, **fields: Any) -> Any:
+        return self.types[msgtype](**fields)
+
+    def header(self, ms: float, frame: str) -> Any:
+        sec, nanosec = divmod(START_NS + round(ms * MS), 1_000_000_000)
+        stamp = self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def write(self, topic: str, ms: float, message: Any) -> None:
+        self.writer.write(topic, START_NS + round(ms * MS), message)
+
+    def pose(self, x: float, y: float, yaw: float = 0.0) -> Any:
+        quaternion = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+        return self.make(
+            "geometry_msgs/msg/Pose",
+            position=self.make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0),
+            orientation=self.make("geometry_msgs/msg/Quaternion", **quaternion),
+        )
+
+    def uncertain(self, x: float, y: float, yaw: float = 0.0, variance: float = 0.01) -> Any:
+        return self.make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=self.pose(x, y, yaw),
+            covariance=(np.eye(6) * variance).reshape(-1),
+        )
+
+    def truth(self, ms: float, *people: tuple[float, float], visible: Any = None) -> None:
+        poses = [self.pose(*xy) for xy in people]
+        header = self.header(ms, "map")
+        array = self.make("geometry_msgs/msg/PoseArray", header=header, poses=poses)
+        self.write("/ground_truth/people_poses", ms, array)
+        if visible is not None:
+            self.visible(ms, visible)
+
+    def visible(self, ms: float, numbers: Iterable[int], kind: str = "Int32") -> None:
+        layout = self.make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        dtype = np.dtype(kind.lower())
+        message = self.make(
+            f"std_msgs/msg/{kind}MultiArray", layout=layout, data=np.array([*numbers], dtype)
+        )
+        self.write("/ground_truth/visible", ms, message)
+
+    def people(self, ms: float, *people: tuple[float, float], centre: Any = None) -> None:
+        twist = self.make(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=self.make(
+                "geometry_msgs/msg/Twist",
+                linear=self.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+                angular=self.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+            ),
+            covariance=np.zeros(36),
+        )
+        persons = [
+            self.make(
+                "mrs_people_msgs/msg/Person",
+                id=0,
+                pose=self.uncertain(*xy),
+                velocity=twist,
+                height=1.7,
+                sigma=0.1,
+                robots=["robot_a"],
+                age=self.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
+                coasting=False,
+            )
+            for xy in people
+        ]
+        groups = [
+            self.make(
+                "mrs_people_msgs/msg/Group",
+                id=0,
+                size=size,
+                centre=self.uncertain(*xy),
+                velocity=twist,
+                radius=1.0,
+                rms_spread=1.0,
+                members=np.zeros(0, np.uint32),
+                stragglers=np.zeros(0, np.uint32),
+                straggling_for=[],
+            )
+            for size, xy in (centre or {}).items()
+        ]
+        header = self.header(ms, "map")
+        self.write(
+            "/people",
+            ms,
+            self.make(
+                "mrs_people_msgs/msg/People",
+                header=header,
+                scans=[],
+                persons=persons,
+                groups=groups,
+            ),
+        )
+
+    def pose_topic(
+        self, robot: str, ms: float, x: float, y: float, yaw: float = 0.0, *, name: str = "pose",
+        frame: str = "map",
+    ) -> None:  # fmt: skip
+        message = self.make(
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            header=self.header(ms, frame),
+            pose=self.uncertain(x, y, yaw, 1e-4),
+        )
+        self.write(f"/{robot}/{name}", ms, message)
+
+    def points(self, robot: str, ms: float, *bodies: tuple[float, float], at: Any = None) -> None:
+        """A scan in which each body is 4 x 4 cells with 20 points each, 1.7 m high."""
+        steps = (np.arange(4) - 1.5) * 0.1
+        x, y = (axis.reshape(-1) for axis in np.meshgrid(steps, steps))
+        cells = np.zeros(16 * len(bodies), CELL_DTYPE)
+        for index, body in enumerate(bodies):
+            mine = cells[16 * index : 16 * (index + 1)]
+            mine["x"], mine["y"] = body[0] + x, body[1] + y
+            mine["z"], mine["z_min"], mine["top"], mine["count"] = 1.4, 0.2, 1.7, 20
+        field = "sensor_msgs/msg/PointField"
+        message = self.make(
+            "sensor_msgs/msg/PointCloud2",
+            header=self.header(ms, f"{robot}/base_link"),
+            height=1,
+            width=len(cells),
+            fields=[
+                self.make(field, name=n, offset=4 * i, datatype=6 if n == "count" else 7, count=1)
+                for i, n in enumerate(CELL_DTYPE.names or ())
+            ],
+            is_bigendian=False,
+            point_step=24,
+            row_step=24 * len(cells),
+            data=np.frombuffer(cells.tobytes(), np.uint8),
+            is_dense=True,
+        )
+        self.write(f"/{robot}/points", ms if at is None else at, message)
+
+
+@pytest.fixture
+def make_bag(tmp_path: Path) -> Callable[[Callable[[Bag], None]], Path]:
+    """Writes a bag with a function, and gives its path."""
+
+    def make(fill: Callable[[Bag], None], name: str = "bag") -> Path:
+        path = tmp_path / f"{name}.mcap"
+        with BagWriter(path) as writer:
+            fill(Bag(writer))
+        return path
+
+    return make
+
+
+@pytest.fixture
+def our_messages() -> None:
+    try:
+        require_types(get_typestore(Stores.ROS2_JAZZY), ["mrs_people_msgs/msg/People"])
+    except BagError:
+        pytest.skip("mrs_people_msgs is not installed")
+
+
+def people_of(result: Result) -> dict[str, Any]:
+    people: dict[str, Any] = result.report()["people"]
+    return people
+
+
+# ------------------------------------------------------------------------------- ground truth
+
+
+@pytest.mark.parametrize("kind", ["Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64"])
+def test_visible_may_be_any_array_of_whole_numbers(make_bag, kind):
+    def fill(bag: Bag) -> None:
+        for ms in (0, 100):
+            bag.truth(ms, (1, 1), (2, 2))
+            bag.visible(ms + 3, (7, 0) if ms == 0 else (0, 1), kind)
+
+    with BagReader(make_bag(fill)) as bag:
+        truth = read_truth(bag)
+    assert truth.visible.tolist() == [[True, False], [False, True]]
+
+
+def test_one_visible_message_may_hold_for_all(make_bag):
+    def fill(bag: Bag) -> None:
+        for ms in (0, 100, 200):
+            bag.truth(ms, (1, 1), (2, 2))
+        bag.visible(0, (7, 0))
+
+    with BagReader(make_bag(fill)) as bag:
+        assert read_truth(bag).visible.tolist() == [[True, False]] * 3
+
+
+def test_visible_for_another_number_of_people_is_refused(make_bag):
+    path = make_bag(lambda bag: bag.truth(0, (1, 1), (2, 2), visible=(1, 1, 1)))
+    with BagReader(path) as bag, pytest.raises(BagError, match="3 numbers for 2 people"):
+        read_truth(bag)
+
+
+def test_truth_of_another_type_is_refused(make_bag):
+    def fill(bag: Bag) -> None:
+        string = bag.make("std_msgs/msg/String", data="here")
+        bag.write("/ground_truth/people_poses", 0, string)
+
+    with BagReader(make_bag(fill)) as bag, pytest.raises(BagError, match=r"String.*PoseArray"):
+        read_truth(bag)
+
+
+# ------------------------------------------------------------------------------------ recorded
+
+
+def recorded(bag: Bag) -> None:
+    """Two people for 0.4 s at 10 Hz; the second is hidden from all robots in the last frame."""
+    for index, ms in enumerate((0, 100, 200, 300, 400)):
+        last = index == 4
+        bag.truth(ms, (0.001 * ms, 0), (0, 3), visible=(9, 0) if last else (9, 50))
+    # 20 ms late; the first person walks at 1 m/s. That of 300 is missing.
+    bag.people(20, (0.02, 0.1), (0, 3), centre={2: (0.01, 1.5)})
+    bag.people(120, (0.12, 0.2), (0, 3.3), centre={1: (9, 9), 2: (0.06, 1.7)})
+    bag.people(220, (0.22, 0.0), (5, 5))
+    bag.people(420, (0.42, 0.0), (0, 3.1))
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_recorded_people_are_scored_as_they_are(make_bag, tmp_path):
+    path = make_bag(recorded)
+    result = evaluate_bag(path)
+    # At 420 the truth is still that of 400, where the walker was at (0.4, 0): 2 cm away.
+    assert result.report() == {
+        "frames": 5,
+        "duration_s": pytest.approx(0.42),
+        "people": {
+            "true": 9,  # two in four frames, one in the last
+            "found": 7,  # two in three frames and one in the last, where the other is ignored
+            "matched": 6,
+            "recall": pytest.approx(6 / 9),
+            "precision": pytest.approx(6 / 7),
+            "error_m": {
+                "mean": pytest.approx((0.1 + 0 + 0.2 + 0.3 + 0 + 0.02) / 6),
+                "median": pytest.approx(0.06),  # of 0, 0, 0.02, 0.1, 0.2, 0.3
+                "p95": pytest.approx(0.275),
+                "max": pytest.approx(0.3),
+            },
+            "coverage_95": pytest.approx(5 / 6),  # sigma is 0.1; 0.3 is outside
+        },
+        # True centres (0.01, 1.5) and (0.06, 1.5); of two groups the larger counts.
+        "group": {"centre_error_m": {"mean": pytest.approx(0.1), "p95": pytest.approx(0.19)}},
+        "stages": {},
+        "timing_ms": {},
+    }
+    assert [frame.missed.tolist() for frame in result.frames] == [[], [], [1], [0, 1], []]
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_recorded_people_of_a_bag_with_scans_only_when_asked_for(make_bag):
+    def fill(bag: Bag) -> None:
+        recorded(bag)
+        for ms in (0, 100):
+            bag.pose_topic("robot_a", ms, 0, 0)
+            bag.points("robot_a", ms, (0, 3))
+
+    path = make_bag(fill)
+    assert people_of(evaluate_bag(path, recorded=True))["matched"] == 6
+    assert people_of(evaluate_bag(path, [PAPER]))["matched"] == 2
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_recorded_is_refused_where_there_is_nothing_recorded():
+    with pytest.raises(BagError, match="has 0 topics of mrs_people_msgs/msg/People"):
+        evaluate_bag(FORMATION, recorded=True)
+
+
+# --------------------------------------------------------------------------------- planner only
+
+
+def team_of_two(bag: Bag) -> None:
+    """Two robots look at each other across two people; their scans are 10 ms apart, at 10 Hz."""
+    for ms in range(0, 401, 20):
+        bag.pose_topic("robot_a", ms, 0, 0)
+        bag.pose_topic("robot_b", ms, 6, 0, math.pi)
+    for ms in (0, 100, 200, 300):
+        bag.truth(ms, (2, 1), (4, -1))
+        bag.points("robot_a", ms, (2, 1))
+        bag.points("robot_b", ms + 10, (2.0, 1.06), at=ms + 10)  # at (4, -1.06) in the map
+
+
+def test_points_and_poses_run_through_the_planner_only(make_bag):
+    run = BagRun(make_bag(team_of_two), [PAPER])
+    intervals = list(run.intervals())
+    stamps = [i.people.stamp_ns - START_NS for i in intervals]
+    assert stamps == [10 * MS, 110 * MS, 210 * MS, 310 * MS]
+    for interval in intervals:
+        assert list(interval.people.poses) == ["robot_a", "robot_b"]
+        np.testing.assert_allclose(
+            sorted(p.position.tolist() for p in interval.people.persons),
+            [[2, 1], [4, -1.06]],
+            atol=1e-6,
+        )
+    result = evaluate_bag(run)
+    people = people_of(result)
+    assert (people["true"], people["found"], people["matched"]) == (8, 8, 8)
+    assert people["error_m"]["mean"] == pytest.approx(0.03, abs=1e-6)
+    assert result.report()["group"]["centre_error_m"]["mean"] == pytest.approx(0.03, abs=1e-6)
+    assert result.report()["stages"] == {}
+    assert set(result.times_ms) >= {"fusion", "clustering", "people", "planner"}
+    assert result.notes == []
+
+
+def test_intervals_close_when_the_live_planner_would_close_them(make_bag):
+    def fill(bag: Bag) -> None:
+        for ms in range(0, 1001, 20):
+            bag.pose_topic("robot_a", ms, 0, 0)
+            bag.pose_topic("robot_b", ms, 6, 0, math.pi)
+        bag.points("robot_a", 0, (2, 1))
+        bag.points("robot_b", 10, (2, 1))
+        bag.points("robot_a", 200, (2, 1))  # robot_b is silent: max_wait passes at 300
+        bag.points("robot_a", 400, (2, 1))
+        bag.points("robot_b", 460, (2, 1))  # soon enough
+        bag.points("robot_b", 700, (2, 1))
+        bag.points("robot_b", 740, (2, 1))  # takes the place of the one before
+
+    intervals = list(BagRun(make_bag(fill), [PAPER]).intervals())
+    made = [
+        (
+            (i.closed_ns - START_NS) // MS,
+            {robot: (pose.stamp_ns - START_NS) // MS for robot, pose in i.people.poses.items()},
+        )
+        for i in intervals
+    ]
+    # Poses come every 20 ms: at 20 the scan of 10 can be placed between two of them.
+    assert made == [
+        (20, {"robot_a": 0, "robot_b": 10}),
+        (300, {"robot_a": 200}),
+        (460, {"robot_a": 400, "robot_b": 460}),
+        (800, {"robot_b": 740}),
+    ]
+
+
+def test_the_last_interval_closes_after_the_end(make_bag):
+    def fill(bag: Bag) -> None:
+        for ms in (0, 100):
+            bag.pose_topic("robot_a", ms, 0, 0)
+            bag.pose_topic("robot_b", ms, 6, 0, math.pi)
+        for ms in (0, 100):
+            bag.points("robot_a", ms, (2, 1))
+        bag.points("robot_b", 0, (2, 1))  # and then no more
+
+    _, last = BagRun(make_bag(fill), [PAPER]).intervals()
+    assert (last.closed_ns - START_NS) // MS == 200
+
+
+def test_messages_that_cannot_be_used_are_counted_and_named(make_bag):
+    def fill(bag: Bag) -> None:
+        team_of_two(bag)
+        bag.points("robot_a", 350, (math.nan, 0))
+        bag.pose_topic("robot_b", 402, math.nan, 0)
+
+    run = BagRun(make_bag(fill), [PAPER])
+    assert len(list(run.intervals())) == 4
+    assert run.dropped == {"/robot_a/points": 1, "/robot_b/pose": 1}
+    assert any(re.search(r"robot_a: /robot_a/points: x is NaN", note) for note in run.notes)
+    notes = list(run.notes)
+    assert len(list(run.intervals())) == 4  # from the beginning again
+    assert run.notes == notes
+
+
+def test_a_robot_that_gives_nothing_is_noted_and_all_of_them_are_an_error(make_bag):
+    def one_is_silent(bag: Bag) -> None:
+        bag.pose_topic("robot_a", 0, 0, 0)
+        bag.pose_topic("robot_a", 100, 0, 0)
+        bag.points("robot_a", 50, (2, 1))
+        bag.pose_topic("robot_b", 0, 0, 0)
+        bag.points("robot_b", 50, (math.inf, 0))
+
+    run = BagRun(make_bag(one_is_silent), [PAPER])
+    assert len(list(run.intervals())) == 1
+    assert any(note.startswith("robot_b: no scan: /robot_b/points: x is") for note in run.notes)
+
+    def both_are(bag: Bag) -> None:
+        bag.pose_topic("robot_a", 0, 0, 0)
+        bag.points("robot_a", 50, (math.inf, 0))
+
+    with pytest.raises(BagError, match=r"bad\.mcap: robot_a: no scan: /robot_a/points: x is"):
+        list(BagRun(make_bag(both_are, "bad"), [PAPER]).intervals())
+
+
+def test_no_truth_leaves_the_figures_undefined(make_bag):
+    def fill(bag: Bag) -> None:
+        for ms in (0, 100):
+            bag.pose_topic("robot_a", ms, 0, 0)
+        bag.points("robot_a", 50, (2, 1))
+
+    result = evaluate_bag(make_bag(fill), [PAPER])
+    assert len(result.estimates) == 1
+    people = people_of(result)
+    assert (people["true"], people["found"], people["recall"]) == (0, 0, None)
+    assert any("nothing to compare with" in note for note in result.notes)
+
+
+def test_no_people_found_is_recall_0(make_bag):
+    def fill(bag: Bag) -> None:
+        for ms in (0, 100):
+            bag.pose_topic("robot_a", ms, 0, 0)
+            bag.points("robot_a", ms)
+            bag.truth(ms, (2, 1), NOBODY)
+
+    people = people_of(evaluate_bag(make_bag(fill), [PAPER]))
+    assert (people["true"], people["found"]) == (2, 0)
+    assert (people["recall"], people["precision"]) == (0.0, None)
+
+
+# ---------------------------------------------------------------------------- paper's formation
+
+
+@pytest.fixture(scope="module")
+def formation() -> Result:
+    return evaluate_bag(FORMATION, [PAPER])
+
+
+def test_formation_finds_all_five(formation):
+    report = formation.report()
+    assert report["frames"] == 15
+    assert report["duration_s"] == pytest.approx(3.0, abs=0.05)
+    people = report["people"]
+    assert (people["true"], people["matched"]) == (75, 75)
+    assert people["precision"] == 1.0
+    assert people["error_m"]["mean"] < 0.05  # the paper's 5 cm
+    assert people["error_m"]["median"] <= people["error_m"]["p95"] <= people["error_m"]["max"] < 0.2
+
+
+def test_formation_stages_are_means_per_view(formation):
+    stages = formation.report()["stages"]
+    assert list(stages) == ["robot_a", "robot_b", "robot_c"]
+    for robot, means in stages.items():
+        assert len(formation.counts[robot]) == 15
+        assert 0.8 < means["valid_pixels"] <= 1.0
+        assert means["raw"] <= means["valid_pixels"] * 160 * 120
+        assert means["raw"] > means["zones"] > means["noise"] > means["cells"] > 50
+        for stage, before in (("zones", "raw"), ("noise", "zones"), ("cells", "noise")):
+            assert means[f"{stage}_kept"] == pytest.approx(means[stage] / means[before])
+    assert set(formation.report()["timing_ms"]) >= {"disparity", "robot", "clustering", "planner"}
+    for times in formation.report()["timing_ms"].values():
+        assert 0 <= times["median"] <= times["p99"]
+
+
+def test_the_top_camera_is_used_unless_the_configuration_says_otherwise(tmp_path):
+    binocular = tmp_path / "binocular.yaml"
+    binocular.write_text("/**/robot_node: {ros__parameters: {images: {top: false}}}\n")
+    assert BagRun(FORMATION).team.robots["robot_a"].images.top
+    assert not BagRun(FORMATION).team.robots["robot_b"].images.top
+    assert not BagRun(FORMATION, [binocular]).team.robots["robot_a"].images.top
+
+
+def copy_formation(out: Path, change: Callable[[str, Any], tuple[str, Any] | None]) -> Path:
+    """Copies the bag with changed topics and messages; None leaves a message out."""
+    with BagReader(FORMATION) as bag, BagWriter(out) as writer:
+        for topic, ns, message in bag.decoded():
+            changed = change(topic, message)
+            if changed is not None:
+                writer.write(changed[0], ns, changed[1])
+    return out
+
+
+@pytest.mark.parametrize("says_rectified", [False, True])
+def test_raw_images_are_rectified_if_the_bag_has_no_others(tmp_path, formation, says_rectified):
+    def raw(topic: str, message: Any) -> tuple[str, Any]:
+        if topic.endswith("camera_info"):  # no distortion: rectifying changes nothing
+            k = np.array(
+                [[message.p[0], 0, message.p[2]], [0, message.p[5], message.p[6]], [0, 0, 1]]
+            )
+            message = dataclasses.replace(
+                message, k=k.reshape(-1), d=np.zeros(5), r=np.eye(3).reshape(-1)
+            )
+        return topic.replace("image_rect", "image_raw"), message
+
+    path = copy_formation(tmp_path / "raw.mcap", raw)
+    configs = [PAPER]
+    if says_rectified:
+        (tmp_path / "rect.yaml").write_text(
+            "/**/robot_node: {ros__parameters: {images: {rectified: true}}}\n"
+        )
+        configs.append(tmp_path / "rect.yaml")
+    result = evaluate_bag(path, configs)
+    noted = any("only raw images" in note for note in result.notes)
+    assert noted == says_rectified
+    before, after = (r.report()["people"]["error_m"]["mean"] for r in (formation, result))
+    assert after == pytest.approx(before, abs=1e-3)
+
+
+def moved(topic: str, message: Any) -> tuple[str, Any]:
+    """Odometry that begins where the robot is."""
+    if topic.endswith("/odom"):
+        header = dataclasses.replace(message.header, frame_id="odom")
+        pose = dataclasses.replace(
+            message.pose.pose,
+            position=dataclasses.replace(message.pose.pose.position, x=0.0, y=0.0),
+            orientation=dataclasses.replace(message.pose.pose.orientation, z=0.0, w=1.0),
+        )
+        pose = dataclasses.replace(message.pose, pose=pose)
+        message = dataclasses.replace(message, header=header, pose=pose)
+    return topic, message
+
+
+def test_odometry_in_a_frame_of_its_own_needs_map_from_odom(tmp_path, formation):
+    path = copy_formation(tmp_path / "moved.mcap", moved)
+    with pytest.raises(PoseError, match=r"moved\.mcap: /robot_\w/odom: frame_id is 'odom'.*config"):
+        evaluate_bag(path, [PAPER])
+    where = tmp_path / "where.yaml"
+    where.write_text(
+        "/robot_a/robot_node: {ros__parameters: {pose: {map_from_odom: [6.3, 3.55, 3.14159265]}}}\n"
+        "/robot_b/robot_node: {ros__parameters: {pose: {map_from_odom: [0.2, 2.0, 0.35]}}}\n"
+        "/robot_c/robot_node: {ros__parameters: {pose: {map_from_odom: [0.2, 5.2, -0.35]}}}\n"
+    )
+    people = people_of(evaluate_bag(path, [PAPER, where]))
+    assert people["matched"] == 75
+    wanted = formation.report()["people"]["error_m"]["mean"]
+    assert people["error_m"]["mean"] == pytest.approx(wanted, abs=1e-3)
+    # The same file, when it lies beside the bag, needs not be named.
+    where.rename(tmp_path / "moved.yaml")
+    result = evaluate_bag(path, [PAPER])
+    assert people_of(result)["matched"] == 75
+    assert any("moved.yaml, which lies beside the bag" in note for note in result.notes)
+    with pytest.raises(PoseError):
+        evaluate_bag(path, [PAPER], beside=False)
+
+
+def test_poses_may_come_on_pose_in(tmp_path, formation):
+    kind = default_typestore().types["geometry_msgs/msg/PoseWithCovarianceStamped"]
+
+    def pose_in(topic: str, message: Any) -> tuple[str, Any]:
+        if topic.endswith("/odom"):
+            return topic.replace("odom", "pose_in"), kind(message.header, message.pose)
+        return topic, message
+
+    path = copy_formation(tmp_path / "pose_in.mcap", pose_in)
+    assert people_of(evaluate_bag(path, [PAPER])) == formation.report()["people"]
+
+
+def test_robots_are_those_of_the_bag_and_of_the_configuration(tmp_path):
+    team = tmp_path / "team.yaml"
+    team.write_text("/**/planner_node: {ros__parameters: {robots: [robot_b, robot_c, robot_d]}}\n")
+    run = BagRun(FORMATION, [team])
+    assert run.team.planner.robots == ("robot_b", "robot_c")
+    assert "the bag has nothing of robot_d" in run.notes
+    assert "the configuration leaves out robot_a" in run.notes
+    team.write_text(
+        "/robot_b/robot_node: {ros__parameters: {mounting: {height: 1.5}}}\n"
+        "/robot_x/robot_node: {ros__parameters: {mounting: {height: 0.5}}}\n"
+    )
+    run = BagRun(FORMATION, [team])
+    assert run.team.planner.robots == ("robot_a", "robot_b", "robot_c")
+    assert run.team.robots["robot_b"].mounting.height == 1.5
+    assert run.notes == ["the bag has nothing of robot_x"]
+    team.write_text("/**/planner_node: {ros__parameters: {robots: [robot_x]}}\n")
+    with pytest.raises(BagError, match="none of the configured robots robot_x"):
+        BagRun(FORMATION, [team])
+
+
+def test_a_wrong_parameter_is_an_error(tmp_path):
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("/**/robot_node: {ros__parameters: {zones: {hihg: 1.4}}}\n")
+    with pytest.raises(ConfigError, match=r"zones\.hihg.*did you mean zones\.high"):
+        evaluate_bag(FORMATION, [wrong])
+
+
+@pytest.mark.parametrize(
+    ("text", "counts"),
+    [
+        ("/**/robot_node: {ros__parameters: {}}\n", True),
+        ("people: 5\norigin: elsewhere\n", False),
+        ("- a list\n", False),
+        ("{", False),
+    ],
+)
+def test_only_a_parameter_file_beside_a_bag_counts(tmp_path, text, counts):
+    file = tmp_path / "scene.yaml"
+    file.write_text(text)
+    wanted = file if counts else None
+    assert file_beside(tmp_path / "scene.mcap") == wanted
+    assert file_beside(tmp_path / "scene") == wanted
+    assert file_beside(tmp_path / "other") is None
+
+
+def test_other_methods_can_be_tried():
+    class Blind:
+        def __init__(self, config: Any) -> None:
+            self.planner = Planner(config)
+
+        def step(self, scans: Any, poses: Any, time_ns: int) -> Any:
+            return self.planner.step(scans[:1], poses, time_ns)
+
+    result = evaluate_bag(BagRun(FORMATION, [PAPER], planner=Blind))
+    assert people_of(result)["recall"] < 1.0
+
+
+def test_calibration_that_does_not_fit_is_said_in_one_line(tmp_path):
+    def crossed(topic: str, message: Any) -> tuple[str, Any]:
+        swap = {"left": "right", "right": "left"}
+        return re.sub("left|right", lambda m: swap[m[0]], topic), message
+
+    path = copy_formation(tmp_path / "crossed.mcap", crossed)
+    with pytest.raises(BagError, match="are left and right swapped"):
+        evaluate_bag(path)
+
+
+def test_pairs_that_are_not_taken_at_once_are_said(tmp_path):
+    def late(topic: str, message: Any) -> tuple[str, Any]:
+        if topic.endswith("right/image_rect"):
+            stamp = message.header.stamp
+            stamp = dataclasses.replace(stamp, nanosec=stamp.nanosec + 2 * MS)
+            header = dataclasses.replace(message.header, stamp=stamp)
+            message = dataclasses.replace(message, header=header)
+        return topic, message
+
+    path = copy_formation(tmp_path / "late.mcap", late)
+    with pytest.raises(BagError, match=r"0\.0020 s; allowed by images\.max_stamp_difference: 0 s"):
+        evaluate_bag(path)
+    apart = tmp_path / "apart.yaml"
+    apart.write_text("/**/robot_node: {ros__parameters: {images: {max_stamp_difference: 0.005}}}\n")
+    assert people_of(evaluate_bag(path, [apart]))["matched"] > 0
+
+
+# --------------------------------------------------------------------------------- command line
+
+
+def run_mrs(*args: object) -> Any:
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def same_figures(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Equal but for what the clock says."""
+    return {**one, "timing_ms": 0} == {**other, "timing_ms": 0}
+
+
+def test_json_of_one_bag(tmp_path, formation):
+    file = tmp_path / "figures.json"
+    result = run_mrs("evaluate", FORMATION, "--config", PAPER, "--json", file)
+    assert result.exit_code == 0, result.output
+    figures = json.loads(file.read_text())
+    assert list(figures) == ["frames", "duration_s", "people", "group", "stages", "timing_ms"]
+    assert list(figures["people"]) == [
+        "true", "found", "matched", "recall", "precision", "error_m", "coverage_95",
+    ]  # fmt: skip
+    assert list(figures["stages"]["robot_a"]) == [
+        "valid_pixels", "raw", "zones", "noise", "cells", "zones_kept", "noise_kept", "cells_kept",
+    ]  # fmt: skip
+    assert same_figures(figures, formation.report())
+    assert "paper_formation" in result.output
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_several_bags_give_a_row_each_and_a_total(make_bag, tmp_path, formation, jobs):
+    two = make_bag(team_of_two, "two")
+    file = tmp_path / "figures.json"
+    result = run_mrs("evaluate", FORMATION, two, "-c", PAPER, "--json", file, "--jobs", jobs)
+    assert result.exit_code == 0, result.output
+    figures = json.loads(file.read_text())
+    assert list(figures) == ["bags", "total"]
+    assert list(figures["bags"]) == ["paper_formation", "two"]
+    assert same_figures(figures["bags"]["paper_formation"], formation.report())
+    total = figures["total"]
+    assert total["frames"] == 19
+    assert total["people"]["true"] == 83
+    mean = (75 * formation.report()["people"]["error_m"]["mean"] + 8 * 0.03) / 83
+    assert total["people"]["error_m"]["mean"] == pytest.approx(mean, abs=1e-6)
+    assert total["stages"] == formation.report()["stages"]
+    for name in ("paper_formation", "two", "total"):
+        assert re.search(rf"^{name} ", result.output, re.MULTILINE)
+
+
+def test_undefined_figures_are_null(make_bag, tmp_path):
+    def fill(bag: Bag) -> None:
+        for ms in (0, 100):
+            bag.pose_topic("robot_a", ms, 0, 0)
+            bag.points("robot_a", ms)
+
+    file = tmp_path / "figures.json"
+    assert run_mrs("evaluate", make_bag(fill), "--json", file).exit_code == 0
+    people = json.loads(file.read_text())["people"]
+    assert people["recall"] is None
+    assert people["error_m"] == {"mean": None, "median": None, "p95": None, "max": None}
+    assert json.loads(file.read_text())["group"]["centre_error_m"] == {"mean": None, "p95": None}
+
+
+def test_plots(tmp_path):
+    pytest.importorskip("matplotlib")
+    result = run_mrs("evaluate", FORMATION, "-c", PAPER, "--plots", tmp_path / "plots")
+    assert result.exit_code == 0, result.output
+    files = sorted(f.name for f in (tmp_path / "plots").iterdir())
+    assert files == ["errors.png", "stages.png"]
+    for file in files:
+        assert (tmp_path / "plots" / file).read_bytes().startswith(b"\x89PNG")
+
+
+def test_errors_are_one_line(tmp_path, make_bag):
+    def no_robot(bag: Bag) -> None:
+        bag.truth(0, (1, 1))
+
+    for args, text in (
+        ((tmp_path / "none",), "there is no such bag"),
+        ((make_bag(no_robot),), "no robot, i.e. no namespace with left and right images"),
+        ((FORMATION, FORMATION), "a bag is named twice"),
+        ((FORMATION, "-c", tmp_path / "none.yaml"), "none.yaml: cannot be read"),
+        ((FORMATION, "--json", tmp_path / "no" / "folder.json"), "cannot be written"),
+    ):
+        result = run_mrs("evaluate", *args)
+        assert result.exit_code == 1
+        assert re.fullmatch(rf"error: .*{re.escape(text)}.*\n", result.stderr), result.stderr
+
+
+def test_names_tell_bags_apart(tmp_path):
+    bags = [tmp_path / "a" / "walk.mcap", tmp_path / "b" / "walk.mcap", tmp_path / "c" / "talk.v2"]
+    assert names_of(bags) == ["a/walk.mcap", "b/walk.mcap", "talk.v2"]
+    with pytest.raises(PeopleLocError, match="twice"):
+        names_of([bags[0], bags[0]])
+
+
+def test_pooled_is_not_changed_by_its_parts(formation):
+    before = len(formation.frames)
+    Result.pooled([formation, formation])
+    assert len(formation.frames) == before
+    assert as_json({"one": formation})["frames"] == before
