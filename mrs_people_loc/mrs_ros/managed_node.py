@@ -43,7 +43,7 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, config_type: type[Section]) -> None:
         super().__init__(name)
         self.autostart = bool(AUTOSTART.check(given_parameters(self).get("autostart", True)))
-        declare(self, AUTOSTART, self.autostart)
+        declare(self, AUTOSTART, self.autostart, read_only=True)
         self.inputs: dict[str, Input] = {}
         self._outputs: list[Any] = []
         self._reporter: Reporter | None = None

@@ -39,10 +39,12 @@ def given_parameters(node: Node) -> dict[str, Any]:
     return {name: () if p.value is None else p.value for name, p in overrides.items()}
 
 
-def declare(node: Node, definition: Parameter, value: Any) -> None:
+def declare(node: Node, definition: Parameter, value: Any, *, read_only: bool = False) -> None:
     """Declares a parameter with its description and range; its value was checked already."""
     name, plain = definition.name, list(value) if isinstance(value, tuple) else value
-    node.declare_parameter(name, plain, _descriptor(definition), ignore_override=True)
+    descriptor = _descriptor(definition)
+    descriptor.read_only = read_only
+    node.declare_parameter(name, plain, descriptor, ignore_override=True)
     if plain == []:  # which rclpy declares as a list of bytes
         node.set_parameters([RosParameter(name, _TYPES[definition.kind], [])])
 
