@@ -1,0 +1,242 @@
+"""Managed nodes: they start themselves, or are led through their states; and they end cleanly."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image, PointCloud2
+
+from mrs_people_loc.config import RobotConfig
+from ros.harness import NodeProcess, Peer, Team
+from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
+from ros.recording import Recording, stamp_of
+from ros.robot_peer import RobotPeer
+
+SOMEBODY = (2.0, 1.0)
+#: "A few seconds", on a machine that is busy [s].
+SOON_S = 8.0
+
+
+@pytest.fixture(scope="module")
+def helps(team: Team) -> dict[str, NodeProcess]:
+    return {name: team.start(name, extra=["--help"]) for name in ("robot_node", "planner_node")}
+
+
+@pytest.fixture(scope="module")
+def robot(helps: dict[str, NodeProcess], team: Team, peer: Peer, recording: Recording) -> RobotPeer:
+    process = team.start("robot_node", namespace="/robot_a", params={"autostart": "false"})
+    return RobotPeer(peer, process, recording)
+
+
+@pytest.fixture(scope="module")
+def planner(robot: RobotPeer, team: Team, peer: Peer) -> PlannerPeer:
+    params = {"autostart": "false", "robots": "[robot_p]"}
+    return PlannerPeer(peer, team.start("planner_node", params=params))
+
+
+@pytest.mark.parametrize("name", ["robot_node", "planner_node"])
+def test_help(helps: dict[str, NodeProcess], planner: PlannerPeer, name: str) -> None:
+    assert helps[name].exit_code() == 0
+    assert helps[name].log.startswith(f"usage: {name} [--ros-args ")
+    assert "config/default.yaml" in helps[name].log
+
+
+def _offered(peer: Peer, node: str, namespace: str) -> set[str]:
+    """Topics that a node publishes, without those of every node."""
+    published = dict(peer.node.get_publisher_names_and_types_by_node(node, namespace))
+    return {
+        name
+        for name in published
+        if not name.endswith(("/rosout", "/parameter_events", "/transition_event"))
+    }
+
+
+def _heard(peer: Peer, node: str, namespace: str) -> set[str]:
+    heard = dict(peer.node.get_subscriber_names_and_types_by_node(node, namespace))
+    return {name for name in heard if not name.endswith("/parameter_events")}
+
+
+ROBOT_TOPICS = {
+    "/diagnostics",
+    "/robot_a/points",
+    "/robot_a/pose",
+    *(f"/robot_a/debug/{stage}" for stage in ("disparity", "cloud", "zones", "noise")),
+}
+ROBOT_INPUTS = {
+    "/robot_a/odom",
+    *(f"/robot_a/{c}/{t}" for c in ("left", "right") for t in ("image_rect", "camera_info")),
+}
+
+
+def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
+    peer, node = robot.peer, robot.node
+    assert peer.state(node) == "unconfigured"
+    assert _offered(peer, "robot_node", "/robot_a") == set()
+    assert not peer.change_state(node, "activate"), "not from here"
+    assert peer.state(node) == "unconfigured"
+
+    assert peer.change_state(node, "configure")
+    assert peer.state(node) == "inactive"
+    _until_topics(peer, "robot_node", "/robot_a", ROBOT_TOPICS, set())
+
+    assert peer.change_state(node, "activate")
+    assert peer.state(node) == "active"
+    _until_topics(peer, "robot_node", "/robot_a", ROBOT_TOPICS, ROBOT_INPUTS)
+    robot.warm_up()
+    first = robot.view()
+    robot.check(RobotConfig(), first)
+
+    assert peer.change_state(node, "deactivate")
+    assert peer.state(node) == "inactive"
+    _until_topics(peer, "robot_node", "/robot_a", ROBOT_TOPICS, set())
+    unheard = robot.view()
+    for camera in ("left", "right"):
+        peer.publisher(Image, f"/robot_a/{camera}/image_rect").publish(unheard[camera][0])
+    odometry = robot.odometry()
+    peer.publisher(Odometry, "/robot_a/odom").publish(odometry)
+
+    assert peer.change_state(node, "activate")
+    robot.warm_up()
+    robot.check(RobotConfig())
+    assert stamp_of(unheard["left"][0]) not in {stamp_of(m) for m in robot.points}
+    assert stamp_of(odometry) not in {stamp_of(m) for m in robot.poses}
+
+
+def _until_topics(
+    peer: Peer, node: str, namespace: str, offered: set[str], heard: set[str]
+) -> None:
+    """Waits until the graph shows exactly this; it lags behind the node by a moment."""
+    peer.until(
+        lambda: (
+            (_offered(peer, node, namespace), _heard(peer, node, namespace)) == (offered, heard)
+        ),
+        lambda: f"{_offered(peer, node, namespace)}, {_heard(peer, node, namespace)}",
+    )
+
+
+def test_robot_begins_anew_after_cleanup(robot: RobotPeer) -> None:
+    peer, node = robot.peer, robot.node
+    frames = robot.until_finding("scan", lambda f: f.count("frames") > 1).count("frames")
+    assert peer.change_state(node, "deactivate")
+    assert peer.change_state(node, "cleanup")
+    assert peer.state(node) == "unconfigured"
+    _until_topics(peer, "robot_node", "/robot_a", set(), set())
+    # Parameters that are not live are taken here.
+    peer.must_set(node, images__top=True, zones__low=0.3)
+    assert peer.change_state(node, "configure")
+    assert peer.change_state(node, "activate")
+    robot.warm_up(top=True)
+    config = RobotConfig.from_mapping({"images.top": True, "zones.low": 0.3})
+    robot.check(config)
+    finding = robot.until_finding("scan", lambda f: 0 < f.count("frames") < frames)
+    assert finding.count("frames") >= 1
+    # And back again.
+    peer.reconfigure(node, images__top=False, zones__low=0.2)
+    robot.warm_up()
+    robot.check(RobotConfig())
+
+
+PLANNER_TOPICS = {
+    "/diagnostics",
+    "/people",
+    "/people_poses",
+    "/group_centroid",
+    "/short_term_map",
+    "/markers",
+}
+
+
+def test_planner_is_led_through_its_states(planner: PlannerPeer) -> None:
+    peer, node = planner.peer, planner.node
+    played = PlayedRobot(peer, "robot_p", (0.0, 0.0, 0.0))
+    inputs = {"/robot_p/points", "/robot_p/pose"}
+    assert peer.state(node) == "unconfigured"
+    assert _offered(peer, "planner_node", "/") == set()
+    for _ in range(2):
+        assert peer.change_state(node, "configure")
+        _until_topics(peer, "planner_node", "/", PLANNER_TOPICS, set())
+        assert peer.change_state(node, "activate")
+        _until_topics(peer, "planner_node", "/", PLANNER_TOPICS, inputs)
+        _until_answer(planner, played)
+
+        assert peer.change_state(node, "deactivate")
+        _until_topics(peer, "planner_node", "/", PLANNER_TOPICS, set())
+        unheard = planner.now()
+        played.announce()
+        peer.publisher(PointCloud2, "/robot_p/points").publish(played.scan(unheard, SOMEBODY))
+        assert peer.change_state(node, "activate")
+        _until_answer(planner, played)
+        assert unheard not in {stamp_of(message) for message in planner.people}
+
+        assert peer.change_state(node, "deactivate")
+        assert peer.change_state(node, "cleanup")
+        assert peer.state(node) == "unconfigured"
+        _until_topics(peer, "planner_node", "/", set(), set())
+    assert peer.change_state(node, "configure")
+    assert peer.change_state(node, "activate")
+    _until_answer(planner, played)
+
+
+def _until_answer(planner: PlannerPeer, played: PlayedRobot) -> None:
+    count = len(planner.people)
+
+    def answered() -> bool:
+        played.send(planner.now(), SOMEBODY)
+        planner.peer.spin(0.1)
+        return len(planner.people) > count
+
+    planner.peer.until(answered, lambda: planner.process.log)
+    assert robots_in(planner.people[-1]) == ["robot_p"]
+    assert places(planner.people[-1]) == [SOMEBODY]
+
+
+def _keep_busy(robot: RobotPeer, planner: PlannerPeer, played: PlayedRobot) -> None:
+    for _ in range(5):
+        view = robot.view()
+        robot.send(view)
+        robot.send_pose(robot.odometry())
+        played.send(planner.now(), SOMEBODY)
+
+
+def test_nodes_end_with_a_signal_at_work(robot: RobotPeer, planner: PlannerPeer) -> None:
+    """Ctrl-C and SIGTERM while messages come in: exit code 0, no traceback, soon."""
+    assert robot.process is not None
+    played = PlayedRobot(robot.peer, "robot_p", (0.0, 0.0, 0.0))
+    _keep_busy(robot, planner, played)
+    assert robot.process.stop(signal.SIGINT) < SOON_S
+    assert planner.process.stop(signal.SIGTERM) < SOON_S
+
+
+@pytest.mark.parametrize(
+    ("executable", "signals", "autostart"),
+    [
+        ("robot_node", [signal.SIGTERM], "true"),
+        ("planner_node", [signal.SIGINT, signal.SIGINT], "true"),
+        ("robot_node", [signal.SIGINT, signal.SIGTERM], "false"),
+    ],
+    ids=["robot SIGTERM", "planner Ctrl-C twice", "unconfigured robot, both"],
+)
+def test_nodes_end_with_any_signal(
+    team: Team, peer: Peer, executable: str, signals: list[int], autostart: str
+) -> None:
+    process = team.start(executable, namespace="/ends", params={"autostart": autostart})
+    wanted = "active" if autostart == "true" else "unconfigured"
+    peer.until(lambda: peer.state(process.name) == wanted, f"{process.name} is not {wanted}")
+    for number in signals[:-1]:
+        process.process.send_signal(number)
+    if process.alive:
+        assert process.stop(signals[-1]) < SOON_S
+    assert process.exit_code() == 0
+    assert "Traceback" not in process.log
+
+
+def test_shut_down_node_waits_for_its_signal(team: Team, peer: Peer) -> None:
+    """The transition `shutdown` finalizes the node; the process ends with a signal."""
+    process = team.start("planner_node", namespace="/final")
+    peer.until_active(process.name)
+    assert peer.change_state(process.name, "shutdown")
+    assert peer.state(process.name) == "finalized"
+    _until_topics(peer, "planner_node", "/final", set(), set())
+    process.stop()
