@@ -1,0 +1,155 @@
+"""Bags made by hand, message by message."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from mrs_people_loc.scan import CELL_DTYPE
+from mrs_tools.bags import BagWriter, default_typestore
+
+START_NS = 1_700_000_000_000_000_000
+MS = 1_000_000
+
+
+class Bag:
+    """Writes messages; times are milliseconds after `START_NS`."""
+
+    def __init__(self, writer: BagWriter) -> None:
+        self.writer = writer
+        self.types = default_typestore().types
+
+    def make(self, msgtype: str, /, **fields: Any) -> Any:
+        return self.types[msgtype](**fields)
+
+    def header(self, ms: float, frame: str) -> Any:
+        sec, nanosec = divmod(START_NS + round(ms * MS), 1_000_000_000)
+        stamp = self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def write(self, topic: str, ms: float, message: Any) -> None:
+        self.writer.write(topic, START_NS + round(ms * MS), message)
+
+    def pose(self, x: float, y: float, yaw: float = 0.0) -> Any:
+        quaternion = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+        return self.make(
+            "geometry_msgs/msg/Pose",
+            position=self.make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0),
+            orientation=self.make("geometry_msgs/msg/Quaternion", **quaternion),
+        )
+
+    def uncertain(self, x: float, y: float, yaw: float = 0.0, variance: float = 0.01) -> Any:
+        return self.make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=self.pose(x, y, yaw),
+            covariance=(np.eye(6) * variance).reshape(-1),
+        )
+
+    def truth(self, ms: float, *people: tuple[float, float], visible: Any = None) -> None:
+        poses = [self.pose(*xy) for xy in people]
+        header = self.header(ms, "map")
+        array = self.make("geometry_msgs/msg/PoseArray", header=header, poses=poses)
+        self.write("/ground_truth/people_poses", ms, array)
+        if visible is not None:
+            self.visible(ms, visible)
+
+    def visible(self, ms: float, numbers: Iterable[int], kind: str = "Int32") -> None:
+        layout = self.make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+        dtype = np.dtype(kind.lower())
+        message = self.make(
+            f"std_msgs/msg/{kind}MultiArray", layout=layout, data=np.array([*numbers], dtype)
+        )
+        self.write("/ground_truth/visible", ms, message)
+
+    def people(self, ms: float, *people: tuple[float, float], centre: Any = None) -> None:
+        twist = self.make(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=self.make(
+                "geometry_msgs/msg/Twist",
+                linear=self.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+                angular=self.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+            ),
+            covariance=np.zeros(36),
+        )
+        persons = [
+            self.make(
+                "mrs_people_msgs/msg/Person",
+                id=0,
+                pose=self.uncertain(*xy),
+                velocity=twist,
+                height=1.7,
+                sigma=0.1,
+                robots=["robot_a"],
+                age=self.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
+                coasting=False,
+            )
+            for xy in people
+        ]
+        groups = [
+            self.make(
+                "mrs_people_msgs/msg/Group",
+                id=0,
+                size=size,
+                centre=self.uncertain(*xy),
+                velocity=twist,
+                radius=1.0,
+                rms_spread=1.0,
+                members=np.zeros(0, np.uint32),
+                stragglers=np.zeros(0, np.uint32),
+                straggling_for=[],
+            )
+            for size, xy in (centre or {}).items()
+        ]
+        header = self.header(ms, "map")
+        self.write(
+            "/people",
+            ms,
+            self.make(
+                "mrs_people_msgs/msg/People",
+                header=header,
+                scans=[],
+                persons=persons,
+                groups=groups,
+            ),
+        )
+
+    def pose_topic(
+        self, robot: str, ms: float, x: float, y: float, yaw: float = 0.0, *, name: str = "pose",
+        frame: str = "map",
+    ) -> None:  # fmt: skip
+        message = self.make(
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            header=self.header(ms, frame),
+            pose=self.uncertain(x, y, yaw, 1e-4),
+        )
+        self.write(f"/{robot}/{name}", ms, message)
+
+    def points(self, robot: str, ms: float, *bodies: tuple[float, float], at: Any = None) -> None:
+        """A scan in which each body is 4 x 4 cells with 20 points each, 1.7 m high."""
+        steps = (np.arange(4) - 1.5) * 0.1
+        x, y = (axis.reshape(-1) for axis in np.meshgrid(steps, steps))
+        cells = np.zeros(16 * len(bodies), CELL_DTYPE)
+        for index, body in enumerate(bodies):
+            mine = cells[16 * index : 16 * (index + 1)]
+            mine["x"], mine["y"] = body[0] + x, body[1] + y
+            mine["z"], mine["z_min"], mine["top"], mine["count"] = 1.4, 0.2, 1.7, 20
+        field = "sensor_msgs/msg/PointField"
+        message = self.make(
+            "sensor_msgs/msg/PointCloud2",
+            header=self.header(ms, f"{robot}/base_link"),
+            height=1,
+            width=len(cells),
+            fields=[
+                self.make(field, name=n, offset=4 * i, datatype=6 if n == "count" else 7, count=1)
+                for i, n in enumerate(CELL_DTYPE.names or ())
+            ],
+            is_bigendian=False,
+            point_step=24,
+            row_step=24 * len(cells),
+            data=np.frombuffer(cells.tobytes(), np.uint8),
+            is_dense=True,
+        )
+        self.write(f"/{robot}/points", ms if at is None else at, message)
