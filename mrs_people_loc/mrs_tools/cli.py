@@ -14,7 +14,9 @@ import importlib
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+import types
+import typing
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Annotated, Any, NoReturn
@@ -79,10 +81,28 @@ def _load(name: str) -> Any:
     path, summary = COMMANDS[name]
     module, _, attribute = path.partition(":")
     target = getattr(importlib.import_module(module), attribute)
-    if not isinstance(target, typer.Typer):
+    if isinstance(target, typer.Typer):
+        for command in target.registered_commands:
+            _spell_optional(command.callback)
+    else:
+        _spell_optional(target)
         function, target = target, typer.Typer(add_completion=False, rich_markup_mode="markdown")
         target.command(name, help=None if function.__doc__ else summary)(function)
     return typer.main.get_command(target)
+
+
+def _spell_optional(function: Callable[..., object] | None) -> None:
+    """Write `X | None` as Optional[X]: Ubuntu 24.04's Typer (0.9) understands nothing else."""
+    if function is None:
+        return
+    hints = typing.get_type_hints(function, include_extras=True)
+    for name, hint in hints.items():
+        if typing.get_origin(hint) is Annotated:
+            plain, *notes = typing.get_args(hint)
+            if isinstance(plain, types.UnionType):
+                plain = typing.Union[typing.get_args(plain)]  # noqa: UP007
+                hints[name] = Annotated[(plain, *notes)]
+    function.__annotations__ = hints
 
 
 def _how_to_install(module: str) -> str:
