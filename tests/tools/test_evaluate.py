@@ -230,6 +230,19 @@ def test_intervals_close_when_the_live_planner_would_close_them(make_bag):
     ]
 
 
+def test_an_interval_closes_although_nothing_comes_meanwhile(make_bag):
+    def fill(bag: Bag) -> None:
+        for robot in ("robot_a", "robot_b"):
+            for ms in (0, 100):
+                bag.pose_topic(robot, ms, 0, 0)
+            bag.points(robot, 0, (2, 1))
+        bag.points("robot_a", 100, (2, 1))  # robot_b is waited for until 200
+        bag.points("robot_a", 230, (2, 1))  # and this one does not replace the one before
+
+    stamps = [i.people.stamp_ns - START_NS for i in BagRun(make_bag(fill), [PAPER]).intervals()]
+    assert stamps == [0, 100 * MS, 230 * MS]
+
+
 def test_the_last_interval_closes_after_the_end(make_bag):
     def fill(bag: Bag) -> None:
         for ms in (0, 100):
@@ -256,6 +269,7 @@ def test_messages_that_cannot_be_used_are_counted_and_named(make_bag):
     notes = list(run.notes)
     assert len(list(run.intervals())) == 4  # from the beginning again
     assert run.notes == notes
+    assert run.dropped == {"/robot_a/points": 1, "/robot_b/pose": 1}
 
 
 def test_a_robot_that_gives_nothing_is_noted_and_all_of_them_are_an_error(make_bag):
@@ -409,9 +423,11 @@ def test_odometry_in_a_frame_of_its_own_needs_map_from_odom(tmp_path, formation)
     assert people["matched"] == 75
     wanted = formation.report()["people"]["error_m"]["mean"]
     assert people["error_m"]["mean"] == pytest.approx(wanted, abs=1e-3)
-    # The same file, when it lies beside the bag, needs not be named.
+    # The same file, when it lies beside the bag, needs not be named, and is the last to speak.
     where.rename(tmp_path / "moved.yaml")
-    result = evaluate_bag(path, [PAPER])
+    astray = tmp_path / "astray.yaml"
+    astray.write_text("/**/robot_node: {ros__parameters: {pose: {map_from_odom: [9, 9, 0]}}}\n")
+    result = evaluate_bag(path, [PAPER, astray])
     assert people_of(result)["matched"] == 75
     assert any("moved.yaml, which lies beside the bag" in note for note in result.notes)
     with pytest.raises(PoseError):
@@ -555,6 +571,7 @@ def test_several_bags_give_a_row_each_and_a_total(make_bag, tmp_path, formation,
     total = figures["total"]
     assert total["frames"] == 19
     assert total["people"]["true"] == 83
+    assert total["duration_s"] == sum(bag["duration_s"] for bag in figures["bags"].values())
     mean = (75 * formation.report()["people"]["error_m"]["mean"] + 8 * 0.03) / 83
     assert total["people"]["error_m"]["mean"] == pytest.approx(mean, abs=1e-6)
     assert total["stages"] == formation.report()["stages"]
