@@ -11,6 +11,7 @@ from typing import Any
 import rclpy
 import rclpy.logging
 import rclpy.utilities
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -217,7 +218,10 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
         extra = rclpy.utilities.remove_ros_args(argv)[1:]
         if extra:
             raise ConfigError(f"unknown argument {extra[0]}; parameters go after --ros-args")
-        node = make_node()
+        try:
+            node = make_node()
+        except ParameterException as err:  # of those that every node has, such as use_sim_time
+            raise ConfigError(str(err)) from err
         if node.autostart:
             for transition in (node.trigger_configure, node.trigger_activate):
                 if transition() != TransitionCallbackReturn.SUCCESS:
