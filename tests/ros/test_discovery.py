@@ -10,6 +10,7 @@ from sensor_msgs.msg import PointCloud2
 
 from ros.harness import ERROR, STALE, Peer, Team, holds
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, pose_of, robots_in
+from ros.recording import stamp_of
 
 SOMEBODY = (2.0, 1.0)
 
@@ -51,7 +52,11 @@ def _answer(planner: PlannerPeer, *robots: PlayedRobot) -> None:
         for _ in range(20):
             planner.peer.spin(0.02)
             last = planner.people[-1] if planner.people else None
-            if last and robots_in(last) == sorted(robot.name for robot in robots):
+            if (
+                last
+                and stamp_of(last) == stamp_ns
+                and robots_in(last) == sorted(robot.name for robot in robots)
+            ):
                 assert places(last) == [SOMEBODY]
                 return True
         return False

@@ -99,6 +99,7 @@ BAD_STARTS: dict[str, tuple[str, list[str], list[str]]] = {
     "autostart is no bool": (
         "robot_node", _p("autostart:=maybe"), ["autostart is 'maybe'; allowed: true or false"]
     ),
+    "use_sim_time is no bool": ("robot_node", _p("use_sim_time:=3"), ["'use_sim_time'.*'BOOL'"]),
     "bad value in a file": ("robot_node", _file("nested.yaml"), [r"mounting\.height is 'tall'"]),
     "no such file": ("robot_node", _file("nowhere.yaml"), [r"nowhere\.yaml"]),
     "no YAML": ("robot_node", _file("no.yaml"), [r"no\.yaml"]),

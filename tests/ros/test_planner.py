@@ -599,6 +599,7 @@ def test_late_poses_are_put_in_their_place(planner: PlannerPeer, robots: list[Pl
     robot_a, *others = robots
     robot_a.send_pose(pose_of(stamp_ns + 20_000_000, 2.0, 0.0, 0.0))
     robot_a.send_pose(pose_of(stamp_ns - 20_000_000, 1.0, 0.0, 0.0))
+    planner.peer.next_findings(planner.node)  # both have arrived, in this order
     robot_a.send_points(cloud_of(person_cells(1.0, 0.0), robot_a.frame_id, stamp_ns))
     for robot in others:
         robot.send(stamp_ns)

@@ -52,14 +52,6 @@ def planner(robot: RobotPeer, team: Team, peer: Peer, clock: SimTime) -> Planner
     params |= {"interval.max_wait": "1.5", "interval.robot_timeout": "8.0"}
     made = PlannerPeer(peer, team.start("planner_node", params=params))
     peer.until_active(made.node, robot.node)
-
-    def in_time() -> bool:
-        clock.to(clock.now)
-        peer.spin(0.1)
-        times = [f.values.get("age_s") for f in peer.findings(made.node).values()]
-        return bool(times)
-
-    peer.until(in_time, "diagnostics")
     return made
 
 
@@ -74,8 +66,9 @@ def robots(peer: Peer, planner: PlannerPeer, clock: SimTime) -> list[PlayedRobot
         clock.to(clock.now + SECOND // 10)
         for robot in made:
             robot.send(clock.now, SOMEBODY)
-        peer.spin(0.1)
-        return bool(planner.people) and len(robots_in(planner.people[-1])) == 2
+        peer.spin(0.2)
+        last = planner.people[-1] if planner.people else None
+        return last is not None and stamp_of(last) == clock.now and len(last.scans) == 2
 
     peer.until(connected, lambda: planner.process.log)
     return made
