@@ -465,7 +465,7 @@ PLANNER_NODE = "planner_node"
 _CONFIG_TYPES: dict[str, type[Section]] = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}
 #: Names of our nodes in a file; a wildcard stands for one name (*) or for any number of them (**).
 _NODE_KEY = re.compile(rf"(/(\w+|\*\*?))*/({ROBOT_NODE}|{PLANNER_NODE}|\*\*?)")
-#: What PyYAML raises besides its own errors, for texts such as `!!int x`, and reading for bad UTF-8.
+#: What PyYAML raises besides its own errors (for `!!int x`), and reading for bad UTF-8.
 _YAML_SLIPS = (ValueError, LookupError, AttributeError, RecursionError)
 #: Parameters that nodes have besides those of their configuration.
 NODE_PARAMETERS = frozenset({"use_sim_time", "autostart", "start_type_description_service"})

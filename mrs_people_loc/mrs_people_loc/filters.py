@@ -91,17 +91,25 @@ def quantize(points: Float32, *, cell: float) -> Cells:
 
 
 def measure_tops(
-    cells: Cells, cloud: Float32, *, zone_high: float, window: float, support: int, gap: float
+    cells: Cells,
+    points: Float32,
+    cloud: Float32,
+    *,
+    zone_high: float,
+    window: float,
+    support: int,
+    gap: float,
 ) -> Float32:
     """Height of the column above each cell, measured before the zone cut.
 
     The column is the noise window that holds the cell's centre. From its highest point in the
     zone it goes up through the cloud until it meets a gap (a ceiling above a head is not the
-    person's). Its top is the `support`-th highest point of what was passed, so that a few
-    mismatches make no one taller, but not less than the cell's own highest point.
+    person's). Its top is the `support`-th highest point of what was passed above the zone or,
+    where these are fewer, of its points in the zone: a few mismatches make no one taller.
 
     Args:
         cells: Cells from `quantize`.
+        points: The points in the zone that they were made of, shape (m, 3).
         cloud: All points, before the zones, shape (n, 3).
         zone_high: Upper end of the zone [m].
         window: Side of a noise window [m].
@@ -111,12 +119,13 @@ def measure_tops(
     Returns:
         Top of each cell's column [m], float32, shape (len(cells),), to the millimetre.
     """
-    above = _select(cloud, cloud[:, 2] > np.float32(zone_high))
-    if not len(cells) or not len(above):
+    if not len(cells):
         return cells.z
-    tile, _ = _tile(np.concatenate([[cells.x, cells.y], above.T[:2]], axis=1), window)
-    of_cell, of_point = tile[: len(cells)], tile[len(cells) :]
-    reaches_up = np.zeros(int(tile.max()) + 1, dtype=bool)
+    above = _select(cloud, cloud[:, 2] > np.float32(zone_high))
+    tile, _ = _tile(np.concatenate([[cells.x, cells.y], points.T[:2], above.T[:2]], axis=1), window)
+    of_cell, of_zone, of_point = np.split(tile, [len(cells), len(cells) + len(points)])
+    top = _kth_highest(of_zone, points[:, 2], support, int(tile.max()) + 1)
+    reaches_up = np.zeros(len(top), dtype=bool)
     reaches_up[of_cell[cells.z >= zone_high - gap]] = True
 
     # Where each point is, as one whole number: column, bin in it (0 is the zone), millimetres.
@@ -137,16 +146,33 @@ def measure_tops(
     start = np.searchsorted(place, zones)
     end = ends[np.searchsorted(ends, start, side="right")]
     supported = end - start > support  # the zone itself is no point
-    top = np.full(len(reaches_up), -np.inf, dtype=np.float32)
     mm = (place[(end - support)[supported]] & ((1 << _MM_BITS) - 1)) + low_mm
     top[columns[supported]] = mm / np.float32(1000.0)
-    return np.maximum(top[of_cell], cells.z)
+    top = top[of_cell]
+    return np.where(top > -np.inf, top, cells.z)
+
+
+def _kth_highest(column: Int, height: Float32, k: int, columns: int) -> Float32:
+    """The k-th highest of each column's heights, to the millimetre; -inf where there are fewer."""
+    result = np.full(columns, -np.inf, dtype=np.float32)
+    counts = np.bincount(column, minlength=columns)
+    # One sort of whole numbers: column, then millimetres.
+    mm = (height * np.float32(1000.0)).astype(np.intp) + _MM_OFFSET
+    order = np.sort((column << _MM_ALL_BITS) | mm)
+    enough = counts >= k
+    kth = order[np.cumsum(counts)[enough] - k] & ((1 << _MM_ALL_BITS) - 1)
+    result[enough] = (kth - _MM_OFFSET) / np.float32(1000.0)
+    return result
 
 
 _BIN = 0.05  # height bins of a column [m]
 _MAX_BINS = 60  # 3 m above the zone
 _BINS = 128  # numbers of bins per column: `_MAX_BINS`, and more than any gap to the next column
 _MM_BITS = 12  # bits that hold 3 m in millimetres
+_MM_ALL_BITS, _MM_OFFSET = (
+    15,
+    4000,
+)  # bits that hold every height of a zone, from 4 m below the floor
 
 
 def _select(points: Float32, keep: Bool) -> Float32:

@@ -90,15 +90,16 @@ class RobotPipeline:
         times.mark("noise")
         cells = filters.quantize(noise, cell=config.quantization.cell)
         times.mark("cells")
-        cells = self._with_tops(cells, cloud)
+        cells = self._with_tops(cells, noise, cloud)
         times.mark("tops")
         scan = Scan(self.robot, images.stamp_ns, cells)
         return Stages(disparity, cloud, zones, noise, scan, times.ms)
 
-    def _with_tops(self, cells: Cells, cloud: Float32) -> Cells:
+    def _with_tops(self, cells: Cells, points: Float32, cloud: Float32) -> Cells:
         config = self.config
         top = filters.measure_tops(
             cells,
+            points,
             cloud,
             zone_high=config.zones.high,
             window=config.noise.window,

@@ -158,22 +158,37 @@ def cells_of(cloud: Float32, config: RobotConfig) -> list[Cell]:
         cells.append(Cell(x, y, max(heights), min(heights), max(heights), len(points)))
     high = np.float32(config.zones.high)
     above = _tiled([(x, y, z) for x, y, z in cloud if z > high], config.noise.window)
-    columns = defaultdict(list)
+    in_zone = _tiled(kept, config.noise.window)
+    cells_in = defaultdict(list)
     for cell in cells:
-        columns[_tile(cell.x, cell.y, config.noise.window)].append(cell)
-    tops = {
-        column: _top_of([c.z for c in inside], [z for _, _, z in above.get(column, [])], config)
-        for column, inside in columns.items()
-    }
-    return [replace(c, top=max(c.z, tops[_tile(c.x, c.y, config.noise.window)])) for c in cells]
+        cells_in[_tile(cell.x, cell.y, config.noise.window)].append(cell)
+    topped = {}
+    for column, inside in cells_in.items():
+        highest = max(c.z for c in inside)
+        heights = [z for _, _, z in in_zone.get(column, [])]
+        top = _top_of(highest, heights, [z for _, _, z in above.get(column, [])], config)
+        topped.update({c: replace(c, top=c.z if top is None else top) for c in inside})
+    return [topped[c] for c in cells]
 
 
-def _top_of(in_zone: Sequence[np.float32], above: Sequence[np.float32], config: RobotConfig) -> Any:
-    """Top of a column of the noise window: up from the zone until a gap; -inf: not supported."""
+def _top_of(
+    highest: np.float32,
+    zone: Sequence[np.float32],
+    above: Sequence[np.float32],
+    config: RobotConfig,
+) -> np.float32 | None:
+    """Top of a column of the noise window: up from the zone until a gap; None: not supported.
+
+    Args:
+        highest: Highest z of its cells.
+        zone: Heights of its points in the zone.
+        above: Heights of its points above the zone.
+        config: The robot's configuration.
+    """
     high = np.float32(config.zones.high)
-    gap = config.quantization.top_gap
+    gap, support = config.quantization.top_gap, config.quantization.top_support
     passed: list[np.float32] = []
-    if max(in_zone) >= np.float32(config.zones.high - gap):
+    if highest >= np.float32(config.zones.high - gap):
         last = 0  # the zone; the bins above it count from 1
         for z in sorted(above):
             now = int((z - high) / np.float32(_COLUMN_BIN_M)) + 1
@@ -181,10 +196,11 @@ def _top_of(in_zone: Sequence[np.float32], above: Sequence[np.float32], config: 
                 break
             passed.append(z)
             last = now
-    if len(passed) < config.quantization.top_support:
-        return np.float32(-np.inf)
-    top = passed[-config.quantization.top_support]
-    return np.float32(int(top * np.float32(1000.0)) / 1000.0)
+    for heights in (passed, sorted(zone)):
+        if len(heights) >= support:
+            # To the millimetre below, also for heights below the floor.
+            return np.float32((int(heights[-support] * np.float32(1000.0))) / np.float32(1000.0))
+    return None
 
 
 def _tile(x: np.float32, y: np.float32, side: float) -> tuple[int, int]:

@@ -71,7 +71,7 @@ def test_the_stages_are_those_of_the_paper(view):
     zones = filters.discriminate_zones(cloud, low=0.3, high=1.3)
     noise = filters.reduce_noise(zones, window=0.2, min_points=30)
     cells = filters.quantize(noise, cell=0.1)
-    top = filters.measure_tops(cells, cloud, zone_high=1.3, window=0.2, support=3, gap=0.2)
+    top = filters.measure_tops(cells, noise, cloud, zone_high=1.3, window=0.2, support=3, gap=0.2)
     assert 0 < len(cells) < len(noise) < len(zones) < len(cloud) < disparity.size
     assert (top > cells.z).any()
     np.testing.assert_array_equal(got.disparity, disparity)

@@ -90,6 +90,7 @@ def core_cells(cloud: np.ndarray, config: RobotConfig) -> Cells:
     cells = filters.quantize(noise, cell=config.quantization.cell)
     top = filters.measure_tops(
         cells,
+        noise,
         cloud,
         zone_high=config.zones.high,
         window=config.noise.window,
