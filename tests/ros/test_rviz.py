@@ -1,0 +1,114 @@
+"""config/*.rviz: RViz2's own classes, on topics that the planner publishes, of the type they draw.
+
+RViz itself is not among the wheels; on a file that names what it does not know it shows an error
+at that display only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from rclpy.qos import ReliabilityPolicy
+
+from mrs_people_loc import messages
+from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.planner import Planner
+from mrs_people_loc.poses import Pose
+from mrs_ros import convert
+from planner_node.node import PlannerNode
+from ros.harness import ROOT
+from ros.planner_peer import cloud_of, person_cells
+
+#: Displays of rviz_default_plugins (Jazzy) and the messages they draw.
+DRAWN = {
+    "Grid": None,
+    "MarkerArray": "visualization_msgs/msg/MarkerArray",
+    "PointCloud2": "sensor_msgs/msg/PointCloud2",
+    "PointStamped": "geometry_msgs/msg/PointStamped",
+    "PoseArray": "geometry_msgs/msg/PoseArray",
+}
+OTHERS = {
+    *(f"rviz_default_plugins/{tool}" for tool in ("Interact", "MoveCamera", "Select")),
+    *(f"rviz_default_plugins/{tool}" for tool in ("FocusCamera", "Measure")),
+    *(f"rviz_default_plugins/{view}" for view in ("Orbit", "TopDownOrtho")),
+    *(f"rviz_common/{panel}" for panel in ("Displays", "Views")),
+}
+
+
+@pytest.fixture(params=sorted(ROOT.glob("config/*.rviz")), ids=lambda path: path.name)
+def config(request: pytest.FixtureRequest) -> Any:
+    return yaml.safe_load(request.param.read_text())
+
+
+@pytest.fixture
+def published(domain: int) -> Iterator[dict[str, tuple[str, bool]]]:
+    """The planner's topics: type, and whether it is reliable."""
+    rclpy.init(args=["planner_node", "--ros-args", "-p", "autostart:=false"])
+    node = PlannerNode()
+    try:
+        node.trigger_configure()
+        topics = {}
+        for publisher in node.publishers:
+            kind: Any = publisher.msg_type
+            name = "/".join((*kind.__module__.split(".")[:2], kind.__name__))
+            reliable = publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+            topics[publisher.topic_name] = (name, reliable)
+        yield topics
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def displays(config: Any, kind: str = "") -> list[Any]:
+    found = config["Visualization Manager"]["Displays"]
+    return [d for d in found if d["Class"].endswith(f"/{kind}" if kind else "")]
+
+
+def test_topics_and_types(config: Any, published: dict[str, tuple[str, bool]]) -> None:
+    for display in displays(config):
+        package, _, kind = display["Class"].partition("/")
+        assert package == "rviz_default_plugins"
+        assert display["Enabled"] == display["Value"], display["Name"]
+        if DRAWN[kind] is None:
+            continue
+        type_name, reliable = published[display["Topic"]["Value"]]
+        assert type_name == DRAWN[kind]
+        assert display["Topic"]["Reliability Policy"] == "Best Effort" or reliable
+        assert display["Topic"]["Durability Policy"] == "Volatile"
+
+
+def test_every_class_is_one_of_rviz(config: Any) -> None:
+    def classes(part: Any) -> Iterator[str]:
+        if isinstance(part, dict):
+            if part.get("Class"):
+                yield part["Class"]
+            for value in part.values():
+                yield from classes(value)
+        elif isinstance(part, list):
+            for item in part:
+                yield from classes(item)
+
+    assert set(classes(config)) <= OTHERS | {f"rviz_default_plugins/{kind}" for kind in DRAWN}
+
+
+def test_frame_is_the_common_one(config: Any) -> None:
+    frame = config["Visualization Manager"]["Global Options"]["Fixed Frame"]
+    assert frame == PlannerConfig().map_frame
+
+
+def test_channels_and_namespaces(config: Any) -> None:
+    cloud = cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9)
+    scan = messages.read_scan(cloud, "robot_a", "robot_a/base_link")
+    result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
+    assert len(result.persons) == 1
+
+    fields = {field.name for field in convert.short_term_map(result, "map").fields}
+    for display in displays(config, "PointCloud2"):
+        assert display["Channel Name"] in fields
+    drawn = {m.ns for m in convert.markers(result, "map", 3.0).markers if m.action == m.ADD}
+    for display in displays(config, "MarkerArray"):
+        assert display["Namespaces"] == dict.fromkeys(drawn, True)
