@@ -85,7 +85,6 @@ class Input:
         topic: Relative name.
         callback: Takes a message.
         qos: Quality of service that is asked for.
-        required: Whether silence is worth a warning.
     """
 
     def __init__(
@@ -95,11 +94,8 @@ class Input:
         topic: str,
         callback: Callable[[Any], None],
         qos: QoSProfile,
-        *,
-        required: bool = True,
     ) -> None:
         self.topic = topic
-        self.required = required
         self.dropped: Counter[str] = Counter()
         self.last_error = ""
         self._node = node
@@ -140,7 +136,7 @@ class Input:
             "dropped": total,
             **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
         }
-        if silent > SILENCE_S and self.required:
+        if silent > SILENCE_S:
             return Finding(self.topic, ERROR, self._silence(silent), values)
         if total:
             return Finding(self.topic, WARN, f"{total} dropped; last: {self.last_error}", values)

@@ -96,11 +96,9 @@ class ManagedNode(LifecycleNode):
         topic: str,
         callback: Callable[[Any], None],
         qos: QoSProfile,
-        *,
-        required: bool = True,
     ) -> Input:
         """Subscribes to a topic until the node stops."""
-        made = Input(self, message_type, topic, callback, qos, required=required)
+        made = Input(self, message_type, topic, callback, qos)
         self.inputs[topic] = made
         return made
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -16,8 +16,6 @@ from rclpy.parameter import Parameter as RosParameter
 
 from mrs_people_loc.config import NODE_PARAMETERS, Parameter, Section
 from mrs_people_loc.errors import ConfigError
-
-ConfigT = TypeVar("ConfigT", bound=Section)
 
 _TYPES = {
     "bool": RosParameter.Type.BOOL,
