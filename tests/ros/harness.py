@@ -227,6 +227,7 @@ class Peer:
         self._clients: dict[str, Any] = {}
         self._findings: dict[str, dict[str, Finding]] = defaultdict(dict)
         self._reports: dict[str, int] = defaultdict(int)
+        self._report_stamps: dict[str, float] = {}
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 100)
 
     def close(self) -> None:
@@ -292,6 +293,9 @@ class Peer:
         names = {status.name.partition(": ")[0] for status in message.status}
         for node in names:
             self._reports[node] += 1
+            self._report_stamps[node] = (
+                message.header.stamp.sec + message.header.stamp.nanosec / 1e9
+            )
             self._findings[node].clear()
         for status in message.status:
             node, _, name = status.name.partition(": ")
@@ -305,19 +309,28 @@ class Peer:
         return self._findings[node]
 
     def next_findings(self, *nodes: str) -> dict[str, Mapping[str, Finding]]:
-        """By node, a report that begins from now on.
+        """By node, a report that was made from now on.
 
-        The one under way when this is called may hold what was; so the second one is taken.
+        A report under way at this moment may hold what was. It is told by its stamp; where that is
+        simulated, the second report is taken.
         """
-        seen = {node: self._reports[node] for node in nodes}
-        self.until(
-            lambda: all(self._reports[node] >= seen[node] + 2 for node in nodes),
-            lambda: f"{nodes} do not all report",
-        )
+        now, seen = time.time(), {node: self._reports[node] for node in nodes}
+
+        def made_later(node: str) -> bool:
+            stamp = self._report_stamps.get(node, 0.0)
+            count = self._reports[node] - seen[node]
+            return count >= (1 if now <= stamp < now + DEADLINE_S else 2)
+
+        self.until(lambda: all(map(made_later, nodes)), lambda: f"{nodes} do not all report")
         return {node: dict(self._findings[node]) for node in nodes}
 
     def until_finding(
-        self, node: str, name: str, wanted: Callable[[Finding], bool], what: str = ""
+        self,
+        node: str,
+        name: str,
+        wanted: Callable[[Finding], bool],
+        what: str = "",
+        deadline: float = DEADLINE_S,
     ) -> Finding:
         """Waits until an entry of a node's report is as wanted."""
 
@@ -328,7 +341,7 @@ class Peer:
         def now() -> str:
             return f"{what}; {name} of {node} is {self._findings[node].get(name)}"
 
-        result = self.until(found, now)
+        result = self.until(found, now, deadline)
         assert result is not None
         return result
 

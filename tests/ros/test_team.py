@@ -37,6 +37,8 @@ PLANNER = "/planner_node"
 CONFIGS = {"team": ["team.yaml"], "paper": ["paper.yaml", "team.yaml"]}
 #: Robots that send nothing in a frame: then the interval closes without them.
 ABSENT = {5: {"robot_b"}, 9: {"robot_b", "robot_c"}}
+#: For what does not depend on the configuration.
+once = pytest.mark.parametrize("run", ["team"], indirect=True)
 MAP_DTYPE = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "z_min", "top")]
     + [("count", "<u4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4")]
@@ -440,6 +442,7 @@ def test_all_five_people_are_found_where_they_are(run: Run) -> None:
 # --- images never leave the robot -----------------------------------------------------------------
 
 
+@once
 def test_images_go_to_their_robot_only(run: Run) -> None:
     """What DDS shows of every image topic: one reader, the robot's own node."""
     image = "sensor_msgs/msg/Image"
@@ -455,6 +458,7 @@ def test_images_go_to_their_robot_only(run: Run) -> None:
         assert run.peer._publishers[topic].get_subscription_count() == 1
 
 
+@once
 def test_planner_hears_scans_and_poses_only(run: Run) -> None:
     node = run.peer.node
     heard = dict(node.get_subscriber_names_and_types_by_node("planner_node", "/"))
@@ -466,6 +470,7 @@ def test_planner_hears_scans_and_poses_only(run: Run) -> None:
     assert heard == wanted
 
 
+@once
 def test_robots_publish_no_images(run: Run) -> None:
     for robot in ROBOTS:
         published = dict(
@@ -491,6 +496,7 @@ def test_what_leaves_a_robot_is_small(run: Run) -> None:
 # --- what the team says of itself -----------------------------------------------------------------
 
 
+@once
 def test_diagnostics_of_a_sound_team(run: Run) -> None:
     findings = run.peer.next_findings(PLANNER)[PLANNER]
     intervals = findings["intervals"]
@@ -516,6 +522,7 @@ def test_diagnostics_of_a_sound_team(run: Run) -> None:
         )
 
 
+@once
 def test_two_robots_of_one_name_are_named(run: Run, team: Team) -> None:
     other = team.start("robot_node", namespace="/robot_b")
     finding = run.peer.until_finding(PLANNER, "robot robot_b", lambda f: f.level == ERROR)
@@ -527,6 +534,7 @@ def test_two_robots_of_one_name_are_named(run: Run, team: Team) -> None:
     run.peer.until_finding(PLANNER, "robot robot_b", lambda f: "share a name" not in f.message)
 
 
+@once
 def test_nothing_was_lost_on_the_way(run: Run) -> None:
     """Last: no robot dropped anything."""
     nodes = [f"/{robot}/robot_node" for robot in ROBOTS]
