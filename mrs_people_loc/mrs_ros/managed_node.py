@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 
 from mrs_people_loc.config import Parameter, Section
 from mrs_people_loc.errors import ConfigError, PeopleLocError
-from mrs_ros.diagnostics import Finding, Input, Reporter
+from mrs_ros.diagnostics import OK, STALE, Finding, Input, Reporter
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
@@ -48,7 +48,7 @@ class ManagedNode(LifecycleNode):
         self.inputs: dict[str, Input] = {}
         self._outputs: list[Any] = []
         self._reporter: Reporter | None = None
-        self._configured = False
+        self._configured = self._active = False
         self._node_config = NodeConfig(
             self, config_type, may_restructure=lambda: not self._configured, changed=self.changed
         )
@@ -118,7 +118,7 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Starts."""
         # Publishers first: what `start` triggers may publish at once.
-        return self._transition("activate", self.start, super().on_activate, state, last=True)
+        return self._transition("activate", self._begin, super().on_activate, state, last=True)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stops."""
@@ -141,7 +141,12 @@ class ManagedNode(LifecycleNode):
         self._reporter = Reporter(self, self.name_in_team or self.get_name(), self._findings)
         self.set_up()
 
+    def _begin(self) -> None:
+        self._active = True
+        self.start()
+
     def _halt(self) -> None:
+        self._active = False
         for made in self.inputs.values():
             made.destroy()
         self.inputs.clear()
@@ -183,7 +188,10 @@ class ManagedNode(LifecycleNode):
         return result
 
     def _findings(self) -> list[Finding]:
-        return [made.finding() for made in self.inputs.values()] + self.findings()
+        if not self._active:
+            return [Finding("state", STALE, "inactive: hears and sends nothing until activated")]
+        inputs = [made.finding() for made in self.inputs.values()]
+        return [Finding("state", OK, "active"), *inputs, *self.findings()]
 
 
 def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None = None) -> int:

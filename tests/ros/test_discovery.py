@@ -92,6 +92,7 @@ def test_what_is_no_robot_is_let_alone(planner: PlannerPeer, robot: PlayedRobot)
         "robot robot_a",
         "robot_a/points",
         "robot_a/pose",
+        "state",
     ]
 
 

@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, PointCloud2
 
 from mrs_people_loc.config import RobotConfig
-from ros.harness import NodeProcess, Peer, Team
+from ros.harness import STALE, NodeProcess, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
 from ros.recording import Recording, stamp_of
 from ros.robot_peer import RobotPeer
@@ -91,6 +91,10 @@ def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
     assert peer.change_state(node, "deactivate")
     assert peer.state(node) == "inactive"
     _until_topics(peer, "robot_node", "/robot_a", ROBOT_TOPICS, set())
+    # Inputs that nobody listens to are no errors.
+    finding = peer.until_finding(node, "state", lambda f: f.level == STALE)
+    assert finding.message.startswith("inactive")
+    assert set(peer.next_findings(node)[node]) == {"state"}
     unheard = robot.view()
     for camera in ("left", "right"):
         peer.publisher(Image, f"/robot_a/{camera}/image_rect").publish(unheard[camera][0])
