@@ -6,8 +6,6 @@ over the floor. The paper's XZ ground plane is our x-y plane.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,8 +70,7 @@ def quantize(points: Float32, *, cell: float) -> Cells:
     if not len(points):
         return Cells.empty()
     tile, k = _tile(points.T[:2], cell)
-    # NumPy sorts 16-bit numbers by radix, several times faster.
-    order = np.argsort(tile.astype(np.uint16) if tile.max() < 1 << 16 else tile, kind="stable")
+    order = _argsort(tile)
     tile = tile[order]
     edges = np.flatnonzero(np.concatenate([[True], tile[1:] != tile[:-1], [True]]))
     first = edges[:-1]
@@ -123,62 +120,59 @@ def measure_tops(
         return cells.z
     above = _select(cloud, cloud[:, 2] > np.float32(zone_high))
     tile, _ = _tile(np.concatenate([[cells.x, cells.y], points.T[:2], above.T[:2]], axis=1), window)
-    of_cell, of_zone, of_point = np.split(tile, [len(cells), len(cells) + len(points)])
-    top = _kth_highest(of_zone, points[:, 2], support, int(tile.max()) + 1)
-    reaches_up = np.zeros(len(top), dtype=bool)
+    of_cell, of_point = tile[: len(cells)], tile[len(cells) :]
+    of_zone, of_above = of_point[: len(points)], of_point[len(points) :]
+    in_zone = np.bincount(of_zone, minlength=int(tile.max()) + 1)
+    holds_cell, reaches_up = np.zeros((2, len(in_zone)), dtype=bool)
+    holds_cell[of_cell] = True
     reaches_up[of_cell[cells.z >= zone_high - gap]] = True
 
-    # Where each point is, as one whole number: column, bin in it (0 is the zone), millimetres.
-    near = np.flatnonzero(reaches_up[of_point])
+    # All of a column from below: a beginning, its points in the zone (bin 0), those above it.
+    near = np.flatnonzero(reaches_up[of_above])
     height = above[near, 2]
-    bins = ((height - np.float32(zone_high)) / np.float32(_BIN)).astype(np.intp)
-    low_mm = math.floor(zone_high * 1000.0) - 1
-    mm = (height * np.float32(1000.0)).astype(np.intp) - low_mm
-    place = ((of_point[near] * _BINS + bins + 1) << _MM_BITS) | mm
-    columns = np.flatnonzero(reaches_up)
-    zones = columns * _BINS << _MM_BITS
-    place = np.sort(np.concatenate([zones, place[bins < _MAX_BINS]]))
+    bins = ((height - np.float32(zone_high)) / np.float32(_BIN)).astype(np.intp) + 1
+    bins[bins > _MAX_BINS] = _OUT_OF_REACH
+    columns = np.flatnonzero(holds_cell)
+    column = np.concatenate([columns, of_zone, of_above[near]])
+    bins = np.concatenate([np.zeros(len(columns) + len(points), dtype=np.intp), bins])
+    height = np.concatenate([np.full(len(columns), _LOW, dtype=np.float32), points[:, 2], height])
+    mm = (height * np.float32(1000.0)).astype(np.intp)
+    order = _argsort(mm + bins)  # the sum is in the order of both
+    order = order[_argsort(column[order])]
+    place, mm = (column * _BINS + bins)[order], mm[order]
 
-    # A column runs from its zone to where more than `gap` lies empty; the next one is farther.
-    bins = place >> _MM_BITS
-    far = bins[1:] - bins[:-1] > round(gap / _BIN) + 1
+    # A column runs from its beginning to where more than `gap` lies empty; the next one is farther.
+    far = place[1:] - place[:-1] > round(gap / _BIN) + 1
     ends = np.flatnonzero(np.concatenate([far, [True]])) + 1
-    start = np.searchsorted(place, zones)
-    end = ends[np.searchsorted(ends, start, side="right")]
-    supported = end - start > support  # the zone itself is no point
-    mm = (place[(end - support)[supported]] & ((1 << _MM_BITS) - 1)) + low_mm
-    top[columns[supported]] = mm / np.float32(1000.0)
+    first = np.searchsorted(place, columns * _BINS) + 1
+    end = ends[np.searchsorted(ends, first - 1, side="right")]
+    zone_end = first + in_zone[columns]
+    kth = np.where(end - zone_end >= support, end, zone_end) - support
+    supported = kth >= first
+    top = np.full(len(in_zone), -np.inf, dtype=np.float32)
+    top[columns[supported]] = mm[kth[supported]] / np.float32(1000.0)
     top = top[of_cell]
     return np.where(top > -np.inf, top, cells.z)
 
 
-def _kth_highest(column: Int, height: Float32, k: int, columns: int) -> Float32:
-    """The k-th highest of each column's heights, to the millimetre; -inf where there are fewer."""
-    result = np.full(columns, -np.inf, dtype=np.float32)
-    counts = np.bincount(column, minlength=columns)
-    # One sort of whole numbers: column, then millimetres.
-    mm = (height * np.float32(1000.0)).astype(np.intp) + _MM_OFFSET
-    order = np.sort((column << _MM_ALL_BITS) | mm)
-    enough = counts >= k
-    kth = order[np.cumsum(counts)[enough] - k] & ((1 << _MM_ALL_BITS) - 1)
-    result[enough] = (kth - _MM_OFFSET) / np.float32(1000.0)
-    return result
-
-
 _BIN = 0.05  # height bins of a column [m]
 _MAX_BINS = 60  # 3 m above the zone
-_BINS = 128  # numbers of bins per column: `_MAX_BINS`, and more than any gap to the next column
-_MM_BITS = 12  # bits that hold 3 m in millimetres
-_MM_ALL_BITS, _MM_OFFSET = (
-    15,
-    4000,
-)  # bits that hold every height of a zone, from 4 m below the floor
+_OUT_OF_REACH = 126  # what is higher: beyond any gap
+_BINS = 128  # numbers of bins per column
+_LOW = -10.0  # lower than any point [m]
 
 
 def _select(points: Float32, keep: Bool) -> Float32:
     """Rows of `points`, each coordinate contiguous in memory."""
     # "clip" leaves out the check of the indices, which are good.
     return np.take(points.T, np.flatnonzero(keep), axis=1, mode="clip").T
+
+
+def _argsort(numbers: Int) -> Int:
+    """Stable order of whole numbers; NumPy sorts 16-bit ones by radix, several times faster."""
+    low = numbers.min()
+    small = numbers.max() - low < 1 << 16
+    return np.argsort((numbers - low).astype(np.uint16) if small else numbers, kind="stable")
 
 
 def _tile(xy: Float32, side: float) -> tuple[Int, Float32]:
