@@ -24,13 +24,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 import typer
 import yaml
 from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from mrs_people_loc import timing
 from mrs_people_loc.camera import StereoCamera
@@ -47,13 +51,12 @@ from mrs_tools.bags import BagReader
 from mrs_tools.demo import default_file
 from mrs_tools.offline import BagRun, View, robots_of
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
 #: Of the intervals of the bag, each one of so many is compared with the reference.
 _CHECKED = 5
 #: Configurations take turns after so many views or intervals, and the first ones do not count.
 _BLOCK, _WARM_UP = 25, 3
+#: More of the machine than this is too busy for the live part.
+_BUSY = 0.15
 #: Intervals of the drawn scene, each with noise of its own.
 _DRAWN = 10
 
@@ -510,23 +513,24 @@ def show(report: Mapping[str, Any], console: Console) -> None:
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
             console.print(table)
+        others = report["live"]["others_cores"]
+        text = f"other programs took {others:.1f} of {m['cores']} cores meanwhile"
+        if others > _BUSY * m["cores"]:
+            text += ": a starved team is late, and what it did not do cost nothing"
+        console.print(text, style="yellow" if others > _BUSY * m["cores"] else None, soft_wrap=True)
     console.print(_target_table(report["targets"]))
 
 
-def _table(title: str, first: str, *others: str) -> Any:
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
+def _table(title: str, first: str, *others: str) -> Table:
     # Text: a unit such as [ms] would be taken for markup.
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
-    table.add_column(first)
+    table.add_column(Text(first))
     for column in others:
         table.add_column(column, justify="right", no_wrap=True)
     return table
 
 
-def _robot_table(robot: Mapping[str, Mapping[str, Any]]) -> Any:
+def _robot_table(robot: Mapping[str, Mapping[str, Any]]) -> Table:
     columns = {
         f"{name}\n{kind}": figures
         for name, kinds in robot.items()
@@ -544,11 +548,11 @@ def _robot_table(robot: Mapping[str, Mapping[str, Any]]) -> Any:
         "disparities searched [px]": lambda f: ", ".join(map(str, f["searched_px"])),
     }
     for row, text in rows.items():
-        table.add_row(row, *(text(figures) for figures in columns.values()))
+        table.add_row(Text(row), *(text(figures) for figures in columns.values()))
     return table
 
 
-def _planner_table(planner: Mapping[str, Mapping[str, Any]]) -> Any:
+def _planner_table(planner: Mapping[str, Mapping[str, Any]]) -> Table:
     first = next(iter(planner.values()))
     title = (
         f"\nplanner, one interval of {first['robots']} robots and {first['people']} people "
@@ -564,7 +568,7 @@ def _planner_table(planner: Mapping[str, Mapping[str, Any]]) -> Any:
     return table
 
 
-def _live_tables(live: Mapping[str, Any]) -> Iterable[Any]:
+def _live_tables(live: Mapping[str, Any]) -> Iterator[Table]:
     title = (
         f"\nover DDS with {live['configuration']}: {len(live['robots'])} robot_node and "
         f"planner_node, images at {live['frame_hz']:g} Hz, poses at {live['pose_hz']:g} Hz, "
@@ -593,13 +597,13 @@ def _live_tables(live: Mapping[str, Any]) -> Iterable[Any]:
         ("that is times as much", lambda r: f"{_saving(r):.1f}"),
     ]
     for row, text in rows:
-        table.add_row(row, *(text(figures) for figures in robots.values()))
+        table.add_row(Text(row), *(text(figures) for figures in robots.values()))
     yield table
     planner = live["planner"]
     table = _table("", "planner_node", "")
     table.add_row("processor, images and poses", f"{planner['cpu_percent']:.0f} %")
     table.add_row("processor, poses alone", f"{planner['cpu_percent_poses_only']:.0f} %")
-    table.add_row("processor per interval [ms]", f"{planner['cpu_ms_per_interval']:.2f}")
+    table.add_row(Text("processor per interval [ms]"), f"{planner['cpu_ms_per_interval']:.2f}")
     table.add_row("  the planner (its own clock)", f"{planner['step_ms']:.2f}")
     table.add_row("intervals", str(live["intervals"]))
     yield table
@@ -611,7 +615,7 @@ def _saving(robot: Mapping[str, float]) -> float:
     return robot["images_bytes_per_s"] / sent
 
 
-def _target_table(rows: Sequence[Mapping[str, Any]]) -> Any:
+def _target_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = _table("\ntargets", "figure", "measured", "target", "")
     table.add_column("configuration")
     for row in rows:
@@ -673,8 +677,6 @@ def command(
     Every figure names its configuration. A target that is missed is a measurement, not an error;
     results that differ from the reference are one (exit code 1), and nothing is timed then.
     """  # fmt: skip
-    from rich.console import Console
-
     bag = bag or default_file("bags", "paper_formation")
     configs = config or [default_file("config", f"{name}.yaml") for name in ("paper", "default")]
     files = [configs[0], *(team or [default_file("config", "team.yaml")])] if live else None

@@ -233,6 +233,13 @@ class Usage:
         return Usage(self.cpu_ms - other.cpu_ms, self.page_faults - other.page_faults)
 
 
+def _busy_ms() -> float:
+    """Processor time that the machine has spent on anything so far, all cores [ms]."""
+    values = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()[1:8]
+    user, nice, system, _idle, _iowait, irq, softirq = map(int, values)
+    return (user + nice + system + irq + softirq) * 1000.0 / os.sysconf("SC_CLK_TCK")
+
+
 @dataclass
 class Heard:
     """What the team says.
@@ -380,6 +387,7 @@ class _Span:
 
     Attributes:
         seconds: How long it was [s].
+        others_cores: Processor time that other programs took meanwhile, in cores.
         used: By process.
         frames: Frames sent, by robot.
         poses: Poses sent, by robot.
@@ -391,9 +399,12 @@ class _Span:
 
         frames, poses = dict(feeder.frames), dict(feeder.poses)
         began, at_first = time.monotonic(), usage()
+        own, busy = Usage.of(os.getpid()), _busy_ms()
         time.sleep(seconds)
         at_last, self.seconds = usage(), time.monotonic() - began
         self.used = {n: at_last[n] - at_first[n] for n in at_first}
+        ours = (Usage.of(os.getpid()) - own).cpu_ms + sum(u.cpu_ms for u in self.used.values())
+        self.others_cores = max(0.0, (_busy_ms() - busy - ours) / self.seconds / 1e3)
         self.frames = {r: feeder.frames[r] - n for r, n in frames.items()}
         self.poses = {r: feeder.poses[r] - n for r, n in poses.items()}
 
@@ -467,6 +478,7 @@ def _figures(
         }
     return {
         "seconds": during.seconds,
+        "others_cores": during.others_cores,
         "frame_hz": feeder.frame_hz,
         "pose_hz": feeder.pose_hz,
         "intervals": heard.intervals,
