@@ -232,6 +232,19 @@ def test_an_uncertain_heading_moves_people_across_the_line_of_sight(make_map):
         np.testing.assert_allclose(np.diag(person.covariance), np.diag(expected), atol=1e-15)
 
 
+def test_each_persons_covariance_is_of_those_who_saw_it(make_map):
+    fused = make_map([(3, 0), (3, 0), (6, 0)], robot=[0, 1, 1], robots=("robot_a", "robot_b"))
+    clusters = measure(fused, np.array([0, 0, 1]))
+    poses = {
+        "robot_a": Pose(0, 0.0, 0.0, 0.0, np.diag([0.1, 0.0, 0.0])),
+        "robot_b": Pose(0, 0.0, 0.0, 0.0, np.diag([0.0, 0.2, 0.0])),
+    }
+    near, far = locate(fused, clusters, np.array([True, True]), poses)
+    assert (near.robots, far.robots) == (("robot_a", "robot_b"), ("robot_b",))
+    np.testing.assert_allclose(near.covariance, np.diag([0.1, 0.2]) / 4)
+    np.testing.assert_allclose(far.covariance, np.diag([0.0, 0.2]))
+
+
 def test_people_are_those_that_are_human(make_map):
     fused = make_map([(0, 0), (1, 0), (2, 0), (3, 0)])
     clusters = measure(fused, np.arange(4))

@@ -283,6 +283,7 @@ def test_a_repeated_stamp_is_refused():
 
 
 def test_old_poses_are_forgotten():
+    assert PoseBuffer().span_ns == 5 * SECOND
     poses = PoseBuffer(span_ns=500 * MS)
     for i in range(100):
         poses.add(pose(100 * i))
