@@ -265,45 +265,52 @@ def test_top_of_a_column_that_ends_in_the_zone(make_cells, heights, top):
     assert tops(cells, [], in_zone=in_zone) == pytest.approx([top], abs=0.0011)
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.tuples(st.integers(-3, 3), st.integers(-3, 3)),  # window
-            st.sampled_from([0.9, 1.0, 1.36, 1.39]),  # top of the zone's part: far or near its end
-            st.lists(  # steps upwards, clearly within or clearly beyond the gap
-                st.integers(1, 180) | st.integers(400, 600), max_size=12
-            ),
-        ),
-        max_size=6,
-        unique_by=lambda item: item[0],
+columns_of_points = st.lists(
+    st.tuples(
+        st.tuples(st.integers(-3, 3), st.integers(-3, 3)),  # window
+        st.sampled_from([900, 1000, 1360, 1390]),  # top of the zone's part: far or near its end
+        st.lists(st.integers(200, 900), max_size=5),  # and what is below it
+        # Steps upwards from the zone's end, clearly within or clearly beyond the gap.
+        st.lists(st.integers(1, 180) | st.integers(400, 600), max_size=12),
     ),
-    st.integers(1, 4),
-    st.booleans(),
-    st.randoms(use_true_random=False),
+    max_size=6,
+    unique_by=lambda item: item[0],
 )
+
+
+@given(columns_of_points, st.integers(1, 4), st.booleans(), st.randoms(use_true_random=False))
 def test_tops_against_a_loop(make_cells, columns, support, with_far_outlier, random):
     """From the words of measure_tops' docstring, column by column."""
-    points, centres, zone_tops, expected = [], [], [], []
-    for (i, j), zone_top, steps in columns:
-        heights = HIGH + np.cumsum(steps) / 1000 + 0.0005 if steps else np.array([])
-        points += column(i / 10 + 0.03, j / 10 + 0.06, heights)
-        points += column(i / 10 + 0.06, j / 10 + 0.03, [0.5, zone_top])
+    in_zone, above, centres, zone_tops, expected = [], [], [], [], []
+    for (i, j), zone_top, lower, steps in columns:
+        zone_heights = [h / 1000 + 0.0005 for h in (zone_top, *lower)]
+        heights = [HIGH + sum(steps[: n + 1]) / 1000 + 0.0005 for n in range(len(steps))]
+        in_zone += column(i / 10 + 0.06, j / 10 + 0.03, zone_heights)
+        above += column(i / 10 + 0.03, j / 10 + 0.06, heights)
         centres.append((i / 10 + 0.025, j / 10 + 0.025))
-        zone_tops.append(zone_top)
-        passed = []
-        level = zone_top
+        zone_tops.append(zone_heights[0])
+        passed, level = [], zone_heights[0]
         for height in heights:
             if height - level > 0.25:
                 break
             passed.append(height)
             level = height
-        supported = sorted(passed, reverse=True)[support - 1 : support]
-        expected.append(max([zone_top, *supported]))  # the helper supports each zone's top
+        enough = [part for part in (passed, zone_heights) if len(part) >= support]
+        expected.append(sorted(enough[0])[-support] if enough else zone_heights[0])
     if with_far_outlier:
-        points.append((8e4, -9e4, 1.5))
-    random.shuffle(points)
+        above.append((8e4, -9e4, 1.5))
+    everything = in_zone + above
+    random.shuffle(in_zone)
+    random.shuffle(everything)
     cells = make_cells(centres, z=np.array(zone_tops, dtype=np.float32))
-    assert tops(cells, points, support=support) == pytest.approx(expected, abs=0.0016)
+    got = tops(cells, everything, in_zone=in_zone, support=support)
+    assert got == pytest.approx(expected, abs=0.0016)
+
+
+def test_a_column_is_followed_up_to_3_m_above_the_zone(make_cells):
+    wall = column(1.05, 0.05, np.arange(1.41, 9.0, 0.02))
+    (top,) = tops(make_cells([(1.025, 0.025)], z=1.39), wall)
+    assert top == pytest.approx(HIGH + 3.0, abs=0.1)
 
 
 # ------------------------------------------------------------------------ degenerate ----
