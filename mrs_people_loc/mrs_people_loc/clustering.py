@@ -48,21 +48,33 @@ def _pairs_within(xy: Float, reach: float) -> tuple[Int, Int]:
     stripe and y.
     """
     wide = 1.001 * reach  # what rounding does to the sums below must hide no pair
-    x, y = xy[:, 0], xy[:, 1] - xy[:, 1].min()
+    # Stretches where nothing is are cut short, so that a far outlier costs no precision.
+    stripe = _closed_up(np.floor(xy[:, 0] / wide), 2.0)
+    y = _closed_up(xy[:, 1], 2.0 * wide)
     length = y.max() + 3.0 * wide
-    place = np.floor((x - x.min()) / wide) * length + y  # the stripes laid end to end
+    place = stripe * length + y  # the stripes laid end to end
     order = np.argsort(place)
-    place, x, y = place[order], x[order], y[order]
+    place = place[order]
 
     # In the own stripe what follows, in the next one all; the one before finds this point itself.
-    index = np.arange(len(x))
+    index = np.arange(len(xy))
     begin = np.concatenate([index + 1, np.searchsorted(place, place + (length - wide))])
     until = np.concatenate([place + wide, place + (length + wide)])
     count = np.searchsorted(place, until, side="right") - begin
     one = np.repeat(np.concatenate([index, index]), count)
     other = np.arange(len(one)) + np.repeat(begin - (np.cumsum(count) - count), count)
-    near = np.flatnonzero((x[one] - x[other]) ** 2 + (y[one] - y[other]) ** 2 <= reach**2)
-    return order[one[near]], order[other[near]]
+    one, other = order[one], order[other]
+    near = np.flatnonzero(((xy[one] - xy[other]) ** 2).sum(axis=1) <= reach**2)
+    return one[near], other[near]
+
+
+def _closed_up(values: Float, gap: float) -> Float:
+    """The values from 0 on, with no gap between neighbours longer than `gap`."""
+    order = np.argsort(values)
+    steps = np.minimum(np.diff(values[order], prepend=values[order[0]]), gap)
+    closed = np.empty_like(values)
+    closed[order] = np.cumsum(steps)
+    return closed
 
 
 def _join(one: Int, other: Int, count: int) -> Int:

@@ -36,7 +36,7 @@ COMMANDS = {
     "evaluate": ("mrs_tools.evaluate:command", "Score bags against their ground truth."),
     "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag."),
     "bench": ("mrs_tools.bench:command", "Measure speed, after comparing with plain loops."),
-    "up": ("mrs_tools.team:up", "Start every node of a team on this machine."),
+    "up": ("mrs_tools.up:command", "Start every node of a team on this machine."),
     "people": ("mrs_tools.people:command", "Show a running team live in the terminal."),
     "replay": ("mrs_tools.replay:command", "Publish a bag's messages over ROS, in their timing."),
     "record": ("mrs_tools.record:command", "Record topics into a bag."),

@@ -8,6 +8,7 @@ import tempfile
 import threading
 import time
 from collections import Counter, defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -139,15 +140,18 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
             _wait_for_team(node, team, log, stop)
             player.wait_for_subscribers(stop=stop)
             console.print(f"replaying {bag}")
-            thread = threading.Thread(target=player.play, kwargs={"stop": stop})
-            thread.start()
-            with Live(live, console=console, refresh_per_second=5, transient=False):
-                end = math.inf
-                while time.monotonic() < end and not stop.is_set():
-                    executor.spin_once(timeout_sec=0.05)
-                    if not thread.is_alive():
-                        end = min(end, time.monotonic() + _TAIL_S)
-            thread.join()
+            with ThreadPoolExecutor(1) as threads:
+                playing = threads.submit(player.play, stop=stop)
+                with Live(live, console=console, refresh_per_second=5):
+                    end = math.inf
+                    while time.monotonic() < end and not stop.is_set() and not team.ended():
+                        executor.spin_once(timeout_sec=0.05)
+                        if playing.done():
+                            end = min(end, time.monotonic() + _TAIL_S)
+                if team.ended():
+                    stop.set()
+                    raise _ended(team, log)
+                playing.result()
             console.print()
             if stop.is_set():
                 raise typer.Exit(stop.exit_code)
@@ -164,9 +168,7 @@ def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Even
     robots = [n.namespace for n in team.processes if n.namespace]
     while not stop.is_set():
         if team.ended():
-            log.seek(0)
-            names = ", ".join(f"{n.label} (exit code {c})" for n, c in team.ended().items())
-            raise PeopleLocError(f"ended at the start: {names}\n{log.read()}")
+            raise _ended(team, log)
         deaf = [r for r in robots if not node.count_subscribers(f"/{r}/left/camera_info")]
         unheard = [r for r in robots if not node.count_subscribers(f"/{r}/points")]
         if not deaf and not unheard and node.count_publishers("people"):
@@ -175,6 +177,13 @@ def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Even
             waiting = ", ".join(sorted({*deaf, *unheard}) or ["planner"])
             raise PeopleLocError(f"not ready after {_START_S:.0f} s: {waiting}")
         stop.wait(0.1)
+
+
+def _ended(team: RunningTeam, log: Any) -> PeopleLocError:
+    """What to say of processes that ended by themselves, with what all of them printed."""
+    names = ", ".join(f"{n.label} (exit code {c})" for n, c in team.ended().items())
+    log.seek(0)
+    return PeopleLocError(f"ended by itself: {names}\n{log.read()}")
 
 
 def _read_bag(path: Path, config: Team) -> tuple[Truth, dict[str, Float]]:
@@ -226,6 +235,8 @@ def _score(people: list[Any], truth: Truth, console: Console) -> None:
         table.add_row(str(index + 1), f"{x:.2f}, {y:.2f}", f"{len(own)} / {count}", mean, most)
     console.print(table)
     report = summary(frames)["people"]
+    if not report["matched"]:
+        raise PeopleLocError(f"none of {report['true']} people was found")
     mean = f"{100 * report['error_m']['mean']:.1f} cm" if report["matched"] else "-"
     console.print(
         f"found {report['matched']} of {report['true']} people in {len(frames)} frames of the "

@@ -27,8 +27,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mrs_people_loc import messages, timing
-from mrs_people_loc.camera import CameraModel, StereoCamera
+from mrs_people_loc import head, messages
+from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import (
     PLANNER_NODE,
     ROBOT_NODE,
@@ -38,10 +38,10 @@ from mrs_people_loc.config import (
     load_team,
     robots_named,
 )
-from mrs_people_loc.errors import BagError, ImageError, PeopleLocError, PoseError
+from mrs_people_loc.errors import BagError, PeopleLocError, PoseError
 from mrs_people_loc.evaluation import Estimate, Truth
 from mrs_people_loc.geometry import Float
-from mrs_people_loc.images import Gray, ImagePreparer, Pairer, StereoImages
+from mrs_people_loc.images import StereoImages
 from mrs_people_loc.interval import IntervalCollector
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.planner import People, Planner
@@ -271,17 +271,8 @@ class _Source:
         name, config = self.has.name, self.config
         if self.has.images:
             kind = "image_rect" if config.images.rectified else "image_raw"
-            cameras = ("left", "right", "top") if config.images.top else ("left", "right")
-            self._cameras = cameras
-            self._models: dict[str, CameraModel] = {}
-            self._info_keys: dict[str, bytes] = {}
-            self._preparers: dict[str, ImagePreparer] = {}
-            self._pipeline: Any = None
-            self._waiting: Mapping[str, tuple[int, Gray]] | None = None
-            self.pairer: Pairer[Gray] = Pairer(
-                cameras, round(config.images.max_stamp_difference * 1e9), config.images.queue_size
-            )
-            for camera in cameras:
+            self.head = head.Head(name, config, self.make)
+            for camera in self.head.cameras:
                 base = f"/{name}/{camera}"
                 self.handlers[f"{base}/camera_info"] = partial(self._on_info, camera)
                 self.handlers[f"{base}/{kind}"] = partial(self._on_image, camera)
@@ -299,58 +290,17 @@ class _Source:
     # ---- images ----
 
     def _on_info(self, camera: str, message: Any) -> View | None:
-        parts = (message.width, message.height, message.distortion_model, message.binning_x)
-        arrays = (message.k, message.d, message.r, message.p)
-        key = repr(parts).encode() + b"".join(np.asarray(a).tobytes() for a in arrays)
-        if self._info_keys.get(camera) == key:
-            return None
-        self._info_keys[camera] = key
-        self._models.pop(camera, None)
-        self._pipeline = None
-        self._models[camera] = messages.read_camera_info(message)
-        if len(self._models) < len(self._cameras):
-            return None
-        images = self.config.images
-        self._preparers = {
-            c: ImagePreparer(
-                self._models[c],
-                rectified=images.rectified,
-                width=images.working_width,
-                height=images.working_height,
-            )
-            for c in self._cameras
-        }
-        models = {c: preparer.output for c, preparer in self._preparers.items()}
-        head = StereoCamera.from_models(
-            models["left"], models["right"], models.get("top"), self.config.mounting
-        )
-        self._pipeline = self.make(self.has.name, head, self.config)
-        waited, self._waiting = self._waiting, None
-        return self._process(waited) if waited is not None else None
+        return self._view(self.head.take_camera_info(camera, message))
 
     def _on_image(self, camera: str, message: Any) -> View | None:
-        image = messages.read_image(message)
-        if camera in self._preparers:
-            self._preparers[camera].check_size(image)
-        found = self.pairer.add(camera, stamp_ns_of(message.header.stamp), image)
-        if found is None:
-            return None
-        if self._pipeline is None:
-            waited, self._waiting = self._waiting, found  # for the calibration
-            if waited is not None:
-                missing = ", ".join(c for c in self._cameras if c not in self._models)
-                raise ImageError(f"no camera_info of {missing}, or none that can be used")
-            return None
-        return self._process(found)
+        return self._view(self.head.take_image(camera, message))
 
-    def _process(self, found: Mapping[str, tuple[int, Gray]]) -> View:
-        began_ns = timing.now_ns()
-        prepared = {c: self._preparers[c](image) for c, (_, image) in found.items()}
-        images = StereoImages(found["left"][0], **prepared)
-        prepare_ms = (timing.now_ns() - began_ns) / 1e6
-        stages = self._pipeline.stages(images)
-        times = {"prepare": prepare_ms, **stages.times_ms}
-        return View(self.has.name, self._pipeline.camera, images, stages, times)
+    def _view(self, view: head.View | None) -> View | None:
+        if view is None:
+            return None
+        times = {"prepare": view.prepare_ms, **view.stages.times_ms}
+        camera = self.head.pipeline.camera
+        return View(self.has.name, camera, view.images, view.stages, times)
 
     def _on_points(self, message: Any) -> Scan:
         return messages.read_scan(message, self.has.name)
@@ -370,8 +320,8 @@ class _Source:
 
     def nothing_said(self) -> str:
         """Why there was no scan, as far as it is known."""
-        if self.has.images and self.pairer.unpaired:
-            nearest = self.pairer.smallest_difference_ns
+        if self.has.images and self.head.pairer.unpaired:
+            nearest = self.head.pairer.smallest_difference_ns
             seen = "no image of the other camera" if nearest is None else f"{nearest / 1e9:.4f} s"
             return (
                 f"images found no pair; smallest difference of stamps seen: {seen}; allowed by "
@@ -571,8 +521,8 @@ class BagRun:
         for name, source in sources.items():
             for reason, count in collector.robot(name).dropped.items():
                 self.dropped[f"{name}: scan {reason}"] += count
-            if source.has.images and source.pairer.unpaired:
-                self.dropped[f"{name}: image without its pair"] += source.pairer.unpaired
+            if source.has.images and source.head.pairer.unpaired:
+                self.dropped[f"{name}: image without its pair"] += source.head.pairer.unpaired
         self._check(sources, reasons)
 
     def _check(self, sources: Mapping[str, _Source], reasons: Mapping[str, str]) -> None:

@@ -11,11 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Annotated
+from typing import IO
 
-import typer
-
-from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, load_team
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, load_team, robots_named
 from mrs_people_loc.errors import ConfigError
 
 #: A process that was asked to end gets this long [s].
@@ -30,7 +28,7 @@ class NodeProcess:
         package: ROS package, and name of its executable.
         namespace: The robot's name; empty for the planner.
         files: Parameter files, later ones win.
-        sim_time: Whether the node takes its time from `/clock`.
+        sim_time: Whether the node takes its time from `/clock`; else its files say.
     """
 
     package: str
@@ -50,11 +48,11 @@ class NodeProcess:
             args += ["-r", f"__ns:=/{self.namespace}"]
         for file in self.files:
             args += ["--params-file", file]
-        return [*args, "-p", f"use_sim_time:={str(self.sim_time).lower()}"]
+        return [*args, "-p", "use_sim_time:=true"] if self.sim_time else args
 
 
 def team_processes(files: Sequence[str | Path], *, sim_time: bool = False) -> list[NodeProcess]:
-    """One robot_node for every robot that the planner's section names, and the planner.
+    """One robot_node for every robot that the files name, and the planner.
 
     Args:
         files: Parameter files of the team, later ones win.
@@ -63,14 +61,15 @@ def team_processes(files: Sequence[str | Path], *, sim_time: bool = False) -> li
     Raises:
         ConfigError: A file is wrong, or names no robot.
     """
-    team = load_team(*files)
-    if not team.planner.robots:
+    names = robots_named(*files)
+    load_team(*files, robots=names)
+    if not names:
         raise ConfigError(
             f"{', '.join(map(str, files))}: no robot is named; wanted: the list `robots` in the "
-            f"section of {PLANNER_NODE}"
+            f"section of {PLANNER_NODE}, or a section of each robot, /NAME/{ROBOT_NODE}"
         )
     paths = tuple(str(Path(file).resolve()) for file in files)
-    robots = [NodeProcess(ROBOT_NODE, name, paths, sim_time) for name in team.planner.robots]
+    robots = [NodeProcess(ROBOT_NODE, name, paths, sim_time) for name in names]
     return [*robots, NodeProcess(PLANNER_NODE, "", paths, sim_time)]
 
 
@@ -129,32 +128,3 @@ class RunningTeam:
                 process.kill()
                 process.wait()
         return self.ended()
-
-
-def up(
-    files: Annotated[list[Path], typer.Argument(help="Parameter files of the team; later win.")],
-    sim_time: Annotated[
-        bool, typer.Option("--sim-time", help="Take the time from /clock (mrs replay --clock).")
-    ] = False,
-) -> None:
-    """Start every robot_node of a team and the planner on this machine; Ctrl-C ends them.
-
-    On a real team, where each robot has its own computer, start `robot_node` there instead.
-    """
-    from rich.console import Console
-
-    from mrs_tools.cli import stop_on_signals
-
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
-    nodes = team_processes(files, sim_time=sim_time)
-    with stop_on_signals() as stop, RunningTeam(nodes) as team:
-        console.print(f"started {', '.join(node.label for node in nodes)}; Ctrl-C ends them")
-        failed: dict[NodeProcess, int] = {}
-        while not stop.wait(0.2):
-            for node, code in team.ended().items():
-                if node not in failed:
-                    failed[node] = code
-                    console.print(f"[red]{node.label} ended by itself, exit code {code}[/]")
-            if len(failed) == len(nodes):
-                break
-    raise typer.Exit(1 if failed else 0)

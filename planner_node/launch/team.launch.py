@@ -22,7 +22,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             package=process.package,
             executable=process.package,
             namespace=process.namespace,
-            parameters=[*process.files, {"use_sim_time": sim_time}],
+            parameters=[*process.files, *([{"use_sim_time": True}] if sim_time else [])],
             output="screen",
         )
         for process in team_processes([team], sim_time=sim_time)
@@ -40,7 +40,7 @@ def generate_launch_description() -> LaunchDescription:
                 "use_sim_time",
                 default_value="false",
                 choices=["true", "false"],
-                description="take the time from /clock",
+                description="true: take the time from /clock; false: as the team's file says",
             ),
             OpaqueFunction(function=start),
         ]

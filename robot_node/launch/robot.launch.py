@@ -23,7 +23,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             package="robot_node",
             executable="robot_node",
             namespace=robot,
-            parameters=[team, {"use_sim_time": sim_time}],
+            parameters=[team, *([{"use_sim_time": True}] if sim_time else [])],
             output="screen",
         )
     ]
@@ -41,7 +41,7 @@ def generate_launch_description() -> LaunchDescription:
                 "use_sim_time",
                 default_value="false",
                 choices=["true", "false"],
-                description="take the time from /clock",
+                description="true: take the time from /clock; false: as the team's file says",
             ),
             OpaqueFunction(function=start),
         ]

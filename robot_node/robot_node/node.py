@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -15,12 +14,11 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from mrs_people_loc import messages
-from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import CameraError, ConfigError, ImageError
-from mrs_people_loc.images import ImagePreparer, Pairer, StereoImages
+from mrs_people_loc.errors import CameraError, ConfigError
+from mrs_people_loc.head import Head, View
 from mrs_people_loc.poses import PoseIntake
-from mrs_people_loc.robot import RobotPipeline, Stages
+from mrs_people_loc.robot import Stages
 from mrs_ros import convert
 from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, stamp_hint
 from mrs_ros.managed_node import ManagedNode
@@ -44,15 +42,8 @@ class RobotNode(ManagedNode):
 
     def set_up(self) -> None:
         """Makes the publishers."""
-        self.cameras = ("left", "right", "top") if self.config.images.top else ("left", "right")
         self.base_frame = "/".join(filter(None, (self.name_in_team, "base_link")))
-        self._models: dict[str, CameraModel] = {}
-        self._info_keys: dict[str, Any] = {}
-        self._preparers: dict[str, ImagePreparer] = {}
-        self._pipeline: RobotPipeline | None = None
-        self._head_error = ""
-        self._waiting: Mapping[str, tuple[int, Any]] | None = None
-        self._pairer = self._new_pairer(self.config)
+        self._head = Head(self.name_in_team, self.config)
         self._stages: Stages | None = None
         self._frames = 0
         self._newest_ns = 0
@@ -70,7 +61,7 @@ class RobotNode(ManagedNode):
     def start(self) -> None:
         """Listens to images, calibration and poses."""
         image = "image_rect" if self.config.images.rectified else "image_raw"
-        for camera in self.cameras:
+        for camera in self._head.cameras:
             self.listen(
                 CameraInfo,
                 f"{camera}/camera_info",
@@ -86,106 +77,40 @@ class RobotNode(ManagedNode):
 
     def stop(self) -> None:
         """Forgets what waits."""
-        self._pairer.reset()
-        self._waiting = None
+        self._head.reset()
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters from the next frame on."""
         if self._configured:
-            if self._pipeline is not None:
-                try:
-                    preparers, pipeline = self._build(config)
-                except CameraError as err:
-                    raise ConfigError(str(err)) from err
-                self._preparers, self._pipeline = preparers, pipeline
+            try:
+                self._head.configure(config)
+            except CameraError as err:
+                raise ConfigError(str(err)) from err
             self._intake.config = config.pose
-            if config.images != self.config.images:
-                self._pairer = self._new_pairer(config)
 
     # ---- images ----
 
     def _on_camera_info(self, camera: str, message: CameraInfo) -> None:
-        # The calibration comes with every image; it is read again only when it changes.
-        key = (
-            message.width,
-            message.height,
-            message.distortion_model,
-            *(np.asarray(m).tobytes() for m in (message.k, message.d, message.r, message.p)),
-            (message.binning_x, message.binning_y, message.roi.width, message.roi.height),
-        )
-        if self._info_keys.get(camera) == key:
-            return
-        self._models.pop(camera, None)
-        self._preparers, self._pipeline = {}, None
-        self._info_keys[camera] = key
-        try:
-            self._models[camera] = messages.read_camera_info(message)
-            if len(self._models) < len(self.cameras):
-                return
-            self._preparers, self._pipeline = self._build(self.config)
-        except CameraError as err:
-            self._head_error = str(err)
-            raise
-        waited, self._waiting = self._waiting, None
-        if waited is not None:
-            self._process(waited)
-
-    def _build(self, config: RobotConfig) -> tuple[dict[str, ImagePreparer], RobotPipeline]:
-        preparers = {
-            camera: ImagePreparer(
-                self._models[camera],
-                rectified=config.images.rectified,
-                width=config.images.working_width,
-                height=config.images.working_height,
-            )
-            for camera in self.cameras
-        }
-        outputs = {camera: preparer.output for camera, preparer in preparers.items()}
-        head = StereoCamera.from_models(
-            outputs["left"], outputs["right"], outputs.get("top"), config.mounting
-        )
-        return preparers, RobotPipeline(self.name_in_team, head, config)
+        self._publish(self._head.take_camera_info(camera, message))
 
     def _on_image(self, camera: str, message: Image) -> None:
-        image = messages.read_image(message)
-        if camera in self._preparers:
-            self._preparers[camera].check_size(image)
-        resets = self._pairer.resets
-        stamp_ns = messages.stamp_ns_of(message.header.stamp)
-        found = self._pairer.add(camera, stamp_ns, (message.header, image))
-        if self._pairer.resets > resets:
+        resets = self._head.pairer.resets
+        view = self._head.take_image(camera, message)
+        if self._head.pairer.resets > resets:
             self.get_logger().warning(f"{camera} images: stamps jumped back; starting anew")
-        if found is None:
-            return
-        if self._pipeline is not None:
-            self._process(found)
-            return
-        # The calibration may come a moment after the first images: the newest set waits for it.
-        waited, self._waiting = self._waiting, found
-        if waited is not None:
-            missing = ", ".join(c for c in self.cameras if c not in self._info_keys)
-            why = f"no camera_info of {missing}" if missing else self._head_error
-            raise ImageError(f"images are not used: {why}")
+        self._publish(view)
 
-    def _process(self, found: Mapping[str, tuple[int, Any]]) -> None:
-        assert self._pipeline is not None
-        prepared = {c: self._preparers[c](image) for c, (_, (_, image)) in found.items()}
-        stamp_ns, (left_header, _) = found["left"]
-        images = StereoImages(stamp_ns, **prepared)
-        stages = self._pipeline.stages(images)
+    def _publish(self, view: View | None) -> None:
+        if view is None:
+            return
+        stages = view.stages
         began = time.perf_counter()
         self._points.publish(convert.points(stages.scan, self.base_frame))
-        self._publish_debug(left_header, stages, self._pipeline)
-        self._overhead_ms = (time.perf_counter() - began) * 1e3
-        self._stages = stages
-        self._frames += 1
-        self._newest_ns = images.stamp_ns
-
-    def _publish_debug(self, left_header: Any, stages: Stages, pipeline: RobotPipeline) -> None:
         if self._debug_disparity.get_subscription_count():
+            pipeline = self._head.pipeline
             self._debug_disparity.publish(
                 convert.disparity(
-                    left_header, stages.disparity, pipeline.camera, pipeline.config.disparity
+                    view.header, stages.disparity, pipeline.camera, pipeline.config.disparity
                 )
             )
         for stage, publisher in self._debug_clouds.items():
@@ -193,13 +118,10 @@ class RobotNode(ManagedNode):
                 publisher.publish(
                     convert.xyz_cloud(stages.scan.stamp_ns, self.base_frame, getattr(stages, stage))
                 )
-
-    def _new_pairer(self, config: RobotConfig) -> Pairer:
-        return Pairer(
-            self.cameras,
-            max_difference_ns=round(config.images.max_stamp_difference * 1e9),
-            queue_size=config.images.queue_size,
-        )
+        self._overhead_ms = (time.perf_counter() - began) * 1e3
+        self._stages = stages
+        self._frames += 1
+        self._newest_ns = stages.scan.stamp_ns
 
     # ---- pose ----
 
@@ -215,7 +137,7 @@ class RobotNode(ManagedNode):
         return [self._pairing_finding(), self._scan_finding(), self._pose_finding()]
 
     def _pairing_finding(self) -> Finding:
-        pairer = self._pairer
+        pairer = self._head.pairer
         values = {"unpaired": pairer.unpaired, "stamp_resets": pairer.resets}
         if pairer.unpaired:
             nearest = pairer.smallest_difference_ns

@@ -97,3 +97,12 @@ def test_clusters_do_not_depend_on_the_order(points, random):
 def test_labels_are_indices():
     for points in ([], [(0, 0)], [(0, 0), (1, 1)]):
         assert cluster(np.array(points, dtype=float).reshape(-1, 2), distance=0.15).dtype == np.intp
+
+
+@pytest.mark.parametrize("far", [(1e5, 0.0), (-1e8, -1e8), (0.0, -1e20), (1e20, 1e20)])
+def test_a_far_point_changes_nothing_for_the_others(far):
+    xy = np.random.default_rng(3).uniform(0, 4, (400, 2))
+    alone = cluster(xy, distance=0.15)
+    labels = cluster(np.vstack([xy, far]), distance=0.15)
+    assert labels[-1] not in labels[:-1]
+    assert len(set(zip(labels[:-1], alone, strict=True))) == alone.max() + 1 == labels.max()

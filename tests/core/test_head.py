@@ -1,0 +1,98 @@
+"""The head: calibration and images as messages in, views out."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.errors import CameraError, ImageError
+from mrs_people_loc.head import Head
+
+PIXELS = np.random.default_rng(0).integers(0, 255, (120, 160), dtype=np.uint8)
+
+
+def image(n=1, encoding="mono8", camera="left") -> SimpleNamespace:
+    pixels = PIXELS if encoding == "mono8" else np.repeat(PIXELS[:, :, np.newaxis], 3, axis=2)
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=n, nanosec=0), frame_id=camera)
+    return SimpleNamespace(
+        header=header,
+        width=160,
+        height=120,
+        encoding=encoding,
+        step=pixels.size // 120,
+        data=pixels.tobytes(),
+    )
+
+
+@pytest.fixture
+def infos(camera_info):
+    p = camera_info().p
+    return {"left": camera_info(), "right": camera_info(p=[*p[:3], -20.0, *p[4:]])}
+
+
+def calibrated(infos, **parameters) -> Head:
+    head = Head("robot_a", RobotConfig.from_mapping(parameters))
+    for camera, info in infos.items():
+        assert head.take_camera_info(camera, info) is None
+    return head
+
+
+def take(head: Head, n=1, **encodings):
+    assert head.take_image("left", image(n, encodings.get("left", "mono8"))) is None
+    return head.take_image("right", image(n, encodings.get("right", "mono8"), "right"))
+
+
+def test_a_pair_makes_a_view(infos):
+    view = take(calibrated(infos), 7)
+    assert view.images.stamp_ns == view.stages.scan.stamp_ns == 7_000_000_000
+    assert view.header.frame_id == "left"
+    assert view.stages.scan.robot == "robot_a"
+    np.testing.assert_array_equal(view.images.right, PIXELS)
+
+
+def test_images_wait_for_their_calibration(infos):
+    head = Head("robot_a", RobotConfig())
+    assert take(head, 1) is None
+    assert head.take_camera_info("left", infos["left"]) is None
+    with pytest.raises(ImageError, match="images are not used: no camera_info of right"):
+        take(head, 2)
+    view = head.take_camera_info("right", infos["right"])
+    assert view.images.stamp_ns == 2_000_000_000
+
+
+def test_encodings_must_not_differ(infos):
+    head = calibrated(infos)
+    with pytest.raises(ImageError, match="right image is 'bgr8'; wanted as left: 'mono8'"):
+        take(head, 1, right="bgr8")
+    assert take(head, 2, left="bgr8", right="bgr8") is not None
+
+
+def test_a_parameter_mends_what_a_parameter_broke(infos):
+    head = Head("robot_a", RobotConfig.from_mapping({"disparity": {"min_range": 0.1}}))
+    head.take_camera_info("left", infos["left"])
+    with pytest.raises(CameraError, match="raise min_range"):
+        head.take_camera_info("right", infos["right"])
+    assert take(head, 1) is None
+    with pytest.raises(ImageError, match=r"images are not used: disparity.min_range = 0.1 m"):
+        take(head, 2)
+    head.configure(RobotConfig.from_mapping({"disparity": {"min_range": 0.12}}))  # no better
+    head.configure(RobotConfig())
+    assert take(head, 3) is not None
+
+
+def test_a_parameter_that_does_not_fit_is_refused(infos):
+    head = calibrated(infos)
+    with pytest.raises(CameraError, match="raise min_range"):
+        head.configure(RobotConfig.from_mapping({"disparity": {"min_range": 0.1}}))
+    assert take(head, 1) is not None  # as before
+
+
+def test_a_new_calibration_counts_from_the_next_image(infos, camera_info):
+    head = calibrated(infos)
+    before = head.pipeline
+    assert head.take_camera_info("left", infos["left"]) is None
+    assert head.pipeline is before
+    p = camera_info().p
+    head.take_camera_info("right", camera_info(p=[*p[:3], -40.0, *p[4:]]))
+    assert head.pipeline.camera.baseline == pytest.approx(2 * before.camera.baseline, rel=0.01)

@@ -1,0 +1,151 @@
+"""`mrs up`, `mrs people`, `mrs demo` and the launch files: the processes of a team."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from mrs_people_loc.errors import ConfigError
+from mrs_tools.team import team_processes
+
+ROOT = Path(__file__).parents[2]
+TEAM = ROOT / "config" / "team.yaml"
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "COLUMNS": "120",
+    }
+
+
+def mrs(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "mrs_tools", *map(str, arguments)]
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_one_process_per_robot_and_the_planner():
+    processes = team_processes([TEAM])
+    assert [p.label for p in processes] == ["robot_a", "robot_b", "robot_c", "planner"]
+    assert [p.package for p in processes] == ["robot_node"] * 3 + ["planner_node"]
+    robot, planner = processes[0].command(), processes[-1].command()
+    assert robot[1:] == [
+        "-m", "robot_node", "--ros-args", "-r", "__ns:=/robot_a", "--params-file", str(TEAM),
+    ]  # fmt: skip
+    assert planner[1:] == ["-m", "planner_node", "--ros-args", "--params-file", str(TEAM)]
+
+
+def test_simulated_time_is_asked_for_only_when_it_is_wanted():
+    assert not any("use_sim_time" in a for p in team_processes([TEAM]) for a in p.command())
+    for process in team_processes([TEAM], sim_time=True):
+        assert process.command()[-2:] == ["-p", "use_sim_time:=true"]
+
+
+def test_robots_may_be_named_by_their_sections(tmp_path):
+    file = write(
+        tmp_path / "team.yaml",
+        "/robot_x/robot_node: {ros__parameters: {mounting: {height: 1.2}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: []}}\n",
+    )
+    assert [p.label for p in team_processes([file])] == ["robot_x", "planner"]
+
+
+def test_a_team_of_nobody_is_refused():
+    with pytest.raises(ConfigError, match=r"paper\.yaml: no robot is named; wanted: the list"):
+        team_processes([ROOT / "config" / "paper.yaml"])
+
+
+def test_a_launch_file_needs_no_command_line_library():
+    code = "import sys; sys.modules['typer'] = None; import mrs_tools.team"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("folder", ["planner_node", "robot_node"])
+def test_launch_files_load(folder):
+    pytest.importorskip("launch_ros", reason="launch is not among the ROS wheels")
+    import importlib.util
+
+    for file in (ROOT / folder / "launch").glob("*.launch.py"):
+        spec = importlib.util.spec_from_file_location(file.stem.replace(".", "_"), file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        assert module.generate_launch_description().entities
+
+
+def test_up_says_what_is_wrong_with_a_team(tmp_path, environment):
+    file = write(tmp_path / "team.yaml", "/**/robot_node: {ros__parameters: {zones: {lo: 1}}}\n")
+    done = subprocess.run(mrs("up", file), env=environment, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert re.search(
+        r"error: .*team\.yaml.* unknown parameter zones\.lo; did you mean", done.stderr
+    )
+
+
+def test_up_and_people_and_ctrl_c(environment):
+    """A team without cameras: the planner is there, finds no one, and says what is missing."""
+    team = subprocess.Popen(
+        mrs("up", TEAM), env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        shown = ""
+        deadline = time.monotonic() + 60
+        while "no data on /robot_c/points" not in shown and time.monotonic() < deadline:
+            shown = subprocess.run(
+                mrs("people", "--duration", 4), env=environment, capture_output=True, text=True
+            ).stdout
+        assert "waiting for people" in shown
+        assert "no data on /robot_c/points" in shown
+        assert "no usable pose on odom yet" in shown
+        assert team.poll() is None
+    finally:
+        team.send_signal(signal.SIGINT)
+        _, said = team.communicate(timeout=30)
+    assert team.returncode == 0, said
+    assert "started robot_a, robot_b, robot_c, planner" in said
+    assert "ended by itself" not in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.slow
+def test_the_demo_finds_everybody(tmp_path, environment):
+    picture = tmp_path / "demo.png"
+    done = subprocess.run(
+        mrs("demo", "--out", picture), env=environment, capture_output=True, text=True, cwd=ROOT
+    )
+    assert done.returncode == 0, done.stderr
+    found = re.search(r"found (\d+) of (\d+) people in (\d+) frames .* (\d+) false", done.stdout)
+    assert found is not None, done.stdout
+    matched, true, frames, false = map(int, found.groups())
+    assert (true, frames, false) == (75, 15, 0)
+    assert matched >= 70  # the first interval may close before every robot has seen its first view
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_demo_says_what_the_bag_lacks(tmp_path, environment):
+    file = write(
+        tmp_path / "team.yaml",
+        "/**/planner_node: {ros__parameters: {robots: [robot_z]}}\n",
+    )
+    done = subprocess.run(
+        mrs("demo", "--team", file), env=environment, capture_output=True, text=True, cwd=ROOT
+    )
+    assert done.returncode == 1
+    assert "has no camera_info of robot_z" in done.stderr
