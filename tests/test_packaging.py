@@ -15,6 +15,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import mrs_people_loc
+
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "mrs_people_loc" / "mrs_people_loc"
 PACKAGES = {  # ROS package -> its folder
@@ -133,8 +135,9 @@ def test_script_runs_the_python_of_its_own_prefix(
 
 
 def test_versions_agree() -> None:
-    """The distribution, every package.xml and every setup.py carry one version."""
+    """The distribution, the core, every package.xml and every setup.py carry one version."""
     version = metadata.version("mrs-people-loc")
+    assert mrs_people_loc.__version__ == version
     for package, folder in PACKAGES.items():
         manifest = ET.parse(ROOT / folder / "package.xml").getroot()
         assert manifest.findtext("name") == package

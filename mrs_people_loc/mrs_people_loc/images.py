@@ -188,9 +188,9 @@ class Pairer(Generic[_T]):
         queue.append((stamp_ns, item))
         if len(queue) > self.queue_size:
             self._drop(camera)
-        return self._match(camera, stamp_ns)
+        return self._match(stamp_ns)
 
-    def _match(self, camera: str, stamp_ns: int) -> Mapping[str, tuple[int, _T]] | None:
+    def _match(self, stamp_ns: int) -> Mapping[str, tuple[int, _T]] | None:
         first = self.cameras[0]
         candidates = [q for q in self._queues[first] if self._near(q[0], stamp_ns)]
         best: dict[str, tuple[int, _T]] | None = None

@@ -27,7 +27,6 @@ ENCODINGS = {"mono8": (1, None), "bgr8": (3, cv2.COLOR_BGR2GRAY), "rgb8": (3, cv
 
 #: PointField's datatypes (sensor_msgs/PointField).
 _POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
-FLOAT32, UINT32 = 7, 6
 
 #: A quaternion's length may differ from 1 by this much (float32 sources round).
 _QUATERNION_TOLERANCE = 1e-2

@@ -30,7 +30,7 @@ class ManagedNode(LifecycleNode):
     """Base of our nodes: parameters, inputs, diagnostics and life cycle.
 
     A node hands in its configuration class and says what to do in `set_up` (make publishers),
-    `start` (listen), `stop` and `tear_down`; inputs made with `listen` and outputs made with
+    `start` (listen) and `stop`; inputs made with `listen` and outputs made with
     `offer` are ended for it.
 
     Args:
@@ -57,9 +57,6 @@ class ManagedNode(LifecycleNode):
 
     def set_up(self) -> None:
         """Makes what the node needs while it is configured."""
-
-    def tear_down(self) -> None:
-        """Drops what `set_up` made."""
 
     def start(self) -> None:
         """Begins to work."""
@@ -160,7 +157,6 @@ class ManagedNode(LifecycleNode):
         for publisher in self._outputs:
             self.destroy_lifecycle_publisher(publisher)
         self._outputs.clear()
-        self.tear_down()
         self._configured = False
 
     def _transition(
