@@ -58,6 +58,7 @@ def test_images_wait_for_their_calibration(infos):
     with pytest.raises(ImageError, match="images are not used: no camera_info of right"):
         take(head, 2)
     view = head.take_camera_info("right", infos["right"])
+    assert view is not None
     assert view.images.stamp_ns == 2_000_000_000
 
 
