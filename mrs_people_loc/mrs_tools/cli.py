@@ -93,7 +93,10 @@ def _load(name: str) -> Any:
 
 
 def _spell_optional(function: Callable[..., object] | None) -> None:
-    """Write `X | None` as Optional[X]: Ubuntu 24.04's Typer (0.9) understands nothing else."""
+    """Evaluate annotations and write `X | None` as Optional[X].
+
+    Ubuntu 24.04's Typer (0.9) does not do the one and does not understand the other.
+    """
     if function is None:
         return
     hints = typing.get_type_hints(function, include_extras=True)
@@ -189,6 +192,7 @@ def _options(
     pass
 
 
+_spell_optional(_options)
 for _name, (_path, _summary) in COMMANDS.items():
     # A stand-in for the list of subcommands; _LazyGroup puts the real one in its place.
     app.command(_name, help=_summary)(lambda: None)
