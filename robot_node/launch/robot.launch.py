@@ -6,7 +6,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from mrs_people_loc.config import load_team
+from mrs_people_loc.config import load_team, robots_named
 from mrs_people_loc.errors import ConfigError
 
 
@@ -14,7 +14,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     robot = LaunchConfiguration("robot").perform(context).strip("/")
     team = LaunchConfiguration("team").perform(context)
     # Left to itself, launch warns of a file that is not there and starts the node without it.
-    robots = load_team(team, robots=(robot,)).robots
+    robots = load_team(team, robots=(*robots_named(team), robot)).robots
     if robot not in robots:
         raise ConfigError(f"{robot} is no robot of {team}, which names {', '.join(robots)}")
     sim_time = LaunchConfiguration("use_sim_time").perform(context).lower() == "true"
