@@ -259,6 +259,13 @@ def test_a_pose_on_the_far_side_of_a_gap_is_not_used():
     np.testing.assert_allclose(at.covariance, np.eye(3) + np.diag([0.1**2, 0, 0]))
 
 
+def test_only_poses_that_are_near_are_used():
+    poses = buffer(pose(0, 0.0), pose(90, 9.0))
+    assert poses.at(60 * MS, 60 * MS).x == pytest.approx(6.0)
+    assert poses.at(60 * MS, 59 * MS).x == 9.0
+    assert poses.at(20 * MS, 59 * MS).x == 0.0
+
+
 # ----------------------------------------------------------------------- the buffer ----
 
 
