@@ -228,7 +228,12 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
             for transition in (node.trigger_configure, node.trigger_activate):
                 if transition() != TransitionCallbackReturn.SUCCESS:
                     return 1 if rclpy.ok() else 0
-        rclpy.spin(node)
+        # Not rclpy.spin: a signal wakes it a moment before the context ends. If it goes back to
+        # sleep in between, and the node has no timer (it is not configured), it never wakes again.
+        executor = rclpy.get_global_executor()
+        executor.add_node(node)
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=1.0)
     except ConfigError as err:
         rclpy.logging.get_logger(name).error(str(err))
         return EXIT_USAGE
