@@ -37,6 +37,7 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
         patch.setenv("RCUTILS_COLORIZED_OUTPUT", "0")
         patch.setenv("PYTHONUNBUFFERED", "1")
+        patch.setenv("PYTHONFAULTHANDLER", "1")
         for name in (
             "ROS_DISCOVERY_SERVER",
             "ROS_LOCALHOST_ONLY",

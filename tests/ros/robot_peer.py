@@ -43,6 +43,7 @@ class RobotPeer:
         self.recording = recording
         self.points = peer.hear(PointCloud2, f"/{namespace}/points")
         self.poses = peer.hear(PoseWithCovarianceStamped, f"/{namespace}/pose")
+        self.views_sent = 0
         self._last_ns = 0
 
     @property
@@ -78,6 +79,7 @@ class RobotPeer:
 
     def send(self, view: View, *, image: str = "image_rect", top: bool = False) -> None:
         """Sends a view: calibration first."""
+        self.views_sent += 1
         cameras = ("left", "right", "top") if top else ("left", "right")
         for camera in cameras:
             self.send_info(camera, view[camera][1])

@@ -82,10 +82,7 @@ def test_one_robot_is_answered_at_once(planner: PlannerPeer, robot: PlayedRobot)
 def test_what_is_no_robot_is_let_alone(planner: PlannerPeer, robot: PlayedRobot) -> None:
     """All of it was there before the robot that was found."""
     _answer(planner, robot)
-    node = planner.peer.node
-    heard = dict(node.get_subscriber_names_and_types_by_node("planner_node", "/"))
-    heard.pop("/parameter_events", None)
-    assert sorted(heard) == ["/robot_a/points", "/robot_a/pose"]
+    assert sorted(planner.peer.heard_by(planner.node)) == ["/robot_a/points", "/robot_a/pose"]
     findings = planner.peer.next_findings(planner.node)[planner.node]
     assert sorted(findings) == [
         "intervals",

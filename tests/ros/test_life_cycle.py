@@ -43,21 +43,6 @@ def test_help(helps: dict[str, NodeProcess], planner: PlannerPeer, name: str) ->
     assert "config/default.yaml" in helps[name].log
 
 
-def _offered(peer: Peer, node: str, namespace: str) -> set[str]:
-    """Topics that a node publishes, without those of every node."""
-    published = dict(peer.node.get_publisher_names_and_types_by_node(node, namespace))
-    return {
-        name
-        for name in published
-        if not name.endswith(("/rosout", "/parameter_events", "/transition_event"))
-    }
-
-
-def _heard(peer: Peer, node: str, namespace: str) -> set[str]:
-    heard = dict(peer.node.get_subscriber_names_and_types_by_node(node, namespace))
-    return {name for name in heard if not name.endswith("/parameter_events")}
-
-
 ROBOT_TOPICS = {
     "/diagnostics",
     "/robot_a/points",
@@ -73,24 +58,24 @@ ROBOT_INPUTS = {
 def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
     peer, node = robot.peer, robot.node
     assert peer.state(node) == "unconfigured"
-    assert _offered(peer, "robot_node", "/robot_a") == set()
+    assert peer.published_by(node) == {}
     assert not peer.change_state(node, "activate"), "not from here"
     assert peer.state(node) == "unconfigured"
 
     assert peer.change_state(node, "configure")
     assert peer.state(node) == "inactive"
-    _until_topics(peer, "robot_node", "/robot_a", ROBOT_TOPICS, set())
+    _until_topics(peer, node, ROBOT_TOPICS, set())
 
     assert peer.change_state(node, "activate")
     assert peer.state(node) == "active"
-    _until_topics(peer, "robot_node", "/robot_a", ROBOT_TOPICS, ROBOT_INPUTS)
+    _until_topics(peer, node, ROBOT_TOPICS, ROBOT_INPUTS)
     robot.warm_up()
     first = robot.view()
     robot.check(RobotConfig(), first)
 
     assert peer.change_state(node, "deactivate")
     assert peer.state(node) == "inactive"
-    _until_topics(peer, "robot_node", "/robot_a", ROBOT_TOPICS, set())
+    _until_topics(peer, node, ROBOT_TOPICS, set())
     # Inputs that nobody listens to are no errors.
     finding = peer.until_finding(node, "state", lambda f: f.level == STALE)
     assert finding.message.startswith("inactive")
@@ -108,34 +93,35 @@ def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
     assert stamp_of(odometry) not in {stamp_of(m) for m in robot.poses}
 
 
-def _until_topics(
-    peer: Peer, node: str, namespace: str, offered: set[str], heard: set[str]
-) -> None:
+def _until_topics(peer: Peer, node: str, offered: set[str], heard: set[str]) -> None:
     """Waits until the graph shows exactly this; it lags behind the node by a moment."""
-    peer.until(
-        lambda: (
-            (_offered(peer, node, namespace), _heard(peer, node, namespace)) == (offered, heard)
-        ),
-        lambda: f"{_offered(peer, node, namespace)}, {_heard(peer, node, namespace)}",
-    )
+
+    def now() -> tuple[set[str], set[str]]:
+        return set(peer.published_by(node)), set(peer.heard_by(node))
+
+    peer.until(lambda: now() == (offered, heard), lambda: f"{now()}; wanted: {offered}, {heard}")
 
 
 def test_robot_begins_anew_after_cleanup(robot: RobotPeer) -> None:
     peer, node = robot.peer, robot.node
-    frames = robot.until_finding("scan", lambda f: f.count("frames") > 1).count("frames")
+    for _ in range(20):
+        robot.check(RobotConfig())
+    before = robot.until_finding("scan", lambda f: f.count("frames") >= 20).count("frames")
     assert peer.change_state(node, "deactivate")
     assert peer.change_state(node, "cleanup")
     assert peer.state(node) == "unconfigured"
-    _until_topics(peer, "robot_node", "/robot_a", set(), set())
+    _until_topics(peer, node, set(), set())
     # Parameters that are not live are taken here.
     peer.must_set(node, images__top=True, zones__low=0.3)
+    sent, heard = robot.views_sent, len(robot.points)
     assert peer.change_state(node, "configure")
     assert peer.change_state(node, "activate")
     robot.warm_up(top=True)
     config = RobotConfig.from_mapping({"images.top": True, "zones.low": 0.3})
     robot.check(config)
-    finding = robot.until_finding("scan", lambda f: 0 < f.count("frames") < frames)
-    assert finding.count("frames") >= 1
+    finding = peer.next_findings(node)[node]["scan"]
+    assert len(robot.points) - heard <= finding.count("frames") <= robot.views_sent - sent
+    assert finding.count("frames") != before + len(robot.points) - heard
     # And back again.
     peer.reconfigure(node, images__top=False, zones__low=0.2)
     robot.warm_up()
@@ -157,16 +143,16 @@ def test_planner_is_led_through_its_states(planner: PlannerPeer) -> None:
     played = PlayedRobot(peer, "robot_p", (0.0, 0.0, 0.0))
     inputs = {"/robot_p/points", "/robot_p/pose"}
     assert peer.state(node) == "unconfigured"
-    assert _offered(peer, "planner_node", "/") == set()
+    assert peer.published_by(node) == {}
     for _ in range(2):
         assert peer.change_state(node, "configure")
-        _until_topics(peer, "planner_node", "/", PLANNER_TOPICS, set())
+        _until_topics(peer, node, PLANNER_TOPICS, set())
         assert peer.change_state(node, "activate")
-        _until_topics(peer, "planner_node", "/", PLANNER_TOPICS, inputs)
+        _until_topics(peer, node, PLANNER_TOPICS, inputs)
         _until_answer(planner, played)
 
         assert peer.change_state(node, "deactivate")
-        _until_topics(peer, "planner_node", "/", PLANNER_TOPICS, set())
+        _until_topics(peer, node, PLANNER_TOPICS, set())
         unheard = planner.now()
         played.announce()
         peer.publisher(PointCloud2, "/robot_p/points").publish(played.scan(unheard, SOMEBODY))
@@ -177,7 +163,7 @@ def test_planner_is_led_through_its_states(planner: PlannerPeer) -> None:
         assert peer.change_state(node, "deactivate")
         assert peer.change_state(node, "cleanup")
         assert peer.state(node) == "unconfigured"
-        _until_topics(peer, "planner_node", "/", set(), set())
+        _until_topics(peer, node, set(), set())
     assert peer.change_state(node, "configure")
     assert peer.change_state(node, "activate")
     _until_answer(planner, played)
@@ -242,5 +228,5 @@ def test_shut_down_node_waits_for_its_signal(team: Team, peer: Peer) -> None:
     peer.until_active(process.name)
     assert peer.change_state(process.name, "shutdown")
     assert peer.state(process.name) == "finalized"
-    _until_topics(peer, "planner_node", "/final", set(), set())
+    _until_topics(peer, process.name, set(), set())
     process.stop()

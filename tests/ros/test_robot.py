@@ -367,10 +367,7 @@ def test_pose_in_is_another_source(robot: RobotPeer, reconfigured: Change) -> No
 
     robot.peer.until(answered, lambda: robot.log)
     assert _planar(robot.poses[-1]) == pytest.approx((-2.0, 4.0, -3.0), abs=1e-12)
-    heard = dict(
-        robot.peer.node.get_subscriber_names_and_types_by_node("robot_node", "/site/robot_a")
-    )
-    assert "/site/robot_a/odom" not in heard
+    assert "/site/robot_a/odom" not in robot.peer.heard_by(robot.node)
 
 
 @pytest.mark.parametrize(("max_rate", "every"), [(100.0, 1), (50.0, 2), (20.0, 5)])

@@ -82,6 +82,7 @@ def test_interval_waits_in_sim_time(
     robot_a, _ = robots
     clock.to(clock.now + SECOND)
     opened = clock.now
+    peer.until_report_at(planner.node, opened)  # the planner's time is that now
     robot_a.send(opened, SOMEBODY)
     # By the machine's clock more than max_wait passes here.
     peer.next_findings(planner.node)

@@ -460,22 +460,17 @@ def test_images_go_to_their_robot_only(run: Run) -> None:
 
 @once
 def test_planner_hears_scans_and_poses_only(run: Run) -> None:
-    node = run.peer.node
-    heard = dict(node.get_subscriber_names_and_types_by_node("planner_node", "/"))
-    heard.pop("/parameter_events", None)
     wanted = {f"/{robot}/points": ["sensor_msgs/msg/PointCloud2"] for robot in ROBOTS}
     wanted |= {
         f"/{robot}/pose": ["geometry_msgs/msg/PoseWithCovarianceStamped"] for robot in ROBOTS
     }
-    assert heard == wanted
+    assert run.peer.heard_by(PLANNER) == wanted
 
 
 @once
 def test_robots_publish_no_images(run: Run) -> None:
     for robot in ROBOTS:
-        published = dict(
-            run.peer.node.get_publisher_names_and_types_by_node("robot_node", f"/{robot}")
-        )
+        published = run.peer.published_by(f"/{robot}/robot_node")
         images = [name for name, types in published.items() if "sensor_msgs/msg/Image" in types]
         assert images == []
         assert f"/{robot}/points" in published
