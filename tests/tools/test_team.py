@@ -128,7 +128,11 @@ def test_up_and_people_and_ctrl_c(environment):
 def test_the_demo_finds_everybody(tmp_path, environment):
     picture = tmp_path / "demo.png"
     done = subprocess.run(
-        mrs("demo", "--out", picture), env=environment, capture_output=True, text=True, cwd=ROOT
+        mrs("demo", "--rate", 0.5, "--out", picture),
+        env=environment,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
     )
     assert done.returncode == 0, done.stderr
     found = re.search(r"found (\d+) of (\d+) people in (\d+) frames .* (\d+) false", done.stdout)
