@@ -12,6 +12,8 @@ Int = NDArray[np.intp]
 #: Cell centres travel as float32; two that are exactly `distance` apart arrive up to 8 um off when
 #: they are 100 m from their robot.
 _ROUNDING = 1e-5
+#: Points that are farther than this from the middle one, along y, are looked for together [m].
+_FAR = 1e4
 
 
 def cluster(xy: Float, *, distance: float) -> Int:
@@ -46,35 +48,32 @@ def _pairs_within(xy: Float, reach: float) -> tuple[Int, Int]:
     The plane is cut into stripes along y that are `reach` wide. What is near a point lies in its
     own stripe or the next ones, not farther than `reach` along y: a stretch of the points sorted by
     stripe and y.
+
+    Args:
+        xy: Points in the order of x, shape (n, 2).
+        reach: The distance, inclusive.
     """
     wide = 1.001 * reach  # what rounding does to the sums below must hide no pair
-    # Stretches where nothing is are cut short, so that a far outlier costs no precision.
-    stripe = _closed_up(np.floor(xy[:, 0] / wide), 2.0)
-    y = _closed_up(xy[:, 1], 2.0 * wide)
-    length = y.max() + 3.0 * wide
-    place = stripe * length + y  # the stripes laid end to end
+    x, y = xy[:, 0], xy[:, 1]
+    # Stripes are numbered with no more than one empty one between, and y ends at `_FAR`: so a far
+    # outlier costs no precision.
+    steps = np.minimum(np.diff(np.floor(x / wide)), 2.0)
+    stripe = np.concatenate([[0.0], np.cumsum(steps)])
+    along = np.minimum(np.maximum(y - y[len(y) // 2], -_FAR), _FAR)
+    length = 2.0 * _FAR + 3.0 * wide
+    place = stripe * length + along  # the stripes laid end to end
     order = np.argsort(place)
-    place = place[order]
+    place, x, y = place[order], x[order], y[order]
 
     # In the own stripe what follows, in the next one all; the one before finds this point itself.
-    index = np.arange(len(xy))
+    index = np.arange(len(x))
     begin = np.concatenate([index + 1, np.searchsorted(place, place + (length - wide))])
     until = np.concatenate([place + wide, place + (length + wide)])
     count = np.searchsorted(place, until, side="right") - begin
     one = np.repeat(np.concatenate([index, index]), count)
     other = np.arange(len(one)) + np.repeat(begin - (np.cumsum(count) - count), count)
-    one, other = order[one], order[other]
-    near = np.flatnonzero(((xy[one] - xy[other]) ** 2).sum(axis=1) <= reach**2)
-    return one[near], other[near]
-
-
-def _closed_up(values: Float, gap: float) -> Float:
-    """The values from 0 on, with no gap between neighbours longer than `gap`."""
-    order = np.argsort(values)
-    steps = np.minimum(np.diff(values[order], prepend=values[order[0]]), gap)
-    closed = np.empty_like(values)
-    closed[order] = np.cumsum(steps)
-    return closed
+    near = np.flatnonzero((x[one] - x[other]) ** 2 + (y[one] - y[other]) ** 2 <= reach**2)
+    return order[one[near]], order[other[near]]
 
 
 def _join(one: Int, other: Int, count: int) -> Int:
