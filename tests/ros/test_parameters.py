@@ -362,16 +362,25 @@ def test_parameters_of_the_planner(robot: RobotPeer, planner: PlannerPeer) -> No
         assert holds(result.reason, [reason]), result.reason
         after = planner.peer.get(planner.node, *(n.replace("__", ".") for n in params))
         assert after == before
-    # Two of them that take effect at once.
-    robot.peer.must_set(planner.node, human__min_points=1_000_000)
+    # One that takes effect at once.
+    peer = robot.peer
+    peer.until(lambda: _people(robot, planner) > 0, lambda: planner.process.log)
+    peer.must_set(planner.node, human__min_points=1_000_000)
     assert _people(robot, planner) == 0
-    robot.peer.must_set(planner.node, human__min_points=150)
-    assert _people(robot, planner) > 0
+    peer.must_set(planner.node, human__min_points=150)
+    peer.until(lambda: _people(robot, planner) > 0, lambda: planner.process.log)
 
 
 def _people(robot: RobotPeer, planner: PlannerPeer) -> int:
-    view = robot.view()
-    stamp_ns = stamp_of(view["left"][0])
-    robot.send_pose(robot.odometry(stamp_ns))
-    robot.check(CONFIG, view)
-    return len(planner.people_at(stamp_ns).persons)
+    """Sends a view until the planner answers, and says how many people it has found."""
+    count = len(planner.people)
+
+    def answered() -> bool:
+        view = robot.view()
+        robot.send_pose(robot.odometry(stamp_of(view["left"][0])))
+        robot.check(CONFIG, view)
+        robot.peer.spin(0.2)
+        return len(planner.people) > count
+
+    robot.peer.until(answered, lambda: planner.process.log)
+    return len(planner.people[-1].persons)

@@ -120,7 +120,8 @@ def _play(name: str, peer: Peer, recording: Recording, processes: dict[str, Node
     for frame in range(len(recording.truth)):
         _send_frame(run, recording, frame, shift)
         _until_heard(run, frame)
-        if frame in ABSENT:  # these scans are there; nobody else is to be waited for
+        if frame in ABSENT:  # all that was sent has arrived; nobody else is to be waited for
+            peer.next_findings(PLANNER)
             peer.must_set(PLANNER, interval__max_wait=0.0)
         _until_used(run, heard["people"], frame)
         if frame in ABSENT:
