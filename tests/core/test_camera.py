@@ -47,7 +47,8 @@ def with_entry(name: str, index: tuple[int, int], value: float) -> CameraModel:
         (lambda: with_entry("p", (0, 3), NAN), "p holds NaN or infinite"),
         (lambda: model(d=(0.1, NAN, 0.0, 0.0, 0.0)), "d holds NaN or infinite"),
         (lambda: with_entry("p", (0, 0), 0.0), "focal length in p is 0, 100 px; allowed: more th"),
-        (lambda: with_entry("p", (1, 1), -5.0), "focal length in p is 100, -5 px"),
+        (lambda: with_entry("p", (1, 1), 0.0), "focal length in p is 100, 0 px"),
+        (lambda: with_entry("p", (0, 0), -5.0), "focal length in p is -5, 100 px"),
     ],
 )
 def test_a_bad_calibration_is_refused(make, message):
@@ -87,6 +88,10 @@ def test_what_cannot_be_rectified_is_refused(make, message):
     camera = make()  # rectified images need none of it
     with pytest.raises(CameraError, match=message):
         camera.check_raw()
+
+
+def test_any_size_and_focal_length_above_0_is_allowed():
+    model(width=1, height=1, fx=0.5, fy=0.5).check_raw()
 
 
 def test_without_distortion_the_model_does_not_matter():
@@ -162,6 +167,7 @@ def test_binocular_head_by_hand():
         disparity_offset_px=5.5,
         mounting=mounting,
     )
+    assert camera.vertical_baseline == camera.vertical_offset_px == 0.0
     assert camera.depth_disparity == pytest.approx(10.5)
     assert camera.disparity_of(2.0) == pytest.approx(10.5 / 2.0 + 5.5)
 
@@ -208,7 +214,7 @@ TOP = model(ty=10.0)
     [
         (model(width=320, tx=-10.0), None, "right camera_info is 320x120; wanted as left: 160x120"),
         (RIGHT, model(height=60, ty=10.0), "top camera_info is 160x60; wanted as left: 160x120"),
-        (model(fx=101.0, tx=-10.0), None, "right camera_info has focal length 101 px; wanted as l"),
+        (model(fx=100.11, tx=-10.0), None, "right camera_info has focal length 100.11 px; wanted"),
         (model(fy=99.0, tx=-10.0), None, "right camera_info has focal length 99 px"),
         (RIGHT, model(fx=99.0, ty=10.0), "top camera_info has focal length 99 px"),
         (model(cy=60.1, tx=-10.0), None, r"right camera_info has cy = 60.1 px; wanted as left: 5"),
@@ -226,9 +232,12 @@ def test_cameras_that_do_not_fit_are_refused(right, top, message):
 
 
 def test_small_differences_of_rectified_cameras_are_allowed():
-    right = model(fx=100.09, fy=99.91, cy=59.1, tx=-10.0)
-    top = model(fx=99.91, fy=100.09, cx=79.9, ty=10.0)
+    right = model(fx=100.09, fy=99.91, cy=60.0, tx=-10.0)
+    top = model(fx=99.91, fy=100.09, cx=79.0, ty=10.0)
     StereoCamera.from_models(model(), right, top)
+    tiny = StereoCamera.from_models(model(), model(tx=-0.011), model(ty=-0.011))
+    assert tiny.baseline == pytest.approx(0.00011)
+    assert tiny.vertical_baseline == pytest.approx(-0.00011)
 
 
 # --------------------------------------------------------------------------- mounting ----

@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 import math
 
 import cv2
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc import timing
 from mrs_people_loc.disparity import StereoMatcher, combine
 from mrs_people_loc.errors import CameraError, ImageError
 from mrs_people_loc.images import StereoImages
@@ -202,6 +204,25 @@ def test_images_without_texture_give_nothing(make_head, grey):
     flat = np.full((120, 160), grey, dtype=np.uint8)
     trinocular = make_head(positions={"top": ABOVE})
     assert np.isnan(match(trinocular, StereoImages(0, flat, flat, flat))).all()
+
+
+def test_what_is_searched(make_head):
+    trinocular = make_head(positions={"top": (0, -0.25)})
+    for min_range, searched in ((1.0, (16, 32)), (0.7, (32, 48)), (0.35, (32, 80))):
+        config = cfg.Disparity(min_range=min_range)
+        assert StereoMatcher(trinocular.camera(), config).searched_px == searched
+    assert StereoMatcher(make_head().camera(), cfg.Disparity()).searched_px == (32,)
+
+
+@pytest.mark.parametrize(("positions", "ms"), [({}, 2.0), ({"top": ABOVE}, 4.0)])
+def test_what_stereo_bm_takes(make_head, wall_images, monkeypatch, positions, ms):
+    matcher = StereoMatcher(make_head(positions=positions).camera(), cfg.Disparity())
+    assert matcher.stereo_bm_ms == 0.0
+    clock = itertools.count(7_000_000, 2_000_000)
+    monkeypatch.setattr(timing, "now_ns", lambda: next(clock))
+    for _ in range(2):  # that of the last call
+        matcher(dataclasses.replace(wall_images, top=wall_images.left))
+        assert matcher.stereo_bm_ms == ms
 
 
 # ----------------------------------------------------------------------- errors ----

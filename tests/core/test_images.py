@@ -79,6 +79,15 @@ def test_a_calibration_that_cannot_be_rectified_is_refused():
         ImagePreparer(model, rectified=False, width=160, height=120)
 
 
+def test_what_opencv_does_not_take_is_refused(monkeypatch):
+    def refuse(*_):
+        raise cv2.error("Bad argument")
+
+    monkeypatch.setattr(cv2, "initUndistortRectifyMap", refuse)
+    with pytest.raises(CameraError, match="OpenCV cannot rectify with this camera_info: Bad arg"):
+        ImagePreparer(calibration(), rectified=False, width=160, height=120)
+
+
 DISTORTIONS = {
     "none": ("plumb_bob", ()),
     "none, of a fisheye": ("equidistant", ()),
@@ -177,7 +186,9 @@ def test_images_of_one_stamp_pair():
     pairer = Pairer(TWO)
     arrivals = [("left", 0), ("right", 0), ("right", 100), ("left", 100), ("left", 200)]
     assert feed(pairer, *arrivals) == [same(0), same(100)]
+    assert feed(pairer, ("right", 200.000001)) == []
     assert pairer.unpaired == 0
+    assert pairer.queue_size == 8
 
 
 def test_three_cameras_pair_in_any_order():
@@ -205,6 +216,9 @@ def test_the_nearest_image_is_taken():
     assert feed(pairer, ("left", 125)) == [{"left": 125, "right": 110}]
     pairer = Pairer(TWO, max_difference_ns=20 * MS)
     assert feed(pairer, ("left", 85), ("left", 98), ("right", 100)) == [{"left": 98, "right": 100}]
+    pairer = Pairer(TWO, max_difference_ns=20 * MS)
+    assert feed(pairer, ("left", 98), ("left", 110), ("right", 100)) == [{"left": 98, "right": 100}]
+    assert feed(pairer, ("right", 115)) == [{"left": 110, "right": 115}]
 
 
 def test_all_cameras_must_be_near_the_first():
@@ -231,9 +245,11 @@ def test_how_near_unpaired_images_were_is_said():
     assert pairer.smallest_difference_ns is None  # there was no other camera's image
     feed(pairer, ("right", 130), ("left", 300), ("right", 207), ("left", 400))
     assert pairer.smallest_difference_ns == 7 * MS
+    feed(pairer, ("left", 500))  # that of 300 was farther from any
+    assert pairer.smallest_difference_ns == 7 * MS
     pairer.reset()
     assert pairer.smallest_difference_ns is None
-    assert pairer.unpaired == 3
+    assert pairer.unpaired == 4
 
 
 def test_a_reset_forgets_what_waits():
