@@ -355,6 +355,10 @@ class Peer:
         self.until(lambda: all(map(made_later, nodes)), lambda: f"{nodes} do not all report")
         return {node: dict(self._findings[node]) for node in nodes}
 
+    def has_reported_since(self, node: str, stamp_ns: int) -> bool:
+        """Whether a node's last report was made at a (simulated) time or after it."""
+        return self._report_stamps.get(node, 0) >= stamp_ns
+
     def until_report_at(self, node: str, stamp_ns: int) -> None:
         """Waits for a report of a node whose (simulated) time is this."""
         self.until(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from dataclasses import dataclass
 
 import pytest
 from nav_msgs.msg import Odometry
@@ -19,28 +20,48 @@ SOMEBODY = (2.0, 1.0)
 SOON_S = 8.0
 
 
-@pytest.fixture(scope="module")
-def helps(team: Team) -> dict[str, NodeProcess]:
-    return {name: team.start(name, extra=["--help"]) for name in ("robot_node", "planner_node")}
+@dataclass(frozen=True)
+class End:
+    """A node that is to end: how it is started, its state then, and the signals that it gets."""
+
+    executable: str
+    autostart: str
+    state: str
+    signals: tuple[signal.Signals, ...]
+
+
+ENDS = {
+    "robot": End("robot_node", "true", "active", (signal.SIGTERM,)),
+    "planner": End("planner_node", "true", "active", (signal.SIGINT, signal.SIGINT)),
+    "unconfigured": End("robot_node", "false", "unconfigured", (signal.SIGINT, signal.SIGTERM)),
+    "final": End("planner_node", "true", "active", (signal.SIGINT,)),
+}
 
 
 @pytest.fixture(scope="module")
-def robot(helps: dict[str, NodeProcess], team: Team, peer: Peer, recording: Recording) -> RobotPeer:
+def doomed(team: Team) -> dict[str, NodeProcess]:
+    """The nodes that are to end."""
+    return {
+        name: team.start(end.executable, namespace=f"/{name}", params={"autostart": end.autostart})
+        for name, end in ENDS.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     process = team.start("robot_node", namespace="/robot_a", params={"autostart": "false"})
     return RobotPeer(peer, process, recording)
 
 
 @pytest.fixture(scope="module")
-def planner(robot: RobotPeer, team: Team, peer: Peer) -> PlannerPeer:
+def planner(team: Team, peer: Peer) -> PlannerPeer:
     params = {"autostart": "false", "robots": "[robot_p]"}
     return PlannerPeer(peer, team.start("planner_node", params=params))
 
 
-@pytest.mark.parametrize("name", ["robot_node", "planner_node"])
-def test_help(helps: dict[str, NodeProcess], planner: PlannerPeer, name: str) -> None:
-    assert helps[name].exit_code() == 0
-    assert helps[name].log.startswith(f"usage: {name} [--ros-args ")
-    assert "config/default.yaml" in helps[name].log
+@pytest.fixture(scope="module", autouse=True)
+def _all_at_once(robot: RobotPeer, planner: PlannerPeer, doomed: dict[str, NodeProcess]) -> None:
+    """Processes start beside each other."""
 
 
 ROBOT_TOPICS = {
@@ -199,34 +220,24 @@ def test_nodes_end_with_a_signal_at_work(robot: RobotPeer, planner: PlannerPeer)
     assert planner.process.stop(signal.SIGTERM) < SOON_S
 
 
-@pytest.mark.parametrize(
-    ("executable", "signals", "autostart"),
-    [
-        ("robot_node", [signal.SIGTERM], "true"),
-        ("planner_node", [signal.SIGINT, signal.SIGINT], "true"),
-        ("robot_node", [signal.SIGINT, signal.SIGTERM], "false"),
-    ],
-    ids=["robot SIGTERM", "planner Ctrl-C twice", "unconfigured robot, both"],
-)
-def test_nodes_end_with_any_signal(
-    team: Team, peer: Peer, executable: str, signals: list[int], autostart: str
-) -> None:
-    process = team.start(executable, namespace="/ends", params={"autostart": autostart})
-    wanted = "active" if autostart == "true" else "unconfigured"
-    peer.until(lambda: peer.state(process.name) == wanted, f"{process.name} is not {wanted}")
-    for number in signals[:-1]:
+@pytest.mark.parametrize("name", ["robot", "planner", "unconfigured"])
+def test_nodes_end_with_any_signal(doomed: dict[str, NodeProcess], peer: Peer, name: str) -> None:
+    """Also with a second one while they end, as `ros2 launch` sends it."""
+    process, end = doomed[name], ENDS[name]
+    peer.until(lambda: peer.state(process.name) == end.state, f"{name} is not {end.state}")
+    for number in end.signals[:-1]:
         process.process.send_signal(number)
     if process.alive:
-        assert process.stop(signals[-1]) < SOON_S
+        assert process.stop(end.signals[-1]) < SOON_S
     assert process.exit_code() == 0
     assert "Traceback" not in process.log
 
 
-def test_shut_down_node_waits_for_its_signal(team: Team, peer: Peer) -> None:
+def test_shut_down_node_waits_for_its_signal(doomed: dict[str, NodeProcess], peer: Peer) -> None:
     """The transition `shutdown` finalizes the node; the process ends with a signal."""
-    process = team.start("planner_node", namespace="/final")
+    process = doomed["final"]
     peer.until_active(process.name)
     assert peer.change_state(process.name, "shutdown")
     assert peer.state(process.name) == "finalized"
     _until_topics(peer, process.name, set(), set())
-    process.stop()
+    assert process.stop() < SOON_S

@@ -15,7 +15,7 @@ import pytest
 from rcl_interfaces.msg import ParameterType
 
 from mrs_people_loc.config import PlannerConfig, RobotConfig, Section
-from ros.harness import Peer, Team, holds
+from ros.harness import NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer
 from ros.recording import Recording, stages_of, stamp_of
 from ros.robot_peer import RobotPeer
@@ -137,15 +137,43 @@ BAD_STARTS: dict[str, tuple[str, list[str], list[str]]] = {
 }  # fmt: skip
 
 
+HELP: dict[str, tuple[str, list[str]]] = {
+    "robot_node --help": ("robot_node", ["--help"]),
+    "planner_node -h": ("planner_node", ["-h"]),
+    "planner_node --help and ROS": ("planner_node", ["--help", "--ros-args", "-p", "robots:=[a]"]),
+}
+
+
 @pytest.fixture(scope="module")
-def ends(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, tuple[int, str]]:
-    """Exit code and output of each of these starts."""
+def bad_start(team: Team) -> NodeProcess:
+    """The first of them as a process that nobody forked, to hold the two against each other."""
+    return team.start("robot_node", params={"zones.lo": "0.3"})
+
+
+@pytest.fixture(scope="module")
+def robot_process(bad_start: NodeProcess, team: Team) -> NodeProcess:
+    """Whole numbers for those that need not be: `1` is taken for `1.0`."""
+    params = {"mounting.height": "1", "zones.high": "1.5", "pose.map_from_odom": "[1, 2, 0]"}
+    return team.start("robot_node", namespace="/robot_a", params=params)
+
+
+@pytest.fixture(scope="module")
+def planner_process(robot_process: NodeProcess, team: Team) -> NodeProcess:
+    return team.start("planner_node", params={"robots": "[robot_a]"})
+
+
+@pytest.fixture(scope="module")
+def ends(
+    planner_process: NodeProcess, tmp_path_factory: pytest.TempPathFactory
+) -> Mapping[str, tuple[int, str]]:
+    """Exit code and output of each of these starts (while the nodes below start, too)."""
     folder = tmp_path_factory.mktemp("params")
     for name, text in FILES.items():
         (folder / name).write_text(text)
+    starts = [start[:2] for start in (*BAD_STARTS.values(), *HELP.values())]
     done = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("forked_starts.py"))],
-        input=json.dumps([start[:2] for start in BAD_STARTS.values()]),
+        input=json.dumps(starts),
         capture_output=True,
         text=True,
         timeout=110,
@@ -153,7 +181,7 @@ def ends(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, 
         cwd=folder,
     )
     assert done.returncode == 0, done.stderr
-    return dict(zip(BAD_STARTS, map(tuple, json.loads(done.stdout)), strict=True))
+    return dict(zip([*BAD_STARTS, *HELP], map(tuple, json.loads(done.stdout)), strict=True))
 
 
 @pytest.mark.parametrize("case", BAD_STARTS)
@@ -164,26 +192,25 @@ def test_bad_parameters_stop_the_start(ends: Mapping[str, tuple[int, str]], case
     assert "Traceback" not in output
 
 
+@pytest.mark.parametrize("case", HELP)
+def test_help(ends: Mapping[str, tuple[int, str]], case: str) -> None:
+    code, output = ends[case]
+    assert code == 0
+    assert output.startswith(f"usage: {HELP[case][0]} [--ros-args ")
+    assert "config/default.yaml" in output
+
+
 # --- at run time ----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def bad_start(team: Team) -> Any:
-    """The same with a process that nobody forked, to hold the two against each other."""
-    return team.start("robot_node", params={"zones.lo": "0.3"})
+def robot(robot_process: NodeProcess, peer: Peer, recording: Recording) -> RobotPeer:
+    return RobotPeer(peer, robot_process, recording)
 
 
 @pytest.fixture(scope="module")
-def robot(bad_start: Any, team: Team, peer: Peer, recording: Recording) -> RobotPeer:
-    """A whole number for one that need not be: `1` is taken for `1.0`."""
-    params = {"mounting.height": "1", "zones.high": "1.5", "pose.map_from_odom": "[1, 2, 0]"}
-    process = team.start("robot_node", namespace="/robot_a", params=params)
-    return RobotPeer(peer, process, recording)
-
-
-@pytest.fixture(scope="module")
-def planner(robot: RobotPeer, team: Team, peer: Peer) -> PlannerPeer:
-    made = PlannerPeer(peer, team.start("planner_node", params={"robots": "[robot_a]"}))
+def planner(robot: RobotPeer, planner_process: NodeProcess, peer: Peer) -> PlannerPeer:
+    made = PlannerPeer(peer, planner_process)
     peer.until_active(robot.node, made.node)
     robot.warm_up()
     return made
@@ -193,7 +220,7 @@ CONFIG = RobotConfig.from_mapping({"zones.high": 1.5, "pose.map_from_odom": [1.0
 
 
 def test_forked_starts_end_as_others_do(
-    ends: Mapping[str, tuple[int, str]], bad_start: Any, planner: PlannerPeer
+    ends: Mapping[str, tuple[int, str]], bad_start: NodeProcess
 ) -> None:
     def said(text: str) -> str:
         return text.partition("]: ")[2]

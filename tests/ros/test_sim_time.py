@@ -64,6 +64,9 @@ def robots(peer: Peer, planner: PlannerPeer, clock: SimTime) -> list[PlayedRobot
 
     def connected() -> bool:
         clock.to(clock.now + SECOND // 10)
+        peer.spin(0.2)
+        if not peer.has_reported_since(planner.node, START):
+            return False  # its time is not that on /clock yet
         for robot in made:
             robot.send(clock.now, SOMEBODY)
         peer.spin(0.2)

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,15 @@ class Run:
     def people(self) -> list[Any]:
         """The `people` messages in their order."""
         return list(self.heard["people"].values())
+
+    @cached_property
+    def buffers(self) -> dict[str, PoseBuffer]:
+        """By robot, all its poses as they were heard."""
+        made = {robot: PoseBuffer() for robot in ROBOTS}
+        for robot, buffer in made.items():
+            for message in self.poses[robot]:
+                buffer.add(messages.read_pose(message))
+        return made
 
     def scans_heard(self) -> set[tuple[str, int]]:
         """Robot and stamp of the scans heard so far."""
@@ -246,10 +256,7 @@ def _in_process(run: Run, message: Any) -> tuple[CorePeople, dict[str, Pose]]:
     for robot, named in messages.read_people_scans(message).items():
         (points,) = [m for m in run.points[robot] if stamp_of(m) == named.stamp_ns]
         scans.append(messages.read_scan(points, robot))
-        buffer = PoseBuffer()
-        for heard in run.poses[robot]:
-            buffer.add(messages.read_pose(heard))
-        poses[robot] = buffer.at(named.stamp_ns, 250_000_000)
+        poses[robot] = run.buffers[robot].at(named.stamp_ns, 250_000_000)
     planner = Planner(load_team(*files).planner)
     return planner.step(scans, poses, stamp_of(message)), poses
 
