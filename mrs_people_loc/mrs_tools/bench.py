@@ -316,13 +316,12 @@ def time_robot(
         and frames per second.
     """
     samples: defaultdict[tuple[str, str], Samples] = defaultdict(Samples)
-    for turns in _blocks(frames):
+    for block, turns in enumerate(_blocks(frames)):
         for name, kinds in heads.items():
             for kind, of_kind in kinds.items():
-                sample = samples[name, kind]
+                sample, head = samples[name, kind], of_kind[block % len(of_kind)]
                 for turn, counts in turns:
-                    head = of_kind[turn % len(of_kind)]
-                    images = head.images[turn // len(of_kind) % len(head.images)]
+                    images = head.images[turn % len(head.images)]
                     times = _time_view(head.pipeline, images)
                     if counts:
                         sample.add(times)
@@ -345,7 +344,7 @@ def time_robot(
 
 
 def _blocks(count: int) -> Iterator[list[tuple[int, bool]]]:
-    """Turns from 0 in blocks: a configuration keeps the caches while it has its block.
+    """Turns from 0 in blocks: one head has the caches for itself, as in its own process.
 
     Yields:
         Turns, and whether each one counts; the first ones of a block warm up.
