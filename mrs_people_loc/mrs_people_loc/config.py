@@ -281,10 +281,15 @@ class Disparity(Section):
         11, "window of normalized_response [px] (the paper's edge mask)",
         low=5, high=255, odd=True,
     )  # fmt: skip
-    pre_filter_cap: int = _field(31, "pre-filter output is cut here", low=1, high=63)
+    pre_filter_cap: int = _field(63, "pre-filter output is cut here", low=1, high=63)
     block_size_px: int = _field(
-        15, "SAD window [px] (the paper's stereo mask)", low=5, high=51, odd=True
+        7, "SAD window [px] (the paper's stereo mask is 15)", low=5, high=51, odd=True
     )
+    fill_block_size_px: int = _field(
+        11, "pixels without a disparity get that of a second pass with this window [px], an odd "
+        "number from 5; 0: no second pass",
+        low=0, high=51,
+    )  # fmt: skip
     min_range: float = _field(0.7, "nearest working depth [m]", low=0.1, high=50.0)
     max_range: float = _field(5.0, "farthest working depth [m]", low=0.2, high=100.0)
     uniqueness_ratio: int = _field(
@@ -301,6 +306,13 @@ class Disparity(Section):
     )
 
     def _check_relations(self) -> None:
+        if self.fill_block_size_px and (
+            self.fill_block_size_px % 2 == 0 or self.fill_block_size_px < 5
+        ):
+            raise ConfigError(
+                f"disparity.fill_block_size_px is {self.fill_block_size_px}; "
+                "allowed: 0 or an odd whole number from 5 to 51"
+            )
         if self.min_range >= self.max_range:
             raise ConfigError(
                 f"disparity.min_range is {self.min_range:g}; "
@@ -346,6 +358,37 @@ class Quantization(Section):
 
 
 @dataclass(frozen=True)
+class Bodies(Section):
+    """People sought as bodies, in place of the paper's noise windows and cells."""
+
+    search: bool = _field(
+        True, "true: people are sought as upright bodies in bearing and inverse range; false: the "
+        "paper's zones, noise windows and cells"
+    )  # fmt: skip
+    max_range: float = _field(6.0, "farthest range of a body [m]", low=0.5, high=50.0)
+    min_extent: float = _field(
+        0.35, "least vertical extent seen, mean over a body's width [m]", low=0.05, high=2.0
+    )
+    max_count: int = _field(16, "so many candidates per view at most", low=1, high=100)
+    vote: bool = _field(True, "true: all pixels of a body vote on one disparity")
+    human_test: bool = _field(
+        True, "true: a fitted model says how likely a body is a person; false: its vertical extent "
+        "stands for it"
+    )  # fmt: skip
+    axis: bool = _field(
+        True, "true: fitted offsets move a body from the surface that was seen to its axis; needs "
+        "bodies.vote"
+    )  # fmt: skip
+    min_score: float = _field(
+        -3.0, "bodies with at least these log-odds of being a person go out", low=-20.0, high=20.0
+    )
+
+    def _check_relations(self) -> None:
+        if self.axis and not self.vote:
+            raise ConfigError("bodies.axis is true but bodies.vote is false; allowed: both true")
+
+
+@dataclass(frozen=True)
 class PoseInput(Section):
     """Where the robot's pose comes from, and how often it goes out."""
 
@@ -373,6 +416,7 @@ class RobotConfig(Section):
     zones: Zones = dataclasses.field(default_factory=Zones)
     noise: Noise = dataclasses.field(default_factory=Noise)
     quantization: Quantization = dataclasses.field(default_factory=Quantization)
+    bodies: Bodies = dataclasses.field(default_factory=Bodies)
     pose: PoseInput = dataclasses.field(default_factory=PoseInput)
 
 
@@ -437,6 +481,27 @@ class Human(Section):
 
 
 @dataclass(frozen=True)
+class Joining(Section):
+    """How the bodies that several robots found become people."""
+
+    line_of_sight: bool = _field(
+        True, "true: a body's place is less sure along the line of sight than across it; false: it "
+        "is equally sure in all directions"
+    )  # fmt: skip
+    gate: float = _field(
+        3.0, "bodies of different robots within so many sigmas are one", low=0.1, high=10.0
+    )
+    max_distance: float = _field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
+    min_score: float = _field(0.0, "log-odds from which a body is a person", low=-20.0, high=50.0)
+    apart: float = _field(0.42, "two people are no closer than this [m]", low=0.0, high=2.0)
+    robot_radius: float = _field(
+        0.3, "a body within this of another robot of the team is that robot [m]; 0: robots are not "
+        "told from people",
+        low=0.0, high=2.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class PlannerConfig(Section):
     """Configuration of the planner: from the robots' scans to people."""
 
@@ -445,6 +510,7 @@ class PlannerConfig(Section):
     )
     map_frame: str = _field("map", "the common frame", live=False)
     interval: Interval = dataclasses.field(default_factory=Interval)
+    joining: Joining = dataclasses.field(default_factory=Joining)
     clustering: Clustering = dataclasses.field(default_factory=Clustering)
     human: Human = dataclasses.field(default_factory=Human)
 

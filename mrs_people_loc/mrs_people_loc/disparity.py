@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -27,7 +28,9 @@ class StereoMatcher:
 
     The search range follows from the working distances: disparities up to that of `min_range`.
     StereoBM leaves a margin without values (the searched range on the left and half a block on
-    each side); the images are padded by that margin, so no column or row is lost.
+    each side); the images are padded by that margin, so no column or row is lost. A small window
+    keeps a body's border and leaves holes; a second pass with a larger one fills them
+    (`fill_block_size_px`).
 
     Args:
         camera: The head.
@@ -131,31 +134,40 @@ class _BlockMatcher:
             )
         self.searched_px = searched
         self.took_ns = 0
-        half = config.block_size_px // 2
+        half = max(config.block_size_px, config.fill_block_size_px) // 2
         self._pad = (half, half, searched + half, half)  # top, bottom, left, right
         columns = np.arange(width) * SUBPIXELS
         self._greatest = np.minimum(columns, np.iinfo(np.int16).max).astype(np.uint16)
-        self._bm = make_stereo_bm(config, searched)
+        self._passes = [make_stereo_bm(config, searched)]
+        if config.fill_block_size_px:
+            fill = dataclasses.replace(config, block_size_px=config.fill_block_size_px)
+            self._passes.append(make_stereo_bm(fill, searched))
 
     def __call__(self, left: Gray, right: Gray) -> Float32:
         height, width = left.shape
         top, _, start, _ = self._pad
-        fixed = self.raw(left, right)[top : top + height, start : start + width]
-        disparity = fixed.astype(np.float32)
-        disparity *= np.float32(1.0 / SUBPIXELS)
+        fixed, *fills = (
+            raw[top : top + height, start : start + width] for raw in self.raw(left, right)
+        )
         # Below 0, that is large without the sign: no match. More than the column: the match would
         # lie outside the right image.
-        disparity[fixed.view(np.uint16) > self._greatest] = np.nan
+        missing = fixed.view(np.uint16) > self._greatest
+        for fill in fills:
+            fixed = np.where(missing, fill, fixed)
+            missing = fixed.view(np.uint16) > self._greatest
+        disparity = fixed.astype(np.float32)
+        disparity *= np.float32(1.0 / SUBPIXELS)
+        disparity[missing] = np.nan
         return disparity
 
-    def raw(self, left: Gray, right: Gray) -> NDArray[np.int16]:
-        """StereoBM's own result on the padded images, in sixteenths of a pixel."""
+    def raw(self, left: Gray, right: Gray) -> list[NDArray[np.int16]]:
+        """StereoBM's own results on the padded images, in sixteenths of a pixel, pass by pass."""
         left = cv2.copyMakeBorder(left, *self._pad, cv2.BORDER_REPLICATE)  # type: ignore[assignment]
         right = cv2.copyMakeBorder(right, *self._pad, cv2.BORDER_REPLICATE)  # type: ignore[assignment]
         began = timing.now_ns()
-        fixed: NDArray[np.int16] = self._bm.compute(left, right)
+        results: list[NDArray[np.int16]] = [bm.compute(left, right) for bm in self._passes]
         self.took_ns = timing.now_ns() - began
-        return fixed
+        return results
 
 
 def make_stereo_bm(config: cfg.Disparity, searched_px: int) -> Any:

@@ -18,7 +18,7 @@ from mrs_people_loc.errors import CameraError, ImageError, PoseError, ScanError
 from mrs_people_loc.geometry import Float, yaw_from_quaternion
 from mrs_people_loc.images import Gray
 from mrs_people_loc.poses import Pose
-from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
+from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 
 Message = Any
 
@@ -164,7 +164,9 @@ def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan
     if message.is_bigendian:
         raise ScanError("is_bigendian is true; wanted: little-endian data")
     fields = {field.name: field for field in message.fields}
-    names = CELL_DTYPE.names or ()
+    # Either a plain scan or one of bodies, which has all of these.
+    of_bodies = "body" in fields
+    names = (BODY_DTYPE if of_bodies else CELL_DTYPE).names or ()
     missing = [name for name in names if name not in fields]
     if missing:
         raise ScanError(
@@ -195,18 +197,19 @@ def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan
             f"data has {data.size} bytes; wanted: row_step * height = {row_step * height}"
         )
     if width * height == 0:
-        records = np.empty(0, CELL_DTYPE)
+        records = np.empty(0, BODY_DTYPE if of_bodies else CELL_DTYPE)
     else:
         layout = np.dtype(
             {"names": names, "formats": formats, "offsets": offsets, "itemsize": point_step}
         )
         rows = np.ascontiguousarray(data.reshape(height, row_step)[:, : width * point_step])
         records = rows.reshape(-1).view(layout)
-    counts = records["count"]
-    if counts.dtype.kind == "f" and not np.isfinite(counts).all():
-        raise ScanError("count is NaN or infinite")
-    if (counts < 0).any() or (counts >= 2**32).any():
-        raise ScanError("count is negative or too large; wanted: uint32")
+    for name in ("count", "body") if of_bodies else ("count",):
+        numbers = records[name]
+        if numbers.dtype.kind == "f" and not np.isfinite(numbers).all():
+            raise ScanError(f"{name} is NaN or infinite")
+        if (numbers < 0).any() or (numbers >= 2**32).any():
+            raise ScanError(f"{name} is negative or too large; wanted: uint32")
     with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold is refused as inf
         cells = Cells.from_records(records)
     return Scan(robot, stamp_ns_of(message.header.stamp), cells)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.fusion import ShortTermMap
 from mrs_people_loc.geometry import Float
-from mrs_people_loc.poses import Pose
+from mrs_people_loc.joining import Joined
+from mrs_people_loc.poses import Pose, pose_effect
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
@@ -185,7 +186,7 @@ def locate(
     of_poses = np.zeros((len(labels), 2, 2))
     for name, seen in zip(fused.robots, seen_by.T, strict=True):
         if seen.any():
-            of_poses[seen] += _pose_effect(poses[name], positions[seen])
+            of_poses[seen] += pose_effect(poses[name], positions[seen])
     robots = seen_by.sum(axis=1)[:, np.newaxis, np.newaxis]
     covariances = (clusters.scatter[labels] + of_poses / robots) / robots
     return tuple(
@@ -201,21 +202,29 @@ def locate(
     )
 
 
-def _pose_effect(pose: Pose, positions: Float) -> Float:
-    """Covariance of places that were measured from an uncertain pose [m^2].
+def people_of_bodies(
+    fused: ShortTermMap, clusters: Clusters, joined: Joined, people: Bool, label: Int
+) -> tuple[Person, ...]:
+    """The people among joined bodies: place and covariance are those of the joining.
 
     Args:
-        pose: The pose.
-        positions: The places [m], shape (m, 2).
-
-    Returns:
-        Shape (m, 2, 2).
+        fused: The map.
+        clusters: Measures of its clusters.
+        joined: The joined bodies.
+        people: Which of them are people, shape (m,).
+        label: Cluster of each of them, shape (m,).
     """
-    lever = np.zeros((len(positions), 2, 3))
-    lever[:, 0, 0] = lever[:, 1, 1] = 1.0
-    lever[:, 0, 2], lever[:, 1, 2] = pose.y - positions[:, 1], positions[:, 0] - pose.x
-    effect: Float = lever @ pose.covariance @ lever.transpose(0, 2, 1)
-    return effect
+    return tuple(
+        Person(
+            position=joined.xy[i],
+            covariance=joined.covariance[i],
+            height=float(clusters.height[label[i]]),
+            sigma=float(clusters.sigma[label[i]]),
+            robots=tuple(itertools.compress(fused.robots, clusters.seen_by[label[i]])),
+            label=int(label[i]),
+        )
+        for i in np.flatnonzero(people)
+    )
 
 
 def gather(people: tuple[Person, ...]) -> Group | None:

@@ -5,14 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from mrs_people_loc.clustering import cluster
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.fusion import ShortTermMap, fuse
-from mrs_people_loc.people import Clusters, Group, Person, gather, is_human, locate, measure
+from mrs_people_loc.joining import are_people, are_robots, join, place_bodies
+from mrs_people_loc.people import (
+    Clusters,
+    Group,
+    Person,
+    gather,
+    is_human,
+    locate,
+    measure,
+    people_of_bodies,
+)
 from mrs_people_loc.poses import Pose
-from mrs_people_loc.robot import StageTimes
 from mrs_people_loc.scan import Scan
+from mrs_people_loc.timing import StageTimes
 
 
 @dataclass(frozen=True)
@@ -70,10 +82,28 @@ class Planner:
         config, times = self.config, StageTimes()
         fused = fuse(scans, poses)
         times.mark("fusion")
-        label = cluster(fused.xy, distance=config.clustering.distance)
+        # Cells of bodies are joined body by body, all others cluster by cluster.
+        bodies = place_bodies(fused, poses, line_of_sight=config.joining.line_of_sight)
+        robots = are_robots(bodies, fused, poses, radius=config.joining.robot_radius)
+        joined = join(bodies, ~robots, config.joining)
+        times.mark("joining")
+        label = np.full(len(fused), -1, dtype=np.intp)
+        plain = bodies.of_cell < 0
+        label[plain] = cluster(fused.xy[plain], distance=config.clustering.distance)
+        first = int(label.max(initial=-1)) + 1  # of the joined ones; those that are robots follow
+        of_body = np.where(robots, len(joined) + np.cumsum(robots) - 1, joined.of_body)
+        label[~plain] = first + of_body[bodies.of_cell[~plain]]
         times.mark("clustering")
         clusters = measure(fused, label)
-        persons = locate(fused, clusters, is_human(clusters, config.human), poses)
+        human = is_human(clusters, config.human)
+        human[first:] = False
+        persons = locate(fused, clusters, human, poses) + people_of_bodies(
+            fused,
+            clusters,
+            joined,
+            are_people(joined, config.joining),
+            first + np.arange(len(joined)),
+        )
         group = gather(persons)
         times.mark("people")
         used = {name: poses[name] for name in names}

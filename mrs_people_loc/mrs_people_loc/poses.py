@@ -237,3 +237,20 @@ class PoseIntake:
             )
         x, y, yaw = self.config.map_from_odom
         return Pose(pose.stamp_ns, x, y, yaw) @ pose
+
+
+def pose_effect(pose: Pose, positions: Float) -> Float:
+    """Covariance of places that were measured from an uncertain pose [m^2].
+
+    Args:
+        pose: The pose.
+        positions: The places [m], shape (m, 2).
+
+    Returns:
+        Shape (m, 2, 2).
+    """
+    lever = np.zeros((len(positions), 2, 3))
+    lever[:, 0, 0] = lever[:, 1, 1] = 1.0
+    lever[:, 0, 2], lever[:, 1, 2] = pose.y - positions[:, 1], positions[:, 0] - pose.x
+    effect: Float = lever @ pose.covariance @ lever.transpose(0, 2, 1)
+    return effect

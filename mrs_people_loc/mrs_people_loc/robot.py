@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc import filters, timing
+from mrs_people_loc import bodies, filters, search
 from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.cloud import CloudMaker
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.disparity import StereoMatcher
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.scan import Cells, Scan
+from mrs_people_loc.timing import StageTimes
 
 Float32 = NDArray[np.float32]
 
@@ -25,8 +26,10 @@ class Stages:
     Attributes:
         disparity: [px], float32, shape (height, width), NaN where there is none.
         cloud: All points in base_link [m] (RAW), shape (n, 3).
-        zones: Those between knees and shoulders (V), shape (n, 3).
-        noise: Those in windows with many points (H), shape (n, 3).
+        zones: Those between knees and shoulders (V), or at the heights where bodies are sought,
+            shape (n, 3).
+        noise: Those in windows with many points (H), or the samples of the bodies, moved to their
+            axes, shape (n, 3).
         scan: The cells (W).
         times_ms: What each stage took, by name [ms].
     """
@@ -62,6 +65,11 @@ class RobotPipeline:
         self._make_cloud = CloudMaker(
             camera, min_range=config.disparity.min_range, max_range=config.disparity.max_range
         )
+        self._find_bodies: bodies.BodyFinder | None = None
+        if config.bodies.search:
+            self._find_bodies = bodies.BodyFinder(
+                camera, config.bodies, min_range=config.disparity.min_range
+            )
 
     def step(self, images: StereoImages) -> Scan:
         """The scan of one view.
@@ -77,11 +85,33 @@ class RobotPipeline:
         Raises:
             ImageError: The images do not fit the camera.
         """
-        config, times = self.config, StageTimes()
+        times = StageTimes()
         disparity = self.matcher(images)
         times.mark("disparity")
         cloud = self._make_cloud(disparity)
         times.mark("cloud")
+        make = self._cells if self._find_bodies is None else self._cells_of_bodies
+        zones, noise, cells = make(cloud, disparity, images, times)
+        scan = Scan(self.robot, images.stamp_ns, cells)
+        return Stages(disparity, cloud, zones, noise, scan, times.ms)
+
+    def _cells_of_bodies(
+        self, cloud: Float32, disparity: Float32, images: StereoImages, times: StageTimes
+    ) -> tuple[Float32, Float32, Cells]:
+        """What is at the heights of bodies, the samples of the bodies found, and their cells."""
+        assert self._find_bodies is not None
+        zones = filters.discriminate_zones(cloud, low=search.LOWEST, high=search.HIGHEST)
+        times.mark("zones")
+        found = self._find_bodies(disparity, images, times)
+        points, cells = bodies.points_of(found), bodies.cells_of(found)
+        times.mark("cells")
+        return zones, points, cells
+
+    def _cells(
+        self, cloud: Float32, disparity: Float32, images: StereoImages, times: StageTimes
+    ) -> tuple[Float32, Float32, Cells]:
+        """The paper's zones, noise windows and cells."""
+        config = self.config
         zones = filters.discriminate_zones(cloud, low=config.zones.low, high=config.zones.high)
         times.mark("zones")
         noise = filters.reduce_noise(
@@ -92,8 +122,7 @@ class RobotPipeline:
         times.mark("cells")
         cells = self._with_tops(cells, noise, cloud)
         times.mark("tops")
-        scan = Scan(self.robot, images.stamp_ns, cells)
-        return Stages(disparity, cloud, zones, noise, scan, times.ms)
+        return zones, noise, cells
 
     def _with_tops(self, cells: Cells, points: Float32, cloud: Float32) -> Cells:
         config = self.config
@@ -107,17 +136,3 @@ class RobotPipeline:
             gap=config.quantization.top_gap,
         )
         return Cells(cells.x, cells.y, cells.z, cells.z_min, top, cells.count)
-
-
-class StageTimes:
-    """What passed between marks, by the clock of `timing`."""
-
-    def __init__(self) -> None:
-        self.ms: dict[str, float] = {}
-        self._last = timing.now_ns()
-
-    def mark(self, stage: str) -> None:
-        """Ends a stage: its time is what passed since the last mark."""
-        now = timing.now_ns()
-        self.ms[stage] = (now - self._last) / 1e6
-        self._last = now

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,18 @@ Float32 = NDArray[np.float32]
 CELL_DTYPE = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("z_min", "<f4"), ("top", "<f4"), ("count", "<u4")]
 )
-_FIELDS = tuple((name, CELL_DTYPE[name]) for name in CELL_DTYPE.names or ())
+#: One cell of a body on the wire: what a scan of bodies has besides.
+BODY_DTYPE = np.dtype(
+    [
+        *((name, CELL_DTYPE[name].str) for name in CELL_DTYPE.names or ()),
+        ("body", "<u4"), ("score", "<f4"), ("sigma_range", "<f4"), ("sigma_across", "<f4"),
+    ]
+)  # fmt: skip
+_NAMES = BODY_DTYPE.names or ()
+
+
+#: Stands for a field that is not given: zeros.
+_MISSING: Any = None
 
 
 @dataclass(frozen=True)
@@ -30,6 +42,11 @@ class Cells:
         z_min: Lowest point in the zone [m], float32.
         top: Highest supported point of the column, measured before the zone cut [m], float32.
         count: Number of 3D points in the cell, uint32.
+        body: Which body of its scan the cell belongs to, from 1; 0: none, as where a robot does not
+            seek bodies, uint32.
+        score: Log-odds that this body is a person, float32.
+        sigma_range: Standard deviation of the body's place along the line of sight [m], float32.
+        sigma_across: Likewise, across it [m], float32.
     """
 
     x: Float32
@@ -38,6 +55,10 @@ class Cells:
     z_min: Float32
     top: Float32
     count: NDArray[np.uint32]
+    body: NDArray[np.uint32] = _MISSING
+    score: Float32 = _MISSING
+    sigma_range: Float32 = _MISSING
+    sigma_across: Float32 = _MISSING
 
     def __post_init__(self) -> None:
         """Checks shapes, types and values.
@@ -46,8 +67,11 @@ class Cells:
             ScanError: Naming the field, what it is and what is wanted.
         """
         size = len(self.x)
-        for name, dtype in _FIELDS:
-            value = getattr(self, name)
+        for name in _NAMES:
+            dtype, value = BODY_DTYPE[name], getattr(self, name)
+            if value is _MISSING:
+                value = np.zeros(size, dtype)
+                object.__setattr__(self, name, value)
             if value.shape != (size,):
                 raise ScanError(f"{name} has shape {value.shape}; wanted: ({size},)")
             if value.dtype != dtype:
@@ -69,10 +93,12 @@ class Cells:
     @classmethod
     def from_records(cls, records: NDArray[np.void]) -> Cells:
         """Builds cells from a structured array with (at least) the fields of `CELL_DTYPE`."""
+        given = records.dtype.names or ()
         return cls(
             **{
-                name: np.ascontiguousarray(records[name], dtype=CELL_DTYPE[name])
-                for name in CELL_DTYPE.names or ()
+                name: np.ascontiguousarray(records[name], dtype=BODY_DTYPE[name])
+                for name in _NAMES
+                if name in given or name in (CELL_DTYPE.names or ())
             }
         )
 
@@ -82,16 +108,13 @@ class Cells:
         if not parts:
             return cls.empty()
         return cls(
-            **{
-                name: np.concatenate([getattr(part, name) for part in parts])
-                for name in CELL_DTYPE.names or ()
-            }
+            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _NAMES}
         )
 
     def to_records(self) -> NDArray[np.void]:
-        """The cells as a structured array of `CELL_DTYPE`, shape (n,)."""
-        records = np.empty(len(self), CELL_DTYPE)
-        for name in CELL_DTYPE.names or ():
+        """The cells as a structured array, shape (n,), of `BODY_DTYPE` if any is of a body."""
+        records = np.empty(len(self), BODY_DTYPE if self.body.any() else CELL_DTYPE)
+        for name in records.dtype.names or ():
             records[name] = getattr(self, name)
         return records
 

@@ -27,3 +27,17 @@ def processor_time() -> Iterator[None]:
         yield
     finally:
         _clock = before
+
+
+class StageTimes:
+    """What passed between marks, by `now_ns`."""
+
+    def __init__(self) -> None:
+        self.ms: dict[str, float] = {}
+        self._last = now_ns()
+
+    def mark(self, stage: str) -> None:
+        """Ends a stage: its time is what passed since the last mark."""
+        now = now_ns()
+        self.ms[stage] = (now - self._last) / 1e6
+        self._last = now

@@ -21,6 +21,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from mrs_people_loc.errors import ConfigError
@@ -136,6 +137,44 @@ def suite_scenes(file: Path, half: str) -> list[Scene]:
     return scenes
 
 
+def variants(scenes: list[Scene], count: int) -> list[Scene]:
+    """More scenes of the same kinds, for fitting: `count` of each.
+
+    Each has a seed, furniture and clutter of its own; heads, walls, floor, light, faults of the
+    cameras and odometry are those of other scenes of the list, drawn at random. Two frames each.
+    """
+    result = []
+    for number in range(1, count + 1):
+        rng = np.random.default_rng([number, 77])
+        rooms, imagings, odometries, heads = (rng.permutation(len(scenes)) for _ in range(4))
+        for k, scene in enumerate(scenes):
+            look = scenes[rooms[k]].room
+            room = dataclasses.replace(scene.room, **{name: getattr(look, name) for name in _LOOKS})
+            layout = dataclasses.replace(
+                scene.layout,
+                heads=scenes[heads[k]].layout.heads,
+                furniture=int(rng.integers(0, 14)),
+                clutter=int(rng.integers(0, 10)),
+            )
+            result.append(
+                dataclasses.replace(
+                    scene,
+                    name=f"{scene.name}_{number:02d}",
+                    seed=scene.seed + 10_000 * number,
+                    timing=dataclasses.replace(scene.timing, frames=2),
+                    room=room,
+                    layout=layout,
+                    imaging=scenes[imagings[k]].imaging,
+                    odometry=scenes[odometries[k]].odometry,
+                )
+            )
+    return result
+
+
+#: What a variant takes from another scene's room.
+_LOOKS = ("walls", "floor", "contrast", "wall_shade", "floor_shade", "posters", "lamps", "ambient")
+
+
 def suite_file() -> Path:
     """The published suite.
 
@@ -207,6 +246,15 @@ def command(
     suite: Annotated[
         str, typer.Option(help="Render a half of the published suite: train, test or all.")
     ] = "",
+    more: Annotated[
+        int,
+        typer.Option(
+            "--variants",
+            help="With --suite: not its scenes but so many variants of each, of two frames, to fit "
+            "the body model to.",
+            min=0,
+        ),
+    ] = 0,
     live: Annotated[
         bool, typer.Option("--live", help="Publish over ROS when it is rendered.")
     ] = False,
@@ -228,11 +276,14 @@ def command(
     if suite:
         if out is not None:
             raise typer.BadParameter("--suite takes one folder, OUT_DIR")
-        scenes = [_shortened(s, frames) for s in suite_scenes(suite_file(), suite)]
+        scenes = suite_scenes(suite_file(), suite)
+        scenes = [_shortened(s, frames) for s in (variants(scenes, more) if more else scenes)]
         with _progress("scenes", len(scenes)) as advance:
             bags = simulate_suite(scenes, scene, jobs=jobs, on_scene=lambda _: advance())
         typer.echo(f"{scene}: {len(bags)} bags")
         return
+    if more:
+        raise typer.BadParameter("--variants goes with --suite")
     if out is None and not live:
         raise typer.BadParameter("give OUT, the new bag, or --live")
     what = _shortened(load_scene(scene, seed=seed), frames)

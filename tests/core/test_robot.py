@@ -14,8 +14,9 @@ from mrs_people_loc.errors import CameraError, ImageError
 from mrs_people_loc.images import ImagePreparer, Pairer, StereoImages
 from mrs_people_loc.interval import IntervalCollector
 from mrs_people_loc.planner import Planner
-from mrs_people_loc.robot import RobotPipeline, StageTimes
+from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.scan import Scan
+from mrs_people_loc.timing import StageTimes
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -1,0 +1,91 @@
+"""One disparity per body, voted by all its pixels.
+
+StereoBM gives each pixel a disparity of its own, to 1/16 px at best. Once it is known which samples
+are one body, all of them can say together by how much the right image must be shifted: the shift
+that minimizes the sum of squared differences between left and right, with gain and offset between
+the cameras fitted along (Lucas & Kanade 1981, for one body at a time).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc.images import Gray
+from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches
+
+Float32 = NDArray[np.float32]
+Float = NDArray[np.float64]
+
+_ITERATIONS = 3
+#: Both images are smoothed by this before [px].
+_BLUR_PX = 0.7
+#: A vote moves a body no farther than this [px].
+_FARTHEST_PX = 1.2
+#: Samples that may vote: the silhouette is in here.
+_HEIGHTS = np.flatnonzero((HEIGHTS > 0.3) & (HEIGHTS < 1.95))
+_ACROSS = np.flatnonzero(np.abs(ACROSS) < 0.30)
+
+
+def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> tuple[Float, Float]:
+    """How much more disparity than their patches' bodies have.
+
+    Args:
+        left: Left image, uint8, shape (height, width).
+        right: Right image, likewise.
+        patches: Patches, centred on the bodies.
+        offset_px: Disparity of a point at infinity.
+
+    Returns:
+        The difference [px], shape (n,), and its standard deviation as the residuals give it [px],
+        shape (n,).
+    """
+    count = len(patches)
+    if not count:
+        return np.empty(0), np.empty(0)
+    u, v, expected, difference = (
+        part[:, _HEIGHTS[0] : _HEIGHTS[-1] + 1, _ACROSS[0] : _ACROSS[-1] + 1].reshape(count, -1)
+        for part in (patches.u, patches.v, patches.expected, patches.difference)
+    )
+    with np.errstate(invalid="ignore"):
+        weight = np.abs(difference) < patches.tolerance.astype(np.float32)[:, np.newaxis]
+    weight = weight.astype(np.float32)
+    smooth_left, smooth_right = _smoothed(left), _smoothed(right)
+    seen = _look_up(smooth_left, u, v)
+    matched = u - expected - np.float32(offset_px)
+    total = np.maximum(weight.sum(axis=1), 1.0)
+    shift = np.zeros(count, dtype=np.float32)
+    ridge = np.eye(3) * 1e-2
+    for _ in range(_ITERATIONS):
+        x = matched - shift[:, np.newaxis]
+        other = _look_up(smooth_right, x, v)
+        slope = _look_up(smooth_right, x - np.float32(0.5), v)
+        slope -= _look_up(smooth_right, x + np.float32(0.5), v)
+        # seen = gain * other + offset + slope * more, least squares over the samples.
+        design = np.stack([other, np.ones_like(other), slope], axis=1)
+        weighted = design * weight[:, np.newaxis]
+        normal = weighted @ design.transpose(0, 2, 1) + ridge
+        right_side = weighted @ seen[:, :, np.newaxis]
+        solution = np.linalg.solve(normal.astype(np.float64), right_side.astype(np.float64))[..., 0]
+        more = solution[:, 2] / np.clip(solution[:, 0], 0.3, 3.0)
+        shift += np.clip(more, -0.5, 0.5).astype(np.float32)
+        np.clip(shift, -_FARTHEST_PX, _FARTHEST_PX, out=shift)
+    residual = seen - (design.transpose(0, 2, 1) @ solution[:, :, np.newaxis])[..., 0]
+    variance = np.maximum((weight * residual**2).sum(axis=1) / total, 1.0)
+    mean_slope = (weight * slope).sum(axis=1) / total
+    texture = (weight * (slope - mean_slope[:, np.newaxis]) ** 2).sum(axis=1)
+    return shift.astype(np.float64), np.sqrt(variance / np.maximum(texture, 1e-3))
+
+
+def _smoothed(image: Gray) -> Float32:
+    smooth: Any = cv2.GaussianBlur(image.astype(np.float32), (0, 0), _BLUR_PX)
+    return np.asarray(smooth, dtype=np.float32)
+
+
+def _look_up(image: Float32, u: Float32, v: Float32) -> Float32:
+    """Bilinear values of an image at (u, v), the border repeated."""
+    values: Any = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values, dtype=np.float32)
