@@ -492,9 +492,13 @@ def noise_causes(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     ]
 
 
-def error_causes(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """Where one robot alone puts people: behind (+) or before (-) their axis, and beside it [m]."""
-    along, beside = [], []
+def error_causes(recordings: Sequence[Recording]) -> dict[str, float | None]:
+    """Where one robot alone puts people: behind (+) or before (-) their axis, and beside it [m].
+
+    None if it finds nobody.
+    """
+    along: list[float] = []
+    beside: list[float] = []
     for recording in recordings:
         for robot in recording.team.robots:
             people = people_of(recording, [robot])
@@ -509,7 +513,10 @@ def error_causes(recordings: Sequence[Recording]) -> dict[str, Any]:
                     offset = found.persons[i].position - frame.true[j]
                     along.append(float(offset @ sight))
                     beside.append(abs(float(offset @ (-sight[1], sight[0]))))
-    return {"along_m": float(np.mean(along)), "beside_m": float(np.mean(beside))}
+    return {
+        "along_m": ratio(sum(along), len(along)),
+        "beside_m": ratio(sum(beside), len(beside)),
+    }
 
 
 def distances(recordings: Sequence[Recording], robots: Sequence[str]) -> dict[str, float]:
