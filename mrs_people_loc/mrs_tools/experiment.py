@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import math
 import os
 import tempfile
 from collections import Counter, defaultdict
@@ -71,8 +72,8 @@ CELL_SIZES = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.10)
 BANDS = (1.0, 2.0, 3.0, 4.0, 5.0)
 #: Points this near belong to a wall or to a piece of furniture [m].
 _BESIDE = 0.4
-#: The planner's work is timed so many times.
-_REPEATS = 3
+#: The planner's work is timed so many times; the best counts: what else the machine does slows it.
+_REPEATS = 5
 
 
 # ------------------------------------------------------------------------------------- recordings
@@ -336,7 +337,7 @@ class Tally:
         offsets: Found minus true positions [m], each of shape (2,).
         in_view: People who were in view, summed over the frames.
         found_in_view: Those of them who were found.
-        missed_as: What the others became, see `_remains`.
+        missed_as: What the others became, see `remains_of`.
         false_at: Where people were found who are none, see `places_of`.
     """
 
@@ -363,7 +364,7 @@ class Tally:
                 places_of(at[frame.false], frame.true, recording.draw.scene).tolist()
             )
             missed = [j for j in frame.missed if seen[j]]
-            self.missed_as.update(_remains(found, frame, missed, recording.team.planner))
+            self.missed_as.update(remains_of(found, frame, missed, recording.team.planner))
 
     def report(self) -> dict[str, Any]:
         """Means per frame, and errors [m]."""
@@ -383,7 +384,7 @@ class Tally:
         }
 
 
-def _remains(
+def remains_of(
     found: People, frame: Frame, missed: Sequence[int], config: PlannerConfig
 ) -> Iterator[str]:
     """What people who were not found became.
@@ -426,10 +427,12 @@ def compare_architectures(recordings: Sequence[Recording]) -> dict[str, dict[str
             for interval in recording.intervals:
                 sent = {robot: way.send(view) for robot, view in interval.views.items()}
                 sizes.append(sum(map(size_on_wire, sent.values())))
+                best_ms = math.inf
                 for _ in range(_REPEATS):
                     begin_ns = timing.now_ns()
                     people = way.plan(sent, interval.people.poses, interval.people.stamp_ns)
-                    times_ms.append((timing.now_ns() - begin_ns) / 1e6)
+                    best_ms = min(best_ms, (timing.now_ns() - begin_ns) / 1e6)
+                times_ms.append(best_ms)
                 found.append(people)
                 clusters.append(len(people.clusters))
             before, after = before + way.zones, after + way.noise
@@ -492,6 +495,12 @@ def noise_causes(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     ]
 
 
+def along_sight(offset: Float, sight: Float) -> tuple[float, float]:
+    """An offset [m], shape (2,), along a line of sight and to its left."""
+    x, y = sight / np.linalg.norm(sight)
+    return float(offset @ (x, y)), float(offset @ (-y, x))
+
+
 def error_causes(recordings: Sequence[Recording]) -> dict[str, float | None]:
     """Where one robot alone puts people: behind (+) or before (-) their axis, and beside it [m].
 
@@ -508,11 +517,10 @@ def error_causes(recordings: Sequence[Recording]) -> dict[str, float | None]:
                 found = people[frame.estimate]
                 pose = found.poses[robot]
                 for i, j in frame.pairs:
-                    sight = frame.true[j] - (pose.x, pose.y)
-                    sight /= np.linalg.norm(sight)
                     offset = found.persons[i].position - frame.true[j]
-                    along.append(float(offset @ sight))
-                    beside.append(abs(float(offset @ (-sight[1], sight[0]))))
+                    one, other = along_sight(offset, frame.true[j] - (pose.x, pose.y))
+                    along.append(one)
+                    beside.append(abs(other))
     return {
         "along_m": ratio(sum(along), len(along)),
         "beside_m": ratio(sum(beside), len(beside)),

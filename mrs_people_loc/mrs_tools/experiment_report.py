@@ -134,7 +134,9 @@ def _of_architecture(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield (
             "claim",
             f"Sharing raw clouds gives no more false people here ({counts[0]} against {counts[1]} "
-            f"in {frames} frames).",
+            f"in {frames} frames); clusters: {theirs['clusters']:.1f} against "
+            f"{ours['clusters']:.1f}. Poses are exact and the room has one piece of furniture; "
+            "others were not tried.",
         )
     if theirs["recall"] < ours["recall"]:
         large = [way["missed_as"].get("too_large", 0) for way in (theirs, scaled)]
@@ -290,7 +292,7 @@ def _ways_table(report: Mapping[str, Any]) -> Any:
     ways = report["architecture"]
     rate = next(iter(ways.values()))["rate_hz"]
     table = _table(
-        f"who filters; all robots at {rate:g} Hz (paper: less false positives if robots do)",
+        f"who filters; all robots at {rate:g} Hz (paper: fewer false positives if robots do)",
         "way",
         "recall",
         "false",

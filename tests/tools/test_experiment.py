@@ -16,9 +16,11 @@ import yaml
 
 from mrs_people_loc.config import Human, RobotConfig, Team, load_team
 from mrs_people_loc.errors import ConfigError, ScanError
+from mrs_people_loc.evaluation import Truth, score
 from mrs_people_loc.messages import read_scan
+from mrs_people_loc.planner import Planner
 from mrs_people_loc.poses import Pose
-from mrs_people_loc.scan import CELL_DTYPE, Cells
+from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
 
 pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
 pytest.importorskip("typer", reason="the mrs command needs typer")
@@ -33,13 +35,16 @@ from mrs_tools.experiment import (
     SCENES,
     Draw,
     Recording,
+    along_sight,
     compare_architectures,
+    distances,
     draw,
     draws_of,
     kinds_of,
     people_of,
     places_of,
     recall_of_subsets,
+    remains_of,
     run_experiment,
     subsets,
 )
@@ -53,6 +58,7 @@ from mrs_tools.experiment_ways import (
     read_cloud,
     size_on_wire,
 )
+from mrs_tools.offline import estimate_of
 from mrs_tools.simulation.scene import load_scene, read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -80,8 +86,20 @@ def formation(report: dict[str, Any], folder: Path) -> Recording:
     """The recording of `report`, read again from the bag that it left."""
     (job,) = draws_of(FILES["formation"], folder, seed=None, draws=1, frames=2)
     scene, bag = job
-    pixels = {robot: np.full((2, 5), 1000.0) for robot in scene.robots}
-    return Recording.of(Draw(bag, scene, pixels), PAPER)
+    return Recording.of(Draw(bag, scene, pixels_of(a=range(5), b=range(5), c=range(5))), PAPER)
+
+
+def pixels_of(**seen: Any) -> dict[str, np.ndarray]:
+    """Pixels of the formation's people in two frames; seen: whom a robot has in view."""
+    rows = {robot: np.full((2, 5), 149.0) for robot in ("robot_a", "robot_b", "robot_c")}
+    for robot, people in seen.items():
+        rows[f"robot_{robot}"][:, [*people]] = 150.0
+    return rows
+
+
+def with_pixels(recording: Recording, **seen: Any) -> Recording:
+    one = dataclasses.replace(recording.draw, pixels=pixels_of(**seen))
+    return dataclasses.replace(recording, draw=one)
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +199,28 @@ def test_draws_have_seeds_that_follow_each_other(tmp_path):
     assert [bag.name for _, bag in jobs] == [f"paper_formation_{seed}" for seed in (7, 8, 9)]
     own = load_scene(FILES["formation"]).seed
     assert draws_of(FILES["formation"], tmp_path, seed=None, draws=1, frames=1)[0][0].seed == own
+
+
+def test_offset_along_a_line_of_sight_and_to_its_left():
+    assert along_sight(np.array([0.3, -0.1]), np.array([0.0, -5.0])) == pytest.approx((0.1, 0.3))
+    assert along_sight(np.array([0.3, 0.4]), np.array([3.0, 4.0])) == pytest.approx((0.5, 0.0))
+
+
+def test_what_is_left_of_people_who_were_not_found():
+    def block(x: float, top: float, count: int) -> list[tuple[float, ...]]:
+        return [(x + 0.1 * i, 0.1 * j, top, 0.3, top, count) for i in range(4) for j in range(4)]
+
+    # A table's height, a fragment, somebody's size but too far off; nothing at the last place.
+    rows = [*block(1.0, 0.9, 50), (3.0, 0.0, 1.0, 0.5, 1.7, 21), *block(5.0, 1.7, 50)]
+    cells = Cells.from_records(np.array(rows, CELL_DTYPE))
+    planner = load_team(PAPER, robots=("robot_a",)).planner
+    people = Planner(planner).step([Scan("robot_a", 7, cells)], {"robot_a": pose()}, 7)
+    assert len(people.persons) == 1
+    true = np.array([[1.1, 0.1], [3.1, 0.0], [5.1, -0.35], [8.0, 0.0]])
+    (frame,) = score(Truth.build([7], [true]), [estimate_of(people)])
+    assert len(frame.missed) == 4
+    left = [*remains_of(people, frame, frame.missed, planner)]
+    assert left == ["too_low", "too_small", "displaced", "nothing"]
 
 
 # ----------------------------------------------------------------------------------------- ways
@@ -330,6 +370,21 @@ def test_a_subset_uses_its_own_scans_only(formation):
     assert row["in_view"] == 5.0  # by the pixels that this recording was given
 
 
+def test_in_view_is_whom_one_of_the_robots_sees(formation):
+    recording = with_pixels(formation, a=[0], b=[1, 2])
+    assert recording.in_view(["robot_a", "robot_b"], 1).tolist() == [True, True, True, False, False]
+    assert not recording.in_view(["robot_c"], 0).any()
+    team = recall_of_subsets([with_pixels(formation, a=[0])])[-1]
+    assert (team["in_view"], team["found"], team["recall_in_view"]) == (1.0, 5.0, 1.0)
+
+
+def test_distance_is_of_those_in_view(formation):
+    recording = with_pixels(formation, b=[3], c=[4])
+    away = distances([recording], ["robot_b", "robot_c"])
+    assert away["from_m"] == pytest.approx(math.hypot(2.8, 1.05), abs=0.01)
+    assert away["to_m"] == pytest.approx(math.hypot(2.9, 0.95), abs=0.01)
+
+
 def test_ways_are_compared_on_the_same_images(report):
     ways = report["architecture"]
     ours, theirs = ways["filter_then_share"], ways["share_then_filter"]
@@ -360,6 +415,8 @@ def test_shares_are_of_one(report):
     formation = report["causes"]["zones"]["formation"]
     assert formation["low"] + formation["high"] + kept == pytest.approx(1.0)
     assert formation["of_all_pixels"] < kept
+    assert formation["where"]["person"] > 0.5
+    assert report["causes"]["zones"]["single_person"]["where"]["wall"] > 0.3
     near, *_, far = report["causes"]["noise"]
     assert near["kept"] > far["kept"]
 
