@@ -73,7 +73,7 @@ def _of_stages(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield (
             "noise",
             f"A fixed threshold keeps less with distance from the robot: {bands}. The paper says "
-            "that its figure depends on the window's size, too.",
+            "that its figure depends on the cell size, too.",
         )
     if abs(kept["all"]["cells"] - PAPER_KEPT["cells"]) > 0.01:
         cells = report["cells"]
