@@ -25,7 +25,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-oldest lint format bench colcon lock clean FORCE
+.PHONY: help setup demo test test-oldest lint format bench experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -69,6 +69,9 @@ demo: setup ## Simulated robots find people: the whole system on this machine
 
 bench: setup ## Measure the speed
 	$(BIN)/mrs bench
+
+experiment: setup ## Repeat the paper's experiment, simulated; its figures beside ours
+	$(BIN)/mrs experiment
 
 # --- checks ---------------------------------------------------------------------------------------
 

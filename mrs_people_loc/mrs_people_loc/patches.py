@@ -100,7 +100,7 @@ class PatchSampler:
         seen = np.take(disparity.reshape(-1), row * camera.width + column)
         difference = seen - (expected + np.float32(camera.disparity_offset_px))
         difference[~inside] = np.nan
-        ratio = expected[:, len(HEIGHTS) // 2, len(ACROSS) // 2] / inverse_range
+        ratio: Any = expected[:, len(HEIGHTS) // 2, len(ACROSS) // 2] / inverse_range
         return Patches(
             bearing=bearing,
             inverse_range=inverse_range,
@@ -121,7 +121,7 @@ class PatchSampler:
             (part @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
             for part in (away, left)
         )
-        up = (HEIGHTS - self._lens_height)[:, np.newaxis]
+        up: Any = (HEIGHTS - self._lens_height)[:, np.newaxis]
         x, y, z = (away[:, k] + up * self._up[k] + left[:, k] * ACROSS for k in range(3))
         return x, y, z
 

@@ -34,6 +34,7 @@ COMMANDS = {
     "demo": ("mrs_tools.demo:command", "Replay a recorded team and compare with the truth."),
     "simulate": ("mrs_tools.simulate:command", "Draw what a team would see, with ground truth."),
     "evaluate": ("mrs_tools.evaluate:command", "Score bags against their ground truth."),
+    "experiment": ("mrs_tools.experiment:command", "Repeat the paper's experiment, simulated."),
     "fit": ("mrs_tools.fit:command", "Fit the body model to bags with ground truth."),
     "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag."),
     "bench": ("mrs_tools.bench:command", "Measure speed, after comparing with plain loops."),
