@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.errors import ConfigError
-from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches, quantiles
+from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches, in_rows, quantiles
 
 Float32 = NDArray[np.float32]
 Float = NDArray[np.float64]
@@ -80,7 +80,6 @@ def gather_evidence(
         shift_sigma: Its standard deviation [px], shape (n,).
         depth_disparity: Focal length times baseline [px m].
     """
-    count = len(patches)
     relative = patches.difference / patches.tolerance.astype(np.float32)[:, np.newaxis, np.newaxis]
     known = np.isfinite(relative)
     relative[~known] = 0.0
@@ -92,19 +91,17 @@ def gather_evidence(
     for part in (same, behind, front, (~patches.inside).astype(np.float32)):
         shares = _OF_BANDS @ part @ _OF_STRIPES.T
         left, right = shares[..., len(_STRIPES) :], shares[..., : len(_STRIPES)]
-        odd.append((left - right).reshape(count, -1))
+        odd.append(in_rows(left - right))
         if len(odd) <= 3:
-            even.append((0.5 * (left + right)).reshape(count, -1))
+            even.append(in_rows(0.5 * (left + right)))
             even.append(np.minimum(left, right)[..., -1])
 
     inner = patches.difference[:, _ROWS][:, :, _COLUMNS]
     with np.errstate(invalid="ignore"):
         body = np.abs(inner) < 1.5 * patches.tolerance[:, np.newaxis, np.newaxis]
-    flat, chosen = inner.reshape(count, -1), body.reshape(count, -1)
+    flat, chosen = in_rows(inner), in_rows(body)
     spread = quantiles(flat, chosen, _SHARES)
-    upper = quantiles(
-        inner[:, _UPPER].reshape(count, -1), body[:, _UPPER].reshape(count, -1), (0.5,)
-    )
+    upper = quantiles(in_rows(inner[:, _UPPER]), in_rows(body[:, _UPPER]), (0.5,))
     number = np.maximum(chosen.sum(axis=1), 1)
     values = np.where(body, inner, 0.0)
     mean = values.sum(axis=(1, 2)) / number

@@ -7,6 +7,7 @@ patch's own. So all that follows sees bodies in metres, at any range, however a 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,7 +72,7 @@ class PatchSampler:
         self.camera = camera
         rotation, translation = camera.robot_from_optical
         self._optical_from_robot = rotation.T
-        self._up = np.float32(rotation[2])  # the vertical in the optical frame
+        self._up: Any = rotation[2].astype(np.float32)  # the vertical in the optical frame
         self._lens_height = np.float32(translation[2])
 
     def __call__(self, disparity: Float32, bearing: Float, inverse_range: Float) -> Patches:
@@ -117,10 +118,8 @@ class PatchSampler:
         cos, sin = np.cos(bearing), np.sin(bearing)
         away: Any = np.stack([ranges * cos, ranges * sin, np.zeros_like(cos)], axis=1)
         left: Any = np.stack([-sin, cos, np.zeros_like(cos)], axis=1)
-        away, left = (
-            (part @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
-            for part in (away, left)
-        )
+        away = (away @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
+        left = (left @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
         up: Any = (HEIGHTS - self._lens_height)[:, np.newaxis]
         x, y, z = (away[:, k] + up * self._up[k] + left[:, k] * ACROSS for k in range(3))
         return x, y, z
@@ -132,14 +131,14 @@ class PatchSampler:
         """
         for _ in range(2):
             patches = self(disparity, bearing, inverse_range)
-            difference = patches.difference[:, _CORE[0], _CORE[1]].reshape(len(bearing), -1)
+            difference = in_rows(patches.difference[:, _CORE[0], _CORE[1]])
             tolerance = patches.tolerance[:, np.newaxis]
             with np.errstate(invalid="ignore"):
                 near = np.abs(difference) < 1.5 * tolerance
             middle = _median(difference, near)[:, np.newaxis]
             with np.errstate(invalid="ignore"):
                 same = near & (np.abs(difference - middle) < tolerance)
-            columns = same.reshape(len(bearing), len(_CORE_HEIGHTS), -1).sum(axis=1)
+            columns = same.reshape(-1, len(_CORE_HEIGHTS), len(_CORE_ACROSS)).sum(axis=1)
             offset = columns @ ACROSS[_CORE_ACROSS] / np.maximum(columns.sum(axis=1), 1)
             bearing = bearing + np.clip(offset, -0.12, 0.12) * (
                 inverse_range / self.camera.depth_disparity
@@ -148,6 +147,11 @@ class PatchSampler:
                 inverse_range / patches.expected[:, len(HEIGHTS) // 2, len(ACROSS) // 2]
             )
         return self(disparity, bearing, inverse_range)
+
+
+def in_rows(values: NDArray[Any]) -> NDArray[Any]:
+    """The values of each patch in a row: (n, a, b) to (n, a * b), also for no patch at all."""
+    return values.reshape(len(values), math.prod(values.shape[1:]))
 
 
 def _median(values: Float32, chosen: Bool) -> Float:

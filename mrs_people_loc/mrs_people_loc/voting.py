@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.images import Gray
-from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches
+from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches, in_rows
 
 Float32 = NDArray[np.float32]
 Float = NDArray[np.float64]
@@ -47,7 +47,7 @@ def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> tupl
     if not count:
         return np.empty(0), np.empty(0)
     u, v, expected, difference = (
-        part[:, _HEIGHTS[0] : _HEIGHTS[-1] + 1, _ACROSS[0] : _ACROSS[-1] + 1].reshape(count, -1)
+        in_rows(part[:, _HEIGHTS[0] : _HEIGHTS[-1] + 1, _ACROSS[0] : _ACROSS[-1] + 1])
         for part in (patches.u, patches.v, patches.expected, patches.difference)
     )
     with np.errstate(invalid="ignore"):
