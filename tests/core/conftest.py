@@ -5,6 +5,7 @@ All of it is handed out by fixtures of session scope, so that Hypothesis' tests 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -13,9 +14,11 @@ import pytest
 from hypothesis import settings
 
 from mrs_people_loc.camera import CameraModel, StereoCamera
-from mrs_people_loc.config import Mounting
+from mrs_people_loc.config import Mounting, RobotConfig, load_team
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.scan import Cells
+
+PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 
 # The same examples in every run: a failure is that of the change, and can be repeated.
 settings.register_profile("core", deadline=None, derandomize=True, database=None)
@@ -162,6 +165,17 @@ class Head:
         middle = ((self.width - 1) / 2, (self.height - 1) / 2)
         position = {"left": (0.0, 0.0), "right": (0.1, 0.0)} | self.positions
         return self.centres.get(name, middle), position[name]
+
+
+def _paper(changes=None) -> RobotConfig:
+    """A robot of config/paper.yaml, with changes by dotted name."""
+    robot = load_team(PAPER, robots=("robot_a",)).robots["robot_a"]
+    return RobotConfig.from_mapping(changes or {}, base=robot)
+
+
+@pytest.fixture(scope="session")
+def paper():
+    return _paper
 
 
 @pytest.fixture(scope="session")

@@ -158,7 +158,10 @@ def test_drawn_surfaces_are_measured(make_head, rectangle, scene):
     points = CloudMaker(camera, min_range=low, max_range=high)(disparity)
 
     # Which pixels the points belong to, and what these show.
-    in_range = (disparity - camera.disparity_offset_px) * high >= camera.depth_disparity
+    shifted = disparity - camera.disparity_offset_px
+    in_range = (shifted * high >= camera.depth_disparity) & (
+        shifted * low <= camera.depth_disparity
+    )
     assert len(points) == np.count_nonzero(in_range) > 0.9 * disparity.size
     error = points - truth[in_range]
     depth = true_depth(head, truth[in_range])

@@ -41,11 +41,12 @@ def value_of(config: Section, name: str) -> object:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [  # of the paper, where it has them
+    [
         ("images.working_width", 160),
         ("images.working_height", 120),
         ("mounting.height", 1.0),
-        ("disparity.block_size_px", 15),
+        ("disparity.block_size_px", 7),
+        ("disparity.fill_block_size_px", 11),
         ("disparity.pre_filter_size_px", 11),
         ("disparity.min_range", 0.7),
         ("disparity.max_range", 5.0),
@@ -54,6 +55,7 @@ def value_of(config: Section, name: str) -> object:
         ("noise.window", 0.10),
         ("noise.min_points", 20),
         ("quantization.cell", 0.05),
+        ("bodies.search", True),
         ("clustering.distance", 0.15),
         ("human.circle_sigmas", 3.0),
         ("pose.max_rate", 100.0),
@@ -62,9 +64,22 @@ def value_of(config: Section, name: str) -> object:
         ("robots", ()),
     ],
 )
-def test_defaults_are_those_of_the_paper(name, value):
+def test_defaults(name, value):
     assert PARAMETERS[name].default == value
     assert value_of((RobotConfig if name in ROBOT else PlannerConfig)(), name) == value
+
+
+def test_the_papers_file_holds_the_papers_constants(paper):
+    config = paper()
+    assert not config.bodies.search
+    assert (config.images.working_width, config.images.working_height) == (160, 120)  # Table 1
+    assert config.mounting.height == 1.0
+    disparity = config.disparity
+    assert (disparity.block_size_px, disparity.fill_block_size_px) == (15, 0)
+    assert disparity.pre_filter_size_px == 11
+    assert (disparity.min_range, disparity.max_range) == (1.0, 5.0)
+    assert (config.zones.low, config.zones.high) == (0.20, 1.40)
+    assert (config.noise.window, config.noise.min_points) == (0.10, 20)
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
@@ -203,6 +218,14 @@ def test_what_is_allowed_without_limits():
             "disparity.min_range is 5; allowed: less than disparity.max_range, 5",
         ),
         ({"disparity.max_range": 0.5}, "disparity.min_range is 0.7; allowed: less than"),
+        *(
+            (
+                {"disparity.fill_block_size_px": px},
+                f"disparity.fill_block_size_px is {px}; allowed: 0 or an odd whole number from 5",
+            )
+            for px in (1, 3, 4, 10)
+        ),
+        ({"bodies.vote": False}, "bodies.axis is true but bodies.vote is false; allowed: both"),
         ({"human.min_height": 2.3}, "human.min_height is 2.3; allowed: at most human.max_height"),
         ({"human.max_width": 0.1}, "human.min_width is 0.2; allowed: at most human.max_width, 0.1"),
         ({"robots": ["a", "b", "a"]}, "robots names a more than once; allowed: each robot once"),
@@ -216,6 +239,22 @@ def test_values_that_do_not_fit_together_are_refused(values, message):
     section = RobotConfig if set(values) <= set(ROBOT) else PlannerConfig
     with pytest.raises(ConfigError, match=message):
         section.from_mapping(values)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"disparity.fill_block_size_px": 0},
+        {"disparity.fill_block_size_px": 5},
+        {"disparity.fill_block_size_px": 51},
+        {"bodies.vote": False, "bodies.axis": False},
+        {"bodies.axis": False},
+    ],
+    ids=str,
+)
+def test_values_that_fit_together_are_taken(values):
+    config = RobotConfig.from_mapping(values)
+    assert {name: value_of(config, name) for name in values} == values
 
 
 def test_limits_that_meet_are_allowed_for_people():

@@ -19,6 +19,8 @@ ABOVE, BELOW = (0, -0.1), (0, 0.1)
 WALL = {"corner": (2, 4, -3), "side_a": (0, -8, 0), "side_b": (0, 0, 6), "grain": 0.04}
 DISPARITY = 105.46 * 0.1 / 2.0
 ROWS_ALIKE = {**WALL, "grain_b": 1e6}  # upright stripes
+#: The paper's mask, in one pass.
+PAPERS = {"block_size_px": 15, "fill_block_size_px": 0}
 COLUMNS_ALIKE = {**WALL, "grain": 1e6, "grain_b": 0.04}  # level stripes
 
 
@@ -51,8 +53,10 @@ def wall_images(head, rectangle) -> StereoImages:
     "config",
     [
         {},
-        {"block_size_px": 5},
+        {"fill_block_size_px": 0},
+        {"block_size_px": 5, "fill_block_size_px": 0, "pre_filter_cap": 31},
         {"block_size_px": 21},
+        PAPERS,
         {"min_range": 0.3},  # 48 px are searched
         {"pre_filter": "normalized_response"},
     ],
@@ -72,14 +76,36 @@ def test_no_column_is_lost_that_has_a_match(head, wall_images, config):
     [(ABOVE, slice(0, 114), slice(114, 120)), (BELOW, slice(6, 120), slice(0, 6))],
     ids=["above", "below"],
 )
-def test_no_row_is_lost_that_has_a_match(make_head, rectangle, top, seen, unseen):
+@pytest.mark.parametrize(("config", "false_matches"), [(PAPERS, 0.01), ({}, 0.15)], ids=str)
+def test_no_row_is_lost_that_has_a_match(
+    make_head, rectangle, top, seen, unseen, config, false_matches
+):
     trinocular = make_head(positions={"top": top})
-    disparity = match(trinocular, vertical_pair_only(trinocular.draw(rectangle(**WALL))[0]))
+    images = vertical_pair_only(trinocular.draw(rectangle(**WALL))[0])
+    disparity = match(trinocular, images, **config)
     rows = np.isfinite(disparity).mean(axis=1)
-    assert rows[unseen].mean() < 0.01  # their match lies outside the top image
+    assert rows[unseen].mean() < false_matches  # their match lies outside the top image
     assert rows[seen].min() > 0.8
     assert rows[seen].mean() > 0.98
     assert np.nanmedian(disparity) == pytest.approx(DISPARITY, abs=1 / 16)
+
+
+# ------------------------------------------------------------------ second pass ----
+
+
+def test_a_second_pass_fills_what_the_first_left_and_nothing_else(head, rectangle):
+    strip = {"corner": (1.5, 0.1, -3), "side_a": (0, -0.2, 0), "side_b": (0, 0, 6), "seed": 3}
+    images, _ = head.draw(rectangle(**WALL), rectangle(**strip))
+    # A cap up to 31, for with larger ones OpenCV's small blocks do not repeat themselves.
+    first, second, both = (
+        match(head, images, pre_filter_cap=31, block_size_px=block, fill_block_size_px=fill)
+        for block, fill in ((7, 0), (11, 0), (7, 11))
+    )
+    inner = (slice(8, -8), slice(8, -8))  # at the border the padding counts, which differs
+    expected = np.where(np.isnan(first), second, first)[inner]
+    np.testing.assert_array_equal(both[inner], expected)
+    filled = np.isnan(first[inner]) & np.isfinite(expected)
+    assert filled.sum() > 100
 
 
 # ------------------------------------------------------------------- trinocular ----
@@ -180,6 +206,7 @@ def test_the_working_range_is_searched(head, rectangle, distance):
         {"pre_filter": "normalized_response", "pre_filter_size_px": 31},
         {"pre_filter_cap": 5},
         {"block_size_px": 9},
+        {"fill_block_size_px": 0},
         {"uniqueness_ratio": 60},
         {"texture_threshold": 3000},
         {"left_right_difference_px": -1},

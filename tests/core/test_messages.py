@@ -274,6 +274,9 @@ F4, F8, U4 = 7, 8, 6  # sensor_msgs/PointField
 TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", U4: "<u4", F4: "<f4", F8: "<f8"}
 FIELDS = {"x": F4, "y": F4, "z": F4, "z_min": F4, "top": F4, "count": U4}
 CELLS = [(1.0, 2.0, 1.4, 0.2, 1.7, 30), (-1.0, 0.5, 1.3, 0.25, 1.75, 40)]
+# A robot that seeks bodies says besides whose cell it is, how likely a person, and how sure.
+BODY_FIELDS = FIELDS | {"body": U4, "score": F4, "sigma_range": F4, "sigma_across": F4}
+BODY_CELLS = [(*CELLS[0], 2, -1.5, 0.125, 0.0625), (*CELLS[1], 1, 4.25, 0.5, 0.03125)]
 
 
 def point_cloud(
@@ -291,8 +294,8 @@ def point_cloud(
     )
     records = np.zeros(len(cells), layout)
     for name in fields:
-        if name in FIELDS:
-            records[name] = [cell[list(FIELDS).index(name)] for cell in cells]
+        if name in BODY_FIELDS:
+            records[name] = [cell[list(BODY_FIELDS).index(name)] for cell in cells]
     values = {
         "header": header("robot_a/base_link"),
         "height": 1,
@@ -319,6 +322,26 @@ def read(message, **options) -> list[tuple]:
 
 def test_scan_by_hand():
     assert read(point_cloud()) == CELLS
+
+
+def test_scan_of_bodies_by_hand():
+    assert read(point_cloud(BODY_CELLS, BODY_FIELDS)) == BODY_CELLS
+    shuffled = dict(reversed(BODY_FIELDS.items())) | {"label": 5, "sigma_range": F8, "body": 2}
+    assert read(point_cloud(BODY_CELLS, shuffled)) == BODY_CELLS
+    assert read(point_cloud([], BODY_FIELDS)) == []
+
+
+def test_cells_without_a_body_are_plain_cells():
+    scan = messages.read_scan(point_cloud(), "robot_a")
+    for name in ("body", "score", "sigma_range", "sigma_across"):
+        np.testing.assert_array_equal(getattr(scan.cells, name), [0, 0])
+    # Other fields of these names mean nothing without `body`.
+    others = FIELDS | {"score": F4, "sigma_range": F4}
+    scan = messages.read_scan(point_cloud(BODY_CELLS, others), "robot_a")
+    np.testing.assert_array_equal(scan.cells.score, [0, 0])
+    # And a body 0 is none.
+    nobody = [(*CELLS[0], 0, 0.0, 0.0, 0.0), (*CELLS[1], 0, 0.0, 0.0, 0.0)]
+    assert read(point_cloud(nobody, BODY_FIELDS)) == CELLS
 
 
 @pytest.mark.parametrize("point_step", [24, 2**31, 2**32 - 1])
@@ -376,6 +399,12 @@ def counted(value: float, datatype: int = U4) -> SimpleNamespace:
     return point_cloud([(*CELLS[0][:5], value)], FIELDS | {"count": datatype})
 
 
+def bodied(*, kind: int = U4, **changes: float) -> SimpleNamespace:
+    """A scan of bodies with changed values in its first cell; `kind` is the type of `body`."""
+    first = tuple((dict(zip(BODY_FIELDS, BODY_CELLS[0], strict=True)) | changes).values())
+    return point_cloud([first, BODY_CELLS[1]], BODY_FIELDS | {"body": kind})
+
+
 def field_of(**changes) -> SimpleNamespace:
     message = point_cloud()
     vars(message.fields[1]).update(changes)
@@ -414,6 +443,16 @@ def field_of(**changes) -> SimpleNamespace:
         (counted(-1.0, F4), "count is negative or too large"),
         (counted(2.0**32, F8), "count is negative or too large"),
         (counted(2.0**32, F4), "count is negative or too large"),
+        (
+            point_cloud(BODY_CELLS, {k: v for k, v in BODY_FIELDS.items() if k != "sigma_range"}),
+            "fields are missing: sigma_range; got: .*; wanted: .* body, score, sigma_range, sigma_",
+        ),
+        (bodied(body=-1.0, kind=F4), "body is negative or too large; wanted: uint32"),
+        (bodied(body=2.0**32, kind=F8), "body is negative or too large"),
+        (bodied(body=NAN, kind=F4), "body is NaN or infinite"),
+        (bodied(score=NAN), "score is NaN or infinite in 1 of 2 points"),
+        (bodied(sigma_range=INF), "sigma_range is NaN or infinite in 1 of 2 points"),
+        (bodied(sigma_across=-INF), "sigma_across is NaN or infinite in 1 of 2 points"),
         (counted(NAN, F4), "count is NaN or infinite"),
         (counted(INF, F8), "count is NaN or infinite"),
     ],
@@ -502,7 +541,7 @@ def test_any_pose(x, y, quaternion, covariance):
 @st.composite
 def point_clouds(draw):
     """Clouds that are right in most respects, with arbitrary bytes."""
-    names = draw(st.permutations(list(FIELDS)))
+    names = draw(st.permutations(list(draw(st.sampled_from([FIELDS, BODY_FIELDS])))))
     if draw(st.integers(0, 9)) == 0:
         names = [*names[:-1], draw(st.text(max_size=3))]
     kinds = {name: draw(st.sampled_from([1, 2, 3, 4, 5, U4, F4, F4, F4, F8])) for name in names}

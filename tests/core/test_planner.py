@@ -62,7 +62,7 @@ def test_people_of_a_scene(scene):
     np.testing.assert_allclose(people.group.centre, (3.5, 3.5), atol=1e-6)
     assert people.group.size == 3
     assert len(people.fused) == 3 * 4 * len(BODY)
-    assert list(people.times_ms) == ["fusion", "clustering", "people"]
+    assert list(people.times_ms) == ["fusion", "joining", "clustering", "people"]
 
 
 def test_what_it_was_made_from(scene):

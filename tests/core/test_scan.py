@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.errors import ScanError
-from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
+from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 
 NAMES = ("x", "y", "z", "z_min", "top", "count")
+OF_BODIES = ("body", "score", "sigma_range", "sigma_across")
 
 
 def test_bytes_of_a_cell():
@@ -17,6 +18,51 @@ def test_bytes_of_a_cell():
     record = np.array([(1.0, -2.0, 1.5, 0.25, 1.75, 258)], CELL_DTYPE)
     expected = "0000803f 000000c0 0000c03f 0000803e 0000e03f 02010000"
     assert record.tobytes() == bytes.fromhex(expected)
+
+
+def test_bytes_of_a_cell_of_a_body():
+    # The same, and then a uint32 and three float32: old readers find what they know in its place.
+    assert BODY_DTYPE.names == NAMES + OF_BODIES
+    assert BODY_DTYPE.itemsize == 40
+    assert BODY_DTYPE.fields is not None
+    assert CELL_DTYPE.fields is not None
+    assert all(BODY_DTYPE.fields[name] == CELL_DTYPE.fields[name] for name in NAMES)
+    record = np.array([(1.0, -2.0, 1.5, 0.25, 1.75, 258, 3, -1.5, 0.5, 0.125)], BODY_DTYPE)
+    expected = (
+        "0000803f 000000c0 0000c03f 0000803e 0000e03f 0201000003000000 0000c0bf 0000003f 0000003e"
+    )
+    assert record.tobytes() == bytes.fromhex(expected)
+
+
+def of_bodies(cells: Cells) -> Cells:
+    n = len(cells)
+    return dataclasses.replace(
+        cells,
+        body=np.arange(n, dtype=np.uint32),
+        score=np.linspace(-2, 3, n, dtype=np.float32),
+        sigma_range=np.linspace(0.1, 0.4, n, dtype=np.float32),
+        sigma_across=np.linspace(0.05, 0.02, n, dtype=np.float32),
+    )
+
+
+def test_records_of_bodies_and_back(make_cells):
+    cells = of_bodies(make_cells([(1, 2), (3, -4), (5, 6)]))
+    records = cells.to_records()
+    assert records.dtype == BODY_DTYPE
+    back = Cells.from_records(records)
+    for name in NAMES + OF_BODIES:
+        np.testing.assert_array_equal(records[name], getattr(cells, name))
+        np.testing.assert_array_equal(getattr(back, name), getattr(cells, name))
+    # Nobody in it: as a robot sends it that does not seek bodies.
+    nobody = dataclasses.replace(cells, body=np.zeros(3, dtype=np.uint32))
+    assert nobody.to_records().dtype == CELL_DTYPE
+
+
+def test_cells_are_of_no_body_unless_said(make_cells):
+    cells = make_cells([(1, 2), (3, 4)])
+    for name in OF_BODIES:
+        np.testing.assert_array_equal(getattr(cells, name), [0, 0])
+        assert getattr(cells, name).dtype == BODY_DTYPE[name]
 
 
 def test_records_and_back(make_cells):
@@ -51,14 +97,17 @@ def test_no_cells():
 
 def test_concatenation_keeps_the_order(make_cells):
     parts = [make_cells([(1, 1), (2, 2)], count=[1, 2]), Cells.empty(), make_cells([(0, 9)], top=1)]
+    parts[0] = of_bodies(parts[0])
     cells = Cells.concatenate(parts)
+    np.testing.assert_array_equal(cells.body, [0, 1, 0])
+    np.testing.assert_array_equal(cells.score, [-2, 3, 0])
     np.testing.assert_array_equal(cells.x, [1, 2, 0])
     np.testing.assert_array_equal(cells.y, [1, 2, 9])
     np.testing.assert_array_equal(cells.count, [1, 2, 100])
     np.testing.assert_allclose(cells.top, [1.7, 1.7, 1.0])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", NAMES + OF_BODIES)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -77,7 +126,7 @@ def test_bad_arrays_are_refused(make_cells, name, change, message):
     assert str(error.value).startswith(name) or name == "x"
 
 
-@pytest.mark.parametrize("name", NAMES[:-1])
+@pytest.mark.parametrize("name", [n for n in NAMES + OF_BODIES if n not in ("count", "body")])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_values_that_are_not_finite_are_refused(make_cells, name, value):
     cells = make_cells([(1, 2), (3, 4), (5, 6)])
