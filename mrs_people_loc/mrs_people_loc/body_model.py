@@ -27,7 +27,7 @@ Float = NDArray[np.float64]
 #: Bands of height over the floor [m]: legs, thighs, belly, chest, shoulders, head, above.
 _BANDS = ((0.1, 0.5), (0.5, 0.9), (0.9, 1.25), (1.25, 1.5), (1.5, 1.75), (1.75, 2.0), (2.0, 2.4))
 #: Stripes by distance from the middle [m]: trunk, arms, beside the body.
-_STRIPES = ((0.0, 0.14), (0.14, 0.28), (0.34, 0.58))
+_STRIPES = ((0.0, 0.14), (0.14, 0.28), (0.34, 0.49), (0.49, 0.71))
 #: Slices of height whose centroids are compared [m].
 _SLICES = tuple((low, low + 0.35) for low in (0.3, 0.6, 0.9, 1.2, 1.4, 1.6))
 _SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
@@ -88,13 +88,14 @@ def gather_evidence(
     behind = np.clip(-1.0 - relative, 0.0, 1.0)
     front = np.clip(relative - 1.0, 0.0, 1.0)
     even, odd = [], []
-    for part in (same, behind, front, (~patches.inside).astype(np.float32)):
+    depth = np.clip(relative, -2.0, 2.0)
+    for part in (same, behind, front, depth, (~patches.inside).astype(np.float32)):
         shares = _OF_BANDS @ part @ _OF_STRIPES.T
         left, right = shares[..., len(_STRIPES) :], shares[..., : len(_STRIPES)]
         odd.append(in_rows(left - right))
-        if len(odd) <= 3:
+        if len(odd) <= 4:
             even.append(in_rows(0.5 * (left + right)))
-            even.append(np.minimum(left, right)[..., -1])
+            even.append(in_rows(np.minimum(left, right)[..., 2:]))
 
     inner = patches.difference[:, _ROWS][:, :, _COLUMNS]
     with np.errstate(invalid="ignore"):
@@ -142,8 +143,8 @@ def gather_evidence(
 
 
 #: Widths of the evidence.
-EVEN = 3 * len(_BANDS) * (len(_STRIPES) + 1) + 6
-ODD = len(_SLICES) + 1 + 4 * len(_BANDS) * len(_STRIPES)
+EVEN = 4 * len(_BANDS) * (len(_STRIPES) + 2) + 6
+ODD = len(_SLICES) + 1 + 5 * len(_BANDS) * len(_STRIPES)
 DEPTH = 3 * 10
 
 

@@ -494,9 +494,15 @@ class Joining(Section):
     max_distance: float = _field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
     min_score: float = _field(0.0, "log-odds from which a body is a person", low=-20.0, high=50.0)
     apart: float = _field(0.42, "two people are no closer than this [m]", low=0.0, high=2.0)
+    fragment_gate: float = _field(
+        5.0, "a body within so many sigmas of a likelier person whom its robots did not see is "
+        "that person; 0: none is",
+        low=0.0, high=20.0,
+    )  # fmt: skip
+    fragment_distance: float = _field(1.0, "... and within this distance [m]", low=0.0, high=5.0)
     robot_radius: float = _field(
-        0.3, "a body within this of another robot of the team is that robot [m]; 0: robots are not "
-        "told from people",
+        0.35, "a body within this of another robot of the team is that robot [m]; 0: robots are "
+        "not told from people",
         low=0.0, high=2.0,
     )  # fmt: skip
 

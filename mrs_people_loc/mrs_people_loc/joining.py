@@ -106,7 +106,7 @@ def are_robots(
     """Which bodies are other robots of the team, shape (n,).
 
     A robot is where its pose says; seen from another one it looks like a person. What is within its
-    radius across the line of sight, and along it within the radius or 1.5 sigma, is the robot.
+    radius across the line of sight, and along it within the radius or 2.5 sigma, is the robot.
 
     Args:
         bodies: The bodies.
@@ -123,7 +123,7 @@ def are_robots(
     along = np.abs(np.einsum("nrk,nk->nr", offset, sight))
     across = np.abs(offset[..., 0] * sight[:, 1:] - offset[..., 1] * sight[:, :1])
     sigma = np.sqrt(np.einsum("nj,njk,nk->n", sight, bodies.covariance, sight))
-    reach = np.maximum(radius, 1.5 * sigma)[:, np.newaxis]
+    reach = np.maximum(radius, 2.5 * sigma)[:, np.newaxis]
     there = (across < radius) & (along < reach)
     there[np.arange(len(bodies)), own] = False
     return np.asarray(there.any(axis=1))
@@ -248,12 +248,30 @@ class _Group:
         self.y += other.y
 
 
-def are_people(joined: Joined, config: cfg.Joining) -> Bool:
-    """Which are people, shape (m,): likely enough, and not what a likelier one already is."""
+def are_people(joined: Joined, bodies: BodiesOnMap, config: cfg.Joining) -> Bool:
+    """Which are people, shape (m,): likely enough, and not what a likelier one already is.
+
+    Two people are never closer than `apart`. Besides, what is left over of robots that did not see
+    a likelier person near it, at a distance that their range may be wrong by, is that person:
+    ranges err by more than their sigma now and then.
+
+    Args:
+        joined: The joined bodies.
+        bodies: What they were joined of.
+        config: Parameters.
+    """
+    robots = np.zeros((len(joined), int(bodies.robot.max(initial=-1)) + 1), dtype=bool)
+    member = joined.of_body >= 0
+    robots[joined.of_body[member], bodies.robot[member]] = True
+    offset = joined.xy[:, np.newaxis] - joined.xy
+    away = np.hypot(offset[..., 0], offset[..., 1])
+    squared = _squared(offset, joined.covariance[:, np.newaxis] + joined.covariance)
+    strangers = ~(robots.astype(np.intp) @ robots.T.astype(np.intp) > 0)
+    fragment = strangers & (squared < config.fragment_gate**2) & (away < config.fragment_distance)
+    taken = (away < config.apart) | fragment
     people = np.zeros(len(joined), dtype=bool)
     for i in np.argsort(-joined.score, kind="stable"):
         if joined.score[i] < config.min_score:
             break
-        offset = joined.xy[people] - joined.xy[i]
-        people[i] = not (np.hypot(offset[:, 0], offset[:, 1]) < config.apart).any()
+        people[i] = not taken[i, people].any()
     return people

@@ -101,7 +101,7 @@ class Planner:
             fused,
             clusters,
             joined,
-            are_people(joined, config.joining),
+            are_people(joined, bodies, config.joining),
             first + np.arange(len(joined)),
         )
         group = gather(persons)

@@ -48,7 +48,7 @@ _ACROSS, _ALONG, _ALONG_PX, _ALONG_MOST = 0.2, 0.2, 0.7, 0.8
 #: ... and nobody is if everybody is farther away than so many times that.
 _NOBODY = 2.0
 #: Width of the hidden layer, and what large weights cost.
-_HIDDEN, _HIDDEN_COST, _LINEAR_COST = 16, 30.0, 30.0
+_HIDDEN, _HIDDEN_COST, _LINEAR_COST = 16, 40.0, 30.0
 _FOLDS = 5
 
 

@@ -544,13 +544,30 @@ def test_pixels_of_a_person_are_those_that_the_left_cameras_see() -> None:
     assert want[0] > 200
 
 
-def test_visible_is_what_the_best_robot_saw() -> None:
+def test_seen_is_who_is_near_enough_and_not_hidden() -> None:
+    """Three people, 2, 4 and 6 m ahead; a whole one has 0.57 m^2 of pixels."""
+    robots = {name: {"x": 1.0, "y": 2.5, "head": {"height": 1.0}} for name in ("a", "b")}
+    people = [{"x": 3.0, "y": 2.5}, {"x": 5.0, "y": 2.5}, {"x": 7.0, "y": 2.5}]
+    world = world_of("{room: {length: 9.0, width: 5.0}}", robots=robots, people=people)
+    f = world.stereo["a"].fx
+    quarter = 0.25 * 0.57 * f * f / np.array([4.0, 16.0, 36.0])
     image = {"left": np.zeros((2, 2), np.uint8)}
-    frames = [
-        Frame(name, 0, 0, image, np.array(pixels))
-        for name, pixels in (("a", [3.4, 0.0, 7.0]), ("b", [2.0, 0.0, 9.6]))
-    ]
-    assert Messages().visible(frames).data.tolist() == [3, 0, 10]
+
+    def seen(a: list[float], b: list[float]) -> list[float]:
+        frames = [Frame(n, 0, 0, image, np.array(p)) for n, p in (("a", a), ("b", b))]
+        return world.seen_pixels(frames).tolist()
+
+    nobody = [0.0, 0.0, 0.0]
+    assert seen([*(0.95 * quarter)], nobody) == nobody
+    at_least = [*(1.05 * quarter[:2]), 0.0]  # the third one is beyond 5 m
+    assert seen([*(1.05 * quarter)], nobody) == at_least
+    assert seen([*(1.05 * quarter)], [900.0, 0.0, 0.0]) == [900.0, at_least[1], 0.0]
+
+
+def test_visible_is_rounded_and_labelled() -> None:
+    message = Messages().visible(np.array([3.4, 0.0, 9.6]))
+    assert message.data.tolist() == [3, 0, 10]
+    assert message.layout.dim[0].label == "people_pixels"
 
 
 def test_a_person_appears_where_the_truth_says() -> None:

@@ -277,6 +277,20 @@ class Layout(Section):
 
 
 @dataclass(frozen=True)
+class Visibility(Section):
+    """Whom `/ground_truth/visible` calls seen: enough of a person, within the working range."""
+
+    range: float = _field(
+        5.0, "a robot sees nobody who is farther away [m]; the paper's working range is 5 m",
+        low=0.1,
+    )  # fmt: skip
+    share: float = _field(
+        0.25, "least share of a whole person at that range that the left image shows",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Scene:
     """A whole scene, see the module's docstring.
 
@@ -292,6 +306,7 @@ class Scene:
         heads: Each robot's stereo head, by its name.
         imaging: From light to grey levels.
         odometry: What the robots say about their poses.
+        visibility: Whom a robot sees.
         layout: What is added at random.
         tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
         tracks_window: First and last time of the recording to be used [s], and the x, y that
@@ -309,6 +324,7 @@ class Scene:
     heads: Mapping[str, Head] = dataclasses.field(default_factory=dict)
     imaging: Imaging = Imaging()
     odometry: Odometry = Odometry()
+    visibility: Visibility = Visibility()
     layout: Layout = Layout()
     tracks: str = ""
     tracks_window: tuple[float, ...] = ()
@@ -319,6 +335,7 @@ _SECTIONS: dict[str, type[Section]] = {
     "room": Room,
     "imaging": Imaging,
     "odometry": Odometry,
+    "visibility": Visibility,
     "layout": Layout,
 }
 _OTHERS = (

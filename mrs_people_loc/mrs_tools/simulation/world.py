@@ -6,6 +6,7 @@ Owners of triangles: -1 the room and its furniture, i >= 0 person i, -10 - k rob
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,10 @@ from mrs_tools.simulation.textures import Atlas
 
 ROOM = -1
 _ROBOT = -10
+#: What a person covers of the view, seen from the front [m^2]: the mean of this simulator's people.
+_BODY_AREA = 0.57
+#: Height that distances to people are measured to [m].
+_CHEST = 1.0
 
 
 @dataclass(frozen=True)
@@ -236,6 +241,28 @@ class World:
         origin, directions = self._rays(name, seen, time, slice(None))
         _, owner, depth = caster.look(origin, directions, seen.pixel_angle)
         return owner.reshape(shape), depth.reshape(shape)
+
+    def seen_pixels(self, frames: Sequence[Frame]) -> NDArray:
+        """Pixels of each person in the left image that shows most of him, shape (people,).
+
+        0 where no robot within `visibility.range` of the person has `visibility.share` of the
+        pixels that a whole person has at that distance.
+
+        Args:
+            frames: One per robot.
+        """
+        limits = self.scene.visibility
+        best = np.zeros(len(self.people))
+        for frame in frames:
+            time = self.time_of(frame.index) + self.scene.robots[frame.robot].phase
+            robot, camera = self.robot_place(frame.robot, time), self.stereo[frame.robot]
+            above = camera.mounting.height - _CHEST
+            for k, place in enumerate(self.person_places(time)):
+                away = math.hypot(place.x - robot.x, place.y - robot.y, above)
+                whole = _BODY_AREA * camera.fx * camera.fy / max(away, 0.1) ** 2
+                if away <= limits.range and frame.pixels[k] >= limits.share * whole:
+                    best[k] = max(best[k], frame.pixels[k])
+        return best
 
     def _lights(self, name: str, time: float) -> tuple[dict[str, NDArray], NDArray]:
         imaging = self.scene.imaging

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from mrs_people_loc.geometry import quaternion_from_yaw
 from mrs_tools.bags import BagWriter, default_typestore
@@ -60,13 +61,12 @@ class Messages:
             poses=[self.pose(p.x, p.y, p.yaw) for p in world.person_places(time)],
         )
 
-    def visible(self, frames: list[Frame]) -> Any:
-        """Pixels of each person in the left image of the robot that saw most of him.
+    def visible(self, pixels: NDArray) -> Any:
+        """How many pixels of each person are seen (`World.seen_pixels`).
 
         std_msgs/Int32MultiArray; one dimension, labelled `people_pixels`.
         """
-        best = np.max([f.pixels for f in frames], axis=0) if frames else np.zeros(0)
-        data = np.rint(best).astype(np.int32)
+        data = np.rint(pixels).astype(np.int32)
         dimension = self._make(
             "std_msgs/msg/MultiArrayDimension", label="people_pixels", size=len(data),
             stride=len(data),
@@ -149,7 +149,7 @@ def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
             ns = world.stamp_ns(world.truth_time(index))
             odometry_until(ns)
             bag.write(PEOPLE_TOPIC, ns, messages.people(world, index))
-            bag.write(VISIBLE_TOPIC, ns, messages.visible(seen))
+            bag.write(VISIBLE_TOPIC, ns, messages.visible(world.seen_pixels(seen)))
         odometry_until(math.inf)
 
 
