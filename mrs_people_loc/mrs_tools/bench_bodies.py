@@ -37,8 +37,8 @@ _TOLERANCE = 1e-4
 _TOLERANCE_PX = 1e-3
 #: Bins of the histogram [px], and rays that see people from above: as the search has them.
 _STEP_PX, _LEAST_LEVEL = 0.25, 0.35
-#: As the joining has them [m], [log-odds].
-_LEAST_SIGMA, _LEAST_SCORE = 0.01, -2.0
+#: As the joining has them [m], [log-odds], [sigmas].
+_LEAST_SIGMA, _LEAST_SCORE, _ROBOT_SIGMAS = 0.01, -2.0, 2.5
 
 
 # ------------------------------------------------------------------------------------ the search
@@ -275,7 +275,7 @@ def is_robot(body: Seen, poses: Mapping[str, Pose], radius: float) -> bool:
     own = poses[body.robot]
     sight = body.xy - (own.x, own.y)
     sight = sight / math.hypot(*sight)
-    reach = max(radius, 1.5 * math.sqrt(sight @ body.covariance @ sight))
+    reach = max(radius, _ROBOT_SIGMAS * math.sqrt(sight @ body.covariance @ sight))
     for name, pose in poses.items():
         dx, dy = pose.x - body.xy[0], pose.y - body.xy[1]
         along = abs(dx * sight[0] + dy * sight[1])
@@ -329,10 +329,20 @@ def joined_of(
     groups = [sorted(group) for i, group in group_of.items() if i == min(group)]
     scores = [sum(max(alone[k].score, _LEAST_SCORE) for k in group) for group in groups]
     places = [_fused([alone[k] for k in group]) for group in groups]
+
+    def is_same(one: int, other: int) -> bool:
+        (a, of_a), (b, of_b) = places[one], places[other]
+        away, offset = math.dist(a, b), a - b
+        if away < config.apart:
+            return True
+        if {alone[k].robot for k in groups[one]} & {alone[k].robot for k in groups[other]}:
+            return False
+        squared = float(offset @ np.linalg.solve(of_a + of_b, offset))
+        return squared < config.fragment_gate**2 and away < config.fragment_distance
+
     people: list[int] = []
     for index in sorted(range(len(groups)), key=lambda index: -scores[index]):
-        apart = [math.dist(places[index][0], places[other][0]) for other in people]
-        if scores[index] >= config.min_score and min(apart, default=math.inf) >= config.apart:
+        if scores[index] >= config.min_score and not any(is_same(index, p) for p in people):
             people.append(index)
     joined = [
         JoinedBody(

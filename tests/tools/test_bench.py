@@ -198,7 +198,14 @@ def with_bodies(scan: Scan, rng: np.random.Generator) -> Scan:
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize(
     "joining",
-    [None, {}, {"line_of_sight": False}, {"gate": 10.0, "max_distance": 1.5}, {"robot_radius": 0}],
+    [
+        None,
+        {},
+        {"line_of_sight": False},
+        {"gate": 10.0, "max_distance": 1.5},
+        {"robot_radius": 0},
+        {"fragment_gate": 0.0, "apart": 0.0},
+    ],
     ids=str,
 )
 def test_people_of_random_scans_equal_the_reference(seed, joining):
