@@ -584,7 +584,8 @@ def show(report: Mapping[str, Any], console: Console) -> None:
         style="green",
         soft_wrap=True,
     )
-    console.print(_robot_table(report["robot"]))
+    for table in _robot_tables(report["robot"]):
+        console.print(table)
     console.print(_planner_table(report["planner"]))
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
@@ -606,26 +607,25 @@ def _table(title: str, first: str, *others: str) -> Table:
     return table
 
 
-def _robot_table(robot: Mapping[str, Mapping[str, Any]]) -> Table:
-    columns = {
-        f"{name}\n{kind}": figures
-        for name, kinds in robot.items()
-        for kind, figures in kinds.items()
-    }
-    table = _table("\nrobot, one view on one core: median / p99 [ms]", "stage", *columns)
-    for stage in _stages_of(columns.values()):
-        cells = [_times(figures["stages_ms"].get(stage)) for figures in columns.values()]
-        table.add_row(stage, *cells, style="bold" if stage in ("StereoBM", "whole") else None)
-    table.add_section()
-    rows = {
-        "all but StereoBM : StereoBM": lambda f: f"{f['rest_to_stereo_bm']:.2f}",
-        "frames/s": lambda f: f"{f['frames_per_s']:.0f}",
-        "bodies in a scan": lambda f: f"{f['bodies']:g}" if f["bodies"] else "-",
-        "disparities searched [px]": lambda f: ", ".join(map(str, f["searched_px"])),
-    }
-    for row, text in rows.items():
-        table.add_row(Text(row), *(text(figures) for figures in columns.values()))
-    return table
+def _robot_tables(robot: Mapping[str, Mapping[str, Any]]) -> Iterator[Table]:
+    """A table for each kind of head, the configurations side by side."""
+    for kind in dict.fromkeys(kind for kinds in robot.values() for kind in kinds):
+        columns = {name: kinds[kind] for name, kinds in robot.items() if kind in kinds}
+        title = f"\nrobot, one view of a head ({kind}) on one core: median / p99 [ms]"
+        table = _table(title, "stage", *columns)
+        for stage in _stages_of(columns.values()):
+            cells = [_times(figures["stages_ms"].get(stage)) for figures in columns.values()]
+            table.add_row(stage, *cells, style="bold" if stage in ("StereoBM", "whole") else None)
+        table.add_section()
+        rows: dict[str, Callable[[Mapping[str, Any]], str]] = {
+            "all but StereoBM : StereoBM": lambda f: f"{f['rest_to_stereo_bm']:.2f}",
+            "frames/s": lambda f: f"{f['frames_per_s']:.0f}",
+            "bodies in a scan": lambda f: f"{f['bodies']:g}" if f["bodies"] else "-",
+            "disparities searched [px]": lambda f: ", ".join(map(str, f["searched_px"])),
+        }
+        for row, text in rows.items():
+            table.add_row(Text(row), *(text(figures) for figures in columns.values()))
+        yield table
 
 
 def _planner_table(planner: Mapping[str, Mapping[str, Any]]) -> Table:
