@@ -40,6 +40,8 @@ _START_S = 60.0
 _SETTLE_S = 2.0
 #: Robots send their poses this far apart, so that they do not come all at once [s].
 _POSE_SHIFT_S = 0.003
+#: What a node measures besides its stages: publishing, after them.
+_AFTER = "publish"
 
 
 # ---------------------------------------------------------------------------------- what is sent
@@ -442,7 +444,7 @@ def _figures(
         robot = process.namespace
         if not robot:
             stages = heard.stages_ms["/planner_node"]
-            step_ms = _sum_of_medians(stages, ("fusion", "clustering", "people"))
+            step_ms = _sum_of_medians(stages)
             per_interval = (used.cpu_ms - idle_ms) / intervals
             planner = {
                 "cpu_percent": used.cpu_ms / during.seconds / 10.0,
@@ -453,9 +455,7 @@ def _figures(
             }
             continue
         frames = max(1, during.frames[robot])
-        pipeline_ms = _sum_of_medians(
-            stages, ("disparity", "cloud", "zones", "noise", "cells", "tops")
-        )
+        pipeline_ms = _sum_of_medians(stages)
         per_frame = (used.cpu_ms - idle_ms) / frames
         points, pose = sizes[robot]
         images = recorded[robot].image_bytes
@@ -495,6 +495,7 @@ def _figures(
     }
 
 
-def _sum_of_medians(stages: Mapping[str, Sequence[float]], names: Sequence[str]) -> float:
+def _sum_of_medians(stages: Mapping[str, Sequence[float]]) -> float:
     """What a node said its stages take; NaN if it said nothing."""
-    return float(sum(np.median(stages[name]) if stages.get(name) else np.nan for name in names))
+    of_stages = [np.median(ms) for stage, ms in stages.items() if stage != _AFTER]
+    return float(sum(of_stages)) if of_stages else math.nan

@@ -89,6 +89,33 @@ def test_a_parameter_that_does_not_fit_is_refused(infos):
     assert take(head, 1) is not None  # as before
 
 
+def test_a_head_that_looks_steeply_down_says_that_it_sees_no_bodies(infos):
+    for info in infos.values():
+        info.p = [
+            3.0 * info.p[0],
+            0.0,
+            info.p[2],
+            3.0 * info.p[3],
+            0.0,
+            3.0 * info.p[5],
+            *info.p[6:],
+        ]
+    down = {"mounting": {"pitch": 1.5}, "disparity": {"min_range": 2.0}}
+    head = Head("robot_a", RobotConfig.from_mapping(down))
+    head.take_camera_info("left", infos["left"])
+    with pytest.raises(CameraError, match="bodies.search is true but the head looks steeply down"):
+        head.take_camera_info("right", infos["right"])
+    assert take(head, 1) is None
+    with pytest.raises(ImageError, match="images are not used: bodies.search is true but"):
+        take(head, 2)
+    cells = RobotConfig.from_mapping(down | {"bodies": {"search": False}})
+    head.configure(cells)
+    assert take(head, 3) is not None
+    with pytest.raises(CameraError, match="wanted: bodies.search false"):
+        head.configure(RobotConfig.from_mapping(down))
+    assert take(head, 4) is not None  # as before
+
+
 def test_a_new_calibration_counts_from_the_next_image(infos, camera_info):
     head = calibrated(infos)
     before = head.pipeline

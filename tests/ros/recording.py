@@ -20,7 +20,14 @@ from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.images import ImagePreparer, StereoImages
 from mrs_people_loc.robot import RobotPipeline, Stages
-from mrs_people_loc.scan import CELL_DTYPE
+from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
+
+#: OpenCV's StereoBM does not repeat itself with small blocks and a cap over 31: some pixels
+#: differ from call to call. What is compared bit for bit is made with this cap.
+REPEATABLE = {"disparity.pre_filter_cap": 31}
+#: What a node runs that is started with these parameters, and else with its defaults.
+DEFAULTS = RobotConfig.from_mapping(REPEATABLE)
+PARAMS = {name: str(value) for name, value in REPEATABLE.items()}
 
 #: One view of a head: image and camera_info by camera.
 View = Mapping[str, tuple[Any, Any]]
@@ -104,8 +111,13 @@ def stages_of(view: View, config: RobotConfig, robot: str = "robot") -> Stages:
     return RobotPipeline(robot, head, config).stages(images)
 
 
-def records_of(message: PointCloud2, dtype: np.dtype = CELL_DTYPE) -> np.ndarray:
-    """The points of a message, whose fields must be exactly those of a dtype."""
+def records_of(message: PointCloud2, dtype: np.dtype | None = None) -> np.ndarray:
+    """The points of a message, whose fields must be exactly those of a dtype.
+
+    Args:
+        message: The message.
+        dtype: The dtype; None: that of cells, or that of cells of bodies.
+    """
     kinds = {7: "<f4", 6: "<u4", 5: "<i4"}
     got = np.dtype(
         {
@@ -115,6 +127,8 @@ def records_of(message: PointCloud2, dtype: np.dtype = CELL_DTYPE) -> np.ndarray
             "itemsize": message.point_step,
         }
     )
+    if dtype is None:
+        dtype = BODY_DTYPE if "body" in (got.names or ()) else CELL_DTYPE
     assert got == dtype, f"{got}; wanted: {dtype}"
     assert not message.is_bigendian
     assert message.is_dense

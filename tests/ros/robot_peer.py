@@ -126,7 +126,9 @@ class RobotPeer:
         message = self.points_at(stages.scan.stamp_ns)
         assert message.header.frame_id == f"{self.namespace}/base_link"
         records = records_of(message)
-        np.testing.assert_array_equal(records, stages.scan.cells.to_records())
+        wanted = stages.scan.cells.to_records()
+        assert records.dtype == wanted.dtype
+        np.testing.assert_array_equal(records, wanted)
         return records
 
     def warm_up(self, *, image: str = "image_rect", top: bool = False, pose: bool = True) -> None:

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from mrs_people_loc.config import RobotConfig
 from ros.harness import STALE, NodeProcess, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
-from ros.recording import Recording, stamp_of
+from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
 SOMEBODY = (2.0, 1.0)
@@ -49,7 +49,9 @@ def doomed(team: Team) -> dict[str, NodeProcess]:
 
 @pytest.fixture(scope="module")
 def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
-    process = team.start("robot_node", namespace="/robot_a", params={"autostart": "false"})
+    process = team.start(
+        "robot_node", namespace="/robot_a", params={"autostart": "false", **PARAMS}
+    )
     return RobotPeer(peer, process, recording)
 
 
@@ -92,7 +94,7 @@ def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
     _until_topics(peer, node, ROBOT_TOPICS, ROBOT_INPUTS)
     robot.warm_up()
     first = robot.view()
-    robot.check(RobotConfig(), first)
+    robot.check(DEFAULTS, first)
 
     assert peer.change_state(node, "deactivate")
     assert peer.state(node) == "inactive"
@@ -109,7 +111,7 @@ def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
 
     assert peer.change_state(node, "activate")
     robot.warm_up()
-    robot.check(RobotConfig())
+    robot.check(DEFAULTS)
     assert stamp_of(unheard["left"][0]) not in {stamp_of(m) for m in robot.points}
     assert stamp_of(odometry) not in {stamp_of(m) for m in robot.poses}
 
@@ -126,27 +128,27 @@ def _until_topics(peer: Peer, node: str, offered: set[str], heard: set[str]) -> 
 def test_robot_begins_anew_after_cleanup(robot: RobotPeer) -> None:
     peer, node = robot.peer, robot.node
     for _ in range(20):
-        robot.check(RobotConfig())
+        robot.check(DEFAULTS)
     before = robot.until_finding("scan", lambda f: f.count("frames") >= 20).count("frames")
     assert peer.change_state(node, "deactivate")
     assert peer.change_state(node, "cleanup")
     assert peer.state(node) == "unconfigured"
     _until_topics(peer, node, set(), set())
     # Parameters that are not live are taken here.
-    peer.must_set(node, images__top=True, zones__low=0.3)
+    peer.must_set(node, images__top=True, bodies__min_extent=0.5)
     sent, heard = robot.views_sent, len(robot.points)
     assert peer.change_state(node, "configure")
     assert peer.change_state(node, "activate")
     robot.warm_up(top=True)
-    config = RobotConfig.from_mapping({"images.top": True, "zones.low": 0.3})
+    config = RobotConfig.from_mapping({"images.top": True, "bodies.min_extent": 0.5}, base=DEFAULTS)
     robot.check(config)
     finding = peer.next_findings(node)[node]["scan"]
     assert len(robot.points) - heard <= finding.count("frames") <= robot.views_sent - sent
     assert finding.count("frames") != before + len(robot.points) - heard
     # And back again.
-    peer.reconfigure(node, images__top=False, zones__low=0.2)
+    peer.reconfigure(node, images__top=False, bodies__min_extent=0.35)
     robot.warm_up()
-    robot.check(RobotConfig())
+    robot.check(DEFAULTS)
 
 
 PLANNER_TOPICS = {

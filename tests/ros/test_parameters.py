@@ -6,7 +6,7 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,10 @@ import pytest
 from rcl_interfaces.msg import ParameterType
 
 from mrs_people_loc.config import PlannerConfig, RobotConfig, Section
+from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from ros.harness import NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer
-from ros.recording import Recording, stages_of, stamp_of
+from ros.recording import DEFAULTS, PARAMS, Recording, stages_of, stamp_of
 from ros.robot_peer import RobotPeer
 
 # --- bad from the start ---------------------------------------------------------------------------
@@ -154,7 +155,7 @@ def bad_start(team: Team) -> NodeProcess:
 def robot_process(bad_start: NodeProcess, team: Team) -> NodeProcess:
     """Whole numbers for those that need not be: `1` is taken for `1.0`."""
     params = {"mounting.height": "1", "zones.high": "1.5", "pose.map_from_odom": "[1, 2, 0]"}
-    return team.start("robot_node", namespace="/robot_a", params=params)
+    return team.start("robot_node", namespace="/robot_a", params=params | PARAMS)
 
 
 @pytest.fixture(scope="module")
@@ -216,7 +217,17 @@ def planner(robot: RobotPeer, planner_process: NodeProcess, peer: Peer) -> Plann
     return made
 
 
-CONFIG = RobotConfig.from_mapping({"zones.high": 1.5, "pose.map_from_odom": [1.0, 2.0, 0.0]})
+CONFIG = RobotConfig.from_mapping(
+    {"zones.high": 1.5, "pose.map_from_odom": [1.0, 2.0, 0.0]}, base=DEFAULTS
+)
+
+
+@pytest.fixture
+def papers(robot: RobotPeer) -> Iterator[RobotConfig]:
+    """The robot runs the paper's zones, noise windows and cells, and seeks no bodies."""
+    robot.peer.must_set(robot.node, bodies__search=False)
+    yield RobotConfig.from_mapping({"bodies.search": False}, base=CONFIG)
+    robot.peer.must_set(robot.node, bodies__search=True)
 
 
 def test_forked_starts_end_as_others_do(
@@ -274,22 +285,103 @@ def test_every_parameter_is_described(
 
 
 def test_live_parameter_takes_effect_on_the_next_scan(
-    robot: RobotPeer, planner: PlannerPeer
+    robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
 ) -> None:
     view = robot.view()
-    before = stages_of(view, CONFIG).scan.cells.to_records()
+    before = stages_of(view, papers).scan.cells.to_records()
     robot.peer.must_set(robot.node, zones__low=0.6, noise__min_points=5, quantization__cell=0.1)
     changed = RobotConfig.from_mapping(
-        {"zones.low": 0.6, "noise.min_points": 5, "quantization.cell": 0.1}, base=CONFIG
+        {"zones.low": 0.6, "noise.min_points": 5, "quantization.cell": 0.1}, base=papers
     )
     after = robot.check(changed, view)
     assert after["z_min"].min() >= np.float32(0.6)
     assert before["z_min"].min() < 0.5
     robot.peer.must_set(robot.node, zones__low=0.2, noise__min_points=20, quantization__cell=0.05)
+    robot.check(papers)
+
+
+def test_bodies_are_sought_or_not_from_the_next_scan_on(
+    robot: RobotPeer, planner: PlannerPeer
+) -> None:
+    assert robot.check(CONFIG).dtype == BODY_DTYPE
+    robot.peer.must_set(robot.node, bodies__search=False)
+    assert robot.check(_with({"bodies.search": False})).dtype == CELL_DTYPE
+    robot.peer.must_set(robot.node, bodies__search=True)
+    assert robot.check(CONFIG).dtype == BODY_DTYPE
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"bodies__max_count": 1, "bodies__min_score": -20.0},
+        {"bodies__max_range": 2.0, "bodies__min_score": -20.0},
+        {"bodies__min_extent": 1.5, "bodies__min_score": -20.0},
+        {"bodies__min_score": 20.0},
+        {"bodies__axis": False},
+        {"bodies__axis": False, "bodies__vote": False},
+        {"bodies__human_test": False},
+        {"disparity__fill_block_size_px": 0},
+    ],
+    ids=str,
+)
+def test_live_parameters_of_bodies(
+    robot: RobotPeer, planner: PlannerPeer, params: dict[str, Any]
+) -> None:
+    known = {p.name: p.default for p in RobotConfig.parameters()}
+    names = {name: name.replace("__", ".") for name in params}
+    view = robot.view()
+    before = robot.check(CONFIG, view)
+    robot.peer.must_set(robot.node, **params)
+    view = robot.view()
+    after = robot.check(_with({names[name]: value for name, value in params.items()}), view)
+    assert after.tobytes() != before.tobytes()
+    robot.peer.must_set(robot.node, **{name: known[names[name]] for name in params})
+    np.testing.assert_array_equal(robot.check(CONFIG), before)
+
+
+def _with(changes: Mapping[str, Any]) -> RobotConfig:
+    return RobotConfig.from_mapping(changes, base=CONFIG)
+
+
+def test_no_bodies_are_sought_by_a_head_that_looks_steeply_down(
+    robot: RobotPeer, planner: PlannerPeer
+) -> None:
+    """Refused as long as bodies are sought, and the other way round."""
+
+    def narrow() -> Any:
+        view = robot.view()
+        for _, info in view.values():
+            for index in (0, 3, 5):
+                info.p[index] *= 3.0
+        return view
+
+    # Far enough that the search range fits this camera.
+    robot.peer.must_set(robot.node, disparity__min_range=2.0)
+    robot.check(_with({"disparity.min_range": 2.0}), narrow())
+    result = robot.peer.set_together(robot.node, mounting__pitch=1.5)
+    assert not result.successful
+    assert "bodies.search is true but the head looks steeply down" in result.reason
+    assert "mounting.pitch = 1.5 rad" in result.reason
+    assert robot.peer.get(robot.node, "mounting.pitch") == [0.0]
+    robot.check(_with({"disparity.min_range": 2.0}), narrow())
+
+    robot.peer.must_set(robot.node, mounting__pitch=1.5, bodies__search=False)
+    down = {"disparity.min_range": 2.0, "mounting.pitch": 1.5, "bodies.search": False}
+    robot.check(_with(down), narrow())
+    result = robot.peer.set_together(robot.node, bodies__search=True)
+    assert not result.successful
+    assert "wanted: bodies.search false" in result.reason
+    assert robot.peer.get(robot.node, "bodies.search") == [False]
+    robot.check(_with(down), narrow())
+    robot.peer.must_set(
+        robot.node, mounting__pitch=0.0, bodies__search=True, disparity__min_range=0.7
+    )
     robot.check(CONFIG)
 
 
-def test_related_parameters_are_set_together(robot: RobotPeer, planner: PlannerPeer) -> None:
+def test_related_parameters_are_set_together(
+    robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
+) -> None:
     """One by one this would pass through what is not allowed: low over high."""
     low, high = robot.peer.set(robot.node, zones__low=1.6, zones__high=1.9)
     assert not low.successful
@@ -297,9 +389,9 @@ def test_related_parameters_are_set_together(robot: RobotPeer, planner: PlannerP
     assert high.successful
     robot.peer.must_set(robot.node, zones__low=1.6, zones__high=1.9)
     changed = {"zones.low": 1.6, "zones.high": 1.9}
-    robot.check(RobotConfig.from_mapping(changed, base=CONFIG))
+    robot.check(RobotConfig.from_mapping(changed, base=papers))
     robot.peer.must_set(robot.node, zones__low=0.2, zones__high=1.5)
-    robot.check(CONFIG)
+    robot.check(papers)
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
@@ -310,6 +402,19 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "bool": ({"noise__min_points": True}, r"noise\.min_points is True; allowed: a whole number"),
     "fraction": ({"noise__min_points": 2.5}, r"noise\.min_points is 2\.5; allowed: a whole number"),
     "relation": ({"zones__low": 1.5}, r"zones\.low is 1\.5; allowed: less than zones\.high, 1\.5"),
+    "bodies, relation": (
+        {"bodies__vote": False},
+        r"bodies\.axis is true but bodies\.vote is false; allowed: both true",
+    ),
+    "bodies, fraction": (
+        {"bodies__max_count": 2.5},
+        r"bodies\.max_count is 2\.5; allowed: a whole number from 1 to 100",
+    ),
+    "bodies, no bool": ({"bodies__search": 1}, r"bodies\.search is 1; allowed: true or false"),
+    "even block": (
+        {"disparity__fill_block_size_px": 10},
+        r"fill_block_size_px is 10; allowed: 0 or an odd whole number from 5 to 51",
+    ),
     "choice": (
         {"disparity__pre_filter": "sobel"},
         r"pre_filter is 'sobel'; allowed: one of xsobel",
@@ -369,10 +474,12 @@ def test_unfit_for_the_camera_is_refused(robot: RobotPeer, planner: PlannerPeer)
     robot.check(CONFIG)
 
 
-def test_value_that_stays_is_no_change(robot: RobotPeer, planner: PlannerPeer) -> None:
+def test_value_that_stays_is_no_change(
+    robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
+) -> None:
     """Tools that set all parameters of a file at once do so with the others, too."""
     robot.peer.must_set(robot.node, images__top=False, pose__source="odom", zones__low=0.3)
-    robot.check(RobotConfig.from_mapping({"zones.low": 0.3}, base=CONFIG))
+    robot.check(RobotConfig.from_mapping({"zones.low": 0.3}, base=papers))
     robot.peer.must_set(robot.node, zones__low=0.2)
 
 
@@ -382,6 +489,8 @@ def test_parameters_of_the_planner(robot: RobotPeer, planner: PlannerPeer) -> No
         ({"map_frame": "world"}, "map_frame is set while the node runs"),
         ({"human__min_width": 1.4}, r"human\.min_width is 1\.4; allowed: at most human\.max_width"),
         ({"interval__robot_timeout": 0.0}, r"robot_timeout out of range Min: 0\.1.*value: 0\.0"),
+        ({"joining__gate": 0.0}, r"joining\.gate out of range Min: 0\.1.*value: 0\.0"),
+        ({"joining__line_of_sight": 1.0}, r"joining\.line_of_sight is 1\.0; allowed: true or fa"),
     ):
         before = planner.peer.get(planner.node, *(n.replace("__", ".") for n in params))
         result = planner.peer.set_together(planner.node, **params)
@@ -389,23 +498,42 @@ def test_parameters_of_the_planner(robot: RobotPeer, planner: PlannerPeer) -> No
         assert holds(result.reason, [reason]), result.reason
         after = planner.peer.get(planner.node, *(n.replace("__", ".") for n in params))
         assert after == before
-    # One that takes effect at once.
+
+
+def test_parameters_of_the_joining_take_effect(robot: RobotPeer, planner: PlannerPeer) -> None:
     peer = robot.peer
-    peer.until(lambda: _people(robot, planner) > 0, lambda: planner.process.log)
+    peer.must_set(planner.node, joining__min_score=-20.0)  # whatever the fitted model says
+    peer.until(lambda: _people(robot, planner, CONFIG) > 1, lambda: planner.process.log)
+    peer.must_set(planner.node, joining__min_score=50.0)
+    assert _people(robot, planner, CONFIG) == 0
+    peer.must_set(planner.node, joining__min_score=-20.0, joining__apart=2.0)
+    assert _people(robot, planner, CONFIG) > 0
+    found = [person.pose.pose.position for person in planner.people[-1].persons]
+    away = [math.dist((a.x, a.y), (b.x, b.y)) for a in found for b in found if a is not b]
+    assert min(away, default=2.0) >= 2.0
+    peer.must_set(planner.node, joining__min_score=0.0, joining__apart=0.42)
+
+
+def test_parameters_of_the_size_of_people_take_effect(
+    robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
+) -> None:
+    """Where no bodies are sought."""
+    peer = robot.peer
+    peer.until(lambda: _people(robot, planner, papers) > 0, lambda: planner.process.log)
     peer.must_set(planner.node, human__min_points=1_000_000)
-    assert _people(robot, planner) == 0
+    assert _people(robot, planner, papers) == 0
     peer.must_set(planner.node, human__min_points=150)
-    peer.until(lambda: _people(robot, planner) > 0, lambda: planner.process.log)
+    peer.until(lambda: _people(robot, planner, papers) > 0, lambda: planner.process.log)
 
 
-def _people(robot: RobotPeer, planner: PlannerPeer) -> int:
+def _people(robot: RobotPeer, planner: PlannerPeer, config: RobotConfig) -> int:
     """Sends a view until the planner answers, and says how many people it has found."""
     count = len(planner.people)
 
     def answered() -> bool:
         view = robot.view()
         robot.send_pose(robot.odometry(stamp_of(view["left"][0])))
-        robot.check(CONFIG, view)
+        robot.check(config, view)
         robot.peer.spin(0.2)
         return len(planner.people) > count
 

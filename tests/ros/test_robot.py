@@ -21,12 +21,21 @@ from sensor_msgs.msg import Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.messages import read_scan
+from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from robot_node.node import RobotNode
 from ros.harness import OK, WARN, Peer, Team
-from ros.recording import Recording, records_of, set_stamp, stages_of, stamp_of
+from ros.recording import (
+    DEFAULTS,
+    PARAMS,
+    Recording,
+    records_of,
+    set_stamp,
+    stages_of,
+    stamp_of,
+)
 from ros.robot_peer import MutableView, RobotPeer
 
-DEFAULTS = RobotConfig()
 Change = Callable[..., RobotConfig]
 XYZ = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 
@@ -35,7 +44,10 @@ XYZ = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     """A robot with the default parameters, in a nested namespace."""
     made = RobotPeer(
-        peer, team.start("robot_node", namespace="/site/robot_a"), recording, "site/robot_a"
+        peer,
+        team.start("robot_node", namespace="/site/robot_a", params=PARAMS),
+        recording,
+        "site/robot_a",
     )
     made.warm_up()
     return made
@@ -58,7 +70,7 @@ def live(robot: RobotPeer) -> Iterator[Callable[..., RobotConfig]]:
     def change(**params: Any) -> RobotConfig:
         changed.update(params)
         robot.peer.must_set(robot.node, **params)
-        return RobotConfig.from_mapping(_named(params))
+        return RobotConfig.from_mapping(_named(params), base=DEFAULTS)
 
     yield change
     robot.peer.must_set(robot.node, **_defaults(changed))
@@ -72,7 +84,7 @@ def reconfigured(robot: RobotPeer) -> Iterator[Callable[..., RobotConfig]]:
     def change(**params: Any) -> RobotConfig:
         changed.update(params)
         robot.peer.reconfigure(robot.node, **params)
-        return RobotConfig.from_mapping(_named(params))
+        return RobotConfig.from_mapping(_named(params), base=DEFAULTS)
 
     yield change
     robot.peer.reconfigure(robot.node, **_defaults(changed))
@@ -118,6 +130,34 @@ def test_points_are_the_methods_bit_for_bit(robot: RobotPeer, of: str) -> None:
     for frame in (0, 7):
         records = robot.check(DEFAULTS, robot.view(of=of, frame=frame))
         assert len(records) > 20
+        assert records.dtype == BODY_DTYPE
+        assert records["body"].max() >= 4
+        assert (records["sigma_range"] > 0).all()
+
+
+@pytest.mark.parametrize("of", ["robot_a", "robot_b", "robot_c"])
+def test_points_of_the_papers_method_are_the_same_bit_for_bit(
+    robot: RobotPeer, live: Change, of: str
+) -> None:
+    config = live(
+        bodies__search=False, disparity__block_size_px=15, disparity__fill_block_size_px=0
+    )
+    for frame in (0, 7):
+        records = robot.check(config, robot.view(of=of, frame=frame))
+        assert len(records) > 20
+        assert records.dtype == CELL_DTYPE
+
+
+def test_bodies_on_the_wire_are_those_that_were_sent(robot: RobotPeer) -> None:
+    """Every field comes back, also through the reader of the planner."""
+    view = robot.view()
+    robot.check(DEFAULTS, view)
+    sent = stages_of(view, DEFAULTS).scan.cells
+    read = read_scan(robot.points[-1], "site/robot_a").cells
+    assert len(read) == len(sent) > 20
+    for name in BODY_DTYPE.names or ():
+        np.testing.assert_array_equal(getattr(read, name), getattr(sent, name))
+        assert getattr(read, name).dtype == BODY_DTYPE[name]
 
 
 def test_stamp_is_that_of_the_left_image(robot: RobotPeer, live: Change) -> None:
@@ -180,9 +220,12 @@ def test_larger_images_are_scaled_down(robot: RobotPeer) -> None:
 
 def test_working_size_is_a_parameter(robot: RobotPeer, live: Change) -> None:
     view = _resized(robot.view(), 2)
-    config = live(images__working_width=320, images__working_height=240)
-    records = robot.check(config, view)
-    small = stages_of(view, DEFAULTS).scan.cells
+    large = {"images__working_width": 320, "images__working_height": 240}
+    robot.check(live(**large), view)
+    # Each point counts, where no bodies are sought.
+    view = _resized(robot.view(), 2)
+    records = robot.check(live(**large, bodies__search=False), view)
+    small = stages_of(view, RobotConfig.from_mapping({"bodies.search": False}, DEFAULTS)).scan.cells
     assert records["count"].sum() > 3 * small.count.sum()
 
 

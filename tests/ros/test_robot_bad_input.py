@@ -18,13 +18,11 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
-from mrs_people_loc.config import RobotConfig
 from mrs_ros.diagnostics import Input
 from ros.harness import ERROR, OK, WARN, Finding, Peer, Team, holds
-from ros.recording import Recording, set_stamp, stamp_of, stamped
+from ros.recording import DEFAULTS, PARAMS, Recording, set_stamp, stamp_of, stamped
 from ros.robot_peer import RobotPeer
 
-DEFAULTS = RobotConfig()
 NAN, INF = math.nan, math.inf
 SECOND = 1_000_000_000
 
@@ -32,14 +30,14 @@ SECOND = 1_000_000_000
 @pytest.fixture(scope="module")
 def silent(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     """A robot that nobody sends anything, as long as the test does not."""
-    process = team.start("robot_node", namespace="/robot_x")
+    process = team.start("robot_node", namespace="/robot_x", params=PARAMS)
     return RobotPeer(peer, process, recording, "robot_x")
 
 
 @pytest.fixture(scope="module")
 def robot(silent: RobotPeer, team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     """A robot that works (started with the other, to save time)."""
-    made = RobotPeer(peer, team.start("robot_node", namespace="/robot_a"), recording)
+    made = RobotPeer(peer, team.start("robot_node", namespace="/robot_a", params=PARAMS), recording)
     made.warm_up()
     made.until_finding("left/image_rect", lambda f: True)
     return made

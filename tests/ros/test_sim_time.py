@@ -8,10 +8,9 @@ import pytest
 from mrs_people_msgs.msg import People
 from rosgraph_msgs.msg import Clock
 
-from mrs_people_loc.config import RobotConfig
 from ros.harness import OK, WARN, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
-from ros.recording import Recording, stamp_of
+from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
 SECOND = 1_000_000_000
@@ -42,7 +41,9 @@ def clock(peer: Peer) -> SimTime:
 
 @pytest.fixture(scope="module")
 def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
-    process = team.start("robot_node", namespace="/robot_r", params={"use_sim_time": "true"})
+    process = team.start(
+        "robot_node", namespace="/robot_r", params={"use_sim_time": "true", **PARAMS}
+    )
     return RobotPeer(peer, process, recording, "robot_r")
 
 
@@ -176,7 +177,7 @@ def test_robot_node_in_sim_time(robot: RobotPeer, planner: PlannerPeer, clock: S
     robot.peer.until(answered, lambda: robot.log)
     stamp_ns = robot._last_ns + SECOND // 5
     clock.to(stamp_ns)
-    robot.check(RobotConfig(), robot.view(stamp_ns))
+    robot.check(DEFAULTS, robot.view(stamp_ns))
     finding = robot.until_finding("scan", lambda f: f.count("frames") > 0)
     assert (finding.level, finding.message) == (OK, "ok")
     assert "behind this machine" not in robot.log

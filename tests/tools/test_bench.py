@@ -19,23 +19,25 @@ pytest.importorskip("typer", reason="mrs is a typer command")
 import typer
 from typer.testing import CliRunner
 
-from mrs_people_loc import filters
+from mrs_people_loc import bodies, filters, search
 from mrs_people_loc.camera import StereoCamera
-from mrs_people_loc.config import Mounting, PlannerConfig, RobotConfig
+from mrs_people_loc.config import Mounting, PlannerConfig, RobotConfig, load_team
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.scan import Cells, Scan
-from mrs_tools import bench, bench_live
+from mrs_people_loc.timing import StageTimes
+from mrs_tools import bench, bench_bodies, bench_live
+from mrs_tools.bench_differs import DiffersError
 from mrs_tools.bench_reference import (
-    DiffersError,
     cells_of,
     check_cells,
     check_people,
     check_view,
     clusters_of,
+    is_repeatable,
 )
 from mrs_tools.offline import BagRun
 
@@ -43,6 +45,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "config" / "paper.yaml"
 DEFAULT = ROOT / "config" / "default.yaml"
 TEAM = ROOT / "config" / "team.yaml"
+#: The paper's method, and the default one; this with a cap that StereoBM repeats itself with.
+CELLS = load_team(PAPER, robots=("robot_a",)).robots["robot_a"]
+BODIES = RobotConfig.from_mapping({"disparity.pre_filter_cap": 31})
 
 
 @pytest.fixture(scope="session")
@@ -139,7 +144,8 @@ def test_cells_of_next_to_nothing_equal_the_reference(cloud):
 
 @pytest.mark.parametrize("vertical", [0.0, 0.1, -0.08])
 @pytest.mark.parametrize("offset", [0.0, 3.25])
-def test_a_view_of_random_images_equals_the_reference(vertical, offset):
+@pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
+def test_a_view_of_random_images_equals_the_reference(vertical, offset, base):
     rng = np.random.default_rng(7)
     scene = rng.integers(0, 256, (100, 140), dtype=np.uint8)
     camera = StereoCamera(
@@ -151,9 +157,12 @@ def test_a_view_of_random_images_equals_the_reference(vertical, offset):
         5, *(np.ascontiguousarray(scene[v : v + 70, u : u + 100])
              for u, v in ((10, 10), (16, 10), (10, 4 if vertical > 0 else 16))),
     )  # fmt: skip
-    config = RobotConfig.from_mapping({"noise.min_points": 2, "zones.low": 0.0})
+    changes = {"noise.min_points": 2, "zones.low": 0.0}
+    changes |= {"bodies.min_score": -20.0, "bodies.min_extent": 0.05}
+    config = RobotConfig.from_mapping(changes | {"disparity.min_range": 0.7}, base=base)
     stages = RobotPipeline("r", camera, config).stages(images)
     assert len(stages.cloud) > 1000
+    assert len(stages.scan.cells) > 0
     check_view(images, stages, camera, config)
 
 
@@ -172,18 +181,99 @@ def random_scans(seed: int) -> tuple[list[Scan], dict[str, Pose]]:
     return scans, poses
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_people_of_random_scans_equal_the_reference(seed):
-    config = PlannerConfig.from_mapping(
-        {"human.min_points": 100, "human.max_width": 3.0, "human.max_depth": 3.0}
+def with_bodies(scan: Scan, rng: np.random.Generator) -> Scan:
+    """The scan with some of its cells being those of bodies."""
+    n = len(scan.cells)
+    of_body = rng.uniform((-4.0, 0.01, 0.01), (6.0, 0.4, 0.2), (9, 3)).astype(np.float32)
+    body = rng.integers(0, 9, n, dtype=np.uint32)
+    score, sigma_range, sigma_across = of_body[body].T.copy()
+    return dataclasses.replace(
+        scan,
+        cells=dataclasses.replace(
+            scan.cells, body=body, score=score, sigma_range=sigma_range, sigma_across=sigma_across
+        ),
     )
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "joining",
+    [
+        None,
+        {},
+        {"line_of_sight": False},
+        {"gate": 10.0, "max_distance": 1.5},
+        {"robot_radius": 0},
+        {"fragment_gate": 0.0, "apart": 0.0},
+    ],
+    ids=str,
+)
+def test_people_of_random_scans_equal_the_reference(seed, joining):
+    config = PlannerConfig.from_mapping(
+        {
+            "human.min_points": 100, "human.max_width": 3.0, "human.max_depth": 3.0,
+            "joining": joining or {},
+        }
+    )  # fmt: skip
     scans, poses = random_scans(seed)
+    if joining is not None:
+        rng = np.random.default_rng(seed)
+        scans = [with_bodies(scan, rng) for scan in scans]
     check_people(scans, Planner(config).step(scans, poses, 0), config)
 
 
 def test_the_reference_clusters_by_hand():
     places = [(1.0, 0.0), (0.0, 0.0), (0.15, 0.0), (0.30, 0.0), (1.0, 0.16)]
     assert clusters_of(places, 0.15) == [1, 0, 0, 0, 2]
+
+
+def test_the_reference_joins_by_hand():
+    # Seen by a from the left and by b from below, each sure across its line of sight (1 cm) and
+    # not along it (10 cm): the place is where their lines cross. Seen by a alone: another one.
+    def scan(robot, cells):
+        x, y, body, score = np.array(cells, dtype=np.float32).T.copy()
+        one = np.ones(len(cells), dtype=np.float32)
+        made = Cells(
+            x=x, y=y, z=one, z_min=one, top=one, count=one.astype(np.uint32),
+            body=body.astype(np.uint32), score=score,
+            sigma_range=0.1 * one, sigma_across=0.01 * one,
+        )  # fmt: skip
+        return Scan(robot, 0, made)
+
+    poses = {"a": Pose(0, 0.0, 2.0, 0.0), "b": Pose(0, 2.0, 0.0, math.pi / 2)}
+    scans = [
+        scan("a", [(2.05, 0.0, 1, 1.0), (2.15, 0.0, 1, 1.0), (4.0, 1.0, 2, -1.0)]),
+        scan("b", [(1.9, 0.0, 5, 2.0)]),
+    ]
+    config = PlannerConfig()
+    people = Planner(config).step(scans, poses, 0)
+    joined, robots = bench_bodies.joined_of(people.fused, poses, config.joining)
+    assert robots == []
+    assert [body.cells for body in joined] == [(0, 1, 3), (2,)]
+    assert [body.is_person for body in joined] == [True, False]
+    # The first is 10 cm off along x for a and 10 cm along y for b.
+    np.testing.assert_allclose(joined[0].xy, (2.0 + 0.1 / 101, 2.0 - 0.1 / 101), atol=1e-6)
+    (person,) = people.persons
+    np.testing.assert_allclose(person.position, joined[0].xy, atol=1e-9)
+    assert person.robots == ("a", "b")
+    # Where one robot stands, another sees that robot.
+    poses["b"] = Pose(0, 4.0, 3.1, 0.0)
+    people = Planner(config).step(scans[:1], poses, 0)
+    _, robots = bench_bodies.joined_of(people.fused, poses, config.joining)
+    assert robots == [(2,)]
+
+
+def test_the_reference_sums_extents_by_hand():
+    # 10 px of focal length and 0.1 m: 1 px of disparity is 1 m. Level, 1 m up.
+    camera = StereoCamera(width=21, height=21, fx=10, fy=10, cx=10, cy=10, baseline=0.1)
+    disparity = np.full((21, 21), np.nan, dtype=np.float32)
+    disparity[8:13, 10] = 0.5  # 2 m ahead: each pixel is 0.2 m high
+    disparity[0, 10] = 0.5  # 3 m up: too high
+    histogram = bench_bodies.histogram_of(disparity, camera, min_range=0.5, max_range=4.0)
+    assert histogram.sum() == pytest.approx(5 * 0.2, rel=0.02)
+    (row,), (column,) = (np.unique(index) for index in np.nonzero(histogram))
+    assert row == 1  # from 0.25 px in steps of 0.25
+    assert column == int(math.atan(1.0) / 0.1)  # 45 degrees from the left border
 
 
 # ----------------------------------------------------------------------------- it notices mistakes
@@ -232,13 +322,89 @@ def test_a_wrong_stage_is_noticed(bag, stage):
     ],
     ids=lambda x: x if isinstance(x, str) else "",
 )  # fmt: skip
-def test_a_wrong_person_is_noticed(change, what):
+@pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
+def test_a_wrong_person_is_noticed(change, what, base):
     config = PlannerConfig()
-    scans, poses = bench.drawn_scans(RobotConfig(), 0)
+    scans, poses = bench.drawn_scans(base, 0)
     people = Planner(config).step(scans, poses, 0)
     check_people(scans, people, config)
     with pytest.raises(DiffersError, match=what):
         check_people(scans, change(people), config)
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "wrong", "what"),
+    [
+        (search, "LOWEST", lambda right: right + 0.3, "zones|histogram"),
+        (search.BodySearch, "histogram", lambda right: lambda *a: right(*a) * 1.01, "histogram"),
+        (
+            bodies, "cells_of",
+            lambda right: lambda found: dataclasses.replace(
+                right(found), score=right(found).score + np.float32(0.01)
+            ),
+            r"cells\.score",
+        ),
+        (
+            bodies, "cells_of",
+            lambda right: lambda found: dataclasses.replace(
+                right(found), x=right(found).x + np.float32(0.001)
+            ),
+            "cells of bodies, x",
+        ),
+    ],
+    ids=["heights", "histogram", "score", "place"],
+)  # fmt: skip
+def test_a_wrong_search_is_noticed(bag, monkeypatch, module, name, wrong, what):
+    run = BagRun(bag, [DEFAULT])
+    view = next(iter(next(run.intervals()).views.values()))
+    right = getattr(module, name)
+    config = run.team.robots[view.robot]
+    if name == "LOWEST":  # which both take from one place
+        cloud = view.stages.zones[view.stages.zones[:, 2] > 0.5]
+        stages = dataclasses.replace(view.stages, zones=cloud)
+    else:
+        monkeypatch.setattr(module, name, wrong(right))
+        pipeline = RobotPipeline(view.robot, view.camera, config)
+        pipeline.matcher = lambda _: view.stages.disparity  # type: ignore[assignment]
+        stages = pipeline.stages(view.images)
+    with pytest.raises(DiffersError, match=what):
+        check_view(view.images, stages, view.camera, config)
+
+
+@pytest.mark.parametrize("field", ["u", "v", "expected", "difference", "inside"])
+def test_a_wrong_patch_is_noticed(bag, field):
+    run = BagRun(bag, [DEFAULT])
+    view = next(iter(next(run.intervals()).views.values()))
+    find = bodies.BodyFinder(view.camera, BODIES.bodies, min_range=0.7)
+    disparity = view.stages.disparity
+    patches = find.look(disparity, view.images, StageTimes()).patches
+    bench_bodies.check_patches("p", patches, disparity, view.camera)
+    values = getattr(patches, field)
+    wrong = ~values if field == "inside" else values + np.float32(0.01)
+    with pytest.raises(DiffersError, match=rf"patches\.{field}"):
+        bench_bodies.check_patches(
+            "p", dataclasses.replace(patches, **{field: wrong}), disparity, view.camera
+        )
+
+
+def test_what_stereo_bm_does_not_repeat_is_allowed_for_and_no_more(bag):
+    run = BagRun(bag, [DEFAULT])
+    view = next(iter(next(run.intervals()).views.values()))
+    for cap, part in ((63, 0.004), (31, 0.0)):
+        config = RobotConfig.from_mapping({"disparity.pre_filter_cap": cap})
+        pipeline = RobotPipeline(view.robot, view.camera, config)
+        assert is_repeatable(config.disparity) == (cap == 31)
+        matched = pipeline.matcher(view.images)
+
+        def check(moved: int, matched=matched, pipeline=pipeline, config=config) -> None:
+            disparity = matched.copy()
+            disparity.reshape(-1)[:moved] = 9.0
+            pipeline.matcher = lambda _: disparity
+            check_view(view.images, pipeline.stages(view.images), view.camera, config)
+
+        check(int(part * matched.size))
+        with pytest.raises(DiffersError, match="disparity"):
+            check(int((part + 0.002) * matched.size))
 
 
 def _with_clusters(people, **changes):
@@ -253,8 +419,9 @@ def _with_person(people, **changes):
 # ---------------------------------------------------------------------------------------- the bench
 
 
-def test_the_drawn_scene_has_four_robots_and_ten_people():
-    scans, poses = bench.drawn_scans(RobotConfig(), 0)
+@pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
+def test_the_drawn_scene_has_four_robots_and_ten_people(base):
+    scans, poses = bench.drawn_scans(base, 0)
     people = Planner(PlannerConfig()).step(scans, poses, 0)
     assert len(poses) == 4
     found = np.array([person.position for person in people.persons])
@@ -271,6 +438,14 @@ def test_a_drawn_body_is_where_it_is():
     assert depth == pytest.approx(2.8 - 1.0 - 0.2, abs=0.05)
 
 
+STAGES = {
+    "paper.yaml": {"cloud", "zones", "noise", "cells", "tops"},
+    "default.yaml": {
+        "cloud", "zones", "search", "patches", "vote", "evidence", "judge", "cells",
+    },
+}  # fmt: skip
+
+
 def test_its_report_has_what_is_promised(bag, tmp_path):
     app = typer.Typer()
     app.command()(bench.command)
@@ -285,23 +460,33 @@ def test_its_report_has_what_is_promised(bag, tmp_path):
     assert report["live"] is None
     assert report["equal_to_reference"]["views"] == 2 * 3 * 3
     for name in ("paper.yaml", "default.yaml"):
-        assert report["robot"][name].keys() == {"binocular", "trinocular"}
+        assert report["robot"][name].keys() == {"binocular", "trinocular", "pair of three"}
         for kind, figures in report["robot"][name].items():
             assert figures["frames"] == 2
             assert figures["image"] == "160x120"
-            pairs = 1 if kind == "binocular" else 2
+            pairs = 2 if kind == "trinocular" else 1
             assert figures["searched_px"] == [16 if name == "paper.yaml" else 32] * pairs
             assert figures["rest_to_stereo_bm"] > 0
             assert figures["frames_per_s"] > 0
             stages = figures["stages_ms"]
-            assert {"StereoBM", "cloud", "zones", "noise", "cells", "tops", "whole"} <= set(stages)
+            around = {"StereoBM", "disparity around it", "all but StereoBM", "whole"}
+            around.add("StereoBM on the bare pair")
+            assert set(stages) - around == STAGES[name]
+            assert (figures["bodies"] > 0) == (name == "default.yaml")
             assert all(0 <= s["median"] <= s["p99"] for s in stages.values())
         planner = report["planner"][name]
         assert (planner["robots"], planner["people"], planner["people_found"]) == (4, 10, 10)
-        assert set(planner["stages_ms"]) == {"fusion", "clustering", "people", "whole"}
+        assert set(planner["stages_ms"]) == {"fusion", "joining", "clustering", "people", "whole"}
     targets = report["targets"]
-    assert [t["limit"] for t in targets] == [1.0, 500.0, 2.0]
-    assert all(t["configuration"].startswith("paper.yaml") for t in targets)
+    assert [t["limit"] for t in targets] == [1.0, 500.0, 2.0, 10.0, 3.0]
+    files = [t["configuration"].partition(",")[0] for t in targets]
+    assert files == ["paper.yaml"] * 3 + ["default.yaml"] * 2
+    assert "pair of three" in targets[3]["configuration"]
+    rows = {
+        line.split()[0]: line.split()[1:] for line in result.output.splitlines() if line.split()
+    }
+    assert rows["tops"].count("-") == rows["search"].count("-") == 3
+    assert rows["cloud"].count("-") == 0
     for target in targets:
         assert f"{target['value']:.4g}" in result.output
     for text in ("paper.yaml", "default.yaml", "trinocular", "equal to the reference"):

@@ -513,6 +513,23 @@ def test_calibration_that_does_not_fit_is_said_in_one_line(tmp_path):
         evaluate_bag(path)
 
 
+def test_a_head_that_looks_steeply_down_is_said_in_one_line(tmp_path):
+    def narrow(topic: str, message: Any) -> tuple[str, Any]:
+        if topic.endswith("camera_info"):
+            message.p = message.p * np.where(np.isin(np.arange(12), (0, 3, 5, 7)), 3.0, 1.0)
+        return topic, message
+
+    path = copy_formation(tmp_path / "narrow.mcap", narrow)
+    config = tmp_path / "down.yaml"
+    ranges = "disparity: {min_range: 2.0}, mounting: {pitch: 1.5}"
+    config.write_text(f"/**/robot_node: {{ros__parameters: {{{ranges}}}}}\n")
+    with pytest.raises(BagError, match="bodies.search is true but the head looks steeply down"):
+        evaluate_bag(path, [config])
+    cells = ranges + ", bodies: {search: false}"
+    config.write_text(f"/**/robot_node: {{ros__parameters: {{{cells}}}}}\n")
+    assert evaluate_bag(path, [config]).report()["frames"] > 0
+
+
 def test_pairs_that_are_not_taken_at_once_are_said(tmp_path):
     def late(topic: str, message: Any) -> tuple[str, Any]:
         if topic.endswith("right/image_rect"):
