@@ -492,7 +492,7 @@ class Joining(Section):
         3.0, "bodies of different robots within so many sigmas are one", low=0.1, high=10.0
     )
     max_distance: float = _field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
-    min_score: float = _field(0.0, "log-odds from which a body is a person", low=-20.0, high=50.0)
+    min_score: float = _field(0.5, "log-odds from which a body is a person", low=-20.0, high=50.0)
     apart: float = _field(0.42, "two people are no closer than this [m]", low=0.0, high=2.0)
     fragment_gate: float = _field(
         5.0, "a body within so many sigmas of a likelier person whom its robots did not see is "

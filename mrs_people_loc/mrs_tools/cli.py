@@ -35,6 +35,7 @@ COMMANDS = {
     "simulate": ("mrs_tools.simulate:command", "Draw what a team would see, with ground truth."),
     "evaluate": ("mrs_tools.evaluate:command", "Score bags against their ground truth."),
     "experiment": ("mrs_tools.experiment:command", "Repeat the paper's experiment, simulated."),
+    "suite": ("mrs_tools.suite:command", "Score the published suite, step by step."),
     "fit": ("mrs_tools.fit:command", "Fit the body model to bags with ground truth."),
     "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag."),
     "bench": ("mrs_tools.bench:command", "Measure speed, after comparing with plain loops."),

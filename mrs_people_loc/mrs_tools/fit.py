@@ -1,7 +1,8 @@
 """`mrs fit`: fits the body model to bags with ground truth.
 
-    mrs simulate --suite train OUT_DIR
-    mrs fit OUT_DIR/* --out mrs_people_loc/mrs_people_loc/body_model.json
+    mrs simulate --suite train OUT_DIR/train
+    mrs simulate --suite train --variants 20 OUT_DIR/more
+    mrs fit OUT_DIR/*/*/ --out mrs_people_loc/mrs_people_loc/body_model.json
 
 Each candidate of each view is an example: a person if somebody truly is there, none if nobody is
 near. What is in between, and what is another robot of the team (the planner knows where those
@@ -11,9 +12,11 @@ seen it.
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -119,7 +122,7 @@ class _Looker:
 
 
 def examples_of(
-    path: Path, number: int, *, configs: Sequence[Path] = (), every: int = 1
+    path: Path, number: int, *, configs: Sequence[Path] = (), views: int = 8
 ) -> Examples:
     """The examples of a bag.
 
@@ -127,7 +130,7 @@ def examples_of(
         path: A bag with ground truth of people and robots, as `mrs simulate` writes it.
         number: What `Examples.bag` shall say.
         configs: Parameter files of the team.
-        every: Take every so many views of a robot.
+        views: So many of each robot's views at most, evenly spread: neighbours are alike.
 
     Raises:
         PeopleLocError: The bag cannot be used.
@@ -147,7 +150,9 @@ def examples_of(
     poses = _true_poses(path, [looker.robot for looker in lookers])
     parts = []
     for looker in lookers:
-        for stamp_ns, view in looker.views[::every]:
+        count = len(looker.views)
+        for index in np.unique(np.linspace(0, count - 1, min(count, views)).round().astype(int)):
+            stamp_ns, view = looker.views[index]
             people, _ = truth.at(stamp_ns)
             at = {name: _at(track, stamp_ns) for name, track in poses.items()}
             others = np.array([at[n][:2] for n in at if n != looker.robot]).reshape(-1, 2)
@@ -353,23 +358,31 @@ def cross_validate(examples: Examples) -> dict[str, float]:
     }
 
 
+def _read(bag: Path, number: int, **options: Any) -> Examples:
+    import cv2
+
+    cv2.setNumThreads(1)
+    return examples_of(bag, number, **options)
+
+
 def command(
     bags: Annotated[list[Path], typer.Argument(help="Bags of `mrs simulate`.")],
     out: Annotated[Path, typer.Option(help="Where the model goes (JSON).")],
     config: Annotated[
         list[Path] | None, typer.Option("--config", "-c", help="Parameter file of the team.")
     ] = None,
-    every: Annotated[
-        int, typer.Option(help="Take every so many views: neighbours are alike.", min=1)
-    ] = 1,
+    views: Annotated[
+        int, typer.Option(help="Views of each robot and bag that are used, at most.", min=1)
+    ] = 8,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
 ) -> None:
     """Fit the body model to bags with ground truth."""
+    read = functools.partial(_read, configs=config or [], views=views)
     parts = []
-    with progress_bar() as progress:
-        task = progress.add_task("", total=len(bags))
-        for number, bag in enumerate(bags):
-            progress.update(task, description=bag.name)
-            parts.append(examples_of(bag, number, configs=config or [], every=every))
+    with progress_bar() as progress, ProcessPoolExecutor(jobs) as pool:
+        task = progress.add_task("reading", total=len(bags))
+        for part in pool.map(read, bags, range(len(bags))):
+            parts.append(part)
             progress.advance(task)
     examples = Examples.joined(parts)
     for name, value in cross_validate(examples).items():

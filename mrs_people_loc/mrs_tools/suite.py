@@ -1,0 +1,296 @@
+"""`mrs suite`: the published suite, rendered, run and scored; what each step of the method gives.
+
+    mrs suite FOLDER                      the test half with paper.yaml and default.yaml
+    mrs suite FOLDER --steps              and every step from the one to the other
+    mrs suite FOLDER --steps --out docs/suite.md
+
+Bags that are in the folder already are not rendered again.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, PlannerConfig, RobotConfig, load_team
+from mrs_people_loc.errors import PeopleLocError
+from mrs_tools.demo import default_file
+from mrs_tools.evaluate import Result, evaluate_bag, progress_bar
+from mrs_tools.simulate import simulate_suite, suite_file, suite_scenes
+
+#: What a scene's activity means for the targets.
+STANDING = ("stand", "talk", "close")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step from the paper's method to ours.
+
+    Attributes:
+        name: Its name in tables.
+        robot: Parameters of robots that it sets, by dotted name.
+        planner: Parameters of the planner, likewise.
+    """
+
+    name: str
+    robot: Mapping[str, Any]
+    planner: Mapping[str, Any]
+
+
+def steps() -> list[Step]:
+    """From paper.yaml to default.yaml, one step after the other; each keeps those before it."""
+    robot, planner = (
+        {parameter.name: parameter.default for parameter in kind.parameters()}
+        for kind in (RobotConfig, PlannerConfig)
+    )
+
+    def default(*names: str) -> dict[str, Any]:
+        return {name: robot.get(name, planner.get(name)) for name in names}
+
+    return [
+        Step("the printed method", {}, {}),
+        Step(
+            "block 7, holes filled from block 11, pre-filter cap 63",
+            default(
+                "disparity.block_size_px",
+                "disparity.fill_block_size_px",
+                "disparity.pre_filter_cap",
+                "disparity.min_range",
+            ),
+            {},
+        ),
+        Step(
+            "bodies sought in bearing and inverse range",
+            {
+                "bodies.search": True,
+                "bodies.human_test": False,
+                "bodies.vote": False,
+                "bodies.axis": False,
+            },
+            {
+                "joining.min_score": 0.0,
+                "joining.line_of_sight": False,
+                "joining.robot_radius": 0.0,
+                "joining.fragment_gate": 0.0,
+            },
+        ),
+        Step("covariances long along the line of sight", {}, default("joining.line_of_sight")),
+        Step("robots of the team are no people", {}, default("joining.robot_radius")),
+        Step("human test", default("bodies.human_test"), default("joining.min_score")),
+        Step("one voted disparity per body", default("bodies.vote"), {}),
+        Step("from the surface to the axis", default("bodies.axis"), {}),
+        Step("fragments of a person are that person", {}, default("joining.fragment_gate")),
+    ]
+
+
+@contextmanager
+def _config_file(robot: Mapping[str, Any], planner: Mapping[str, Any]) -> Iterator[Path]:
+    """A parameter file for the whole team."""
+    document = {
+        f"/**/{node}": {"ros__parameters": dict(values)}
+        for node, values in ((ROBOT_NODE, robot), (PLANNER_NODE, planner))
+        if values
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "step.yaml")
+        file.write_text(yaml.safe_dump(document), "utf-8")
+        yield file
+
+
+def _one(bag: Path, configs: Sequence[Path]) -> Result:
+    import cv2
+
+    cv2.setNumThreads(1)
+    return evaluate_bag(bag, configs)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Results of one configuration.
+
+    Attributes:
+        name: Its name.
+        results: By scene.
+        standing: Names of the scenes where people stand.
+    """
+
+    name: str
+    results: Mapping[str, Result]
+    standing: frozenset[str]
+
+    def report(self, *, standing: bool | None = None) -> dict[str, Any]:
+        """Figures over all scenes, or over those where people stand (or do not)."""
+        chosen = [
+            result
+            for name, result in self.results.items()
+            if standing is None or (name in self.standing) == standing
+        ]
+        people: dict[str, Any] = Result.pooled(chosen).report()["people"]
+        return people
+
+
+def run_suite(
+    folder: Path,
+    *,
+    half: str,
+    paper: Path,
+    every_step: bool = False,
+    jobs: int = 1,
+    on_progress: Any = None,
+) -> list[Row]:
+    """Renders what is missing of the suite and runs it.
+
+    Args:
+        folder: Where the bags are or go.
+        half: train, test or all.
+        paper: The paper's parameters.
+        every_step: All steps, or only the first and the last one.
+        jobs: Processes.
+        on_progress: Called with what is done and the share of it, 0 to 1.
+
+    Raises:
+        PeopleLocError: Something cannot be read or written.
+    """
+    scenes = suite_scenes(suite_file(), half)
+    said = on_progress or (lambda what, share: None)
+    done = iter(range(1, len(scenes) + 1))
+    bags = simulate_suite(
+        scenes, folder, jobs=jobs, on_scene=lambda _: said("rendering", next(done) / len(scenes))
+    )
+    standing = frozenset(s.name for s in scenes if s.layout.activity in STANDING)
+    ladder = steps()
+    robot: dict[str, Any] = {}
+    planner: dict[str, Any] = {}
+    rows = []
+    with ProcessPoolExecutor(jobs) as pool:
+        for number, step in enumerate(ladder):
+            robot, planner = {**robot, **step.robot}, {**planner, **step.planner}
+            if not every_step and 0 < number < len(ladder) - 1:
+                continue
+            with _config_file(robot, planner) as file:
+                load_team(paper, file)
+                configs = [paper, file]
+                found = pool.map(_one, bags, [configs] * len(bags))
+                results = {}
+                for count, (bag, result) in enumerate(zip(bags, found, strict=True), 1):
+                    results[bag.name] = result
+                    said(step.name, count / len(bags))
+            rows.append(Row(step.name, results, standing))
+    return rows
+
+
+# ---------------------------------------------------------------------------------------- tables
+
+_HEAD = ("recall", "precision", "mean [cm]", "p95 [cm]", "in 95 %")
+
+
+def _figures(people: Mapping[str, Any]) -> list[str]:
+    def number(value: float | None, factor: float, digits: int) -> str:
+        return "-" if value is None else f"{value * factor:.{digits}f}"
+
+    error = people["error_m"]
+    return [
+        number(people["recall"], 1, 3),
+        number(people["precision"], 1, 3),
+        number(error["mean"], 100, 1),
+        number(error["p95"], 100, 1),
+        number(people["coverage_95"], 1, 3),
+    ]
+
+
+def markdown(rows: Sequence[Row], half: str) -> str:
+    """The results as tables in Markdown."""
+    first, last = rows[0], rows[-1]
+    lines = [f"## Results on the {half} half", ""]
+    lines += _table(
+        ("", "people", *_HEAD),
+        [
+            [f"{row.name}{kind}", str(report["true"]), *_figures(report)]
+            for row in (first, last)
+            for kind, chosen in (("", None), (", standing", True), (", walking", False))
+            for report in (row.report(standing=chosen),)
+        ],
+    )
+    if len(rows) > 2:
+        lines += ["", "## What each step gives", "", "Each step keeps those above it.", ""]
+        lines += _table(("step", *_HEAD), [[row.name, *_figures(row.report())] for row in rows])
+    lines += [
+        "",
+        "## Scene by scene",
+        "",
+        f"{last.name} and all before it; in brackets: {first.name}.",
+        "",
+    ]
+    lines += _table(
+        ("scene", "people", *_HEAD),
+        [
+            [
+                name,
+                str(result.report()["people"]["true"]),
+                *(
+                    f"{new} ({old})"
+                    for new, old in zip(
+                        _figures(result.report()["people"]),
+                        _figures(first.results[name].report()["people"]),
+                        strict=True,
+                    )
+                ),
+            ]
+            for name, result in last.results.items()
+        ],
+    )
+    return "\n".join(lines) + "\n"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    bar = "|---" + "|---:" * (len(head) - 1) + "|"
+    return [f"| {' | '.join(head)} |", bar, *(f"| {' | '.join(row)} |" for row in rows)]
+
+
+# --------------------------------------------------------------------------------------- command
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(help="Where the rendered bags are or go.")],
+    half: Annotated[str, typer.Option(help="train, test or all.")] = "test",
+    every_step: Annotated[
+        bool, typer.Option("--steps", help="Every step from the paper's method to ours.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Replace what follows the first table's heading in this file."),
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
+    ] = 0,
+) -> None:
+    """Render the published suite, run it with the paper's method and ours, and score both."""
+    with progress_bar() as progress:
+        task = progress.add_task("", total=1.0)
+        rows = run_suite(
+            folder,
+            half=half,
+            paper=default_file("config", "paper.yaml"),
+            every_step=every_step,
+            jobs=jobs or os.cpu_count() or 1,
+            on_progress=lambda what, share: progress.update(
+                task, description=what, completed=share
+            ),
+        )
+    text = markdown(rows, half)
+    typer.echo(text, nl=False)
+    if out is not None:
+        try:
+            before = out.read_text("utf-8").partition("## Results on")[0] if out.exists() else ""
+            out.write_text(before + text, "utf-8")
+        except OSError as err:
+            raise PeopleLocError(f"{out}: cannot be written ({err.strerror or err})") from err
