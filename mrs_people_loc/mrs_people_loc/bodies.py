@@ -130,17 +130,17 @@ class BodyFinder:
         times.mark("search")
         patches = self._sample.centred(disparity, candidates.bearing, candidates.inverse_range)
         times.mark("patches")
-        shift = sigma = np.zeros(len(candidates))
+        vote = voting.Vote.nothing(len(candidates))
         if config.vote:
-            shift, sigma = voting.vote(
+            vote = voting.vote(
                 images.left, images.right, patches, offset_px=camera.disparity_offset_px
             )
             times.mark("vote")
         evidence = gather_evidence(
-            patches, candidates.extent, shift, sigma, depth_disparity=camera.depth_disparity
+            patches, candidates.extent, vote, depth_disparity=camera.depth_disparity
         )
         times.mark("evidence")
-        return View(candidates, patches, shift, evidence)
+        return View(candidates, patches, vote.shift, evidence)
 
     def judge(self, view: View) -> Bodies:
         """Which candidates may be people, and where their axes are."""

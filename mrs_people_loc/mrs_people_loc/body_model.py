@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches, in_rows, quantiles
+from mrs_people_loc.voting import Vote
 
 Float32 = NDArray[np.float32]
 Float = NDArray[np.float64]
@@ -69,15 +70,14 @@ class Evidence:
 
 
 def gather_evidence(
-    patches: Patches, extent: Float, shift: Float, shift_sigma: Float, *, depth_disparity: float
+    patches: Patches, extent: Float, vote: Vote, *, depth_disparity: float
 ) -> Evidence:
     """Reads patches.
 
     Args:
         patches: Patches, centred on bodies.
         extent: Metres of vertical extent that the search saw [m], shape (n,).
-        shift: Voted difference of disparity [px], shape (n,); 0 without a vote.
-        shift_sigma: Its standard deviation [px], shape (n,).
+        vote: What their pixels say together.
         depth_disparity: Focal length times baseline [px m].
     """
     relative = patches.difference / patches.tolerance.astype(np.float32)[:, np.newaxis, np.newaxis]
@@ -89,11 +89,11 @@ def gather_evidence(
     front = np.clip(relative - 1.0, 0.0, 1.0)
     even, odd = [], []
     depth = np.clip(relative, -2.0, 2.0)
-    for part in (same, behind, front, depth, (~patches.inside).astype(np.float32)):
+    for part in (same, behind, front, depth, vote.contrast, (~patches.inside).astype(np.float32)):
         shares = _OF_BANDS @ part @ _OF_STRIPES.T
         left, right = shares[..., len(_STRIPES) :], shares[..., : len(_STRIPES)]
         odd.append(in_rows(left - right))
-        if len(odd) <= 4:
+        if len(odd) <= 5:
             even.append(in_rows(0.5 * (left + right)))
             even.append(in_rows(np.minimum(left, right)[..., 2:]))
 
@@ -127,7 +127,9 @@ def gather_evidence(
         deviation * metres,
         np.minimum(np.abs(slope) * metres, 3.0),
     ]
-    direct = np.column_stack([spread, mean, upper, shift, np.minimum(shift_sigma, 0.5), inverse])
+    direct = np.column_stack(
+        [spread, mean, upper, vote.shift, np.minimum(vote.sigma, 0.5), inverse]
+    )
     return Evidence(
         even=np.column_stack([*even, *scalars]).astype(np.float64),
         odd=np.column_stack([centroids, slope * metres, *odd]).astype(np.float64),
@@ -143,8 +145,8 @@ def gather_evidence(
 
 
 #: Widths of the evidence.
-EVEN = 4 * len(_BANDS) * (len(_STRIPES) + 2) + 6
-ODD = len(_SLICES) + 1 + 5 * len(_BANDS) * len(_STRIPES)
+EVEN = 5 * len(_BANDS) * (len(_STRIPES) + 2) + 6
+ODD = len(_SLICES) + 1 + 6 * len(_BANDS) * len(_STRIPES)
 DEPTH = 3 * 10
 
 

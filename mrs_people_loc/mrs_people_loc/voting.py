@@ -8,6 +8,7 @@ the cameras fitted along (Lucas & Kanade 1981, for one body at a time).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -25,13 +26,40 @@ _ITERATIONS = 3
 _BLUR_PX = 0.7
 #: A vote moves a body no farther than this [px].
 _FARTHEST_PX = 1.2
+#: Where the background is looked for: this much less disparity, for a body as deep as matching errs
+#: (`_TOLERANCE_PX`) [px].
+_BEHIND_PX, _TOLERANCE_PX = (0.8, 1.5, 2.4, 3.6), 0.45
+#: Cost that says nothing [grey levels].
+_NOISE = 4.0
 #: Samples that may vote: the silhouette is in here.
 _HEIGHTS = np.flatnonzero((HEIGHTS > 0.3) & (HEIGHTS < 1.95))
 _ACROSS = np.flatnonzero(np.abs(ACROSS) < 0.30)
 
 
-def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> tuple[Float, Float]:
-    """How much more disparity than their patches' bodies have.
+@dataclass(frozen=True)
+class Vote:
+    """What the pixels of n bodies say together.
+
+    Attributes:
+        shift: How much more disparity than its patch a body has [px], shape (n,).
+        sigma: Standard deviation of that, as the residuals give it [px], shape (n,).
+        contrast: Of each sample of a patch, how much better it matches at the body's disparity (1)
+            than behind it (-1), shape (n, heights, across), float32.
+    """
+
+    shift: Float
+    sigma: Float
+    contrast: Float32
+
+    @classmethod
+    def nothing(cls, count: int) -> Vote:
+        """No vote at all: no shift, no contrast."""
+        zeros = np.zeros(count)
+        return cls(zeros, zeros, np.zeros((count, len(HEIGHTS), len(ACROSS)), dtype=np.float32))
+
+
+def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> Vote:
+    """The disparity of each body, and what matches there.
 
     Args:
         left: Left image, uint8, shape (height, width).
@@ -39,13 +67,10 @@ def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> tupl
         patches: Patches, centred on the bodies.
         offset_px: Disparity of a point at infinity.
 
-    Returns:
-        The difference [px], shape (n,), and its standard deviation as the residuals give it [px],
-        shape (n,).
     """
     count = len(patches)
     if not count:
-        return np.empty(0), np.empty(0)
+        return Vote.nothing(0)
     u, v, expected, difference = (
         in_rows(part[:, _HEIGHTS[0] : _HEIGHTS[-1] + 1, _ACROSS[0] : _ACROSS[-1] + 1])
         for part in (patches.u, patches.v, patches.expected, patches.difference)
@@ -77,7 +102,47 @@ def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> tupl
     variance = np.maximum((weight * residual**2).sum(axis=1) / total, 1.0)
     mean_slope = (weight * slope).sum(axis=1) / total
     texture = (weight * (slope - mean_slope[:, np.newaxis]) ** 2).sum(axis=1)
-    return shift.astype(np.float64), np.sqrt(variance / np.maximum(texture, 1e-3))
+    return Vote(
+        shift=shift.astype(np.float64),
+        sigma=np.sqrt(variance / np.maximum(texture, 1e-3)),
+        contrast=_contrast(
+            smooth_left, smooth_right, patches, shift + np.float32(offset_px), solution
+        ),
+    )
+
+
+def _contrast(
+    left: Float32, right: Float32, patches: Patches, offset: Float32, fitted: Float
+) -> Float32:
+    """Cost of matching behind the bodies against that of matching at them.
+
+    StereoBM's windows make thin things wide; the pixels themselves tell what is in front.
+
+    Args:
+        left: Smoothed left image.
+        right: Smoothed right image.
+        patches: The patches.
+        offset: Disparity of the bodies beyond their patches' [px], shape (n,).
+        fitted: Gain and offset of the grey levels from right to left, shape (n, 2 or more).
+    """
+    shape = (len(patches) * len(HEIGHTS), len(ACROSS))
+    seen = _look_up(left, patches.u.reshape(shape), patches.v.reshape(shape)).reshape(
+        patches.u.shape
+    )
+    gain, level = (fitted[:, k].astype(np.float32)[:, np.newaxis, np.newaxis] for k in (0, 1))
+    matched = patches.u - patches.expected - offset[:, np.newaxis, np.newaxis]
+    reach = np.maximum(patches.tolerance / _TOLERANCE_PX, 1.0).astype(np.float32)
+    costs = []
+    for behind in (0.0, *_BEHIND_PX):
+        x = matched + behind * reach[:, np.newaxis, np.newaxis]
+        other = _look_up(right, x.reshape(shape), patches.v.reshape(shape)).reshape(x.shape)
+        cost: Any = np.abs(seen - gain * other - level)
+        smooth: Any = cv2.blur(cost.reshape(shape), (3, 3))
+        costs.append(np.asarray(smooth, dtype=np.float32).reshape(x.shape))
+    there, elsewhere = costs[0], np.minimum.reduce(costs[1:])
+    contrast: Float32 = (elsewhere - there) / (elsewhere + there + np.float32(_NOISE))
+    contrast[~patches.inside] = 0.0
+    return contrast
 
 
 def _smoothed(image: Gray) -> Float32:

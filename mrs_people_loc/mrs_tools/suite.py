@@ -26,6 +26,7 @@ from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.demo import default_file
 from mrs_tools.evaluate import Result, evaluate_bag, progress_bar
 from mrs_tools.simulate import simulate_suite, suite_file, suite_scenes
+from mrs_tools.simulation.scene import Scene
 
 #: What a scene's activity means for the targets.
 STANDING = ("stand", "talk", "close")
@@ -139,19 +140,19 @@ class Row:
 
 
 def run_suite(
+    scenes: list[Scene],
     folder: Path,
     *,
-    half: str,
     paper: Path,
     every_step: bool = False,
     jobs: int = 1,
     on_progress: Any = None,
 ) -> list[Row]:
-    """Renders what is missing of the suite and runs it.
+    """Renders scenes that are missing and runs all of them.
 
     Args:
-        folder: Where the bags are or go.
-        half: train, test or all.
+        scenes: The scenes.
+        folder: Where their bags are or go.
         paper: The paper's parameters.
         every_step: All steps, or only the first and the last one.
         jobs: Processes.
@@ -160,7 +161,6 @@ def run_suite(
     Raises:
         PeopleLocError: Something cannot be read or written.
     """
-    scenes = suite_scenes(suite_file(), half)
     said = on_progress or (lambda what, share: None)
     done = iter(range(1, len(scenes) + 1))
     bags = simulate_suite(
@@ -277,8 +277,8 @@ def command(
     with progress_bar() as progress:
         task = progress.add_task("", total=1.0)
         rows = run_suite(
+            suite_scenes(suite_file(), half),
             folder,
-            half=half,
             paper=default_file("config", "paper.yaml"),
             every_step=every_step,
             jobs=jobs or os.cpu_count() or 1,
