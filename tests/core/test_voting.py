@@ -159,10 +159,10 @@ def test_sigma_is_the_size_of_the_errors(make_head):
     patches = patches_at(make_head(**HEAD))
     sigmas = []
     for contrast in (10.0, 40.0):
-        votes = [
-            vote(*pair(texture(9, contrast), 5.25, noise=6.0, seed=k), patches, offset_px=0.0)
-            for k in range(40)
-        ]
+        fine, votes = texture(9, contrast), []
+        for seed in range(40):
+            left, right = pair(fine, 5.25, noise=6.0, seed=seed)
+            votes.append(vote(left, right, patches, offset_px=0.0))
         found, sigma = (np.array(part)[:, 0] for part in zip(*votes, strict=True))
         assert 0.5 < found.std() / sigma.mean() < 2.0
         sigmas.append(sigma.mean())
