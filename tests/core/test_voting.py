@@ -44,13 +44,18 @@ def patches_at(head, bearing=(0.0,), distance=(2.0,), disparity=None) -> Patches
     return PatchSampler(head.camera())(seen, bearing, inverse)
 
 
+def voted(left, right, patches: Patches, *, offset_px=0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Voted differences of disparity and their standard deviations [px]."""
+    return vote(left, right, patches, offset_px=offset_px)
+
+
 @settings(max_examples=60)
 @given(
     st.integers(0, 10**6), st.floats(-0.9, 0.9), st.floats(0.8, 1.25), st.floats(-20.0, 20.0),
 )  # fmt: skip
 def test_a_shift_is_found_whatever_gain_and_offset_are(make_head, seed, shift, gain, offset):
     left, right = pair(texture(seed), 5.0 + shift, gain=gain, offset=offset)
-    found, sigma = vote(left, right, patches_at(make_head(**HEAD)), offset_px=0.0)
+    found, sigma = voted(left, right, patches_at(make_head(**HEAD)))
     assert found.shape == sigma.shape == (1,)
     assert found[0] == pytest.approx(shift, abs=0.03)
     assert 0 < sigma[0] < 0.03
@@ -60,7 +65,7 @@ def test_a_disparity_of_infinity_is_added(make_head):
     head = make_head(**HEAD, centres={"right": (76.0, 59.5)})  # 3.5 px
     left, right = pair(texture(1), 5.0 + 3.5 + 0.3)
     patches = patches_at(head, disparity=np.full((120, 160), 8.5, dtype=np.float32))
-    found, _ = vote(left, right, patches, offset_px=3.5)
+    found, _ = voted(left, right, patches, offset_px=3.5)
     assert found == pytest.approx([0.3], abs=0.03)
 
 
@@ -92,7 +97,7 @@ def test_a_surface_that_is_oblique_in_the_image(make_head, mounting, bearing, le
     left, right, disparity = seen_of(patches, 0.4)
     patches = patches_at(head, (bearing,), (distance,), disparity)
     assert least < np.isfinite(patches.difference[0][:, np.abs(ACROSS) < 0.28]).mean() < most
-    found, _ = vote(left, right, patches, offset_px=0.0)
+    found, _ = voted(left, right, patches)
     assert found == pytest.approx([0.4], abs=0.03)
 
 
@@ -103,10 +108,10 @@ def test_each_body_has_a_vote_of_its_own(make_head):
     left, right = pair(texture(2), np.where(u < 75, 5.3, 4.8))
     bearing = (math.atan(0.35), math.atan(-0.35))
     patches = patches_at(head, bearing, tuple(2.0 * math.hypot(1.0, 0.35) for _ in bearing))
-    both, _ = vote(left, right, patches, offset_px=0.0)
+    both, _ = voted(left, right, patches)
     assert both == pytest.approx([0.3, -0.2], abs=0.03)
     swapped = patches_at(head, bearing[::-1], (2.0 * math.hypot(1.0, 0.35),) * 2)
-    np.testing.assert_allclose(vote(left, right, swapped, offset_px=0.0)[0], both[::-1], atol=1e-5)
+    np.testing.assert_allclose(voted(left, right, swapped)[0], both[::-1], atol=1e-5)
 
 
 def test_what_is_not_of_the_body_has_no_vote(make_head):
@@ -118,24 +123,24 @@ def test_what_is_not_of_the_body_has_no_vote(make_head):
     left, right = pair(texture(3), np.where(behind, 2.5, 5.2))
     seen = np.where(body, 5.2, 2.5).astype(np.float32)
     patches = patches_at(head, disparity=seen)
-    found, _ = vote(left, right, patches, offset_px=0.0)
+    found, _ = voted(left, right, patches)
     assert found == pytest.approx([0.2], abs=0.06)
     # If all were of it, they would vote for something else.
-    wrong, _ = vote(left, right, patches_at(head), offset_px=0.0)
+    wrong, _ = voted(left, right, patches_at(head))
     assert abs(wrong[0] - 0.2) > 0.1
 
 
 @pytest.mark.parametrize("shift", [3.0, -3.0, 9.0])
 def test_no_vote_goes_farther_than_it_may(make_head, shift):
     left, right = pair(texture(6), 5.0 + shift)
-    found, _ = vote(left, right, patches_at(make_head(**HEAD)), offset_px=0.0)
+    found, _ = voted(left, right, patches_at(make_head(**HEAD)))
     assert abs(found[0]) <= 1.2 + 1e-6
 
 
 @pytest.mark.parametrize("grey", [0, 128, 255])
 def test_without_texture_nothing_is_known(make_head, grey):
     flat = np.full((120, 160), grey, dtype=np.uint8)
-    found, sigma = vote(flat, flat, patches_at(make_head(**HEAD)), offset_px=0.0)
+    found, sigma = voted(flat, flat, patches_at(make_head(**HEAD)))
     assert found == pytest.approx([0.0], abs=1e-3)
     assert sigma[0] > 1.0
 
@@ -144,14 +149,14 @@ def test_without_samples_nothing_is_known(make_head):
     nothing = np.full((120, 160), np.nan, dtype=np.float32)
     left, right = pair(texture(7), 5.5)
     patches = patches_at(make_head(**HEAD), disparity=nothing)
-    found, sigma = vote(left, right, patches, offset_px=0.0)
+    found, sigma = voted(left, right, patches)
     assert found == pytest.approx([0.0], abs=1e-6)
     assert sigma[0] > 1.0
 
 
 def test_nobody_votes(make_head):
     left, right = pair(texture(8), 5.0)
-    found, sigma = vote(left, right, patches_at(make_head(**HEAD), (), ()), offset_px=0.0)
+    found, sigma = voted(left, right, patches_at(make_head(**HEAD), (), ()))
     assert found.shape == sigma.shape == (0,)
 
 
@@ -162,7 +167,7 @@ def test_sigma_is_the_size_of_the_errors(make_head):
         fine, votes = texture(9, contrast), []
         for seed in range(40):
             left, right = pair(fine, 5.25, noise=6.0, seed=seed)
-            votes.append(vote(left, right, patches, offset_px=0.0))
+            votes.append(voted(left, right, patches))
         found, sigma = (np.array(part)[:, 0] for part in zip(*votes, strict=True))
         assert 0.5 < found.std() / sigma.mean() < 2.0
         sigmas.append(sigma.mean())
