@@ -243,6 +243,17 @@ class BodyModel:
                 raise ConfigError(
                     f"body model: {name} takes {scaled.mean.size} numbers; wanted: {width}"
                 )
+            if not (scaled.scale > 0).all():
+                raise ConfigError(f"body model: {name} has a scale of 0 or less; wanted: more")
+            shapes: dict[str, tuple[int, ...]] = {"weights": (width,)}
+            if name == "human":
+                layer = part["bias"].size
+                shapes = {"hidden": (width, layer), "bias": (layer,), "output": (layer,)}
+            for key, shape in shapes.items():
+                if part[key].shape != shape:
+                    raise ConfigError(
+                        f"body model: {name} has {key} of shape {part[key].shape}; wanted: {shape}"
+                    )
         return cls(**parts)
 
     def to_mapping(self) -> dict[str, Any]:

@@ -144,6 +144,14 @@ class Head:
         images = StereoImages(0, **{name: grey for name, (grey, _) in shots.items()})
         return images, shots["left"][1]
 
+    def disparity(self, *rectangles: Rectangle) -> np.ndarray:
+        """What a perfect matcher gives: disparity of `left` [px], NaN where there is nothing."""
+        _, points = self._shoot("left", rectangles)
+        m = self.mounting
+        depth = (points - (m.forward, m.left, m.height)) @ self.axes()[2]
+        shift = self._of("left")[0][0] - self._of("right")[0][0]
+        return (self.fx * self._of("right")[1][0] / depth + shift).astype(np.float32)
+
     def _shoot(self, name: str, rectangles: Sequence[Rectangle]) -> tuple[np.ndarray, np.ndarray]:
         (cx, cy), (x, y) = self._of(name)
         right, down, forward = self.axes()
