@@ -31,6 +31,8 @@ _STEP_PX = 0.25
 #: Pixels whose ray is steeper than this (its horizontal part for each metre of depth) see tops of
 #: heads rather than upright surfaces.
 _LEAST_LEVEL = 0.35
+#: A head must have this share of its rays farther from the vertical than this (sine of the angle).
+_LEAST_SHARE, _LEAST_UPRIGHT = 0.6, 0.45
 
 
 def tolerance_px(inverse_range: Float, depth_disparity: float) -> Float:
@@ -87,7 +89,8 @@ class BodySearch:
         ray = (rotation @ rays.reshape(3, -1)).reshape(3, *u.shape)
         level = np.hypot(ray[0], ray[1])
         usable = level > _LEAST_LEVEL
-        if usable.mean() < 0.5:
+        upright = level > _LEAST_UPRIGHT * np.linalg.norm(ray, axis=0)
+        if upright.mean() < _LEAST_SHARE:
             raise CameraError(
                 "bodies.search is true but the head looks steeply down (mounting.pitch = "
                 f"{camera.mounting.pitch:g} rad): most of its pixels see people from above; "

@@ -22,6 +22,7 @@ from mrs_people_loc.body_model import (
 )
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches
+from mrs_people_loc.voting import Vote
 
 SHAPE = (len(HEIGHTS), len(ACROSS))
 SCALE = 10.0  # focal length times baseline [px m]
@@ -48,13 +49,10 @@ def patches_of(difference, *, inside=None, inverse_range=5.0, tolerance=0.5) -> 
 
 def evidence_of(patches: Patches, extent=1.0, shift=0.0, shift_sigma=0.0) -> Evidence:
     n = len(patches)
-    return gather_evidence(
-        patches,
-        np.full(n, extent),
-        np.full(n, shift),
-        np.full(n, shift_sigma),
-        depth_disparity=SCALE,
+    vote = dataclasses.replace(
+        Vote.nothing(n), shift=np.full(n, shift), sigma=np.full(n, shift_sigma)
     )
+    return gather_evidence(patches, np.full(n, extent), vote, depth_disparity=SCALE)
 
 
 def random_patches(seed: int, n: int = 3) -> Patches:

@@ -46,7 +46,8 @@ def patches_at(head, bearing=(0.0,), distance=(2.0,), disparity=None) -> Patches
 
 def voted(left, right, patches: Patches, *, offset_px=0.0) -> tuple[np.ndarray, np.ndarray]:
     """Voted differences of disparity and their standard deviations [px]."""
-    return vote(left, right, patches, offset_px=offset_px)
+    found = vote(left, right, patches, offset_px=offset_px)
+    return found.shift, found.sigma
 
 
 @settings(max_examples=60)
