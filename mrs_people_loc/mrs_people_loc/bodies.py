@@ -41,13 +41,13 @@ class View:
     Attributes:
         candidates: Where a body may be.
         patches: Their patches, centred.
-        shift: Voted difference of disparity [px]; 0 without a vote.
+        vote: What the pixels of each say together.
         evidence: What the patches say.
     """
 
     candidates: Candidates
     patches: Patches
-    shift: Float
+    vote: voting.Vote
     evidence: Evidence
 
 
@@ -140,7 +140,7 @@ class BodyFinder:
             patches, candidates.extent, vote, depth_disparity=camera.depth_disparity
         )
         times.mark("evidence")
-        return View(candidates, patches, vote.shift, evidence)
+        return View(candidates, patches, vote, evidence)
 
     def judge(self, view: View) -> Bodies:
         """Which candidates may be people, and where their axes are."""
@@ -155,7 +155,7 @@ class BodyFinder:
             across = model.across(evidence.odd)
             sigma_range = ranges * ranges / scale * sigma_px
         else:
-            ranges = scale / np.maximum(inverse + view.shift, scale / 20.0)
+            ranges = scale / np.maximum(inverse + view.vote.shift, scale / 20.0)
             across = np.zeros(len(inverse))
             sigma_range = np.hypot(_SIGMA_M, ranges * ranges / scale * _SIGMA_PX)
             sigma_across = np.full(len(inverse), _SIGMA_ACROSS_M)
@@ -171,7 +171,7 @@ class BodyFinder:
             score=score,
             sigma_range=sigma_range,
             sigma_across=sigma_across,
-            top=_tops(view.patches),
+            top=_tops(view.patches, view.vote.contrast),
             patches=view.patches,
         )
         return _select(all_bodies, self._alone(all_bodies))
@@ -204,18 +204,24 @@ def _select(bodies: Bodies, index: Int) -> Bodies:
     )
 
 
+#: Mean contrast of a row that is not of the body.
+_BEHIND = 0.0
 _TRUNK = np.flatnonzero(np.abs(ACROSS) < 0.13)
 _FROM = int(np.searchsorted(HEIGHTS, 0.85))  # rows from here up may be a top
 _STEP = float(HEIGHTS[1] - HEIGHTS[0])
 
 
-def _tops(patches: Patches) -> Float:
-    """Height of the bodies' tops [m]: where the trunk's column ends in a gap of three samples."""
+def _tops(patches: Patches, contrast: Float32) -> Float:
+    """Height of the bodies' tops [m]: where the trunk's column ends in a gap of three samples.
+
+    What matches better behind the body than at it is not the body: windows of matching widen things
+    upwards, too.
+    """
+    tolerance = patches.tolerance[:, np.newaxis, np.newaxis]
     with np.errstate(invalid="ignore"):
-        same = (
-            np.abs(patches.difference[:, :, _TRUNK]) < patches.tolerance[:, np.newaxis, np.newaxis]
-        )
-    filled = same.mean(axis=2)[:, _FROM:] >= 0.4
+        same = np.abs(patches.difference[:, :, _TRUNK]) < tolerance
+    behind = contrast[:, _FROM:, _TRUNK].mean(axis=2) < _BEHIND
+    filled = (same.mean(axis=2)[:, _FROM:] >= 0.4) & ~behind
     padded = np.pad(filled, ((0, 0), (0, 3)))
     gap = ~(padded[:, :-2] | padded[:, 1:-1] | padded[:, 2:])
     end = gap.argmax(axis=1)  # the first row of the first gap

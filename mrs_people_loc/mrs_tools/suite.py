@@ -86,8 +86,8 @@ def steps() -> list[Step]:
         ),
         Step("covariances long along the line of sight", {}, default("joining.line_of_sight")),
         Step("robots of the team are no people", {}, default("joining.robot_radius")),
-        Step("human test", default("bodies.human_test"), default("joining.min_score")),
         Step("one voted disparity per body", default("bodies.vote"), {}),
+        Step("human test", default("bodies.human_test"), default("joining.min_score")),
         Step("from the surface to the axis", default("bodies.axis"), {}),
         Step("fragments of a person are that person", {}, default("joining.fragment_gate")),
     ]
@@ -214,8 +214,8 @@ def markdown(rows: Sequence[Row], half: str) -> str:
     lines += _table(
         ("", "people", *_HEAD),
         [
-            [f"{row.name}{kind}", str(report["true"]), *_figures(report)]
-            for row in (first, last)
+            [f"{file}{kind}", str(report["true"]), *_figures(report)]
+            for row, file in ((first, "paper.yaml"), (last, "default.yaml"))
             for kind, chosen in (("", None), (", standing", True), (", walking", False))
             for report in (row.report(standing=chosen),)
         ],
@@ -227,7 +227,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
         "",
         "## Scene by scene",
         "",
-        f"{last.name} and all before it; in brackets: {first.name}.",
+        "With default.yaml; in brackets with paper.yaml.",
         "",
     ]
     lines += _table(

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -13,6 +14,7 @@ from mrs_people_loc.images import StereoImages
 from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches
 from mrs_people_loc.search import Candidates
 from mrs_people_loc.timing import StageTimes
+from mrs_people_loc.voting import Vote
 
 SHAPE = (len(HEIGHTS), len(ACROSS))
 SCALE = 10.0  # focal length times baseline of the heads here [px m]
@@ -76,7 +78,7 @@ def view_of(bearing, ranges, *, score=0.0, shift=0.0, extent=1.0, top=1.7) -> Vi
     return View(
         Candidates(bearing, inverse, np.full(n, extent)),
         patches_of(difference, bearing, inverse),
-        np.full(n, shift),
+        dataclasses.replace(Vote.nothing(n), shift=np.full(n, shift)),
         Evidence(even, np.zeros((n, ODD)), np.zeros((n, DEPTH))),
     )
 
@@ -162,7 +164,7 @@ def test_likeliest_first_and_no_unlikely_ones(head):
 def test_a_view_without_candidates(head, n):
     finder = finder_of(head, model_of(), vote=bool(n), axis=bool(n))
     view = finder.look(NOTHING, FLAT, StageTimes())
-    assert len(view.candidates) == len(view.patches) == len(view.shift) == 0
+    assert len(view.candidates) == len(view.patches) == len(view.vote.shift) == 0
     bodies = finder(NOTHING, FLAT, StageTimes())
     assert len(bodies) == 0
     assert points_of(bodies).shape == (0, 3)
@@ -172,12 +174,22 @@ def test_a_view_without_candidates(head, n):
 # --------------------------------------------------------------------------------- tops ----
 
 
+def test_what_matches_behind_the_body_is_not_its_top(head):
+    view = view_of([0.0], [2.0], top=1.95)
+    contrast = np.where(HEIGHTS > 1.6, -0.5, 0.5).astype(np.float32)
+    vote = dataclasses.replace(view.vote, contrast=np.broadcast_to(contrast[:, None], (1, *SHAPE)))
+    above = finder_of(head, model_of()).judge(view).top[0]
+    below = finder_of(head, model_of()).judge(dataclasses.replace(view, vote=vote)).top[0]
+    assert above == pytest.approx(1.95, abs=0.0376)
+    assert below == pytest.approx(1.6, abs=0.0376)
+
+
 def top_of(head, same) -> float:
     """Top of a body whose samples at these heights are its own, all across."""
     difference = np.full(SHAPE, -9.0)
     difference[same] = 0.0
     view = view_of([0.0], [2.0])
-    view = View(view.candidates, patches_of(difference), view.shift, view.evidence)
+    view = View(view.candidates, patches_of(difference), view.vote, view.evidence)
     return float(finder_of(head, model_of()).judge(view).top[0])
 
 
