@@ -25,7 +25,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-oldest lint format bench experiment colcon lock clean FORCE
+.PHONY: help setup demo test test-oldest lint format bench suite fit experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -72,6 +72,15 @@ bench: setup ## Measure the speed
 
 experiment: setup ## Repeat the paper's experiment, simulated; its figures beside ours
 	$(BIN)/mrs experiment
+
+suite: setup ## Score the published suite step by step, into docs/suite.md (a quarter of an hour)
+	$(BIN)/mrs suite .suite/test --steps --out docs/suite.md
+
+fit: setup ## Fit the body model to the suite's train half and its variants (half an hour)
+	$(BIN)/mrs simulate --suite train .suite/train
+	$(BIN)/mrs simulate --suite train --variants 20 .suite/more
+	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
+	    --out mrs_people_loc/mrs_people_loc/body_model.json
 
 # --- checks ---------------------------------------------------------------------------------------
 

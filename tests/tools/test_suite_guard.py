@@ -19,8 +19,8 @@ SCENES = ("three", "talk", "close_tilted", "poor_dark", "far", "office", "walk_f
 FRAMES = 2
 #: What `default.yaml` gave on them, and by how much a figure may be worse: another machine renders
 #: other noise.
-RECORDED = {"recall": 0.0, "precision": 0.0, "error": 0.0}
-MARGIN = {"recall": 0.04, "precision": 0.05, "error": 0.01}
+RECORDED = {"recall": 0.956, "precision": 0.915, "error": 0.042}
+MARGIN = {"recall": 0.04, "precision": 0.05, "error": 0.008}
 
 
 @pytest.mark.timeout(600)
