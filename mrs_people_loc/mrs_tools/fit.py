@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -379,7 +380,7 @@ def command(
     """Fit the body model to bags with ground truth."""
     read = functools.partial(_read, configs=config or [], views=views)
     parts = []
-    with progress_bar() as progress, ProcessPoolExecutor(jobs) as pool:
+    with progress_bar() as progress, ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         task = progress.add_task("reading", total=len(bags))
         for part in pool.map(read, bags, range(len(bags))):
             parts.append(part)

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -171,7 +172,7 @@ def run_suite(
     robot: dict[str, Any] = {}
     planner: dict[str, Any] = {}
     rows = []
-    with ProcessPoolExecutor(jobs) as pool:
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         for number, step in enumerate(ladder):
             robot, planner = {**robot, **step.robot}, {**planner, **step.planner}
             if not every_step and 0 < number < len(ladder) - 1:

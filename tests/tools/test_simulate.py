@@ -26,7 +26,7 @@ from typer.testing import CliRunner
 
 from mrs_tools.bags import BagReader
 from mrs_tools.cli import app
-from mrs_tools.simulate import simulate, simulate_suite, suite_scenes, team_file
+from mrs_tools.simulate import simulate, simulate_suite, suite_scenes, team_file, variants
 from mrs_tools.simulation import motion, textures
 from mrs_tools.simulation.bodies import Body
 from mrs_tools.simulation.heads import sample_offsets
@@ -767,6 +767,37 @@ def test_suite_renders_what_is_missing(tmp_path: Path) -> None:
     ]
     assert done == ["two"]
     assert team_file(tmp_path / "two").is_file()
+
+
+def test_variants_are_scenes_of_the_same_kinds() -> None:
+    scenes = suite_scenes(SUITE, "train")
+    more = variants(scenes, 3)
+    assert len(more) == 3 * len(scenes)
+    assert more == variants(scenes, 3)
+    everything = [*scenes, *suite_scenes(SUITE, "test"), *more]
+    assert len({s.name for s in everything}) == len({s.seed for s in everything}) == len(everything)
+    for number, other in enumerate(more):
+        scene = scenes[number % len(scenes)]
+        assert other.name == f"{scene.name}_{number // len(scenes) + 1:02d}"
+        assert (other.timing.frames, other.timing.rate) == (2, scene.timing.rate)
+        for name in ("people", "robots", "activity", "near", "far", "cloth"):
+            assert getattr(other.layout, name) == getattr(scene.layout, name)
+        assert (other.room.length, other.room.width) == (scene.room.length, scene.room.width)
+        assert len(expand(other).people) == scene.layout.people
+    # Looks, faults and heads are those of the list, in another order each time.
+    for start in range(0, len(more), len(scenes)):
+        part = more[start : start + len(scenes)]
+        for value in (
+            lambda s: s.room.ambient,
+            lambda s: s.imaging.noise,
+            lambda s: s.odometry.sigma,
+            lambda s: s.layout.heads,
+        ):
+            before, after = [value(s) for s in scenes], [value(s) for s in part]
+            assert sorted(before) == sorted(after)
+            assert before != after
+    assert len({s.layout.furniture for s in more}) > 5
+    assert variants(scenes, 0) == variants([], 3) == []
 
 
 # ----------------------------------------------------------------------------- command ----

@@ -1,0 +1,147 @@
+"""`mrs suite`: the steps, the rows and tables, and a suite of one scene from end to end."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team
+from mrs_people_loc.evaluation import Estimate, Truth, score
+
+pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
+pytest.importorskip("typer", reason="the mrs command needs typer")
+
+from typer.testing import CliRunner
+
+from mrs_tools import suite
+from mrs_tools.cli import app
+from mrs_tools.evaluate import Result
+from mrs_tools.suite import Row, markdown, steps
+
+ROOT = Path(__file__).resolve().parents[2]
+PAPER = ROOT / "config" / "paper.yaml"
+
+
+def result_of(*errors: float, missed: int = 0, false: int = 0) -> Result:
+    """One frame: somebody found this far off for each error [m], others missed or made up."""
+    count = len(errors) + missed
+    true = np.stack([3.0 * np.arange(count), np.zeros(count)], axis=1)
+    found = [(3.0 * k, error) for k, error in enumerate(errors)]
+    found += [(3.0 * k, 50.0) for k in range(false)]
+    covariances = np.tile(0.02**2 * np.eye(2), (len(found), 1, 1))
+    estimate = Estimate(0, np.array(found).reshape(-1, 2), covariances)
+    return Result(frames=score(Truth.build([0], [true]), [estimate]))
+
+
+def cells_of(text: str, first: str) -> list[str]:
+    (line,) = [line for line in text.splitlines() if line.startswith(f"| {first} |")]
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+# -------------------------------------------------------------------------------- steps ----
+
+
+def test_the_steps_lead_from_the_paper_to_the_default() -> None:
+    ladder = steps()
+    assert (dict(ladder[0].robot), dict(ladder[0].planner)) == ({}, {})
+    names = [step.name for step in ladder]
+    assert len(set(names)) == len(names) > 3
+    robot: dict = {}
+    planner: dict = {}
+    seen = []
+    for step in ladder:
+        robot, planner = {**robot, **step.robot}, {**planner, **step.planner}
+        with suite._config_file(robot, planner) as file:
+            team = load_team(PAPER, file, robots=("robot_a",))
+        seen.append((team.robots["robot_a"], team.planner))
+    paper = load_team(PAPER, robots=("robot_a",))
+    assert seen[0] == (paper.robots["robot_a"], paper.planner)
+    for before, after in pairwise(seen):
+        assert before != after  # each step is one
+    last, planner_config = seen[-1]
+    assert last.disparity == RobotConfig().disparity
+    assert last.bodies == RobotConfig().bodies
+    assert planner_config.joining == PlannerConfig().joining
+
+
+# --------------------------------------------------------------------------------- rows ----
+
+
+def row(name: str = "ours") -> Row:
+    results = {"test_a": result_of(0.03, 0.05), "test_b": result_of(0.10, missed=1, false=2)}
+    return Row(name, results, frozenset({"test_a"}))
+
+
+def test_rows_pool_their_scenes_by_hand() -> None:
+    standing, walking, both = (row().report(standing=s) for s in (True, False, None))
+    assert (standing["true"], walking["true"], both["true"]) == (2, 2, 4)
+    assert (standing["recall"], walking["recall"], both["recall"]) == (1.0, 0.5, 0.75)
+    assert walking["precision"] == pytest.approx(1 / 3)
+    assert both["precision"] == pytest.approx(3 / 5)
+    assert standing["error_m"]["mean"] == pytest.approx(0.04)
+    assert both["error_m"]["mean"] == pytest.approx(0.06)
+    # 2.45 sigma of 2 cm are 4.9 cm.
+    assert (standing["coverage_95"], walking["coverage_95"]) == (0.5, 0.0)
+
+
+def test_tables_by_hand() -> None:
+    first = Row("printed", {"test_a": result_of(missed=2), "test_b": result_of(0.2, missed=1)},
+                frozenset({"test_a"}))  # fmt: skip
+    text = markdown([first, row()], "test")
+    assert text.startswith("## Results on the test half\n")
+    assert "What each step gives" not in text
+    assert cells_of(text, "ours") == ["ours", "4", "0.750", "0.600", "6.0", "9.5", "0.333"]
+    assert cells_of(text, "ours, standing")[2:5] == ["1.000", "1.000", "4.0"]
+    assert cells_of(text, "ours, walking")[2:5] == ["0.500", "0.333", "10.0"]
+    assert cells_of(text, "printed, standing")[1:] == ["2", "0.000", "-", "-", "-", "-"]
+    assert cells_of(text, "test_a")[1:5] == ["2", "1.000 (0.000)", "1.000 (-)", "4.0 (-)"]
+    widths = {line.count("|") for line in text.splitlines() if line.startswith("| test")}
+    assert widths == {8}
+
+
+def test_all_steps_have_a_table_of_their_own() -> None:
+    text = markdown([row("one"), row("two"), row("three")], "train")
+    (_, _, after) = text.partition("## What each step gives")
+    table, _, _ = after.partition("## Scene by scene")
+    lines = [line.split("|")[1].strip() for line in table.splitlines() if line.startswith("| ")]
+    assert lines == ["step", "one", "two", "three"]
+    assert "three and all before it; in brackets: one." in text
+
+
+# ------------------------------------------------------------------------------ command ----
+
+SUITE = """
+- name: train_01_none
+  half: train
+  layout: {people: 1, robots: 2}
+- name: test_01_pair
+  half: test
+  seed: 5
+  timing: {frames: 2}
+  layout: {people: 2, robots: 2}
+  room: {length: 6.0, width: 6.0}
+  odometry: {mode: exact}
+"""
+
+
+def test_a_suite_of_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
+    file, bags, out = tmp_path / "suite.yaml", tmp_path / "bags", tmp_path / "suite.md"
+    file.write_text(SUITE)
+    out.write_text("# The suite\n\nKept.\n\n## Results on the test half\n\nOld.\n")
+    monkeypatch.setattr(suite, "suite_file", lambda: file)
+    result = CliRunner().invoke(app, ["suite", str(bags), "--out", str(out), "-j", "1"])
+    assert result.exit_code == 0, result.output
+    assert sorted(p.name for p in bags.iterdir()) == ["test_01_pair", "test_01_pair.yaml"]
+    text = out.read_text()
+    assert text.startswith("# The suite\n\nKept.\n\n## Results on the test half\n")
+    assert "Old." not in text
+    names = [step.name for step in steps()]
+    ours, printed = cells_of(text, names[-1]), cells_of(text, names[0])
+    assert ours[1] == printed[1]
+    assert 0 < int(ours[1]) <= 4  # two people, two frames; some may not be seen
+    assert cells_of(text, f"{names[-1]}, walking")[1] == "0"
+    assert cells_of(text, "test_01_pair")[1] == ours[1]
