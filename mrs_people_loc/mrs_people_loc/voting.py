@@ -136,13 +136,19 @@ def _contrast(
     for behind in (0.0, *_BEHIND_PX):
         x = matched + behind * reach[:, np.newaxis, np.newaxis]
         other = _look_up(right, x.reshape(shape), patches.v.reshape(shape)).reshape(x.shape)
-        cost: Any = np.abs(seen - gain * other - level)
-        smooth: Any = cv2.blur(cost.reshape(shape), (3, 3))
-        costs.append(np.asarray(smooth, dtype=np.float32).reshape(x.shape))
+        costs.append(_blurred(np.abs(seen - gain * other - level)))
     there, elsewhere = costs[0], np.minimum.reduce(costs[1:])
     contrast: Float32 = (elsewhere - there) / (elsewhere + there + np.float32(_NOISE))
     contrast[~patches.inside] = 0.0
     return contrast
+
+
+def _blurred(patches: Float32) -> Float32:
+    """Means over 3 x 3 samples, patch by patch; shape (n, heights, across), n up to 512."""
+    # As channels of one image, so that no patch gets anything from its neighbour.
+    channels: Any = cv2.blur(np.ascontiguousarray(np.moveaxis(patches, 0, -1)), (3, 3))
+    apart = np.moveaxis(channels.reshape(*patches.shape[1:], -1), -1, 0)
+    return np.asarray(apart, dtype=np.float32)
 
 
 def _smoothed(image: Gray) -> Float32:

@@ -47,11 +47,12 @@ def patches_of(difference, *, inside=None, inverse_range=5.0, tolerance=0.5) -> 
     )
 
 
-def evidence_of(patches: Patches, extent=1.0, shift=0.0, shift_sigma=0.0) -> Evidence:
+def evidence_of(
+    patches: Patches, extent=1.0, shift=0.0, shift_sigma=0.0, contrast=None
+) -> Evidence:
     n = len(patches)
-    vote = dataclasses.replace(
-        Vote.nothing(n), shift=np.full(n, shift), sigma=np.full(n, shift_sigma)
-    )
+    contrast = Vote.nothing(n).contrast if contrast is None else contrast
+    vote = Vote(np.full(n, shift), np.full(n, shift_sigma), contrast)
     return gather_evidence(patches, np.full(n, extent), vote, depth_disparity=SCALE)
 
 
@@ -80,7 +81,9 @@ def mirrored(patches: Patches) -> Patches:
 @given(st.integers(0, 10**6))
 def test_in_a_mirror_even_evidence_stays_and_odd_evidence_changes_its_sign(seed):
     patches = random_patches(seed)
-    seen, other = (evidence_of(p, 1.1, 0.2, 0.04) for p in (patches, mirrored(patches)))
+    contrast = np.random.default_rng(seed).uniform(-1, 1, (len(patches), *SHAPE))
+    seen = evidence_of(patches, 1.1, 0.2, 0.04, contrast.astype(np.float32))
+    other = evidence_of(mirrored(patches), 1.1, 0.2, 0.04, contrast[:, :, ::-1].astype(np.float32))
     np.testing.assert_allclose(other.even, seen.even, atol=1e-5)
     np.testing.assert_allclose(other.odd, -seen.odd, atol=1e-5)
     np.testing.assert_allclose(other.depth, seen.depth, atol=1e-5)

@@ -115,6 +115,21 @@ def test_each_body_has_a_vote_of_its_own(make_head):
     np.testing.assert_allclose(voted(left, right, swapped)[0], both[::-1], atol=1e-5)
 
 
+def test_contrast_tells_the_body_from_what_is_behind_it(make_head):
+    """A body 0.3 m wide before a wall, in a patch that its windows of matching fill wholly."""
+    head = make_head(**HEAD)
+    u = np.mgrid[:120, :160][1]
+    behind = np.abs(u + 5 - 79.5) >= 9
+    left, right = pair(texture(3), np.where(behind, 2.5, 5.0), noise=1.0)
+    alone = vote(left, right, patches_at(head), offset_px=0.0).contrast
+    rows = slice(2, 20)
+    assert alone[0, rows, np.abs(ACROSS) < 0.1].mean() > 0.15
+    assert alone[0, rows, np.abs(ACROSS) > 0.3].mean() < -0.15
+    # Beside another body it says the same.
+    two = vote(left, right, patches_at(head, (0.5, 0.0), (2.2, 2.0)), offset_px=0.0).contrast
+    np.testing.assert_allclose(two[1], alone[0], atol=1e-5)
+
+
 def test_what_is_not_of_the_body_has_no_vote(make_head):
     head = make_head(**HEAD)
     u = np.mgrid[:120, :160][1]
