@@ -64,6 +64,9 @@ def place_bodies(
     cells = fused.cells
     of_cell = np.full(len(fused), -1, dtype=np.intp)
     mine = np.flatnonzero(cells.body)
+    if not len(mine):
+        places = np.empty((0, 2)), np.empty((0, 2, 2))
+        return BodiesOnMap(of_cell, np.empty(0, np.intp), *places, np.empty(0))
     key = fused.robot[mine].astype(np.int64) << 32 | cells.body[mine].astype(np.int64)
     _, first, number = np.unique(key, return_index=True, return_inverse=True)
     of_cell[mine] = number
@@ -114,6 +117,8 @@ def are_robots(
         poses: By robot, its pose in the common frame.
         radius: Of a robot [m]; 0: robots are not told from people.
     """
+    if not len(bodies):
+        return np.empty(0, dtype=bool)
     known = list(poses)
     place = np.array([(poses[name].x, poses[name].y) for name in known]).reshape(-1, 2)
     index = {name: k for k, name in enumerate(known)}
@@ -159,6 +164,9 @@ def join(bodies: BodiesOnMap, used: Bool, config: cfg.Joining) -> Joined:
         config: Parameters.
     """
     index = np.flatnonzero(used)
+    if not len(index):
+        none = np.full(len(bodies), -1, dtype=np.intp)
+        return Joined(none, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
     groups = [
         _Group([int(i)], {int(bodies.robot[i])}, *_information(bodies.covariance[i], bodies.xy[i]))
         for i in index
@@ -260,6 +268,8 @@ def are_people(joined: Joined, bodies: BodiesOnMap, config: cfg.Joining) -> Bool
         bodies: What they were joined of.
         config: Parameters.
     """
+    if not len(joined):
+        return np.empty(0, dtype=bool)
     robots = np.zeros((len(joined), int(bodies.robot.max(initial=-1)) + 1), dtype=bool)
     member = joined.of_body >= 0
     robots[joined.of_body[member], bodies.robot[member]] = True

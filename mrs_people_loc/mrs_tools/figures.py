@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from mrs_people_loc import search
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth
 from mrs_people_loc.fusion import map_from_robot
@@ -144,7 +145,10 @@ def show(interval: Interval, run: BagRun, truth: Truth) -> Shown:
     ahead += [scan.cells.x.astype(np.float64) for scan in interval.scans]
     reach = np.concatenate([[0.0], *ahead])
     zones = {
-        name: (config.zones.low, config.zones.high) for name, config in run.team.robots.items()
+        name: (search.LOWEST, search.HIGHEST)
+        if config.bodies.search
+        else (config.zones.low, config.zones.high)
+        for name, config in run.team.robots.items()
     }
     heads = [seen.camera.mounting.height + 0.3 for seen in interval.views.values()]
     return Shown(
