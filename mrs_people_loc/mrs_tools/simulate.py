@@ -142,6 +142,7 @@ def variants(scenes: list[Scene], count: int) -> list[Scene]:
 
     Each has a seed, furniture and clutter of its own; heads, walls, floor, light, faults of the
     cameras and odometry are those of other scenes of the list, drawn at random. Two frames each.
+    From the `_NARROW`th on rooms are narrower, where everybody fits in, so that walls are near.
     """
     result = []
     for number in range(1, count + 1):
@@ -156,19 +157,39 @@ def variants(scenes: list[Scene], count: int) -> list[Scene]:
                 furniture=int(rng.integers(0, 14)),
                 clutter=int(rng.integers(0, 10)),
             )
-            result.append(
-                dataclasses.replace(
-                    scene,
-                    name=f"{scene.name}_{number:02d}",
-                    seed=scene.seed + 10_000 * number,
-                    timing=dataclasses.replace(scene.timing, frames=2),
-                    room=room,
-                    layout=layout,
-                    imaging=scenes[imagings[k]].imaging,
-                    odometry=scenes[odometries[k]].odometry,
-                )
+            variant = dataclasses.replace(
+                scene,
+                name=f"{scene.name}_{number:02d}",
+                seed=scene.seed + 10_000 * number,
+                timing=dataclasses.replace(scene.timing, frames=2),
+                room=room,
+                layout=layout,
+                imaging=scenes[imagings[k]].imaging,
+                odometry=scenes[odometries[k]].odometry,
             )
+            if number >= _NARROW:
+                variant = _narrowed(variant, rng)
+            result.append(variant)
     return result
+
+
+#: From this one on variants are in narrower rooms.
+_NARROW = 21
+
+
+def _narrowed(scene: Scene, rng: np.random.Generator) -> Scene:
+    """The scene in a narrower room, with less furniture; as it is if people or robots stick out."""
+    length, width = rng.uniform(0.65, 0.9), rng.uniform(0.5, 0.8)
+    room = dataclasses.replace(
+        scene.room, length=scene.room.length * length, width=scene.room.width * width
+    )
+    layout = dataclasses.replace(scene.layout, furniture=scene.layout.furniture // 3)
+    narrow = dataclasses.replace(scene, room=room, layout=layout)
+    expanded = expand(narrow)
+    places = [(person.x, person.y) for person in expanded.people]
+    places += [(robot.x, robot.y) for robot in expanded.robots.values()]
+    fits = all(0.3 < x < room.length - 0.3 and 0.3 < y < room.width - 0.3 for x, y in places)
+    return narrow if fits else scene
 
 
 #: What a variant takes from another scene's room.

@@ -800,6 +800,23 @@ def test_variants_are_scenes_of_the_same_kinds() -> None:
     assert variants(scenes, 0) == variants([], 3) == []
 
 
+def test_later_variants_are_in_narrower_rooms_that_hold_everybody() -> None:
+    scenes = suite_scenes(SUITE, "train")
+    more = variants(scenes, 21)
+    assert more[: 3 * len(scenes)] == variants(scenes, 3)
+    narrow = 0
+    for scene, other in zip(scenes, more[20 * len(scenes) :], strict=True):
+        if other.room.width == scene.room.width:
+            continue  # somebody would have stuck out
+        narrow += 1
+        assert other.room.width <= 0.8 * scene.room.width
+        expanded = expand(other)
+        for thing in (*expanded.people, *expanded.robots.values()):
+            assert 0.3 < thing.x < other.room.length - 0.3
+            assert 0.3 < thing.y < other.room.width - 0.3
+    assert narrow > 10
+
+
 # ----------------------------------------------------------------------------- command ----
 
 
