@@ -66,7 +66,7 @@ def test_no_column_is_lost_that_has_a_match(head, wall_images, config):
     disparity = match(head, wall_images, **config)
     columns = np.isfinite(disparity).mean(axis=0)
     assert columns[:6].mean() < 0.15  # their match lies left of the right image
-    assert columns[6:].min() > 0.6
+    assert columns[6:].min() > 0.5  # a small block alone leaves 0.6 of the last one
     assert columns[6:].mean() > 0.95
     assert np.nanmedian(disparity) == pytest.approx(DISPARITY, abs=1 / 16)
 
