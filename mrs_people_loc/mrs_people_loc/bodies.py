@@ -30,6 +30,8 @@ Int = NDArray[np.intp]
 #: Where the model does not say how sure a place is: along the line of sight a part that does not
 #: depend on range [m] and one in disparity [px], and across [m].
 _SIGMA_M, _SIGMA_PX, _SIGMA_ACROSS_M = 0.06, 0.3, 0.06
+#: No range is surer than this [m]: with a longer baseline bodies are no thinner.
+_LEAST_SIGMA_M = 0.04
 #: Two bodies of one view are no closer than this across and in all [m].
 _APART_ACROSS, _APART = 0.30, 0.42
 
@@ -148,14 +150,15 @@ class BodyFinder:
         model = self._model or body_model.fitted()
         scale = self.camera.depth_disparity
         inverse = view.patches.inverse_range
+        least = scale / (1.5 * config.max_range)
         if config.axis:
             sigma_px = np.exp(model.depth_log_sigma(evidence.even))
             sigma_across = np.exp(model.across_log_sigma(evidence.even))
-            ranges = scale / np.maximum(inverse + model.depth(evidence.depth), scale / 20.0)
+            ranges = scale / np.maximum(inverse + model.depth(evidence.depth), least)
             across = model.across(evidence.odd)
-            sigma_range = ranges * ranges / scale * sigma_px
+            sigma_range = np.maximum(ranges * ranges / scale * sigma_px, _LEAST_SIGMA_M)
         else:
-            ranges = scale / np.maximum(inverse + view.vote.shift, scale / 20.0)
+            ranges = scale / np.maximum(inverse + view.vote.shift, least)
             across = np.zeros(len(inverse))
             sigma_range = np.hypot(_SIGMA_M, ranges * ranges / scale * _SIGMA_PX)
             sigma_across = np.full(len(inverse), _SIGMA_ACROSS_M)

@@ -373,7 +373,7 @@ class Bodies(Section):
     vote: bool = _field(True, "true: all pixels of a body vote on one disparity")
     human_test: bool = _field(
         True, "true: a fitted model says how likely a body is a person; false: its vertical extent "
-        "stands for it"
+        "stands for it; fitted with bodies.vote"
     )  # fmt: skip
     axis: bool = _field(
         True, "true: fitted offsets move a body from the surface that was seen to its axis; needs "

@@ -7,6 +7,7 @@ used once. Time is an argument everywhere, so that live nodes and tests do the s
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -29,12 +30,15 @@ class Closed:
         poses: By robot, its pose at its scan's stamp.
         time_ns: Stamp of the newest scan [ns].
         left_out: By robot, why its scan takes no part.
+        others: By robot whose scan takes no part, its pose at `time_ns` where one is near enough:
+            it may be in view of those that do.
     """
 
     scans: tuple[Scan, ...]
     poses: Mapping[str, Pose]
     time_ns: int
     left_out: Mapping[str, str]
+    others: Mapping[str, Pose]
 
 
 @dataclass
@@ -171,4 +175,9 @@ class IntervalCollector:
                 continue
             scans.append(scan)
         time_ns = max((scan.stamp_ns for scan in scans), default=newest_ns)
-        return Closed(tuple(scans), poses, time_ns, left_out)
+        others: dict[str, Pose] = {}
+        for name, state in self.robots.items():
+            if name not in poses:
+                with contextlib.suppress(PoseError):
+                    others[name] = state.poses.at(time_ns, round(self.config.max_pose_age * 1e9))
+        return Closed(tuple(scans), poses, time_ns, left_out, others)

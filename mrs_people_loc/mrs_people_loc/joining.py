@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,11 @@ Bool = NDArray[np.bool_]
 
 #: No standard deviation is taken for smaller [m].
 _LEAST_SIGMA = 0.01
+#: ... and none for larger [m]: what a message says of its uncertainty may be anything.
+_LARGEST_SIGMA = 100.0
+_USABLE = 1e12
+#: A robot is looked for no farther along the line of sight than this [m].
+_ROBOT_REACH = 0.8
 #: One robot says no more against a person than this.
 _LEAST_SCORE = -2.0
 
@@ -79,8 +85,10 @@ def place_bodies(
     )
     first = mine[first]
     robot = fused.robot[first]
-    along = np.maximum(cells.sigma_range[first].astype(np.float64), _LEAST_SIGMA) ** 2
-    across = np.maximum(cells.sigma_across[first].astype(np.float64), _LEAST_SIGMA) ** 2
+    along, across = (
+        np.clip(sigma[first].astype(np.float64), _LEAST_SIGMA, _LARGEST_SIGMA) ** 2
+        for sigma in (cells.sigma_range, cells.sigma_across)
+    )
     if not line_of_sight:
         along = across = np.sqrt(along * across)
     robots = [poses[name] for name in fused.robots]
@@ -92,7 +100,20 @@ def place_bodies(
     for index, pose in enumerate(robots):
         of_robot = robot == index
         covariance[of_robot] += pose_effect(pose, xy[of_robot])
+    covariance = _bounded(covariance)
     return BodiesOnMap(of_cell, robot, xy, covariance, cells.score[first].astype(np.float64))
+
+
+def _bounded(covariance: Float) -> Float:
+    """Covariances with standard deviations between a least and a largest one, whatever came in."""
+    largest = _LARGEST_SIGMA**2
+    usable: Any = np.isfinite(covariance).all(axis=(1, 2)) & (np.abs(covariance) < 1e12).all(
+        axis=(1, 2)
+    )
+    covariance = np.where(usable[:, np.newaxis, np.newaxis], covariance, largest * np.eye(2))
+    values, vectors = np.linalg.eigh(covariance)
+    values = np.clip(values, _LEAST_SIGMA**2, largest)
+    return np.asarray((vectors * values[:, np.newaxis]) @ vectors.transpose(0, 2, 1))
 
 
 def _units(vectors: Float) -> Float:
@@ -109,12 +130,13 @@ def are_robots(
     """Which bodies are other robots of the team, shape (n,).
 
     A robot is where its pose says; seen from another one it looks like a person. What is within its
-    radius across the line of sight, and along it within the radius or 2.5 sigma, is the robot.
+    radius across the line of sight, and along it within the radius or 2.5 sigma (but no more than
+    `_ROBOT_REACH`), is the robot.
 
     Args:
         bodies: The bodies.
         fused: Their map.
-        poses: By robot, its pose in the common frame.
+        poses: By robot, its pose in the common frame; also of those without cells.
         radius: Of a robot [m]; 0: robots are not told from people.
     """
     if not len(bodies):
@@ -128,7 +150,7 @@ def are_robots(
     along = np.abs(np.einsum("nrk,nk->nr", offset, sight))
     across = np.abs(offset[..., 0] * sight[:, 1:] - offset[..., 1] * sight[:, :1])
     sigma = np.sqrt(np.einsum("nj,njk,nk->n", sight, bodies.covariance, sight))
-    reach = np.maximum(radius, 2.5 * sigma)[:, np.newaxis]
+    reach = np.maximum(radius, np.minimum(2.5 * sigma, _ROBOT_REACH))[:, np.newaxis]
     there = (across < radius) & (along < reach)
     there[np.arange(len(bodies)), own] = False
     return np.asarray(there.any(axis=1))

@@ -212,4 +212,7 @@ def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan
             raise ScanError(f"{name} is negative or too large; wanted: uint32")
     with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold is refused as inf
         cells = Cells.from_records(records)
+    for name in ("sigma_range", "sigma_across"):
+        if (getattr(cells, name)[cells.body > 0] <= 0).any():
+            raise ScanError(f"{name} of a body is 0 or less; wanted: more than 0")
     return Scan(robot, stamp_ns_of(message.header.stamp), cells)

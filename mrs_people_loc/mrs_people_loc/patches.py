@@ -143,9 +143,10 @@ class PatchSampler:
             bearing = bearing + np.clip(offset, -0.12, 0.12) * (
                 inverse_range / self.camera.depth_disparity
             )
-            inverse_range = inverse_range + np.clip(middle[:, 0], -0.6, 0.6) * (
+            nearer = np.clip(middle[:, 0], -0.6, 0.6) * (
                 inverse_range / patches.expected[:, len(HEIGHTS) // 2, len(ACROSS) // 2]
             )
+            inverse_range = np.maximum(inverse_range + nearer, 0.5 * inverse_range)
         return self(disparity, bearing, inverse_range)
 
 

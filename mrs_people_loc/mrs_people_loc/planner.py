@@ -65,7 +65,8 @@ class Planner:
 
         Args:
             scans: At most one per robot.
-            poses: By robot, its pose in the common frame at its scan's stamp.
+            poses: By robot, its pose in the common frame at its scan's stamp; also of robots
+                without a scan, which others may see.
             time_ns: Time of the interval [ns].
 
         Raises:
@@ -97,12 +98,13 @@ class Planner:
         clusters = measure(fused, label)
         human = is_human(clusters, config.human)
         human[first:] = False
-        persons = locate(fused, clusters, human, poses) + people_of_bodies(
-            fused,
-            clusters,
-            joined,
-            are_people(joined, bodies, config.joining),
-            first + np.arange(len(joined)),
+        likely = are_people(joined, bodies, config.joining)
+        persons = people_of_bodies(fused, clusters, joined, likely, first + np.arange(len(joined)))
+        # Where some robots seek bodies and others do not, both may see the same person.
+        persons += tuple(
+            person
+            for person in locate(fused, clusters, human, poses)
+            if not (np.hypot(*(joined.xy[likely] - person.position).T) < config.joining.apart).any()
         )
         group = gather(persons)
         times.mark("people")

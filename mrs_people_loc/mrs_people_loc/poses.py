@@ -252,5 +252,6 @@ def pose_effect(pose: Pose, positions: Float) -> Float:
     lever = np.zeros((len(positions), 2, 3))
     lever[:, 0, 0] = lever[:, 1, 1] = 1.0
     lever[:, 0, 2], lever[:, 1, 2] = pose.y - positions[:, 1], positions[:, 0] - pose.x
-    effect: Float = lever @ pose.covariance @ lever.transpose(0, 2, 1)
+    with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
+        effect: Float = lever @ pose.covariance @ lever.transpose(0, 2, 1)
     return effect

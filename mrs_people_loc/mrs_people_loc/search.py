@@ -76,10 +76,16 @@ class BodySearch:
         max_range: Farthest horizontal range [m].
 
     Raises:
-        CameraError: The head looks down so steeply that it does not see bodies upright.
+        CameraError: The head looks so steeply down or up that it does not see bodies upright, or
+            there is nothing between the ranges.
     """
 
     def __init__(self, camera: StereoCamera, *, min_range: float, max_range: float) -> None:
+        if min_range >= max_range:
+            raise CameraError(
+                f"bodies.max_range is {max_range:g}; "
+                f"allowed: more than disparity.min_range, {min_range:g}"
+            )
         self.camera = camera
         rotation, translation = camera.robot_from_optical
         u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
@@ -92,8 +98,8 @@ class BodySearch:
         upright = level > _LEAST_UPRIGHT * np.linalg.norm(ray, axis=0)
         if upright.mean() < _LEAST_SHARE:
             raise CameraError(
-                "bodies.search is true but the head looks steeply down (mounting.pitch = "
-                f"{camera.mounting.pitch:g} rad): most of its pixels see people from above; "
+                "bodies.search is true but the head looks steeply down or up (mounting.pitch = "
+                f"{camera.mounting.pitch:g} rad): most of its pixels do not see people upright; "
                 "wanted: bodies.search false"
             )
         # Around the line of sight of the image's middle, so that no head looks over the seam.

@@ -61,7 +61,7 @@ def steps() -> list[Step]:
     return [
         Step("the printed method", {}, {}),
         Step(
-            "block 7, holes filled from block 11, pre-filter cap 63",
+            "block 7, holes filled from block 11, pre-filter cap 63, from 0.7 m",
             default(
                 "disparity.block_size_px",
                 "disparity.fill_block_size_px",

@@ -122,7 +122,7 @@ def test_the_lens_may_be_beside_the_robots_origin(make_head):
 
 def test_nobody_is_behind_infinity(head):
     bodies = finder_of(head, model_of(depth=-9.0)).judge(view_of([0.0], [2.0]))
-    assert bodies.range == pytest.approx([20.0])
+    assert bodies.range == pytest.approx([1.5 * 6.0])  # half as far again as bodies.max_range
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from mrs_people_loc.joining import (
     join,
     place_bodies,
 )
+from mrs_people_loc.planner import Planner
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Cells, Scan
 
@@ -362,3 +363,70 @@ def test_a_robot_that_saw_the_likelier_one_too_has_two_people():
     joined = joined_of(bodies)
     np.testing.assert_array_equal(joined.of_body, [0, 0, 1])
     np.testing.assert_array_equal(are_people(joined, bodies, cfg.Joining()), [True, True])
+
+
+# ----------------------------------------------------------------- whatever messages say ----
+
+
+@pytest.mark.parametrize("sigma", [3e38, 1e7, 1e-30])
+@pytest.mark.parametrize("variance", [0.0, 1e15, 1.7e308])
+def test_no_uncertainty_is_too_wild(make_cells, sigma, variance):
+    """Two robots see one body; what they say of their uncertainty may be anything."""
+    covariance = np.diag([variance, variance, variance])
+    poses = {
+        "a": Pose(0, 0.0, 0.0, 0.0, covariance),
+        "b": Pose(0, 2.0, -2.0, math.pi / 2, covariance),
+    }
+    scans = [
+        scan_of(make_cells, "a", (2, 0, 9, 1, 3.0), sigma_range=sigma),
+        scan_of(make_cells, "b", (2, 0, 9, 1, 3.0), sigma_range=sigma),
+    ]
+    people = Planner(cfg.PlannerConfig()).step(scans, poses, 0).persons
+    assert len(people) >= 1
+    for person in people:
+        np.testing.assert_allclose(person.position, (2.0, 0.0), atol=1e-3)
+        assert np.isfinite(person.covariance).all()
+        assert (np.linalg.eigvalsh(person.covariance) > 0).all()
+
+
+def test_a_covariance_that_is_none_becomes_one(make_cells):
+    none = np.zeros((3, 3))
+    none[0, 1] = none[1, 0] = 0.5  # variances of 0, and yet they vary together
+    poses = {"a": Pose(0, 0.0, 0.0, 0.0, none)}
+    fused = fuse([scan_of(make_cells, "a", (2, 0, 9, 1, 3.0))], poses)
+    bodies = place_bodies(fused, poses, line_of_sight=True)
+    assert (np.linalg.eigvalsh(bodies.covariance) > 0).all()
+
+
+def test_far_behind_a_robot_nobody_is_that_robot():
+    """However unsure a place is, a robot is looked for no farther than 0.8 m from it."""
+    poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 3.0, 0.0, 0.0)}
+    wide = np.diag([4.0, 0.01])
+    for x, is_robot in ((3.7, True), (4.0, False)):
+        bodies = bodies_of((0, (x, 0.0), wide, 3.0))
+        assert are_robots(bodies, robot_map("a"), poses, radius=0.35).tolist() == [is_robot]
+
+
+def test_robots_without_a_scan_are_no_people_either(make_cells):
+    scan = scan_of(make_cells, "a", (2, 0, 9, 1, 3.0))
+    poses = {"a": Pose(0, 0.0, 0.0, 0.0)}
+    planner = Planner(cfg.PlannerConfig())
+    assert len(planner.step([scan], poses, 0).persons) == 1
+    result = planner.step([scan], {**poses, "b": Pose(0, 2.0, 0.0, 0.0)}, 0)
+    assert result.persons == ()
+    assert list(result.poses) == ["a"]  # what it was made from
+
+
+def test_a_team_that_seeks_bodies_in_part_finds_each_person_once(make_cells):
+    """The cells of b, which seeks no bodies, are a cluster with the size of a person."""
+    grid = [(x, y) for x in np.arange(-0.15, 0.2, 0.05) for y in np.arange(-0.15, 0.2, 0.05)]
+    plain = [(2.0 + x, y, 20, 0, 0.0) for x, y in grid]
+    beside = [(2.0 + x, 2.0 + y, 20, 0, 0.0) for x, y in grid]
+    scans = [
+        scan_of(make_cells, "a", (2, 0, 9, 1, 3.0)),
+        scan_of(make_cells, "b", *plain, *beside),
+    ]
+    poses = {name: Pose(0, 0.0, 0.0, 0.0) for name in ("a", "b")}
+    people = Planner(cfg.PlannerConfig()).step(scans, poses, 0).persons
+    places = sorted(tuple(person.position.round(2)) for person in people)
+    assert places == [(2.0, 0.0), (2.0, 2.0)]

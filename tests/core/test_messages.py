@@ -331,6 +331,16 @@ def test_scan_of_bodies_by_hand():
     assert read(point_cloud([], BODY_FIELDS)) == []
 
 
+@pytest.mark.parametrize("name", ["sigma_range", "sigma_across"])
+@pytest.mark.parametrize("value", [0.0, -5.0])
+def test_a_body_without_uncertainty_is_refused(name, value):
+    index = list(BODY_FIELDS).index(name)
+    cells = [list(cell) for cell in BODY_CELLS]
+    cells[1][index] = value
+    with pytest.raises(ScanError, match=f"{name} of a body is 0 or less"):
+        read(point_cloud([tuple(cell) for cell in cells], BODY_FIELDS))
+
+
 def test_cells_without_a_body_are_plain_cells():
     scan = messages.read_scan(point_cloud(), "robot_a")
     for name in ("body", "score", "sigma_range", "sigma_across"):

@@ -258,3 +258,13 @@ def test_in_rows():
     values = np.arange(12).reshape(2, 3, 2)
     np.testing.assert_array_equal(in_rows(values), [range(6), range(6, 12)])
     assert in_rows(np.empty((0, 3, 2))).shape == (0, 6)
+
+
+@pytest.mark.parametrize("px", [0.0, 0.3])
+def test_far_places_stay_before_infinity(make_head, px):
+    """What has no disparity, or hardly any, pulls a far place on and on, never past infinity."""
+    head = make_head()
+    seen = np.full((120, 160), px, dtype=np.float32)
+    patches = PatchSampler(head.camera()).centred(seen, np.array([0.0]), np.array([0.35]))
+    assert 0.0 < patches.inverse_range[0] <= 0.35
+    assert np.isfinite(patches.u).all()
