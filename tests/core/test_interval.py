@@ -85,6 +85,18 @@ def test_what_a_closed_interval_holds():
     assert closed.poses["robot_a"].x == pytest.approx(1.013)
 
 
+def test_poses_of_robots_without_a_scan_are_there_too():
+    team = Team("robot_a", "robot_b")
+    team.collector.robot("robot_c")  # has no pose
+    team.scan("robot_a", 1013)
+    assert team.close(20_000) == {"robot_a": 1013}
+    assert list(team.closed.poses) == ["robot_a"]
+    assert {name: pose.stamp_ns for name, pose in team.closed.others.items()} == {
+        "robot_b": 1013 * MS
+    }
+    assert team.closed.others["robot_b"].x == pytest.approx(1.013)
+
+
 def test_three_robots_wait_for_each_other():
     team = live_team(*THREE)
     team.scan("robot_b", 1200)
