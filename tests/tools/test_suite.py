@@ -93,10 +93,18 @@ def test_tables_by_hand() -> None:
     text = markdown([first, row()], "test")
     assert text.startswith("## Results on the test half\n")
     assert "What each step gives" not in text
-    assert cells_of(text, "ours") == ["ours", "4", "0.750", "0.600", "6.0", "9.5", "0.333"]
-    assert cells_of(text, "ours, standing")[2:5] == ["1.000", "1.000", "4.0"]
-    assert cells_of(text, "ours, walking")[2:5] == ["0.500", "0.333", "10.0"]
-    assert cells_of(text, "printed, standing")[1:] == ["2", "0.000", "-", "-", "-", "-"]
+    assert cells_of(text, "default.yaml") == [
+        "default.yaml",
+        "4",
+        "0.750",
+        "0.600",
+        "6.0",
+        "9.5",
+        "0.333",
+    ]
+    assert cells_of(text, "default.yaml, standing")[2:5] == ["1.000", "1.000", "4.0"]
+    assert cells_of(text, "default.yaml, walking")[2:5] == ["0.500", "0.333", "10.0"]
+    assert cells_of(text, "paper.yaml, standing")[1:] == ["2", "0.000", "-", "-", "-", "-"]
     assert cells_of(text, "test_a")[1:5] == ["2", "1.000 (0.000)", "1.000 (-)", "4.0 (-)"]
     widths = {line.count("|") for line in text.splitlines() if line.startswith("| test")}
     assert widths == {8}
@@ -108,7 +116,7 @@ def test_all_steps_have_a_table_of_their_own() -> None:
     table, _, _ = after.partition("## Scene by scene")
     lines = [line.split("|")[1].strip() for line in table.splitlines() if line.startswith("| ")]
     assert lines == ["step", "one", "two", "three"]
-    assert "three and all before it; in brackets: one." in text
+    assert "With default.yaml; in brackets with paper.yaml." in text
 
 
 # ------------------------------------------------------------------------------ command ----
@@ -139,9 +147,8 @@ def test_a_suite_of_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     text = out.read_text()
     assert text.startswith("# The suite\n\nKept.\n\n## Results on the test half\n")
     assert "Old." not in text
-    names = [step.name for step in steps()]
-    ours, printed = cells_of(text, names[-1]), cells_of(text, names[0])
+    ours, printed = cells_of(text, "default.yaml"), cells_of(text, "paper.yaml")
     assert ours[1] == printed[1]
     assert 0 < int(ours[1]) <= 4  # two people, two frames; some may not be seen
-    assert cells_of(text, f"{names[-1]}, walking")[1] == "0"
+    assert cells_of(text, "default.yaml, walking")[1] == "0"
     assert cells_of(text, "test_01_pair")[1] == ours[1]
