@@ -153,7 +153,9 @@ def test_pairs_that_disagree_give_nothing(make_head, rectangle, top):
 
 def test_a_binocular_head_does_not_look_at_top(head, wall_images):
     with_top = dataclasses.replace(wall_images, top=np.zeros_like(wall_images.left))
-    np.testing.assert_array_equal(match(head, with_top), match(head, wall_images))
+    # With a larger cap OpenCV's small blocks do not repeat themselves.
+    binocular, other = (match(head, seen, pre_filter_cap=31) for seen in (wall_images, with_top))
+    np.testing.assert_array_equal(other, binocular)
 
 
 @pytest.mark.parametrize(
