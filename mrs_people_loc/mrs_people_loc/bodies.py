@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.body_model import BodyModel, Evidence, gather_evidence
 from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.images import StereoImages
-from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches, PatchSampler
+from mrs_people_loc.patches import ACROSS, HEIGHTS, SILHOUETTE, Patches, PatchSampler, span
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.search import BodySearch, Candidates
 from mrs_people_loc.timing import StageTimes
@@ -34,6 +35,8 @@ _SIGMA_M, _SIGMA_PX, _SIGMA_ACROSS_M = 0.06, 0.3, 0.06
 _LEAST_SIGMA_M = 0.04
 #: Two bodies of one view are no closer than this across and in all [m].
 _APART_ACROSS, _APART = 0.30, 0.42
+#: Heights of a patch whose samples go out as cells.
+_ZONE = span((HEIGHTS > 0.2) & (HEIGHTS < 1.95))
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,24 @@ class Bodies:
     def __len__(self) -> int:
         """Number of bodies."""
         return len(self.x)
+
+    @functools.cached_property
+    def silhouettes(self) -> tuple[NDArray[np.bool_], Float]:
+        """Which samples are of the bodies, and how far to the left of their middle columns are.
+
+        Shape (n, heights of `_ZONE`, columns of `SILHOUETTE`), and [m], shape (n, columns). Each
+        body has one sample at least: nobody may get lost.
+        """
+        difference = self.patches.difference[:, _ZONE, SILHOUETTE]
+        with np.errstate(invalid="ignore"):
+            same = np.abs(difference) < self.patches.tolerance[:, np.newaxis, np.newaxis]
+        count = same.sum(axis=1)
+        empty = np.flatnonzero(count.sum(axis=1) == 0)
+        across = ACROSS[SILHOUETTE].astype(np.float64)
+        same[empty, 0, len(across) // 2] = True
+        count[empty, len(across) // 2] = 1
+        middle = count @ across / count.sum(axis=1)
+        return same, across - middle[:, np.newaxis]
 
 
 class BodyFinder:
@@ -232,30 +253,6 @@ def _tops(patches: Patches, contrast: Float32) -> Float:
     return np.asarray(top, dtype=np.float64)
 
 
-_ZONE = np.flatnonzero((HEIGHTS > 0.2) & (HEIGHTS < 1.95))
-_SILHOUETTE = np.flatnonzero(np.abs(ACROSS) < 0.33)
-
-
-def _silhouettes(bodies: Bodies) -> tuple[NDArray[np.bool_], Float]:
-    """Which samples are of the bodies, and how far to the left of their middle their columns are.
-
-    Returns:
-        Shape (n, heights of `_ZONE`, columns of `_SILHOUETTE`), and [m], shape (n, columns). Each
-        body has one sample at least: nobody may get lost.
-    """
-    difference = bodies.patches.difference[:, _ZONE[0] : _ZONE[-1] + 1]
-    difference = difference[:, :, _SILHOUETTE[0] : _SILHOUETTE[-1] + 1]
-    with np.errstate(invalid="ignore"):
-        same = np.abs(difference) < bodies.patches.tolerance[:, np.newaxis, np.newaxis]
-    count = same.sum(axis=1)
-    empty = np.flatnonzero(count.sum(axis=1) == 0)
-    same[empty, 0, len(_SILHOUETTE) // 2] = True
-    count[empty, len(_SILHOUETTE) // 2] = 1
-    across = ACROSS[_SILHOUETTE].astype(np.float64)
-    middle = count @ across / count.sum(axis=1)
-    return same, across - middle[:, np.newaxis]
-
-
 def _place(bodies: Bodies, body: Int, left: Float) -> tuple[Float32, Float32]:
     """Where in base_link [m] is what lies so far to the left of a body's axis, across its sight."""
     x = bodies.x[body] - left * np.sin(bodies.bearing[body])
@@ -265,7 +262,7 @@ def _place(bodies: Bodies, body: Int, left: Float) -> tuple[Float32, Float32]:
 
 def points_of(bodies: Bodies) -> Float32:
     """The samples of the bodies' silhouettes in base_link [m], shape (m, 3)."""
-    same, left = _silhouettes(bodies)
+    same, left = bodies.silhouettes
     body, row, column = np.nonzero(same)
     x, y = _place(bodies, body, left[body, column])
     return np.stack([x, y, HEIGHTS[_ZONE][row]]).T
@@ -280,7 +277,7 @@ def cells_of(bodies: Bodies) -> Cells:
     Returns:
         The cells, body by body; `body` counts from 1 in the order of the bodies.
     """
-    same, left = _silhouettes(bodies)
+    same, left = bodies.silhouettes
     body, column = np.nonzero(same.any(axis=1))
     x, y = _place(bodies, body, left[body, column])
     heights = HEIGHTS[_ZONE]

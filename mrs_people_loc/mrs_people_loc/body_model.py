@@ -19,7 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.errors import ConfigError
-from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches, in_rows, quantiles
+from mrs_people_loc.patches import (
+    ACROSS,
+    BODY_HEIGHTS,
+    HEIGHTS,
+    SILHOUETTE,
+    Patches,
+    in_rows,
+    quantiles,
+)
 from mrs_people_loc.voting import Vote
 
 Float32 = NDArray[np.float32]
@@ -49,9 +57,7 @@ _OF_STRIPES = _means(  # first those to the right, then those to the left
     [_between(side * ACROSS, *stripe) for side in (-1, 1) for stripe in _STRIPES]
 )
 _OF_SLICES = np.array([_between(HEIGHTS, *part) for part in _SLICES], dtype=np.float32)
-#: Samples that may be of the body.
-_ROWS, _COLUMNS = _between(HEIGHTS, 0.31, 1.95), _between(np.abs(ACROSS), 0.0, 0.33)
-_UPPER = _between(HEIGHTS[_ROWS], 1.0, 9.0)
+_UPPER = _between(HEIGHTS[BODY_HEIGHTS], 1.0, 9.0)
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ def gather_evidence(
             even.append(in_rows(0.5 * (left + right)))
             even.append(in_rows(np.minimum(left, right)[..., 2:]))
 
-    inner = patches.difference[:, _ROWS][:, :, _COLUMNS]
+    inner = patches.difference[:, BODY_HEIGHTS, SILHOUETTE]
     with np.errstate(invalid="ignore"):
         body = np.abs(inner) < 1.5 * patches.tolerance[:, np.newaxis, np.newaxis]
     flat, chosen = in_rows(inner), in_rows(body)
@@ -106,7 +112,7 @@ def gather_evidence(
     number = np.maximum(chosen.sum(axis=1), 1)
     values = np.where(body, inner, 0.0)
     mean = values.sum(axis=(1, 2)) / number
-    across = ACROSS[_COLUMNS].astype(np.float64)
+    across = ACROSS[SILHOUETTE].astype(np.float64)
     columns, of_columns = body.sum(axis=1), values.sum(axis=1)
     middle = columns @ across / number
     # Least-squares slope of the disparity across the body: an oblique wall has one, a body has not.
@@ -116,8 +122,8 @@ def gather_evidence(
     inverse = patches.inverse_range
     ranges = depth_disparity / inverse
     metres = ranges / inverse  # that a pixel of disparity is worth
-    of_centroids = (_OF_SLICES @ (same * _COLUMNS)).astype(np.float64)
-    centroids = of_centroids @ ACROSS / np.maximum(of_centroids.sum(axis=2), 1e-3)
+    of_centroids = (_OF_SLICES @ same[..., SILHOUETTE]).astype(np.float64)
+    centroids = of_centroids @ across / np.maximum(of_centroids.sum(axis=2), 1e-3)
     deviation = np.sqrt(np.maximum((values**2).sum(axis=(1, 2)) / number - mean**2, 0.0))
     scalars = [
         ranges,

@@ -40,6 +40,11 @@ class Closed:
     left_out: Mapping[str, str]
     others: Mapping[str, Pose]
 
+    @property
+    def all_poses(self) -> dict[str, Pose]:
+        """Every pose that is known, for `Planner.step`."""
+        return {**self.others, **self.poses}
+
 
 @dataclass
 class RobotState:

@@ -26,6 +26,7 @@ Bool = NDArray[np.bool_]
 _LEAST_SIGMA = 0.01
 #: ... and none for larger [m]: what a message says of its uncertainty may be anything.
 _LARGEST_SIGMA = 100.0
+#: A covariance with anything larger says nothing [m^2].
 _USABLE = 1e12
 #: A robot is looked for no farther along the line of sight than this [m].
 _ROBOT_REACH = 0.8
@@ -107,9 +108,7 @@ def place_bodies(
 def _bounded(covariance: Float) -> Float:
     """Covariances with standard deviations between a least and a largest one, whatever came in."""
     largest = _LARGEST_SIGMA**2
-    usable: Any = np.isfinite(covariance).all(axis=(1, 2)) & (np.abs(covariance) < 1e12).all(
-        axis=(1, 2)
-    )
+    usable: Any = (np.abs(covariance) < _USABLE).all(axis=(1, 2))  # NaN compares false
     covariance = np.where(usable[:, np.newaxis, np.newaxis], covariance, largest * np.eye(2))
     values, vectors = np.linalg.eigh(covariance)
     values = np.clip(values, _LEAST_SIGMA**2, largest)

@@ -25,10 +25,18 @@ Bool = NDArray[np.bool_]
 ACROSS: Float32 = np.linspace(-0.70, 0.70, 29, dtype=np.float32)
 HEIGHTS: Float32 = np.linspace(0.1, 2.275, 30, dtype=np.float32)
 
-#: A body is sought in this part of its patch.
-_CORE_ACROSS = np.flatnonzero(np.abs(ACROSS) < 0.28)
-_CORE_HEIGHTS = np.flatnonzero((HEIGHTS > 0.3) & (HEIGHTS < 1.95))
-_CORE = np.ix_(_CORE_HEIGHTS, _CORE_ACROSS)
+
+def span(chosen: Bool) -> slice:
+    """The samples from the first chosen one to the last."""
+    index = np.flatnonzero(chosen)
+    return slice(int(index[0]), int(index[-1]) + 1)
+
+
+#: Where in a patch its body is: from the knees to the top of the head; its trunk, which has no
+#: background in it; and all of its silhouette, arms included.
+BODY_HEIGHTS = span((HEIGHTS > 0.3) & (HEIGHTS < 1.95))
+TRUNK = span(np.abs(ACROSS) < 0.28)
+SILHOUETTE = span(np.abs(ACROSS) < 0.33)
 
 
 @dataclass(frozen=True)
@@ -131,15 +139,16 @@ class PatchSampler:
         """
         for _ in range(2):
             patches = self(disparity, bearing, inverse_range)
-            difference = in_rows(patches.difference[:, _CORE[0], _CORE[1]])
+            difference = in_rows(patches.difference[:, BODY_HEIGHTS, TRUNK])
             tolerance = patches.tolerance[:, np.newaxis]
             with np.errstate(invalid="ignore"):
                 near = np.abs(difference) < 1.5 * tolerance
             middle = _median(difference, near)[:, np.newaxis]
             with np.errstate(invalid="ignore"):
                 same = near & (np.abs(difference - middle) < tolerance)
-            columns = same.reshape(-1, len(_CORE_HEIGHTS), len(_CORE_ACROSS)).sum(axis=1)
-            offset = columns @ ACROSS[_CORE_ACROSS] / np.maximum(columns.sum(axis=1), 1)
+            trunk = ACROSS[TRUNK]
+            columns = same.reshape(-1, len(HEIGHTS[BODY_HEIGHTS]), len(trunk)).sum(axis=1)
+            offset = columns @ trunk / np.maximum(columns.sum(axis=1), 1)
             bearing = bearing + np.clip(offset, -0.12, 0.12) * (
                 inverse_range / self.camera.depth_disparity
             )

@@ -90,49 +90,48 @@ class RobotPipeline:
         times.mark("disparity")
         cloud = self._make_cloud(disparity)
         times.mark("cloud")
-        make = self._cells if self._find_bodies is None else self._cells_of_bodies
-        zones, noise, cells = make(cloud, disparity, images, times)
+        if self._find_bodies is None:
+            zones, noise, cells = filter_cloud(cloud, self.config, times)
+        else:
+            zones = filters.discriminate_zones(cloud, low=search.LOWEST, high=search.HIGHEST)
+            times.mark("zones")
+            found = self._find_bodies(disparity, images, times)
+            noise, cells = bodies.points_of(found), bodies.cells_of(found)
+            times.mark("cells")
         scan = Scan(self.robot, images.stamp_ns, cells)
         return Stages(disparity, cloud, zones, noise, scan, times.ms)
 
-    def _cells_of_bodies(
-        self, cloud: Float32, disparity: Float32, images: StereoImages, times: StageTimes
-    ) -> tuple[Float32, Float32, Cells]:
-        """What is at the heights of bodies, the samples of the bodies found, and their cells."""
-        assert self._find_bodies is not None
-        zones = filters.discriminate_zones(cloud, low=search.LOWEST, high=search.HIGHEST)
-        times.mark("zones")
-        found = self._find_bodies(disparity, images, times)
-        points, cells = bodies.points_of(found), bodies.cells_of(found)
-        times.mark("cells")
-        return zones, points, cells
 
-    def _cells(
-        self, cloud: Float32, disparity: Float32, images: StereoImages, times: StageTimes
-    ) -> tuple[Float32, Float32, Cells]:
-        """The paper's zones, noise windows and cells."""
-        config = self.config
-        zones = filters.discriminate_zones(cloud, low=config.zones.low, high=config.zones.high)
-        times.mark("zones")
-        noise = filters.reduce_noise(
-            zones, window=config.noise.window, min_points=config.noise.min_points
-        )
-        times.mark("noise")
-        cells = filters.quantize(noise, cell=config.quantization.cell)
-        times.mark("cells")
-        cells = self._with_tops(cells, noise, cloud)
-        times.mark("tops")
-        return zones, noise, cells
+def filter_cloud(
+    cloud: Float32, config: RobotConfig, times: StageTimes
+) -> tuple[Float32, Float32, Cells]:
+    """The paper's zones, noise windows and cells of a cloud (eqs. 1-5).
 
-    def _with_tops(self, cells: Cells, points: Float32, cloud: Float32) -> Cells:
-        config = self.config
-        top = filters.measure_tops(
-            cells,
-            points,
-            cloud,
-            zone_high=config.zones.high,
-            window=config.noise.window,
-            support=config.quantization.top_support,
-            gap=config.quantization.top_gap,
-        )
-        return Cells(cells.x, cells.y, cells.z, cells.z_min, top, cells.count)
+    Args:
+        cloud: Points, z the height over the floor [m], shape (n, 3).
+        config: Parameters.
+        times: Marked after each stage.
+
+    Returns:
+        V and H, shape (m, 3) each, and W with its tops.
+    """
+    zones = filters.discriminate_zones(cloud, low=config.zones.low, high=config.zones.high)
+    times.mark("zones")
+    noise = filters.reduce_noise(
+        zones, window=config.noise.window, min_points=config.noise.min_points
+    )
+    times.mark("noise")
+    cells = filters.quantize(noise, cell=config.quantization.cell)
+    times.mark("cells")
+    top = filters.measure_tops(
+        cells,
+        noise,
+        cloud,
+        zone_high=config.zones.high,
+        window=config.noise.window,
+        support=config.quantization.top_support,
+        gap=config.quantization.top_gap,
+    )
+    cells = Cells(cells.x, cells.y, cells.z, cells.z_min, top, cells.count)
+    times.mark("tops")
+    return zones, noise, cells

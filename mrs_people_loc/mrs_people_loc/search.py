@@ -22,6 +22,8 @@ Float = NDArray[np.float64]
 
 #: Heights that count [m]: what is lower is mostly floor, what is higher mostly wall.
 LOWEST, HIGHEST = 0.25, 1.95
+#: What matching errs by in a body, at most [px].
+MATCHING_ERROR_PX = 0.45
 #: Half of the width that is taken for a body's [m].
 _HALF_WIDTH = 0.18
 #: No second body within this of a better one: half a width [m].
@@ -45,7 +47,7 @@ def tolerance_px(inverse_range: Float, depth_disparity: float) -> Float:
         inverse_range: `depth_disparity` / range [px].
         depth_disparity: Focal length times baseline [px m].
     """
-    return np.maximum(0.45, 0.22 * inverse_range * inverse_range / depth_disparity)
+    return np.maximum(MATCHING_ERROR_PX, 0.22 * inverse_range * inverse_range / depth_disparity)
 
 
 @dataclass(frozen=True)

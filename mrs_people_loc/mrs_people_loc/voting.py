@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.images import Gray
-from mrs_people_loc.patches import ACROSS, HEIGHTS, Patches, in_rows
+from mrs_people_loc.patches import ACROSS, BODY_HEIGHTS, HEIGHTS, TRUNK, Patches, in_rows
+from mrs_people_loc.search import MATCHING_ERROR_PX
 
 Float32 = NDArray[np.float32]
 Float = NDArray[np.float64]
@@ -26,14 +27,11 @@ _ITERATIONS = 3
 _BLUR_PX = 0.7
 #: A vote moves a body no farther than this [px].
 _FARTHEST_PX = 1.2
-#: Where the background is looked for: this much less disparity, for a body as deep as matching errs
-#: (`_TOLERANCE_PX`) [px].
-_BEHIND_PX, _TOLERANCE_PX = (0.8, 1.5, 2.4, 3.6), 0.45
+#: Where the background is looked for: this much less disparity, for a body no deeper than what
+#: matching errs by [px].
+_BEHIND_PX = (0.8, 1.5, 2.4, 3.6)
 #: Cost that says nothing [grey levels].
 _NOISE = 4.0
-#: Samples that may vote: the silhouette is in here.
-_HEIGHTS = np.flatnonzero((HEIGHTS > 0.3) & (HEIGHTS < 1.95))
-_ACROSS = np.flatnonzero(np.abs(ACROSS) < 0.30)
 
 
 @dataclass(frozen=True)
@@ -66,13 +64,12 @@ def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> Vote
         right: Right image, likewise.
         patches: Patches, centred on the bodies.
         offset_px: Disparity of a point at infinity.
-
     """
     count = len(patches)
     if not count:
         return Vote.nothing(0)
     u, v, expected, difference = (
-        in_rows(part[:, _HEIGHTS[0] : _HEIGHTS[-1] + 1, _ACROSS[0] : _ACROSS[-1] + 1])
+        in_rows(part[:, BODY_HEIGHTS, TRUNK])
         for part in (patches.u, patches.v, patches.expected, patches.difference)
     )
     with np.errstate(invalid="ignore"):
@@ -131,7 +128,7 @@ def _contrast(
     )
     gain, level = (fitted[:, k].astype(np.float32)[:, np.newaxis, np.newaxis] for k in (0, 1))
     matched = patches.u - patches.expected - offset[:, np.newaxis, np.newaxis]
-    reach = np.maximum(patches.tolerance / _TOLERANCE_PX, 1.0).astype(np.float32)
+    reach = np.maximum(patches.tolerance / MATCHING_ERROR_PX, 1.0).astype(np.float32)
     costs = []
     for behind in (0.0, *_BEHIND_PX):
         x = matched + behind * reach[:, np.newaxis, np.newaxis]

@@ -328,8 +328,17 @@ def write_json(results: Mapping[str, Result], path: Path) -> None:
     Raises:
         PeopleLocError: The file cannot be written.
     """
+    write_text(path, json.dumps(as_json(results), indent=2, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file.
+
+    Raises:
+        PeopleLocError: It cannot be written.
+    """
     try:
-        path.write_text(json.dumps(as_json(results), indent=2, allow_nan=False) + "\n", "utf-8")
+        path.write_text(text, "utf-8")
     except OSError as err:
         raise PeopleLocError(f"{path}: cannot be written ({err.strerror or err})") from err
 

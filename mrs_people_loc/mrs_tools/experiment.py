@@ -31,7 +31,6 @@ import typer
 
 from mrs_people_loc import filters, timing
 from mrs_people_loc.config import Human, PlannerConfig, Team
-from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.evaluation import (
     MATCH_DISTANCE,
     Frame,
@@ -48,7 +47,7 @@ from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.poses import Pose
 from mrs_tools.bench import one_thread
 from mrs_tools.demo import default_file
-from mrs_tools.evaluate import Result, evaluate_bag, progress_bar
+from mrs_tools.evaluate import Result, evaluate_bag, progress_bar, write_text
 from mrs_tools.experiment_report import (
     PAPER_CLUSTERS,
     PAPER_ERROR_M,
@@ -687,7 +686,4 @@ def write_json(report: Mapping[str, Any], path: Path) -> None:
     Raises:
         PeopleLocError: The file cannot be written.
     """
-    try:
-        path.write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", "utf-8")
-    except OSError as err:
-        raise PeopleLocError(f"{path}: cannot be written ({err.strerror or err})") from err
+    write_text(path, json.dumps(report, indent=2, allow_nan=False) + "\n")

@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from mrs_people_loc import filters
 from mrs_people_loc.config import RobotConfig, Team
 from mrs_people_loc.errors import ConfigError, ScanError
 from mrs_people_loc.fusion import map_from_robot
 from mrs_people_loc.messages import read_scan
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.poses import Pose
+from mrs_people_loc.robot import filter_cloud
 from mrs_people_loc.scan import Scan
+from mrs_people_loc.timing import StageTimes
 from mrs_tools.bags import default_typestore
 from mrs_tools.offline import View
 
@@ -127,26 +128,15 @@ class ShareThenFilter:
     def plan(self, sent: Mapping[str, Any], poses: Mapping[str, Pose], time_ns: int) -> People:
         """As in `FilterThenShare`; everything in the common frame, as if from one robot."""
         config = self._config
-        robots = len(sent) if self._scaled else 1
+        if self._scaled:
+            noise = config.noise
+            scaled = dataclasses.replace(noise, min_points=len(sent) * noise.min_points)
+            config = dataclasses.replace(config, noise=scaled)
         clouds = [read_cloud(message) for message in sent.values()]
         cloud = join(clouds, [poses[robot] for robot in sent])
-        zones = filters.discriminate_zones(cloud, low=config.zones.low, high=config.zones.high)
-        noise = filters.reduce_noise(
-            zones, window=config.noise.window, min_points=robots * config.noise.min_points
-        )
-        cells = filters.quantize(noise, cell=config.quantization.cell)
-        top = filters.measure_tops(
-            cells,
-            noise,
-            cloud,
-            zone_high=config.zones.high,
-            window=config.noise.window,
-            support=config.quantization.top_support,
-            gap=config.quantization.top_gap,
-        )
-        cells = dataclasses.replace(cells, top=top)
+        zones, points, cells = filter_cloud(cloud, config, StageTimes())
         self.zones += len(zones)
-        self.noise += len(noise)
+        self.noise += len(points)
         origin = Pose(time_ns, 0.0, 0.0, 0.0, np.zeros((3, 3)))
         return self._planner.step([Scan("all", time_ns, cells)], {"all": origin}, time_ns)
 

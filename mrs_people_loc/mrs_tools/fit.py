@@ -33,14 +33,15 @@ from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.disparity import StereoMatcher
 from mrs_people_loc.errors import BagError, PeopleLocError
-from mrs_people_loc.geometry import yaw_from_quaternion
+from mrs_people_loc.evaluation import CHI2_95
+from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.timing import StageTimes
 from mrs_tools.bags import BagReader
-from mrs_tools.evaluate import progress_bar
+from mrs_tools.evaluate import progress_bar, write_text
 from mrs_tools.offline import BagRun
 
 Float = NDArray[np.float64]
@@ -194,9 +195,8 @@ def _examples(
 
     def seen(places: Float) -> tuple[Float, Float, Float]:
         """Across and along from each candidate (rows) to each place [m], and places' ranges."""
-        cos, sin = math.cos(pose[2]), math.sin(pose[2])
         _, lens = camera.robot_from_optical
-        local = (places - pose[:2]) @ np.array([[cos, -sin], [sin, cos]]) - lens[:2]
+        local = (places - pose[:2]) @ rotation_2d(pose[2]) - lens[:2]
         far, at = np.hypot(*local.T), np.arctan2(local[:, 1], local[:, 0])
         turn = np.angle(np.exp(1j * (at - bearing[:, np.newaxis])))
         return far * np.sin(turn), far * np.cos(turn) - ranges[:, np.newaxis], far
@@ -341,7 +341,7 @@ def cross_validate(examples: Examples) -> dict[str, float]:
         depth[held] = part.more_px - model.depth(part.depth)
         squares = (across[held] / np.exp(model.across_log_sigma(part.even))) ** 2
         squares += (depth[held] / np.exp(model.depth_log_sigma(part.even))) ** 2
-        inside[held] = squares < 5.991
+        inside[held] = squares < CHI2_95
     person, clear = examples.person, examples.clear
     order = np.flatnonzero(clear)[np.argsort(-score[clear], kind="stable")]
     hits = np.cumsum(person[order])
@@ -389,8 +389,5 @@ def command(
     for name, value in cross_validate(examples).items():
         typer.echo(f"{name}: {value:.5g}")
     text = json.dumps(fit(examples).to_mapping(), separators=(",", ":")) + "\n"
-    try:
-        out.write_text(text, "utf-8")
-    except OSError as err:
-        raise PeopleLocError(f"{out}: cannot be written ({err.strerror or err})") from err
+    write_text(out, text)
     typer.echo(f"{out}: {len(text) / 1000:.0f} kB")

@@ -480,9 +480,7 @@ class BagRun:
             for robot, reason in closed.left_out.items():
                 reasons.setdefault(robot, reason)
             if closed.scans:
-                people = planner.step(
-                    closed.scans, {**closed.others, **closed.poses}, closed.time_ns
-                )
+                people = planner.step(closed.scans, closed.all_poses, closed.time_ns)
                 names = [scan.robot for scan in closed.scans if scan.robot in waiting]
                 views = {name: waiting[name] for name in names}
                 yield Interval(now_ns, closed.scans, people, views)

@@ -22,10 +22,10 @@ from typing import Annotated, Any
 import typer
 import yaml
 
-from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, PlannerConfig, RobotConfig, load_team
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, PlannerConfig, RobotConfig
 from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.demo import default_file
-from mrs_tools.evaluate import Result, evaluate_bag, progress_bar
+from mrs_tools.evaluate import Result, evaluate_bag, progress_bar, write_text
 from mrs_tools.simulate import simulate_suite, suite_file, suite_scenes
 from mrs_tools.simulation.scene import Scene
 
@@ -178,7 +178,6 @@ def run_suite(
             if not every_step and 0 < number < len(ladder) - 1:
                 continue
             with _config_file(robot, planner) as file:
-                load_team(paper, file)
                 configs = [paper, file]
                 found = pool.map(_one, bags, [configs] * len(bags))
                 results = {}
@@ -292,6 +291,6 @@ def command(
     if out is not None:
         try:
             before = out.read_text("utf-8").partition("## Results on")[0] if out.exists() else ""
-            out.write_text(before + text, "utf-8")
         except OSError as err:
-            raise PeopleLocError(f"{out}: cannot be written ({err.strerror or err})") from err
+            raise PeopleLocError(f"{out}: cannot be read ({err.strerror or err})") from err
+        write_text(out, before + text)

@@ -132,7 +132,7 @@ class PlannerNode(ManagedNode):
             self._run(closed)
 
     def _run(self, closed: Closed) -> None:
-        result = self._planner.step(closed.scans, {**closed.others, **closed.poses}, closed.time_ns)
+        result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
         self._result = result
         self._intervals += 1
         frame = self.config.map_frame
