@@ -5,6 +5,8 @@
 PYTHON ?=
 # What to hand to pytest.
 PYTEST_ARGS ?=
+# How long each target is fuzzed.
+FUZZ_SECONDS ?= 60
 
 VENV := .venv
 OLDEST := .venv-oldest
@@ -25,7 +27,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-oldest lint format bench suite fit experiment colcon lock clean FORCE
+.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite fit experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -96,6 +98,12 @@ format: setup ## Put the style right as far as ruff can
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
+soak: setup ## The long tests: a full team at work for ten minutes, and all else that takes so long
+	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
+
+fuzz: setup ## Fuzz all that comes in (10 minutes; FUZZ_SECONDS=3600 for each of ten targets)
+	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
+
 test-oldest: $(OLDEST)/.installed ## Test the method alone with the oldest versions it allows
 	$(OLDEST)/bin/python -m pytest tests/core $(PYTEST_ARGS)
 
@@ -118,4 +126,4 @@ lock: setup ## Pin the newest versions that fit together (needs all four Pythons
 	$(BIN)/python setup/lock.py
 
 clean: ## Remove what these targets made
-	rm -rf $(VENV) $(OLDEST) $(COLCON) .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(COLCON) .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -13,6 +13,8 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
         ("share/mrs_people_loc", ["package.xml"]),
         ("share/mrs_people_loc/config", glob("../config/*.yaml") + glob("../config/*.rviz")),
+        ("share/mrs_people_loc/config/fastdds", glob("../config/fastdds/*.xml")),
+        ("share/mrs_people_loc/config/sros2", glob("../config/sros2/*.xml")),
     ],
     entry_points={"console_scripts": ["mrs = mrs_tools.cli:main"]},
     license="Apache-2.0",

@@ -3,5 +3,16 @@
 import os
 import sys
 
+import pytest
+
 # A pip install sets nothing, and the ament index is not found without it.
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Runs what is marked `soak` only where the markers on the command line ask for it."""
+    if "soak" not in config.option.markexpr:
+        left_out = [item for item in items if item.get_closest_marker("soak")]
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)

@@ -55,8 +55,9 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
         yield package, "package.xml", ROOT / folder / "package.xml"
         for path in sorted((ROOT / folder / "launch").glob("*.launch.py")):
             yield package, f"launch/{path.name}", path
-    for path in sorted([*ROOT.glob("config/*.yaml"), *ROOT.glob("config/*.rviz")]):
-        yield "mrs_people_loc", f"config/{path.name}", path
+    for pattern in ("config/*.yaml", "config/*.rviz", "config/*/*.xml"):
+        for path in sorted(ROOT.glob(pattern)):
+            yield "mrs_people_loc", str(path.relative_to(ROOT)), path
 
 
 def python_files() -> Iterator[tuple[str, Path]]:

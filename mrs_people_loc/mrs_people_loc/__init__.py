@@ -8,10 +8,15 @@ The data flows through the modules in this order:
 | disparity | `disparity` | |
 | scan of one robot: cloud, zones, noise windows, cells | `cloud`, `filters`, `scan` | 1-5 |
 | `RobotPipeline.step(images) -> Scan` | `robot` | |
-| map: poses over time, intervals, common frame | `poses`, `interval`, `fusion` | 6 |
-| clusters | `clustering` | 8-10 |
+| interval: clocks, poses over time, which scans | `clocks`, `poses`, `interval` | |
+| map: common frame | `fusion` | 6 |
+| robots, walls and furniture are no people | `masking` | |
+| bodies of several robots that are one | `joining`, `neighbours` | |
+| clusters, and those of several people split | `clustering`, `splitting` | 8-10 |
 | people: human-sized clusters, positions, group | `people` | |
 | `Planner.step(scans, poses, time) -> People` | `planner` | |
+
+Beside the flow: `floor` and `sight` watch a head, `agreement` the robots' poses.
 """
 
 __version__ = "0.1.0"

@@ -18,6 +18,12 @@ DISTORTION_MODELS = {
     "equidistant": (4,),
     "fisheye": (4,),
 }
+#: Images are at most this wide and high [px].
+_MAX_SIDE = 8192
+#: No number of a calibration is larger, whatever its unit; float32 has to hold their products.
+_MAX_ENTRY = 1e6
+#: The least focal length [px]; that of the smallest image of a fisheye lens is far above.
+_MIN_FOCAL = 1e-2
 #: Two cameras of a rectified pair may differ by this much in focal length (relative).
 _FOCAL_TOLERANCE = 1e-3
 #: ... and in the row (column for the vertical pair) of the principal point [px].
@@ -52,21 +58,28 @@ class CameraModel:
         Raises:
             CameraError: Naming the field, its value and what is allowed.
         """
-        if self.width <= 0 or self.height <= 0:
-            raise CameraError(f"image size is {self.width}x{self.height}; allowed: more than 0x0")
+        if not (0 < self.width <= _MAX_SIDE and 0 < self.height <= _MAX_SIDE):
+            raise CameraError(
+                f"image size is {self.width}x{self.height}; "
+                f"allowed: more than 0x0, up to {_MAX_SIDE}x{_MAX_SIDE}"
+            )
         for name, shape in (("k", (3, 3)), ("r", (3, 3)), ("p", (3, 4))):
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != shape:
                 raise CameraError(f"{name} has shape {value.shape}; wanted: {shape}")
             if not np.isfinite(value).all():
                 raise CameraError(f"{name} holds NaN or infinite values")
+            if name != "r" and np.abs(value).max() > _MAX_ENTRY:
+                raise CameraError(
+                    f"{name} holds {np.abs(value).max():g}; allowed: numbers up to {_MAX_ENTRY:g}"
+                )
             object.__setattr__(self, name, value)
         if not all(np.isfinite(self.d)):
             raise CameraError("d holds NaN or infinite values")
-        if self.p[0, 0] <= 0 or self.p[1, 1] <= 0:
+        if self.p[0, 0] < _MIN_FOCAL or self.p[1, 1] < _MIN_FOCAL:
             raise CameraError(
-                f"focal length in p is {self.p[0, 0]:g}, {self.p[1, 1]:g} px; allowed: more than 0 "
-                "(is the camera calibrated?)"
+                f"focal length in p is {self.p[0, 0]:g}, {self.p[1, 1]:g} px; allowed: at least "
+                f"{_MIN_FOCAL:g} (is the camera calibrated?)"
             )
 
     def check_raw(self) -> None:
@@ -113,6 +126,12 @@ class CameraModel:
         return dataclasses.replace(
             self, width=new_width, height=new_height, k=resize @ self.k, p=resize @ self.p
         )
+
+
+def robot_from_optical(mounting: Mounting) -> tuple[Float, Float]:
+    """Rotation (3, 3) and translation (3,) [m] from the left optical to the robot frame."""
+    rotation = rotation_from_rpy(mounting.roll, mounting.pitch, mounting.yaw) @ BODY_FROM_OPTICAL
+    return rotation, np.array([mounting.forward, mounting.left, mounting.height])
 
 
 @dataclass(frozen=True)
@@ -233,9 +252,7 @@ class StereoCamera:
     @property
     def robot_from_optical(self) -> tuple[Float, Float]:
         """Rotation (3, 3) and translation (3,) [m] from the left optical to the robot frame."""
-        m = self.mounting
-        rotation = rotation_from_rpy(m.roll, m.pitch, m.yaw) @ BODY_FROM_OPTICAL
-        return rotation, np.array([m.forward, m.left, m.height])
+        return robot_from_optical(self.mounting)
 
     def disparity_of(self, depth: float) -> float:
         """Disparity of the horizontal pair at a depth along the optical axis [m], in px."""

@@ -14,6 +14,8 @@ Int = NDArray[np.intp]
 _ROUNDING = 1e-5
 #: Points that are farther than this from the middle one, along y, are looked for together [m].
 _FAR = 1e4
+#: So many stretches of points are compared at once: memory that is new costs more than it is used.
+_BLOCK = 4096
 
 
 def cluster(xy: Float, *, distance: float) -> Int:
@@ -70,10 +72,17 @@ def _pairs_within(xy: Float, reach: float) -> tuple[Int, Int]:
     begin = np.concatenate([index + 1, np.searchsorted(place, place + (length - wide))])
     until = np.concatenate([place + wide, place + (length + wide)])
     count = np.searchsorted(place, until, side="right") - begin
-    one = np.repeat(np.concatenate([index, index]), count)
-    other = np.arange(len(one)) + np.repeat(begin - (np.cumsum(count) - count), count)
-    near = np.flatnonzero((x[one] - x[other]) ** 2 + (y[one] - y[other]) ** 2 <= reach**2)
-    return order[one[near]], order[other[near]]
+    index = np.concatenate([index, index])
+    found = []
+    for first in range(0, len(index), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        counts = count[block]
+        one = np.repeat(index[block], counts)
+        other = np.arange(len(one)) + np.repeat(begin[block] - (np.cumsum(counts) - counts), counts)
+        near = np.flatnonzero((x[one] - x[other]) ** 2 + (y[one] - y[other]) ** 2 <= reach**2)
+        found.append((order[one[near]], order[other[near]]))
+    ones, others = zip(*found, strict=True)
+    return np.concatenate(ones), np.concatenate(others)
 
 
 def _join(one: Int, other: Int, count: int) -> Int:

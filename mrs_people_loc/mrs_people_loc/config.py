@@ -321,6 +321,33 @@ class Disparity(Section):
 
 
 @dataclass(frozen=True)
+class Sight(Section):
+    """When a head is taken to be blind: its diagnostics say so."""
+
+    min_valid: float = _field(
+        0.25, "least share of pixels with a disparity; 0: not looked at", low=0.0, high=1.0
+    )
+    frames: int = _field(
+        5, "so many views in a row must be bad before it is said, and good before it is taken back",
+        low=1, high=1000,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Floor(Section):
+    """Whether the mounting fits the floor in view: diagnostics say when it does not."""
+
+    watch: bool = _field(True, "true: a part of the views is searched for the floor")
+    max_angle: float = _field(
+        0.026, "the head may be turned by this, and twice what the floor errs by [rad]",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    max_height: float = _field(
+        0.08, "the head may be higher or lower by this, likewise [m]", low=0.0, high=5.0
+    )
+
+
+@dataclass(frozen=True)
 class Zones(Section):
     """Zone discrimination (eq. 1): heights over the floor that are kept."""
 
@@ -393,17 +420,41 @@ class PoseInput(Section):
     """Where the robot's pose comes from, and how often it goes out."""
 
     source: str = _field(
-        "odom", "topic of the pose: nav_msgs/Odometry on `odom` or "
-        "geometry_msgs/PoseWithCovarianceStamped on `pose_in`",
-        choices=("odom", "pose_in"), live=False,
+        "odom", "where the pose comes from: nav_msgs/Odometry on `odom`, "
+        "geometry_msgs/PoseWithCovarianceStamped on `pose_in`, the parameter pose.static (static), "
+        "or TF (tf), which needs tf2_ros",
+        choices=("odom", "pose_in", "static", "tf"), live=False,
+    )  # fmt: skip
+    static: tuple[float, ...] = _field(
+        (), "x, y [m] and yaw [rad] of base_link in the map, where it stands (source static)",
+        kind="floats", length=3,
+    )  # fmt: skip
+    sigmas: tuple[float, ...] = _field(
+        (), "standard deviations of x, y [m] and yaw [rad] of a pose that comes without (source "
+        "static or tf), at least 0; empty: it is exact",
+        kind="floats", length=3,
     )  # fmt: skip
     map_from_odom: tuple[float, ...] = _field(
         (), "x, y [m] and yaw [rad] of the odometry's frame in the map, for poses that are not in "
-        "the map already; empty: not known",
+        "the map already; empty: as TF says, where tf2_ros is installed",
         kind="floats", length=3,
+    )  # fmt: skip
+    publish_tf: str = _field(
+        "auto", "what TF is told besides the cameras, where tf2_msgs is installed: auto (map to "
+        "base_link for source static and for odometry in the map; map to the odometry's frame with "
+        "map_from_odom), always (map to base_link: nobody else may place it), never (no cameras)",
+        choices=("auto", "always", "never"), live=False,
     )  # fmt: skip
     map_frame: str = _field("map", "the common frame", live=False)
     max_rate: float = _field(100.0, "poses published per second, at most [Hz]", low=1.0, high=1e3)
+
+    def _check_relations(self) -> None:
+        if self.source == "tf" and self.publish_tf == "always":
+            raise ConfigError(
+                "pose.publish_tf is always; allowed where pose.source is tf: auto, never"
+            )
+        if any(sigma < 0 for sigma in self.sigmas):
+            raise ConfigError(f"pose.sigmas is {list(self.sigmas)}; allowed: numbers of at least 0")
 
 
 @dataclass(frozen=True)
@@ -413,6 +464,8 @@ class RobotConfig(Section):
     images: Images = dataclasses.field(default_factory=Images)
     mounting: Mounting = dataclasses.field(default_factory=Mounting)
     disparity: Disparity = dataclasses.field(default_factory=Disparity)
+    sight: Sight = dataclasses.field(default_factory=Sight)
+    floor: Floor = dataclasses.field(default_factory=Floor)
     zones: Zones = dataclasses.field(default_factory=Zones)
     noise: Noise = dataclasses.field(default_factory=Noise)
     quantization: Quantization = dataclasses.field(default_factory=Quantization)
@@ -440,6 +493,21 @@ class Interval(Section):
     robot_timeout: float = _field(
         2.0, "a robot that is silent for longer is not waited for [s]", low=0.1, high=60.0
     )
+    max_clock_offset: float = _field(
+        0.2, "a robot whose clock differs by more from that of the robot nearest to the planner's "
+        "clock is left out [s]",
+        low=0.001, high=5.0,
+    )  # fmt: skip
+    scan_rate: float = _field(
+        0.0, "scans expected of each robot per second, of which half are enough; 0: as many as the "
+        "fastest delivers [Hz]",
+        low=0.0, high=1000.0,
+    )  # fmt: skip
+    walking_speed: float = _field(
+        0.7, "a scan older than the interval's newest is less sure of where people are, by so much "
+        "per second [m/s]; 0: it is not",
+        low=0.0, high=5.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -449,6 +517,16 @@ class Clustering(Section):
     distance: float = _field(
         0.15, "points within this distance belong together: d_th [m]", low=0.01, high=2.0
     )
+
+
+@dataclass(frozen=True)
+class Splitting(Section):
+    """How clusters that are more than one person are told apart."""
+
+    max_width: float = _field(
+        0.75, "a cluster that is wider than this is split into parts that are not [m]; 0: none is",
+        low=0.0, high=5.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -493,18 +571,42 @@ class Joining(Section):
     )
     max_distance: float = _field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
     min_score: float = _field(0.5, "log-odds from which a body is a person", low=-20.0, high=50.0)
-    apart: float = _field(0.42, "two people are no closer than this [m]", low=0.0, high=2.0)
+    apart: float = _field(0.36, "two people are no closer than this [m]", low=0.0, high=2.0)
     fragment_gate: float = _field(
         5.0, "a body within so many sigmas of a likelier person whom its robots did not see is "
         "that person; 0: none is",
         low=0.0, high=20.0,
     )  # fmt: skip
     fragment_distance: float = _field(1.0, "... and within this distance [m]", low=0.0, high=5.0)
+
+
+@dataclass(frozen=True)
+class Masking(Section):
+    """What stands at known places and is no person: robots of the team, walls, furniture."""
+
     robot_radius: float = _field(
-        0.35, "a body within this of another robot of the team is that robot [m]; 0: robots are "
+        0.25, "what is within this of another robot of the team is that robot [m]; 0: robots are "
         "not told from people",
         low=0.0, high=2.0,
     )  # fmt: skip
+    occupancy_grid: bool = _field(
+        False, "true: the nav_msgs/OccupancyGrid on `map` says where walls and furniture are; "
+        "false: nothing does",
+        live=False,
+    )  # fmt: skip
+    occupied_from: int = _field(
+        65, "cells of the grid from this value on are occupied [%]", low=1, high=100
+    )
+    wall_margin: float = _field(
+        0.15, "nobody's axis is nearer to walls and furniture than this [m]", low=0.0, high=1.0
+    )
+    wall_score: float = _field(
+        5.0, "log-odds of being a person that a body in a wall or in furniture loses, at most",
+        low=0.0, high=50.0,
+    )  # fmt: skip
+    beside_score: float = _field(
+        1.5, "log-odds that a body beside a wall or furniture gains, at most", low=0.0, high=50.0
+    )
 
 
 @dataclass(frozen=True)
@@ -516,8 +618,10 @@ class PlannerConfig(Section):
     )
     map_frame: str = _field("map", "the common frame", live=False)
     interval: Interval = dataclasses.field(default_factory=Interval)
+    masking: Masking = dataclasses.field(default_factory=Masking)
     joining: Joining = dataclasses.field(default_factory=Joining)
     clustering: Clustering = dataclasses.field(default_factory=Clustering)
+    splitting: Splitting = dataclasses.field(default_factory=Splitting)
     human: Human = dataclasses.field(default_factory=Human)
 
     def _check_relations(self) -> None:
@@ -526,8 +630,9 @@ class PlannerConfig(Section):
                 raise ConfigError(
                     f"robots has {name!r}; allowed: ROS namespaces without a leading slash"
                 )
-            if self.robots.count(name) > 1:
-                raise ConfigError(f"robots names {name} more than once; allowed: each robot once")
+        if len(set(self.robots)) < len(self.robots):
+            name = next(name for name in self.robots if self.robots.count(name) > 1)
+            raise ConfigError(f"robots names {name} more than once; allowed: each robot once")
 
 
 # ---------------------------------------------------------------------------- the files ----
@@ -612,12 +717,37 @@ def load_team(
     )
 
 
-def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
-    """Sections of a file, checked one by one: file, key with a leading slash, flat parameters."""
+class _Loader(yaml.SafeLoader):
+    """YAML without aliases, which ROS 2 refuses in parameter files, too.
+
+    A few lines of them can stand for more than any memory holds.
+    """
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """The next node, unless it is an alias."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.composer.ComposerError(
+                None, None, f"found an alias, *{event.anchor}; wanted: none", event.start_mark
+            )
+        return super().compose_node(parent, index)
+
+
+def load_yaml(path: Path) -> Any:
+    """What a YAML file holds.
+
+    Raises:
+        ConfigError: It cannot be read, or has aliases.
+    """
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return yaml.load(path.read_text(encoding="utf-8"), _Loader)
     except (OSError, yaml.YAMLError, *_YAML_SLIPS) as err:
         raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
+
+
+def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
+    """Sections of a file, checked one by one: file, key with a leading slash, flat parameters."""
+    document = load_yaml(path)
     if not isinstance(document, Mapping):
         raise ConfigError(f"{path}: is not a ROS 2 parameter file (a mapping of node names)")
     sections = []
@@ -628,10 +758,7 @@ def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
         if not isinstance(values, Mapping):
             raise ConfigError(f"{path}: section {name}: ros__parameters must be a mapping")
         key = "/" + str(name).lstrip("/")
-        try:
-            flat = {k: v for k, v in _flatten(values).items() if k not in NODE_PARAMETERS}
-        except RecursionError as err:  # an alias can make a mapping its own part
-            raise ConfigError(f"{path}: section {name} is nested too deeply") from err
+        flat = {k: v for k, v in _flatten(values).items() if k not in NODE_PARAMETERS}
         config_type = _CONFIG_TYPES.get(key.rpartition("/")[2])
         if config_type is not None:
             try:

@@ -27,5 +27,17 @@ class PoseError(PeopleLocError):
     """A pose that cannot be used, or none at the time that was asked for."""
 
 
+class GridError(PeopleLocError):
+    """An occupancy grid that cannot be used."""
+
+
 class BagError(PeopleLocError):
     """A recording that cannot be read or written."""
+
+
+class FloorError(PeopleLocError):
+    """There is not enough floor in view to measure a mounting."""
+
+
+class KeysError(PeopleLocError):
+    """Keys of a team that cannot be made, found or revoked."""

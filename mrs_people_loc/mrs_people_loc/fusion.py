@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.geometry import Float, rotation_2d
-from mrs_people_loc.poses import Pose
+from mrs_people_loc.poses import Pose, pose_effect, stack
 from mrs_people_loc.scan import Cells, Scan
+
+#: Plain cells carry no uncertainty. Standard deviation of their range, per square of it [1/m]: a
+#: quarter of a pixel of disparity at the paper's 10.5 px m.
+CELL_SIGMA_RANGE = 0.25 / 10.5
 
 
 @dataclass(frozen=True)
@@ -66,3 +70,39 @@ def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
         xy=np.concatenate([np.empty((0, 2)), *parts]),
         cells=Cells.concatenate([scan.cells for scan in scans]),
     )
+
+
+def sights(vectors: Float) -> Float:
+    """Vectors of length 1 in the same directions; (1, 0) where there is none, shape (n, 2)."""
+    length = np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
+    ahead = np.zeros_like(vectors)
+    ahead[:, 0] = 1.0
+    return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), ahead)
+
+
+def covariance_of_places(
+    xy: Float,
+    robot: NDArray[np.intp],
+    poses: Sequence[Pose],
+    *,
+    along: Float,
+    across: Float,
+) -> Float:
+    """Covariance of places that robots saw: of what they measured, and of their poses.
+
+    Args:
+        xy: Places in the common frame [m], shape (n, 2).
+        robot: Which of the poses each was seen from, shape (n,).
+        poses: Poses of robots.
+        along: Variance along the line of sight [m^2], shape (n,).
+        across: Variance across it [m^2], shape (n,).
+
+    Returns:
+        In the common frame [m^2], shape (n, 2, 2); NaN or infinite where a pose's is too large.
+    """
+    origin, of_poses = stack(poses)
+    sight = sights(xy - origin[robot])
+    outer = sight[:, :, np.newaxis] * sight[:, np.newaxis]
+    covariance = across[:, np.newaxis, np.newaxis] * (np.eye(2) - outer)
+    covariance += along[:, np.newaxis, np.newaxis] * outer
+    return covariance + pose_effect(origin[robot], of_poses[robot], xy)

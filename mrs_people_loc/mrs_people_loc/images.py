@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.camera import CameraModel
+from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.errors import CameraError, ImageError
 
 Gray = NDArray[np.uint8]
@@ -137,7 +138,7 @@ class Pairer(Generic[_T]):
         unpaired: Images that were dropped without a pair, so far.
         smallest_difference_ns: Smallest difference that was seen for an image that never paired
             since this was last reset; None if no image of the other camera was there.
-        resets: How often stamps jumped back by more than `RESET_NS`, so far.
+        resets: How often stamps jumped back and went on from there, so far.
     """
 
     cameras: tuple[str, ...]
@@ -147,20 +148,19 @@ class Pairer(Generic[_T]):
     resets: int = 0
     smallest_difference_ns: int | None = None
     _queues: dict[str, deque[tuple[int, _T]]] = field(default_factory=dict)
-    _newest: dict[str, int] = field(default_factory=dict)
-
-    #: A stamp that jumps back by more than this is a new beginning (a bag that loops) [ns].
-    RESET_NS = 1_000_000_000
+    _orders: dict[str, StampOrder] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Makes the queues."""
         self._queues = {camera: deque() for camera in self.cameras}
+        self._orders = {camera: StampOrder() for camera in self.cameras}
 
     def reset(self) -> None:
         """Forgets what waits; the counts stay."""
         for queue in self._queues.values():
             queue.clear()
-        self._newest.clear()
+        for order in self._orders.values():
+            order.begin_anew()
         self.smallest_difference_ns = None
 
     def add(self, camera: str, stamp_ns: int, item: _T) -> Mapping[str, tuple[int, _T]] | None:
@@ -177,13 +177,14 @@ class Pairer(Generic[_T]):
         Raises:
             ImageError: The stamp is not newer than that of the camera's last image.
         """
-        newest = self._newest.get(camera)
-        if newest is not None and stamp_ns <= newest:
-            if newest - stamp_ns <= self.RESET_NS:
-                raise ImageError(f"stamp is {stamp_ns} ns; wanted: newer than {newest} ns")
+        newest_ns = self._orders[camera].newest_ns
+        order = self._orders[camera].take(stamp_ns)
+        if order is Order.LATE:
+            raise ImageError(f"stamp is {stamp_ns} ns; wanted: newer than {newest_ns} ns")
+        if order is Order.ANEW:
             self.reset()
+            self._orders[camera].take(stamp_ns)
             self.resets += 1
-        self._newest[camera] = stamp_ns
         queue = self._queues[camera]
         queue.append((stamp_ns, item))
         if len(queue) > self.queue_size:

@@ -7,18 +7,18 @@ used once. Time is an argument everywhere, so that live nodes and tests do the s
 
 from __future__ import annotations
 
-import contextlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.clocks import RESET_NS, ClockOffset, Order, StampOrder, right_offset
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.poses import Pose, PoseBuffer
 from mrs_people_loc.scan import Scan
 
-#: A stamp that jumps back by more than this is a new beginning (a bag that loops) [ns].
-RESET_NS = 1_000_000_000
+#: A robot that was not named at the beginning, and is silent for so long, is forgotten [ns].
+_FORGET_NS = 600_000_000_000
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Closed:
         poses: By robot, its pose at its scan's stamp.
         time_ns: Stamp of the newest scan [ns].
         left_out: By robot, why its scan takes no part.
-        others: By robot whose scan takes no part, its pose at `time_ns` where one is near enough:
-            it may be in view of those that do.
+        others: By robot whose scan takes no part, its pose at `time_ns`, or the one nearest to it
+            that is known: it may be in view of those that do.
     """
 
     scans: tuple[Scan, ...]
@@ -53,23 +53,42 @@ class RobotState:
     Attributes:
         poses: Its poses over time.
         pending: Its scan that waits for the interval to close.
+        ahead_ns: What the stamp of that scan was ahead of the planner's clock by on arrival [ns].
         used_ns: Stamp of the scan last used or left out [ns].
         heard_ns: When its last scan arrived [ns]; for a robot that is known to take part and was
             not heard yet, when the first scan of any robot did.
-        dropped: Scans that were not used, by reason: superseded, too_old, no_pose.
-        resets: How often its stamps jumped back by more than `RESET_NS`.
+        dropped: Scans that were not used, by reason: superseded, too_old, no_pose, clock_offset.
+        order: Of its scans' stamps.
+        clock: Its clock against the planner's.
     """
 
     poses: PoseBuffer = field(default_factory=PoseBuffer)
     pending: Scan | None = None
+    ahead_ns: int = 0
     used_ns: int | None = None
     heard_ns: int | None = None
     dropped: Counter[str] = field(default_factory=Counter)
-    resets: int = 0
+    order: StampOrder = field(default_factory=StampOrder)
+    clock: ClockOffset = field(default_factory=ClockOffset)
+
+    @property
+    def ready(self) -> bool:
+        """Whether its scan is there, and the poses on both sides of it."""
+        return self.pending is not None and self.poses.covers(self.pending.stamp_ns)
+
+    def begin_anew(self) -> None:
+        """Forgets everything but the counts."""
+        self.poses.clear()
+        self.order.begin_anew()
+        self.clock.begin_anew()
+        self.pending = self.used_ns = None
 
 
 class IntervalCollector:
     """Gathers scans and poses until an interval closes.
+
+    Where the time that it is given jumps back by more than `RESET_NS` (a bag that loops), it begins
+    anew.
 
     Args:
         config: When it closes.
@@ -79,45 +98,55 @@ class IntervalCollector:
     def __init__(self, config: cfg.Interval, robots: Iterable[str] = ()) -> None:
         self.config = config
         self.robots: dict[str, RobotState] = {name: RobotState() for name in robots}
-        self._began_ns: int | None = None
+        self._named = frozenset(self.robots)
+        self._began = False
         self._opened_ns: int | None = None
+        self._now_ns: int | None = None
+        self._awaited: RobotState | None = None
 
     def robot(self, name: str) -> RobotState:
         """The state of a robot, which is made when it is first asked for."""
         return self.robots.setdefault(name, RobotState())
 
-    def add_pose(self, robot: str, pose: Pose) -> None:
-        """Takes a pose of a robot in the common frame.
+    def add_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
+        """Takes a pose of a robot in the common frame that arrives now [ns].
 
         Raises:
-            PoseError: Its stamp is repeated.
+            PoseError: Its stamp is repeated, or it comes too late to be of use.
         """
-        self.robot(robot).poses.add(pose)
+        self._at(now_ns)
+        state = self.robot(robot)
+        resets = state.poses.resets
+        state.clock.add(pose.stamp_ns, now_ns)
+        state.poses.add(pose)
+        if state.poses.resets > resets:
+            state.clock.begin_anew()
+            state.clock.add(pose.stamp_ns, now_ns)
 
     def add_scan(self, scan: Scan, now_ns: int) -> None:
-        """Takes a scan.
-
-        Args:
-            scan: The scan.
-            now_ns: When it arrived [ns].
+        """Takes a scan that arrives now [ns].
 
         Raises:
             ScanError: It is not newer than the robot's last one.
         """
-        if self._began_ns is None:
-            self._began_ns = now_ns
+        self._at(now_ns)
+        if not self._began:
+            self._began = True
             for known in self.robots.values():
                 known.heard_ns = now_ns
         state = self.robot(scan.robot)
         state.heard_ns = now_ns
-        newest = state.pending.stamp_ns if state.pending else state.used_ns
-        if newest is not None and scan.stamp_ns <= newest:
-            if newest - scan.stamp_ns <= RESET_NS:
-                raise ScanError(f"stamp is {scan.stamp_ns} ns; wanted: newer than {newest} ns")
-            state.resets += 1
+        state.clock.add(scan.stamp_ns, now_ns)
+        newest = state.order.newest_ns
+        order = state.order.take(scan.stamp_ns)
+        if order is Order.LATE:
+            raise ScanError(f"stamp is {scan.stamp_ns} ns; wanted: newer than {newest} ns")
+        if order is Order.ANEW:
+            state.clock.begin_anew()
+            state.clock.add(scan.stamp_ns, now_ns)
         if state.pending is not None:
             state.dropped["superseded"] += 1
-        state.pending = scan
+        state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns
         if self._opened_ns is None:
             self._opened_ns = now_ns
 
@@ -130,40 +159,96 @@ class IntervalCollector:
         Returns:
             The interval (without scans if none of them can be used); None if it stays open.
         """
+        self._at(now_ns)
         if self._opened_ns is None:
             return None
-        if now_ns < self._opened_ns:  # the clock was set back
-            self._opened_ns = now_ns
         waited = now_ns - self._opened_ns >= self.config.max_wait * 1e9
-        if not waited and not all(self._ready(s) for s in self._live(now_ns)):
+        if not waited and self._awaits(now_ns):
             return None
         self._opened_ns = None
-        return self._take()
+        return self._take(now_ns)
 
-    def _live(self, now_ns: int) -> list[RobotState]:
-        timeout_ns = self.config.robot_timeout * 1e9
-        live = []
+    def clock_offsets(self, now_ns: int) -> dict[str, int]:
+        """By robot that is heard, what its clock is ahead of the planner's by [ns]."""
+        offsets = {name: state.clock.at(now_ns) for name, state in self.robots.items()}
+        return {name: offset for name, offset in offsets.items() if offset is not None}
+
+    def clocks_astray(self, now_ns: int) -> dict[str, int]:
+        """By robot whose clock does not agree with the others', what it is ahead by [ns]."""
+        return self._astray(self.clock_offsets(now_ns), now_ns)
+
+    def _astray(self, offsets: Mapping[str, int], now_ns: int) -> dict[str, int]:
+        right_ns, allowed_ns = right_offset(offsets.values()), self._allowed_offset_ns
+        return {
+            name: offset - right_ns
+            for name, offset in offsets.items()
+            if offset - right_ns > allowed_ns
+            or (right_ns - offset > allowed_ns and self.robots[name].clock.is_settled(now_ns))
+        }
+
+    @property
+    def _allowed_offset_ns(self) -> int:
+        return round(self.config.max_clock_offset * 1e9)
+
+    def _at(self, now_ns: int) -> None:
+        """Follows the time, where it is set back, too."""
+        back_ns = 0 if self._now_ns is None else self._now_ns - now_ns
+        self._now_ns = now_ns
+        if back_ns <= 0:
+            return
+        if back_ns > RESET_NS:
+            self._opened_ns = None
+            for state in self.robots.values():
+                state.begin_anew()
+        elif self._opened_ns is not None:
+            self._opened_ns = min(self._opened_ns, now_ns)
         for state in self.robots.values():
             if state.heard_ns is not None:
-                state.heard_ns = min(state.heard_ns, now_ns)  # the clock may be set back
-                if now_ns - state.heard_ns <= timeout_ns:
-                    live.append(state)
-        return live
+                state.heard_ns = min(state.heard_ns, now_ns)
 
-    @staticmethod
-    def _ready(state: RobotState) -> bool:
-        return state.pending is not None and state.poses.covers(state.pending.stamp_ns)
+    def _awaits(self, now_ns: int) -> bool:
+        """Whether a live robot is not ready; the one last waited for is looked at first."""
+        timeout_ns = self.config.robot_timeout * 1e9
 
-    def _take(self) -> Closed:
-        pending = {name: s.pending for name, s in self.robots.items() if s.pending is not None}
-        newest_ns = max(scan.stamp_ns for scan in pending.values())
+        def awaited(state: RobotState) -> bool:
+            heard_ns = state.heard_ns
+            return heard_ns is not None and now_ns - heard_ns <= timeout_ns and not state.ready
+
+        if self._awaited is None or not awaited(self._awaited):
+            self._awaited = next(filter(awaited, self.robots.values()), None)
+        return self._awaited is not None
+
+    def _take(self, now_ns: int) -> Closed:
+        pending: dict[str, Scan] = {}
+        left_out: dict[str, str] = {}
+        # No delay makes a stamp seem ahead, so that is known of each scan by itself.
+        offsets = self.clock_offsets(now_ns)
+        for name, state in self.robots.items():
+            if state.pending is not None:
+                offsets[name] = max(offsets.get(name, state.ahead_ns), state.ahead_ns)
+        off_ns, right_ns = self._astray(offsets, now_ns), right_offset(offsets.values())
+        newest_ns = last_ns = 0
+        for name, state in self.robots.items():
+            if state.pending is None:
+                continue
+            scan, state.pending = state.pending, None
+            state.used_ns = last_ns = scan.stamp_ns
+            if name in off_ns:
+                state.dropped["clock_offset"] += 1
+                left_out[name] = (
+                    f"its clock is {say_offset(off_ns[name])} the others'; "
+                    f"allowed: {self.config.max_clock_offset:g} s"
+                )
+            else:
+                pending[name] = scan
+                # A clock that is a little ahead does not make the others' scans old.
+                newest_ns = max(newest_ns, scan.stamp_ns - max(state.ahead_ns - right_ns, 0))
         max_age_ns = self.config.max_scan_age * 1e9
+        max_pose_age_ns = round(self.config.max_pose_age * 1e9)
         scans: list[Scan] = []
         poses: dict[str, Pose] = {}
-        left_out: dict[str, str] = {}
         for name, scan in pending.items():
             state = self.robots[name]
-            state.pending, state.used_ns = None, scan.stamp_ns
             age_ns = newest_ns - scan.stamp_ns
             if age_ns > max_age_ns:
                 state.dropped["too_old"] += 1
@@ -173,16 +258,29 @@ class IntervalCollector:
                 )
                 continue
             try:
-                poses[name] = state.poses.at(scan.stamp_ns, round(self.config.max_pose_age * 1e9))
+                poses[name] = state.poses.at(scan.stamp_ns, max_pose_age_ns)
             except PoseError as err:
                 state.dropped["no_pose"] += 1
                 left_out[name] = str(err)
                 continue
             scans.append(scan)
-        time_ns = max((scan.stamp_ns for scan in scans), default=newest_ns)
-        others: dict[str, Pose] = {}
-        for name, state in self.robots.items():
-            if name not in poses:
-                with contextlib.suppress(PoseError):
-                    others[name] = state.poses.at(time_ns, round(self.config.max_pose_age * 1e9))
+        time_ns = max((scan.stamp_ns for scan in scans), default=last_ns)
+        others = {
+            name: state.poses.nearest(time_ns + off_ns.get(name, 0), max_pose_age_ns)
+            for name, state in self.robots.items()
+            if name not in poses and len(state.poses)
+        }
+        self._forget(now_ns)
         return Closed(tuple(scans), poses, time_ns, left_out, others)
+
+    def _forget(self, now_ns: int) -> None:
+        """Ends what is known of robots that nobody named, and that are silent for long."""
+        for name, state in list(self.robots.items()):
+            silent = state.heard_ns is not None and now_ns - state.heard_ns > _FORGET_NS
+            if silent and name not in self._named:
+                del self.robots[name]
+
+
+def say_offset(ahead_ns: int) -> str:
+    """An offset of clocks [ns] in words."""
+    return f"{abs(ahead_ns) / 1e9:.3f} s {'ahead of' if ahead_ns > 0 else 'behind'}"

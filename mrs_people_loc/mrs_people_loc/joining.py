@@ -7,6 +7,7 @@ different robots become one; what each robot says for and against a person there
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.fusion import ShortTermMap
+from mrs_people_loc.fusion import ShortTermMap, covariance_of_places
 from mrs_people_loc.geometry import Float
-from mrs_people_loc.poses import Pose, pose_effect
+from mrs_people_loc.neighbours import pairs_within
+from mrs_people_loc.poses import Pose
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
@@ -28,8 +30,6 @@ _LEAST_SIGMA = 0.01
 _LARGEST_SIGMA = 100.0
 #: A covariance with anything larger says nothing [m^2].
 _USABLE = 1e12
-#: A robot is looked for no farther along the line of sight than this [m].
-_ROBOT_REACH = 0.8
 #: One robot says no more against a person than this.
 _LEAST_SCORE = -2.0
 
@@ -92,15 +92,8 @@ def place_bodies(
     )
     if not line_of_sight:
         along = across = np.sqrt(along * across)
-    robots = [poses[name] for name in fused.robots]
-    origin = np.array([(pose.x, pose.y) for pose in robots]).reshape(-1, 2)
-    sight = _units(xy - origin[robot])
-    outer = sight[:, :, np.newaxis] * sight[:, np.newaxis]
-    covariance = across[:, np.newaxis, np.newaxis] * (np.eye(2) - outer)
-    covariance += along[:, np.newaxis, np.newaxis] * outer
-    for index, pose in enumerate(robots):
-        of_robot = robot == index
-        covariance[of_robot] += pose_effect(pose, xy[of_robot])
+    seen_from = [poses[name] for name in fused.robots]
+    covariance = covariance_of_places(xy, robot, seen_from, along=along, across=across)
     covariance = _bounded(covariance)
     return BodiesOnMap(of_cell, robot, xy, covariance, cells.score[first].astype(np.float64))
 
@@ -113,46 +106,6 @@ def _bounded(covariance: Float) -> Float:
     values, vectors = np.linalg.eigh(covariance)
     values = np.clip(values, _LEAST_SIGMA**2, largest)
     return np.asarray((vectors * values[:, np.newaxis]) @ vectors.transpose(0, 2, 1))
-
-
-def _units(vectors: Float) -> Float:
-    """Vectors of length 1 in the same directions; (1, 0) where there is none, shape (n, 2)."""
-    length = np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
-    ahead = np.zeros_like(vectors)
-    ahead[:, 0] = 1.0
-    return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), ahead)
-
-
-def are_robots(
-    bodies: BodiesOnMap, fused: ShortTermMap, poses: Mapping[str, Pose], *, radius: float
-) -> Bool:
-    """Which bodies are other robots of the team, shape (n,).
-
-    A robot is where its pose says; seen from another one it looks like a person. What is within its
-    radius across the line of sight, and along it within the radius or 2.5 sigma (but no more than
-    `_ROBOT_REACH`), is the robot.
-
-    Args:
-        bodies: The bodies.
-        fused: Their map.
-        poses: By robot, its pose in the common frame; also of those without cells.
-        radius: Of a robot [m]; 0: robots are not told from people.
-    """
-    if not len(bodies):
-        return np.empty(0, dtype=bool)
-    known = list(poses)
-    place = np.array([(poses[name].x, poses[name].y) for name in known]).reshape(-1, 2)
-    index = {name: k for k, name in enumerate(known)}
-    own = np.array([index[name] for name in fused.robots], dtype=np.intp)[bodies.robot]
-    sight = _units(bodies.xy - place[own])
-    offset = place - bodies.xy[:, np.newaxis]
-    along = np.abs(np.einsum("nrk,nk->nr", offset, sight))
-    across = np.abs(offset[..., 0] * sight[:, 1:] - offset[..., 1] * sight[:, :1])
-    sigma = np.sqrt(np.einsum("nj,njk,nk->n", sight, bodies.covariance, sight))
-    reach = np.maximum(radius, np.minimum(2.5 * sigma, _ROBOT_REACH))[:, np.newaxis]
-    there = (across < radius) & (along < reach)
-    there[np.arange(len(bodies)), own] = False
-    return np.asarray(there.any(axis=1))
 
 
 @dataclass(frozen=True)
@@ -185,59 +138,76 @@ def join(bodies: BodiesOnMap, used: Bool, config: cfg.Joining) -> Joined:
         config: Parameters.
     """
     index = np.flatnonzero(used)
+    of_body = np.full(len(bodies), -1, dtype=np.intp)
     if not len(index):
-        none = np.full(len(bodies), -1, dtype=np.intp)
-        return Joined(none, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
+        return Joined(of_body, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
+    xy, covariance, robot = bodies.xy[index], bodies.covariance[index], bodies.robot[index]
+    one, other, away = pairs_within(xy, config.max_distance)
+    squared = _squared(xy[one] - xy[other], covariance[one] + covariance[other])
+    possible = np.flatnonzero(
+        (robot[one] != robot[other]) & (away < config.max_distance) & (squared < config.gate**2)
+    )
+    one, other = one[possible], other[possible]
+    nearest_first = np.lexsort((other, one, squared[possible]))
+
+    information = _information(covariance, xy)
     groups = [
-        _Group([int(i)], {int(bodies.robot[i])}, *_information(bodies.covariance[i], bodies.xy[i]))
-        for i in index
+        _Group([k], {of}, *numbers)
+        for k, (of, numbers) in enumerate(zip(robot.tolist(), information.tolist(), strict=True))
     ]
-    of = list(groups)
-    xy, covariance = bodies.xy[index], bodies.covariance[index]
-    offset = xy[:, np.newaxis] - xy
-    total = covariance[:, np.newaxis] + covariance
-    squared = _squared(offset, total)
-    apart = bodies.robot[index][:, np.newaxis] != bodies.robot[index]
-    near = np.hypot(offset[..., 0], offset[..., 1]) < config.max_distance
-    one, other = np.nonzero(np.triu(apart & near & (squared < config.gate**2), 1))
-    for k in np.argsort(squared[one, other], kind="stable"):
-        a, b = of[one[k]], of[other[k]]
-        if a is b or a.robots & b.robots:
+    for i, j in zip(one[nearest_first].tolist(), other[nearest_first].tolist(), strict=True):
+        a, b = groups[i], groups[j]
+        if a is b or not a.robots.isdisjoint(b.robots):
             continue
         # Where one of them has grown already, it is its place that counts.
         if len(a.members) + len(b.members) > 2 and not a.is_near(b, config):
             continue
         a.take(b)
         for member in b.members:
-            of[int(np.searchsorted(index, member))] = a
-    unique = list({id(group): group for group in of}.values())
-    of_body = np.full(len(bodies), -1, dtype=np.intp)
-    for number, group in enumerate(unique):
-        of_body[group.members] = number
-    places = [group.place() for group in unique]
-    scores = np.maximum(bodies.score, _LEAST_SCORE)
+            groups[member] = a
+    found = list(dict.fromkeys(groups))
+    number = np.empty(len(index), dtype=np.intp)
+    for k, group in enumerate(found):
+        number[group.members] = k
+    of_body[index] = number
+    joined_xy, joined_covariance = _places(
+        np.array([(g.xx, g.xy, g.yy, g.x, g.y) for g in found]).reshape(-1, 5)
+    )
+    scores = np.maximum(bodies.score[index], _LEAST_SCORE)
     return Joined(
         of_body=of_body,
-        xy=np.array([place for place, _ in places]).reshape(-1, 2),
-        covariance=np.array([matrix for _, matrix in places]).reshape(-1, 2, 2),
-        score=np.array([scores[group.members].sum() for group in unique]),
+        xy=joined_xy,
+        covariance=joined_covariance,
+        score=np.bincount(number, scores, minlength=len(found)).astype(np.float64),
     )
 
 
 def _squared(offset: Float, covariance: Float) -> Float:
-    """Squared Mahalanobis lengths; offset of shape (..., 2), covariance of shape (..., 2, 2)."""
-    xx, xy, yy = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
-    x, y = offset[..., 0], offset[..., 1]
+    """Squared Mahalanobis lengths; offset of shape (m, 2), covariance of shape (m, 2, 2)."""
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    x, y = offset[:, 0], offset[:, 1]
     return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
 
 
-def _information(covariance: Float, xy: Float) -> tuple[float, float, float, float, float]:
-    """Information matrix (xx, xy, yy) and vector (x, y) of a place."""
-    xx, xy_, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
-    determinant = xx * yy - xy_ * xy_
-    a, b, c = yy / determinant, -xy_ / determinant, xx / determinant
-    x, y = float(xy[0]), float(xy[1])
-    return a, b, c, a * x + b * y, b * x + c * y
+def _information(covariance: Float, xy: Float) -> Float:
+    """Information matrix (xx, xy, yy) and vector (x, y) of each place, shape (n, 5)."""
+    inverse = _inverse(covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1])
+    (a, b, c), (x, y) = inverse, xy.T
+    return np.stack([a, b, c, a * x + b * y, b * x + c * y], axis=1)
+
+
+def _places(information: Float) -> tuple[Float, Float]:
+    """The other way round: places, shape (n, 2), and covariances, shape (n, 2, 2)."""
+    xx, xy, yy, x, y = information.T
+    a, b, c = _inverse(xx, xy, yy)
+    places = np.stack([a * x + b * y, b * x + c * y], axis=1)
+    return places, np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2)
+
+
+def _inverse(xx: Any, xy: Any, yy: Any) -> tuple[Any, Any, Any]:
+    """Inverse of symmetric matrices of 2 x 2."""
+    determinant = xx * yy - xy * xy
+    return yy / determinant, -xy / determinant, xx / determinant
 
 
 @dataclass(eq=False)
@@ -252,19 +222,16 @@ class _Group:
     x: float
     y: float
 
-    def place(self) -> tuple[tuple[float, float], list[list[float]]]:
-        """Place and covariance."""
-        determinant = self.xx * self.yy - self.xy * self.xy
-        a, b, c = self.yy / determinant, -self.xy / determinant, self.xx / determinant
-        return (a * self.x + b * self.y, b * self.x + c * self.y), [[a, b], [b, c]]
-
     def is_near(self, other: _Group, config: cfg.Joining) -> bool:
         """Whether the two may be one, where they are by now."""
-        (x, y), mine = self.place()
-        (other_x, other_y), theirs = other.place()
-        offset = np.array([x - other_x, y - other_y])
-        squared = _squared(offset, np.array(mine) + theirs)
-        return bool(squared < config.gate**2) and float(np.hypot(*offset)) < config.max_distance
+        a, b, c = _inverse(self.xx, self.xy, self.yy)
+        d, e, f = _inverse(other.xx, other.xy, other.yy)
+        x = a * self.x + b * self.y - (d * other.x + e * other.y)
+        y = b * self.x + c * self.y - (e * other.x + f * other.y)
+        if not math.hypot(x, y) < config.max_distance:
+            return False
+        xx, xy, yy = _inverse(a + d, b + e, c + f)
+        return bool(xx * x * x + 2.0 * xy * x * y + yy * y * y < config.gate**2)
 
     def take(self, other: _Group) -> None:
         """Joins the other to this one."""
@@ -291,18 +258,26 @@ def are_people(joined: Joined, bodies: BodiesOnMap, config: cfg.Joining) -> Bool
     """
     if not len(joined):
         return np.empty(0, dtype=bool)
-    robots = np.zeros((len(joined), int(bodies.robot.max(initial=-1)) + 1), dtype=bool)
+    one, other, away = pairs_within(joined.xy, max(config.apart, config.fragment_distance))
+    covariance = joined.covariance
+    squared = _squared(joined.xy[one] - joined.xy[other], covariance[one] + covariance[other])
+    same = away < config.apart
+    fragment = (squared < config.fragment_gate**2) & (away < config.fragment_distance)
     member = joined.of_body >= 0
-    robots[joined.of_body[member], bodies.robot[member]] = True
-    offset = joined.xy[:, np.newaxis] - joined.xy
-    away = np.hypot(offset[..., 0], offset[..., 1])
-    squared = _squared(offset, joined.covariance[:, np.newaxis] + joined.covariance)
-    strangers = ~(robots.astype(np.intp) @ robots.T.astype(np.intp) > 0)
-    fragment = strangers & (squared < config.fragment_gate**2) & (away < config.fragment_distance)
-    taken = (away < config.apart) | fragment
-    people = np.zeros(len(joined), dtype=bool)
-    for i in np.argsort(-joined.score, kind="stable"):
+    robots: list[set[int]] = [set() for _ in range(len(joined))]
+    of_body, robot = joined.of_body[member].tolist(), bodies.robot[member].tolist()
+    for number, name in zip(of_body, robot, strict=True):
+        robots[number].add(name)
+    rivals: list[list[int]] = [[] for _ in robots]
+    near = np.flatnonzero(same | fragment)
+    pairs = zip(one[near].tolist(), other[near].tolist(), same[near].tolist(), strict=True)
+    for i, j, always in pairs:
+        if always or robots[i].isdisjoint(robots[j]):
+            rivals[i].append(j)
+            rivals[j].append(i)
+    people = [False] * len(joined)
+    for i in np.argsort(-joined.score, kind="stable").tolist():
         if joined.score[i] < config.min_score:
             break
-        people[i] = not taken[i, people].any()
-    return people
+        people[i] = not any(people[j] for j in rivals[i])
+    return np.array(people, dtype=bool)

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 
 from mrs_people_loc.camera import CameraModel
-from mrs_people_loc.errors import CameraError, ImageError, PoseError, ScanError
+from mrs_people_loc.errors import CameraError, GridError, ImageError, PoseError, ScanError
 from mrs_people_loc.geometry import Float, yaw_from_quaternion
 from mrs_people_loc.images import Gray
+from mrs_people_loc.masking import OccupancyGrid
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 
@@ -30,6 +31,13 @@ _POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 
 
 #: A quaternion's length may differ from 1 by this much (float32 sources round).
 _QUATERNION_TOLERANCE = 1e-2
+#: Greatest coordinate of a pose [m]: any in the world, also where it counts from the equator.
+_MAX_COORDINATE_M = 1e8
+#: A greater variance than this [m^2, rad^2] says "unknown" (as DBL_MAX does), as this one does.
+_MAX_VARIANCE = 1e12
+#: More than any robot sends (`bodies.max_count`), and more than a planner has time for.
+_MAX_BODIES = 100
+_MAX_CELLS = 20_000
 #: base_link stands upright; a pose that leans by more is in some other frame [rad].
 _MAX_TILT = math.radians(30.0)
 
@@ -98,22 +106,65 @@ def read_image(message: Message) -> Gray:
     return cv2.cvtColor(rows.reshape(height, width, channels), conversion)  # type: ignore[return-value]
 
 
-def read_pose(message: Message) -> Pose:
+def read_pose(message: Message, base_frame: str | None = None) -> Pose:
     """Reads the pose of a PoseWithCovarianceStamped or Odometry (in its header's frame).
 
+    Args:
+        message: The message.
+        base_frame: `<robot>/base_link`. Odometry must be of it, or of `base_footprint` (REP 120),
+            which is the same to a planar pose; the robot's name may be left out, as may be all of
+            the name (drivers differ). None: whatever it is of.
+
     Raises:
-        PoseError: A value is not finite, the quaternion is none, or the robot does not stand.
+        PoseError: It is the pose of something else, a value is not finite, the quaternion is none,
+            or the robot does not stand.
     """
+    child = getattr(message, "child_frame_id", "")  # only odometry has one
+    if base_frame is not None and child:
+        footprint = base_frame.removesuffix("base_link") + "base_footprint"
+        if child.lstrip("/") not in (base_frame, footprint, "base_link", "base_footprint"):
+            raise PoseError(
+                f"child_frame_id is {child!r}; wanted: {base_frame!r} "
+                "(or base_footprint; the robot's name may be left out)"
+            )
     return _pose(stamp_ns_of(message.header.stamp), message.pose)
 
 
+def read_transform(message: Message, sigmas: tuple[float, ...] = ()) -> Pose:
+    """Reads a geometry_msgs/TransformStamped as the pose of its child in its parent's frame.
+
+    Args:
+        message: The message.
+        sigmas: Standard deviations of x, y [m] and yaw [rad]; empty: exact.
+
+    Raises:
+        PoseError: As `read_pose`.
+    """
+    transform, planar = message.transform, np.diag(np.square(sigmas or (0.0, 0.0, 0.0)))
+    return _planar_pose(
+        stamp_ns_of(message.header.stamp), transform.translation, transform.rotation, planar
+    )
+
+
 def _pose(stamp_ns: int, with_covariance: Message) -> Pose:
-    position, q = with_covariance.pose.position, with_covariance.pose.orientation
+    pose = with_covariance.pose
+    covariance = np.array(with_covariance.covariance, dtype=np.float64)
+    if covariance.size != 36:
+        raise PoseError(f"covariance has {covariance.size} values; wanted: 36")
+    planar = covariance.reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
+    return _planar_pose(stamp_ns, pose.position, pose.orientation, planar)
+
+
+def _planar_pose(stamp_ns: int, position: Message, q: Message, covariance: Float) -> Pose:
     values = [position.x, position.y, position.z, q.x, q.y, q.z, q.w]
     if not np.isfinite(values).all():
         raise PoseError(
             "pose holds NaN or infinite values: position "
             f"({position.x}, {position.y}, {position.z}), orientation ({q.x}, {q.y}, {q.z}, {q.w})"
+        )
+    if max(abs(position.x), abs(position.y)) > _MAX_COORDINATE_M:
+        raise PoseError(
+            f"position is ({position.x:g}, {position.y:g}) m; wanted: within {_MAX_COORDINATE_M:g}"
         )
     norm = math.hypot(q.x, q.y, q.z, q.w)
     if abs(norm - 1.0) > _QUATERNION_TOLERANCE:
@@ -125,13 +176,9 @@ def _pose(stamp_ns: int, with_covariance: Message) -> Pose:
             f"pose leans by {tilt:.2f} rad; allowed: {_MAX_TILT:.2f} "
             "(base_link is upright on the floor, not a camera frame)"
         )
-    covariance = np.array(with_covariance.covariance, dtype=np.float64)
-    if covariance.size != 36:
-        raise PoseError(f"covariance has {covariance.size} values; wanted: 36")
-    planar = covariance.reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
-    return Pose(
-        stamp_ns, float(position.x), float(position.y), yaw_from_quaternion(x, y, z, w), planar
-    )
+    yaw = yaw_from_quaternion(x, y, z, w)
+    covariance = np.clip(covariance, -_MAX_VARIANCE, _MAX_VARIANCE)
+    return Pose(stamp_ns, float(position.x), float(position.y), yaw, covariance)
 
 
 def read_people_scans(message: Message) -> dict[str, Pose]:
@@ -196,6 +243,8 @@ def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan
         raise ScanError(
             f"data has {data.size} bytes; wanted: row_step * height = {row_step * height}"
         )
+    if width * height > _MAX_CELLS:
+        raise ScanError(f"scan has {width * height} cells; allowed: up to {_MAX_CELLS}")
     if width * height == 0:
         records = np.empty(0, BODY_DTYPE if of_bodies else CELL_DTYPE)
     else:
@@ -212,7 +261,49 @@ def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan
             raise ScanError(f"{name} is negative or too large; wanted: uint32")
     with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold is refused as inf
         cells = Cells.from_records(records)
+    bodies = len(np.unique(cells.body[cells.body > 0]))
+    if bodies > _MAX_BODIES:
+        raise ScanError(f"scan has {bodies} bodies; allowed: up to {_MAX_BODIES}")
     for name in ("sigma_range", "sigma_across"):
         if (getattr(cells, name)[cells.body > 0] <= 0).any():
             raise ScanError(f"{name} of a body is 0 or less; wanted: more than 0")
     return Scan(robot, stamp_ns_of(message.header.stamp), cells)
+
+
+def read_occupancy_grid(message: Message, map_frame: str) -> OccupancyGrid:
+    """Reads nav_msgs/OccupancyGrid.
+
+    Args:
+        message: The message.
+        map_frame: The frame that it must be in: the common one.
+
+    Raises:
+        GridError: The frame, a size or a value is wrong, or the grid does not lie level.
+    """
+    if message.header.frame_id.lstrip("/") != map_frame:
+        raise GridError(f"frame_id is {message.header.frame_id!r}; wanted: {map_frame!r}")
+    info = message.info
+    width, height = int(info.width), int(info.height)
+    data = np.asarray(message.data)
+    if data.size != width * height or not data.size:
+        raise GridError(
+            f"data has {data.size} cells; wanted: width * height = {width} * {height}, more than 0"
+        )
+    if data.dtype != np.int8:  # a plain list
+        if not np.isin(data, np.arange(-128, 128)).all():
+            raise GridError("data holds what is no int8; wanted: -1, or 0 to 100")
+        data = data.astype(np.int8)
+    position, q = info.origin.position, info.origin.orientation
+    values = (q.x, q.y, q.z, q.w)
+    norm = math.hypot(*values)
+    if not abs(norm - 1.0) <= _QUATERNION_TOLERANCE:
+        raise GridError(f"origin has an orientation of length {norm:.4g}; wanted: a quaternion, 1")
+    if math.hypot(q.x, q.y) > _QUATERNION_TOLERANCE:
+        raise GridError(f"origin's orientation is {values}; wanted: a level grid, turned about z")
+    return OccupancyGrid(
+        resolution=float(info.resolution),
+        x=float(position.x),
+        y=float(position.y),
+        yaw=yaw_from_quaternion(*values),
+        data=data.reshape(height, width),
+    )

@@ -13,7 +13,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.fusion import ShortTermMap
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.joining import Joined
-from mrs_people_loc.poses import Pose, pose_effect
+from mrs_people_loc.poses import Pose, pose_effect, stack
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
@@ -183,10 +183,11 @@ def locate(
     """
     labels = np.flatnonzero(human)
     positions, seen_by = clusters.centroid[labels], clusters.seen_by[labels]
+    places, of_pose = stack(poses[name] for name in fused.robots)
+    person, robot = np.nonzero(seen_by)
     of_poses = np.zeros((len(labels), 2, 2))
-    for name, seen in zip(fused.robots, seen_by.T, strict=True):
-        if seen.any():
-            of_poses[seen] += pose_effect(poses[name], positions[seen])
+    effect = pose_effect(places[robot], of_pose[robot], positions[person])
+    np.add.at(of_poses, person, effect)
     robots = seen_by.sum(axis=1)[:, np.newaxis, np.newaxis]
     covariances = (clusters.scatter[labels] + of_poses / robots) / robots
     return tuple(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -11,7 +12,9 @@ from mrs_people_loc.clustering import cluster
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.fusion import ShortTermMap, fuse
-from mrs_people_loc.joining import are_people, are_robots, join, place_bodies
+from mrs_people_loc.joining import are_people, join, place_bodies
+from mrs_people_loc.masking import OccupancyGrid, Walls, are_masked, bodies_of_robots
+from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.people import (
     Clusters,
     Group,
@@ -24,6 +27,7 @@ from mrs_people_loc.people import (
 )
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Scan
+from mrs_people_loc.splitting import split
 from mrs_people_loc.timing import StageTimes
 
 
@@ -38,6 +42,8 @@ class People:
         group: All of them together; None if nobody is there.
         fused: The short-term map.
         clusters: Measures of its clusters.
+        too_wide: How many clusters are wider than a person and could not be split: each may hold
+            more people than were found.
         times_ms: What each stage took, by name [ms].
     """
 
@@ -47,6 +53,7 @@ class People:
     group: Group | None
     fused: ShortTermMap
     clusters: Clusters
+    too_wide: int = 0
     times_ms: dict[str, float] = field(default_factory=dict)
 
 
@@ -59,6 +66,16 @@ class Planner:
 
     def __init__(self, config: PlannerConfig) -> None:
         self.config = config
+        self._walls: Walls | None = None
+
+    def take_grid(self, grid: OccupancyGrid | None) -> None:
+        """Takes what is known of walls and furniture, for the intervals that follow.
+
+        Args:
+            grid: In the common frame; None: nothing is known.
+        """
+        occupied_from = self.config.masking.occupied_from
+        self._walls = None if grid is None else Walls(grid, occupied_from=occupied_from)
 
     def step(self, scans: Sequence[Scan], poses: Mapping[str, Pose], time_ns: int) -> People:
         """The people of one interval.
@@ -81,19 +98,38 @@ class Planner:
         if missing:
             raise PoseError(f"no pose for the scan of {', '.join(missing)}")
         config, times = self.config, StageTimes()
-        fused = fuse(scans, poses)
+        placed = _at_one_time(scans, poses, time_ns, config.interval.walking_speed)
+        fused = fuse(scans, placed)
         times.mark("fusion")
         # Cells of bodies are joined body by body, all others cluster by cluster.
-        bodies = place_bodies(fused, poses, line_of_sight=config.joining.line_of_sight)
-        robots = are_robots(bodies, fused, poses, radius=config.joining.robot_radius)
+        bodies = place_bodies(fused, placed, line_of_sight=config.joining.line_of_sight)
+        robots = bodies_of_robots(bodies, fused.robots, poses, config.masking)
+        plain = np.flatnonzero(bodies.of_cell < 0)
+        masked = are_masked(fused, plain, poses, self._walls, config.masking)
+        times.mark("masking")
         joined = join(bodies, ~robots, config.joining)
+        if self._walls is not None:
+            said = self._walls.log_odds(joined.xy, joined.covariance, config.masking)
+            joined = dataclasses.replace(joined, score=joined.score + said)
         times.mark("joining")
+        # First the clusters that may be people, then joined bodies, then all that is masked.
         label = np.full(len(fused), -1, dtype=np.intp)
-        plain = bodies.of_cell < 0
-        label[plain] = cluster(fused.xy[plain], distance=config.clustering.distance)
-        first = int(label.max(initial=-1)) + 1  # of the joined ones; those that are robots follow
+        distance = config.clustering.distance
+        possible = plain[~masked]
+        label[possible], too_wide = split(
+            fused,
+            possible,
+            cluster(fused.xy[possible], distance=distance),
+            poses,
+            config.splitting,
+            config.human,
+        )
+        first = int(label.max(initial=-1)) + 1
         of_body = np.where(robots, len(joined) + np.cumsum(robots) - 1, joined.of_body)
-        label[~plain] = first + of_body[bodies.of_cell[~plain]]
+        of_bodies = bodies.of_cell >= 0
+        label[of_bodies] = first + of_body[bodies.of_cell[of_bodies]]
+        beyond = first + len(joined) + int(robots.sum())
+        label[plain[masked]] = beyond + cluster(fused.xy[plain[masked]], distance=distance)
         times.mark("clustering")
         clusters = measure(fused, label)
         human = is_human(clusters, config.human)
@@ -101,12 +137,27 @@ class Planner:
         likely = are_people(joined, bodies, config.joining)
         persons = people_of_bodies(fused, clusters, joined, likely, first + np.arange(len(joined)))
         # Where some robots seek bodies and others do not, both may see the same person.
-        persons += tuple(
-            person
-            for person in locate(fused, clusters, human, poses)
-            if not (np.hypot(*(joined.xy[likely] - person.position).T) < config.joining.apart).any()
-        )
+        centroids = clusters.centroid[human]
+        alone = np.ones(len(centroids), dtype=bool)
+        near, _, away = pairs_between(centroids, joined.xy[likely], config.joining.apart)
+        alone[near[away < config.joining.apart]] = False
+        human[human] = alone
+        persons += locate(fused, clusters, human, placed)
         group = gather(persons)
         times.mark("people")
         used = {name: poses[name] for name in names}
-        return People(time_ns, used, persons, group, fused, clusters, times.ms)
+        return People(time_ns, used, persons, group, fused, clusters, too_wide, times.ms)
+
+
+def _at_one_time(
+    scans: Sequence[Scan], poses: Mapping[str, Pose], time_ns: int, walking_speed: float
+) -> dict[str, Pose]:
+    """The poses that place the scans, less sure by what people walk from a scan to the interval."""
+    placed = dict(poses)
+    for scan in scans:
+        walked = walking_speed * (time_ns - scan.stamp_ns) / 1e9
+        if walked:
+            spread = np.diag([walked**2, walked**2, 0.0])
+            pose = poses[scan.robot]
+            placed[scan.robot] = dataclasses.replace(pose, covariance=pose.covariance + spread)
+    return placed

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.errors import PoseError
+from mrs_people_loc.clocks import RESET_NS, Order, StampOrder
+from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
 
 
@@ -76,16 +78,13 @@ class PoseBuffer:
 
     Attributes:
         span_ns: Poses older than the newest by more are forgotten [ns].
-        resets: How often stamps jumped back by more than `RESET_NS`, so far.
     """
 
     span_ns: int = 5_000_000_000
-    resets: int = 0
     _stamps: list[int] = field(default_factory=list)
     _poses: list[Pose] = field(default_factory=list)
+    _order: StampOrder = field(default_factory=StampOrder)
 
-    #: A stamp that jumps back by more than this is a new beginning (a bag that loops) [ns].
-    RESET_NS = 1_000_000_000
     #: The speed past a pose is that over this last stretch before it [ns].
     _SPEED_SPAN_NS = 100_000_000
 
@@ -98,20 +97,35 @@ class PoseBuffer:
         """Stamp of the newest pose [ns]; None: there is none."""
         return self._stamps[-1] if self._stamps else None
 
+    @property
+    def resets(self) -> int:
+        """How often stamps jumped back and went on from there, so far."""
+        return self._order.resets
+
     def clear(self) -> None:
         """Forgets all poses."""
         self._stamps.clear()
         self._poses.clear()
+        self._order.begin_anew()
 
     def add(self, pose: Pose) -> None:
         """Takes a pose; those that come late are put in their place.
 
         Raises:
-            PoseError: A pose of this stamp is there already.
+            PoseError: A pose of this stamp is there already, or it comes later than `RESET_NS`.
         """
-        if self._stamps and pose.stamp_ns < self._stamps[-1] - self.RESET_NS:
-            self.clear()
-            self.resets += 1
+        newest_ns = self._order.newest_ns
+        order = self._order.take(pose.stamp_ns)
+        if order is Order.ANEW:
+            self._stamps.clear()
+            self._poses.clear()
+        elif order is Order.LATE and newest_ns is not None:
+            late_ns = newest_ns - pose.stamp_ns
+            if late_ns > RESET_NS:
+                raise PoseError(
+                    f"stamp is {late_ns / 1e9:.3f} s older than the newest; "
+                    f"allowed: {RESET_NS / 1e9:g} s"
+                )
         index = bisect.bisect_left(self._stamps, pose.stamp_ns)
         if index < len(self._stamps) and self._stamps[index] == pose.stamp_ns:
             raise PoseError(f"stamp {pose.stamp_ns} ns is repeated; wanted: one pose per stamp")
@@ -158,6 +172,19 @@ class PoseBuffer:
             return dataclasses.replace(near[0], stamp_ns=stamp_ns)
         return self._carried_on(near[0], stamp_ns)
 
+    def nearest(self, stamp_ns: int, max_age_ns: int) -> Pose:
+        """The pose at a time as `at` gives it, or the one nearest to it, however far.
+
+        Raises:
+            PoseError: There is none.
+        """
+        try:
+            return self.at(stamp_ns, max_age_ns)
+        except PoseError:
+            if not self._poses:
+                raise
+        return min(self._poses, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
+
     def _carried_on(self, last: Pose, stamp_ns: int) -> Pose:
         index = bisect.bisect_left(self._stamps, last.stamp_ns - self._SPEED_SPAN_NS)
         earlier = self._poses[index]
@@ -181,18 +208,37 @@ def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
     )
 
 
+def static_pose(config: cfg.PoseInput, stamp_ns: int) -> Pose:
+    """The pose of a robot that stands where its parameters say, at any time.
+
+    Raises:
+        ConfigError: They do not say it.
+    """
+    if not config.static:
+        raise ConfigError(
+            "pose.source is static but pose.static is empty; allowed: x, y [m] and yaw [rad] of "
+            "base_link in the map"
+        )
+    x, y, yaw = config.static
+    return Pose(stamp_ns, x, y, wrap_angle(yaw), np.diag(np.square(config.sigmas or (0.0,) * 3)))
+
+
 @dataclass
 class PoseIntake:
     """Which of the poses that a robot hears go out: in the map, in order, at most so many a second.
 
     Attributes:
         config: What brings them to the map, and their rate.
+        frame_in_map: Says where a frame is in the map, for poses in it where
+            `config.map_from_odom` does not; None: nothing does.
         last: The last pose that went out, in the map; None before the first.
     """
 
     config: cfg.PoseInput
+    frame_in_map: Callable[[str], Pose] | None = None
     last: Pose | None = None
     _due_ns: int = 0
+    _order: StampOrder = field(default_factory=StampOrder)
 
     def __call__(self, pose: Pose, frame_id: str) -> Pose | None:
         """Takes a pose.
@@ -209,13 +255,13 @@ class PoseIntake:
         """
         pose = self._in_map(pose, frame_id.lstrip("/"))
         stamp_ns, period_ns = pose.stamp_ns, round(1e9 / self.config.max_rate)
-        if self.last is None or self.last.stamp_ns - stamp_ns > PoseBuffer.RESET_NS:
-            due_ns = stamp_ns  # the first, or a new beginning
+        newest_ns = self._order.newest_ns
+        order = self._order.take(stamp_ns)
+        if order is Order.LATE:
+            raise PoseError(f"stamp is {stamp_ns} ns; wanted: newer than {newest_ns} ns")
+        if order is Order.ANEW or newest_ns is None:
+            due_ns = stamp_ns
         else:
-            if stamp_ns <= self.last.stamp_ns:
-                raise PoseError(
-                    f"stamp is {stamp_ns} ns; wanted: newer than {self.last.stamp_ns} ns"
-                )
             # A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next is due a
             # period after this one was, so that the rate holds in the long run.
             due_ns = self._due_ns
@@ -227,31 +273,50 @@ class PoseIntake:
         self.last = pose
         return pose
 
+    def begin_anew(self) -> None:
+        """Takes any stamp next."""
+        self._order.begin_anew()
+        self.last = None
+
     def _in_map(self, pose: Pose, frame_id: str) -> Pose:
         if frame_id == self.config.map_frame:
             return pose
         if not self.config.map_from_odom:
+            why = ""
+            if self.frame_in_map is not None:
+                try:
+                    return self.frame_in_map(frame_id) @ pose
+                except PoseError as err:
+                    why = f"; {err}"
             raise PoseError(
                 f"frame_id is {frame_id!r}; wanted: {self.config.map_frame!r}, or the parameter "
-                "pose.map_from_odom (x, y, yaw of that frame in the map)"
+                f"pose.map_from_odom (x, y, yaw of that frame in the map){why}"
             )
         x, y, yaw = self.config.map_from_odom
         return Pose(pose.stamp_ns, x, y, yaw) @ pose
 
 
-def pose_effect(pose: Pose, positions: Float) -> Float:
-    """Covariance of places that were measured from an uncertain pose [m^2].
+def stack(poses: Iterable[Pose]) -> tuple[Float, Float]:
+    """Places [m], shape (n, 2), and covariances of poses, shape (n, 3, 3)."""
+    all_of_them = list(poses)
+    places = np.array([(pose.x, pose.y) for pose in all_of_them]).reshape(-1, 2)
+    return places, np.array([pose.covariance for pose in all_of_them]).reshape(-1, 3, 3)
+
+
+def pose_effect(places: Float, covariances: Float, positions: Float) -> Float:
+    """Covariance of places that were measured from uncertain poses [m^2].
 
     Args:
-        pose: The pose.
-        positions: The places [m], shape (m, 2).
+        places: Where each was measured from [m], shape (m, 2).
+        covariances: Of that pose, shape (m, 3, 3).
+        positions: What was measured [m], shape (m, 2).
 
     Returns:
         Shape (m, 2, 2).
     """
     lever = np.zeros((len(positions), 2, 3))
     lever[:, 0, 0] = lever[:, 1, 1] = 1.0
-    lever[:, 0, 2], lever[:, 1, 2] = pose.y - positions[:, 1], positions[:, 0] - pose.x
+    lever[:, 0, 2], lever[:, 1, 2] = (places - positions)[:, 1], (positions - places)[:, 0]
     with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
-        effect: Float = lever @ pose.covariance @ lever.transpose(0, 2, 1)
+        effect: Float = lever @ covariances @ lever.transpose(0, 2, 1)
     return effect

@@ -16,6 +16,7 @@ from geometry_msgs.msg import (
     PoseWithCovariance,
     PoseWithCovarianceStamped,
     Quaternion,
+    TransformStamped,
     TwistWithCovariance,
     Vector3,
 )
@@ -29,10 +30,10 @@ from std_msgs.msg import ColorRGBA, Header
 from stereo_msgs.msg import DisparityImage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mrs_people_loc.camera import StereoCamera
-from mrs_people_loc.config import Disparity
+from mrs_people_loc.camera import StereoCamera, robot_from_optical
+from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.disparity import SUBPIXELS
-from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.poses import Pose
@@ -153,6 +154,62 @@ def pose_stamped(pose: Pose, frame_id: str) -> PoseWithCovarianceStamped:
     return PoseWithCovarianceStamped(
         header=header(pose.stamp_ns, frame_id), pose=pose_with_covariance(pose)
     )
+
+
+def transform(stamp_ns: int, parent: str, pose: Pose, child: str) -> TransformStamped:
+    """A frame on the floor of another one, for TF.
+
+    Args:
+        stamp_ns: Stamp [ns].
+        parent: Frame that the pose is given in.
+        pose: Pose of the child.
+        child: The frame that is placed.
+    """
+    place = np.array([pose.x, pose.y, 0.0])
+    return _transform(stamp_ns, parent, child, place, quaternion_from_yaw(pose.yaw))
+
+
+def camera_transforms(
+    stamp_ns: int, base_frame: str, mounting: Mounting, camera: StereoCamera | None
+) -> list[TransformStamped]:
+    """Where a head's cameras are, for TF: optical frames (REP 103), named after the base's.
+
+    Args:
+        stamp_ns: Stamp [ns].
+        base_frame: `<robot>/base_link`.
+        mounting: Pose of the left camera on it.
+        camera: The calibrated head, which says where the others are; None: not known yet.
+    """
+    left, right, top = (
+        base_frame.removesuffix("base_link") + f"{name}_camera_optical"
+        for name in ("left", "right", "top")
+    )
+    rotation, place = robot_from_optical(mounting)
+    quaternion = quaternion_from_rotation(rotation)
+    made = [_transform(stamp_ns, base_frame, left, place, quaternion)]
+    # In the left optical frame x is to the right and y down; rectified cameras are parallel.
+    if camera is not None:
+        to_right = np.array([camera.baseline, 0.0, 0.0])
+        made.append(_transform(stamp_ns, left, right, to_right, (0.0, 0.0, 0.0, 1.0)))
+        if camera.vertical_baseline:
+            up = np.array([0.0, -camera.vertical_baseline, 0.0])
+            made.append(_transform(stamp_ns, left, top, up, (0.0, 0.0, 0.0, 1.0)))
+    return made
+
+
+def _transform(
+    stamp_ns: int,
+    parent: str,
+    child: str,
+    place: np.ndarray,
+    quaternion: tuple[float, float, float, float],
+) -> TransformStamped:
+    made = TransformStamped(header=header(stamp_ns, parent), child_frame_id=child)
+    x, y, z = map(float, place)
+    made.transform.translation = Vector3(x=x, y=y, z=z)
+    x, y, z, w = quaternion
+    made.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
+    return made
 
 
 def people(result: People, frame_id: str) -> PeopleMessage:

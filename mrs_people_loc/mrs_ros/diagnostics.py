@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import resource
+import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -27,6 +31,8 @@ OK, WARN, ERROR, STALE = (
 LOG_PERIOD_S = 5.0
 #: A topic that is silent for longer is reported [s].
 SILENCE_S = 2.0
+#: What was dropped is a warning for so long [s].
+RECENT_S = 10.0
 #: Stamps that are this far from the clock are reported [s].
 OLD_STAMP_S = 5.0
 
@@ -54,6 +60,23 @@ class Throttle:
             return False
         self._last_s[kind] = now_s
         return True
+
+
+class Growth:
+    """Whether a count has grown lately."""
+
+    def __init__(self) -> None:
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._count = 0
+        self._grown_s: float | None = None
+
+    def lately(self, count: int) -> bool:
+        """Whether it has, within `RECENT_S`, now that it is this."""
+        now_s = self._clock.now().nanoseconds / 1e9
+        if count > self._count:
+            self._grown_s = now_s
+        self._count = count
+        return self._grown_s is not None and now_s - self._grown_s < RECENT_S
 
 
 @dataclass(frozen=True)
@@ -85,6 +108,8 @@ class Input:
         topic: Relative name.
         callback: Takes a message.
         qos: Quality of service that is asked for.
+        once: One message that can be used is enough: silence after it is no fault, but nothing
+            besides it is one.
     """
 
     def __init__(
@@ -94,18 +119,23 @@ class Input:
         topic: str,
         callback: Callable[[Any], None],
         qos: QoSProfile,
+        *,
+        once: bool = False,
     ) -> None:
         self.topic = topic
+        self._once = once
+        self._taken = False
         self.dropped: Counter[str] = Counter()
         self.last_error = ""
         self._node = node
         self._callback = callback
         self._message_type = message_type
         self._incompatible = ""
+        self._losses = Growth()
         self._log = Throttle(LOG_PERIOD_S)
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._since = self._now()
-        self._arrivals: deque[float] = deque(maxlen=100)
+        self._arrivals: deque[float] = deque(maxlen=1000)
         self.subscription = node.create_subscription(
             message_type,
             topic,
@@ -123,12 +153,21 @@ class Input:
         """Messages per second over the last few seconds."""
         now = self._now()
         recent = [t for t in self._arrivals if now - t < 5.0]
-        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0
+        return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 else 0.0
+
+    @property
+    def silent_s(self) -> float:
+        """Since when nothing came [s]."""
+        return self._now() - (self._arrivals[-1] if self._arrivals else self._since)
+
+    @property
+    def publishers(self) -> int:
+        """How many publish this topic, as far as is known here."""
+        return int(self._node.count_publishers(self.subscription.topic_name))
 
     def finding(self) -> Finding:
         """How this input is."""
-        now = self._now()
-        silent = now - (self._arrivals[-1] if self._arrivals else self._since)
+        silent = self.silent_s
         total = sum(self.dropped.values())
         values = {
             "rate_hz": f"{self.rate_hz:.1f}",
@@ -136,9 +175,12 @@ class Input:
             "dropped": total,
             **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
         }
-        if silent > SILENCE_S:
+        if self._once and not self._taken and total:
+            text = f"none of {total} can be used; last: {self.last_error}"
+            return Finding(self.topic, ERROR, text, values)
+        if silent > SILENCE_S and not (self._once and self._taken):
             return Finding(self.topic, ERROR, self._silence(silent), values)
-        if total:
+        if self._losses.lately(total):
             return Finding(self.topic, WARN, f"{total} dropped; last: {self.last_error}", values)
         return Finding(self.topic, OK, "ok", values)
 
@@ -155,6 +197,7 @@ class Input:
         self._arrivals.append(self._now())
         try:
             self._callback(message)
+            self._taken = True
         except PeopleLocError as err:
             self.drop(type(err).__name__, str(err))
 
@@ -236,7 +279,29 @@ def stamp_hint(node: Node, stamp_ns: int) -> str:
     if abs(ahead) <= OLD_STAMP_S:
         return ""
     where = "ahead of" if ahead > 0 else "behind"
-    text = f"stamps are {abs(ahead):.1f} s {where} this machine's clock"
+    return f"stamps are {abs(ahead):.1f} s {where} this machine's clock{recording_hint(node)}"
+
+
+def recording_hint(node: Node) -> str:
+    """What to do about stamps of another time, if they are a recording's."""
     if node.get_parameter("use_sim_time").value:
-        return text
-    return text + "; for a recording use `mrs replay --clock` and the parameter use_sim_time:=true"
+        return ""
+    return "; for a recording use `mrs replay --clock` and the parameter use_sim_time:=true"
+
+
+class ProcessUse:
+    """What this process takes of the machine."""
+
+    def __init__(self) -> None:
+        self._last = time.monotonic(), time.process_time()
+
+    def values(self) -> dict[str, object]:
+        """Share of one processor since it was last asked, and resident memory."""
+        now, before = (time.monotonic(), time.process_time()), self._last
+        self._last = now
+        share = (now[1] - before[1]) / max(now[0] - before[0], 1e-3)
+        values: dict[str, object] = {"cpu_percent": f"{100.0 * share:.0f}"}
+        with contextlib.suppress(OSError):  # only Linux has it
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            values["memory_mb"] = f"{pages * resource.getpagesize() / 1e6:.0f}"
+        return values

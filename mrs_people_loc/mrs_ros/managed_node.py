@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import traceback
@@ -11,14 +12,19 @@ from typing import Any
 import rclpy
 import rclpy.logging
 import rclpy.utilities
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import Parameter, Section
 from mrs_people_loc.errors import ConfigError, PeopleLocError
-from mrs_ros.diagnostics import OK, STALE, Finding, Input, Reporter
+from mrs_ros import security
+from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
+from mrs_ros.network import use_shipped_profile
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
@@ -48,10 +54,15 @@ class ManagedNode(LifecycleNode):
         self.inputs: dict[str, Input] = {}
         self._outputs: list[Any] = []
         self._reporter: Reporter | None = None
+        self._use = ProcessUse()
         self._configured = self._active = False
         self._node_config = NodeConfig(
             self, config_type, may_restructure=lambda: not self._configured, changed=self.changed
         )
+        back = JumpThreshold(
+            min_forward=None, min_backward=Duration(nanoseconds=-RESET_NS), on_clock_change=False
+        )
+        self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._on_jump)
 
     # ---- for the node to fill in ----
 
@@ -63,6 +74,9 @@ class ManagedNode(LifecycleNode):
 
     def stop(self) -> None:
         """Ends the work."""
+
+    def jumped_back(self) -> None:
+        """Begins anew: the time, as a bag gives it, was set back by more than a second."""
 
     def changed(self, config: Any) -> None:
         """Takes a configuration that was changed while the node exists.
@@ -83,6 +97,11 @@ class ManagedNode(LifecycleNode):
         return self._node_config.value
 
     @property
+    def is_active(self) -> bool:
+        """Whether it works now."""
+        return self._active
+
+    @property
     def name_in_team(self) -> str:
         """The node's namespace without the leading slash: the robot's name."""
         return str(self.get_namespace()).strip("/")
@@ -93,11 +112,18 @@ class ManagedNode(LifecycleNode):
         topic: str,
         callback: Callable[[Any], None],
         qos: QoSProfile,
+        *,
+        once: bool = False,
     ) -> Input:
-        """Subscribes to a topic until the node stops."""
-        made = Input(self, message_type, topic, callback, qos)
+        """Subscribes to a topic until the node stops (see `Input`)."""
+        made = Input(self, message_type, topic, callback, qos, once=once)
         self.inputs[topic] = made
         return made
+
+    def end(self, heard: Input) -> None:
+        """Ends a subscription before the node stops."""
+        del self.inputs[heard.topic]
+        heard.destroy()
 
     def offer(self, message_type: type, topic: str, qos: QoSProfile | int) -> Any:
         """Makes a publisher that works while the node is active."""
@@ -183,11 +209,30 @@ class ManagedNode(LifecycleNode):
             return TransitionCallbackReturn.ERROR
         return result
 
+    def _on_jump(self, jump: Any) -> None:
+        if self._active:
+            self.get_logger().warning("the time jumped back; starting anew")
+            self.jumped_back()
+
     def _findings(self) -> list[Finding]:
         if not self._active:
             return [Finding("state", STALE, "inactive: hears and sends nothing until activated")]
         inputs = [made.finding() for made in self.inputs.values()]
-        return [Finding("state", OK, "active"), *inputs, *self.findings()]
+        state = Finding("state", OK, "active", self._use.values())
+        return [state, *inputs, *self.findings()]
+
+
+def _executor() -> Any:
+    """What waits for messages.
+
+    rclpy's usual executor builds a wait set of all that a node has, in Python, before each message:
+    most of what a pose cost. The one of events does not; where this rclpy has none, the usual one.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return rclpy.get_global_executor()
+    return EventsExecutor()
 
 
 def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None = None) -> int:
@@ -209,10 +254,16 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     # would raise KeyboardInterrupt wherever the node is, and again while it is being ended:
     # `ros2 launch` passes on a Ctrl-C that everybody in the terminal has received already.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    use_shipped_profile()
     try:
+        secured = security.asked(os.environ)
         rclpy.init(args=argv)
-    except Exception as err:  # rclpy raises different classes for different bad arguments
+    except ConfigError as err:
         sys.stderr.write(f"error: {err}\n")
+        return EXIT_USAGE
+    except Exception as err:  # rclpy raises different classes for different bad arguments
+        why = security.refusal(err, os.environ) if secured == "Enforce" else err
+        sys.stderr.write(f"error: {why}\n")
         return EXIT_USAGE
     name = usage.split()[1]
     node: ManagedNode | None = None
@@ -224,13 +275,19 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
             node = make_node()
         except ParameterException as err:  # of those that every node has, such as use_sim_time
             raise ConfigError(str(err)) from err
+        except RuntimeError as err:  # rclpy's RCLError is one
+            if not secured:
+                raise
+            raise security.refusal(err, os.environ) from err
+        if secured == "Permissive":
+            node.get_logger().warning(security.UNSURE)
         if node.autostart:
             for transition in (node.trigger_configure, node.trigger_activate):
                 if transition() != TransitionCallbackReturn.SUCCESS:
                     return 1 if rclpy.ok() else 0
         # Not rclpy.spin: a signal wakes it a moment before the context ends. If it goes back to
         # sleep in between, and the node has no timer (it is not configured), it never wakes again.
-        executor = rclpy.get_global_executor()
+        executor = _executor()
         executor.add_node(node)
         while rclpy.ok():
             executor.spin_once(timeout_sec=1.0)

@@ -3,9 +3,10 @@
     report = run_bench(bag, configs=[paper, default])
     report["targets"]                       # each figure that has a target, and whether it is met
 
-Three parts: one robot's view, stage by stage; one interval of the planner; and real processes over
-DDS (`bench_live`). Nothing is timed that differs from the plain loops in `bench_reference` (the
-paper's method, bit for bit) and `bench_bodies` (what can be said simply of the default one).
+Four parts: one robot's view, stage by stage; one interval of the planner; what it costs as the team
+grows (`bench_growth`); and real processes over DDS (`bench_live`). Nothing is timed that differs
+from the plain loops in `bench_reference` (the paper's method, bit for bit) and `bench_bodies` (what
+can be said simply of the default one).
 
 How it is timed: on one core (OpenCV's threads are off), stages as the pipeline times them itself,
 but by the processor time that they take, so that other work on the machine does not count. It does
@@ -31,7 +32,6 @@ import cv2
 import numpy as np
 import typer
 import yaml
-from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -44,11 +44,11 @@ from mrs_people_loc.disparity import make_stereo_bm
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.planner import Planner
-from mrs_people_loc.poses import Pose
 from mrs_people_loc.robot import RobotPipeline
-from mrs_people_loc.scan import Cells, Scan
 from mrs_tools import bench_reference
 from mrs_tools.bags import BagReader
+from mrs_tools.bench_growth import LARGEST, growth_of, time_growth
+from mrs_tools.bench_scenes import PEOPLE, ROBOTS, drawn_scans
 from mrs_tools.demo import default_file
 from mrs_tools.offline import BagRun, View, robots_of
 
@@ -129,6 +129,7 @@ def run_bench(
     configs: Sequence[Path],
     *,
     frames: int = 600,
+    robots: int = LARGEST,
     live_files: Sequence[Path] | None = None,
     seconds: float = 10.0,
     on_step: Callable[[str], None] = lambda _: None,
@@ -139,6 +140,7 @@ def run_bench(
         bag: A bag with images and odometry of at least one robot.
         configs: Parameter files to compare; targets are for the first one of each method.
         frames: Views, and intervals, to time for each configuration.
+        robots: The largest team to time the planner with.
         live_files: Parameter files of the team whose processes are started; None: no live part.
         seconds: How long the live part measures [s].
         on_step: Told what is done now.
@@ -161,7 +163,9 @@ def run_bench(
         on_step(f"timing {frames} views of each head")
         robot = time_robot(heads, frames)
         on_step("drawing 4 robots and 10 people")
-        planner = time_planner({path.name: path for path in configs}, frames, on_step)
+        named = {path.name: path for path in configs}
+        planner = time_planner(named, frames, on_step)
+        growth = time_growth(named, robots, on_step=on_step)
     live = None
     if live_files is not None:
         from mrs_tools.bench_live import measure_live
@@ -174,6 +178,7 @@ def run_bench(
         "equal_to_reference": checked,
         "robot": robot,
         "planner": planner,
+        "growth": growth,
         "live": live,
     }
     return {**report, "targets": [target.report() for target in targets(report)]}
@@ -192,6 +197,11 @@ def targets(report: Mapping[str, Any]) -> list[Target]:
         where = f"{name}, {planner['robots']} robots, {planner['people']} people"
         took, limit = planner["stages_ms"]["whole"]["median"], 3.0 if of_bodies else 2.0
         found.append(Target("planner", where, took, limit, "ms"))
+        for floor, rows in report["growth"].get(name, {}).items():
+            ratio = growth_of(rows)
+            if ratio is not None:
+                what = f"planner per robot, {rows[-1]['robots']} robots : 4 robots"
+                found.append(Target(what, f"{name}, {floor}", ratio, 1.0, ""))
     live = report["live"]
     if live is not None:
         latency = live["latency_ms"]["newest"]["p99"]
@@ -415,105 +425,6 @@ def _time_bare_pair(pipeline: RobotPipeline, images: StereoImages, count: int) -
 
 # ---------------------------------------------------------------------------------------- planner
 
-#: The drawn scene: a room of 8 x 7 m, a robot in each corner looking to the middle, two rows of
-#: five people. Bodies and walls are upright; no texture, no matching: the disparity is that of the
-#: true depth, with noise, in sixteenths of a pixel. Without texture and shape nobody is a person
-#: for the fitted model: where bodies are sought, the scans are made of bodies instead.
-_ROOM = (8.0, 7.0)
-_ROBOTS = {
-    "robot_a": (1.2, 1.2, 0.72),
-    "robot_b": (6.8, 1.2, math.pi - 0.72),
-    "robot_c": (1.2, 5.8, -0.72),
-    "robot_d": (6.8, 5.8, math.pi + 0.72),
-}
-_PEOPLE = [(x, y) for y in (2.8, 4.2) for x in (2.2, 3.1, 4.0, 4.9, 5.8)]
-_BODY_RADIUS_M, _BODY_HEIGHT_M = 0.2, 1.7
-_NOISE_PX, _MISSING = 0.1, 0.15
-#: Bodies in a scan: `bodies.max_count` of the defaults.
-_MOST_BODIES = 16
-_CAMERA = StereoCamera(width=160, height=120, fx=105.46, fy=105.46, cx=79.5, cy=59.5, baseline=0.10)
-
-
-def drawn_disparity(pose: Pose, seed: int) -> NDArray[np.float32]:
-    """What a robot in the drawn scene would match [px], NaN where it would not."""
-    camera, rng = _CAMERA, np.random.default_rng(seed)
-    left = -(np.arange(camera.width) - camera.cx) / camera.fx  # per metre ahead, per column
-    up = -(np.arange(camera.height) - camera.cy)[:, np.newaxis] / camera.fy
-    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-    ray = np.stack([cos - sin * left, sin + cos * left])  # in the map, per metre of depth
-    start = np.array([pose.x, pose.y])
-    with np.errstate(divide="ignore"):
-        walls = np.maximum(-start[:, np.newaxis] / ray, (np.array(_ROOM) - start)[:, None] / ray)
-    depth = np.broadcast_to(walls.min(axis=0), (camera.height, camera.width))
-    for person in _PEOPLE:
-        # |start + depth * ray - person| = radius
-        away = start - person
-        a, b = (ray**2).sum(axis=0), away @ ray
-        inside = b**2 - a * (away @ away - _BODY_RADIUS_M**2)
-        body = (-b - np.sqrt(np.where(inside >= 0, inside, np.nan))) / a
-        height = camera.mounting.height + up * body
-        hit = (body > 0) & (height >= 0) & (height <= _BODY_HEIGHT_M)
-        depth = np.where(hit, np.fmin(depth, body), depth)
-    disparity = camera.depth_disparity / depth + rng.normal(0.0, _NOISE_PX, depth.shape)
-    disparity = np.round(disparity * 16.0) / 16.0
-    disparity[rng.random(depth.shape) < _MISSING] = np.nan
-    return np.asarray(disparity, dtype=np.float32)
-
-
-def drawn_scans(config: RobotConfig, seed: int) -> tuple[list[Scan], dict[str, Pose]]:
-    """The scans of the drawn scene, and the robots' poses.
-
-    By the real filters; where bodies are sought, made of bodies (`_made_bodies`).
-    """
-    covariance = np.diag([0.02**2, 0.02**2, 0.01**2])
-    poses = {robot: Pose(0, *place, covariance) for robot, place in _ROBOTS.items()}
-    if config.bodies.search:
-        rng = np.random.default_rng(seed)
-        return [Scan(robot, 0, _made_bodies(pose, rng)) for robot, pose in poses.items()], poses
-    blank = np.zeros((_CAMERA.height, _CAMERA.width), dtype=np.uint8)
-    scans = []
-    for index, (robot, pose) in enumerate(poses.items()):
-        pipeline = RobotPipeline(robot, _CAMERA, config)
-        disparity = drawn_disparity(pose, seed * len(poses) + index)
-        pipeline.matcher = lambda _, drawn=disparity: drawn  # type: ignore[assignment]
-        scans.append(pipeline.step(StereoImages(0, blank, blank)))
-    return scans, poses
-
-
-def _made_bodies(pose: Pose, rng: np.random.Generator) -> Cells:
-    """Cells as a robot sends them that sees everybody, and as many other things as it may send.
-
-    That is the most that there can be: nobody is hidden, and no candidate is refused.
-    """
-    others = rng.uniform((0.0, 0.0), _ROOM, (_MOST_BODIES - len(_PEOPLE), 2))
-    places = np.concatenate([_PEOPLE, others])
-    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-    offset = places - (pose.x, pose.y)
-    away = np.hypot(*offset.T)
-    sigma_range = 0.03 + 0.01 * away**2
-    along = 1.0 + rng.normal(0.0, 1.0, len(places)) * sigma_range / away
-    x, y = (offset * along[:, np.newaxis] @ np.array([[cos, -sin], [sin, cos]])).T
-    columns = np.linspace(-_BODY_RADIUS_M, _BODY_RADIUS_M, 9)
-    body = np.repeat(np.arange(len(places)), len(columns))
-    left, angle = np.tile(columns, len(places)), np.arctan2(y, x)[body]
-
-    def each(values: NDArray[np.float64]) -> NDArray[np.float32]:
-        return values[body].astype(np.float32)
-
-    size = np.ones(len(places))
-    return Cells(
-        x=(x[body] - left * np.sin(angle)).astype(np.float32),
-        y=(y[body] + left * np.cos(angle)).astype(np.float32),
-        z=each(1.6 * size),
-        z_min=each(0.25 * size),
-        top=each(_BODY_HEIGHT_M * size),
-        count=np.full(len(body), 15, dtype=np.uint32),
-        body=(body + 1).astype(np.uint32),
-        score=each(np.where(np.arange(len(places)) < len(_PEOPLE), 3.0, -2.5)),
-        sigma_range=each(sigma_range),
-        sigma_across=each(0.04 * size),
-    )
-
 
 def time_planner(
     configs: Mapping[str, Path], frames: int, on_step: Callable[[str], None] = lambda _: None
@@ -533,7 +444,7 @@ def time_planner(
     """
     planners, scenes, found = {}, {}, {}
     for name, path in configs.items():
-        team = load_team(path, robots=tuple(_ROBOTS))
+        team = load_team(path, robots=tuple(ROBOTS))
         planners[name] = Planner(team.planner)
         config = next(iter(team.robots.values()))
         scenes[name] = [drawn_scans(config, seed) for seed in range(_DRAWN)]
@@ -555,8 +466,8 @@ def time_planner(
     return {
         name: {
             "of_bodies": bool(found[name].fused.cells.body.any()),
-            "robots": len(_ROBOTS),
-            "people": len(_PEOPLE),
+            "robots": len(ROBOTS),
+            "people": len(PEOPLE),
             "people_found": len(found[name].persons),
             "cells": len(found[name].fused),
             "clusters": len(found[name].clusters),
@@ -587,6 +498,8 @@ def show(report: Mapping[str, Any], console: Console) -> None:
     for table in _robot_tables(report["robot"]):
         console.print(table)
     console.print(_planner_table(report["planner"]))
+    for table in _growth_tables(report["growth"]):
+        console.print(table)
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
             console.print(table)
@@ -642,6 +555,30 @@ def _planner_table(planner: Mapping[str, Mapping[str, Any]]) -> Table:
     for row, key in (("cells", "cells"), ("clusters", "clusters"), ("people", "people_found")):
         table.add_row(row, *(str(figures[key]) for figures in planner.values()))
     return table
+
+
+def _growth_tables(
+    growth: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]],
+) -> Iterator[Table]:
+    """A table for each floor, the configurations side by side."""
+    for floor in dict.fromkeys(floor for floors in growth.values() for floor in floors):
+        columns = {name: floors[floor] for name, floors in growth.items()}
+        title = (
+            f"\nplanner, one interval as the team grows, {floor}: ten people and 56 m^2 for every "
+            "four robots: median, and per robot [ms]"
+        )
+        heads = [f"{name}{of}" for name in columns for of in (": cells", "", ", per robot")]
+        table = _table(title, "robots", "people", *heads)
+        for rows in zip(*columns.values(), strict=True):
+            figures = [
+                text
+                for row in rows
+                for text in (
+                    str(row["cells"]), f"{row['ms']:.2f}", f"{row['ms_per_robot']:.3f}"
+                )
+            ]  # fmt: skip
+            table.add_row(str(rows[0]["robots"]), str(rows[0]["people"]), *figures)
+        yield table
 
 
 def _live_tables(live: Mapping[str, Any]) -> Iterator[Table]:
@@ -750,6 +687,9 @@ def command(
     frames: Annotated[
         int, typer.Option(min=1, help="Views, and intervals, to time of each kind.")
     ] = 600,
+    robots: Annotated[
+        int, typer.Option(min=1, help="The largest team to time the planner with.")
+    ] = LARGEST,
     live: Annotated[
         bool, typer.Option("--live/--no-live", help="Measure real processes over DDS, too.")
     ] = True,
@@ -774,6 +714,7 @@ def command(
             bag,
             configs,
             frames=frames,
+            robots=robots,
             live_files=files,
             seconds=seconds,
             on_step=lambda text: status.update(f"{text} ..."),

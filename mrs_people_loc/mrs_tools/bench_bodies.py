@@ -38,7 +38,10 @@ _TOLERANCE_PX = 1e-3
 #: Bins of the histogram [px], and rays that see people from above: as the search has them.
 _STEP_PX, _LEAST_LEVEL = 0.25, 0.35
 #: As the joining has them [m], [log-odds], [sigmas].
-_LEAST_SIGMA, _LEAST_SCORE, _ROBOT_SIGMAS = 0.01, -2.0, 2.5
+_LEAST_SIGMA, _LEAST_SCORE = 0.01, -2.0
+#: As the masking has them [m], [log-odds], [sigmas], [1/m].
+_ROBOT_SIGMAS, _REACH_ALONG, _REACH_ACROSS, _CLEARLY_A_PERSON = 2.5, 0.8, 0.4, 5.0
+_CELL_SIGMA_RANGE, _CELL_SIGMA_ACROSS = 0.25 / 10.5, 0.03
 
 
 # ------------------------------------------------------------------------------------ the search
@@ -243,6 +246,14 @@ class JoinedBody:
     is_person: bool
 
 
+def covariance_seen(pose: Pose, xy: Float, along: float, across: float) -> Float:
+    """Covariance of a place that was seen from a pose, of variances along and across the sight."""
+    angle = math.atan2(xy[1] - pose.y, xy[0] - pose.x)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    lever = np.array([[1.0, 0.0, pose.y - xy[1]], [0.0, 1.0, xy[0] - pose.x]])
+    return turn @ np.diag([along, across]) @ turn.T + lever @ pose.covariance @ lever.T
+
+
 def bodies_seen(fused: ShortTermMap, poses: Mapping[str, Pose], config: Joining) -> list[Seen]:
     """The bodies on a map, by robot and number."""
     cells_of: dict[tuple[int, int], list[int]] = {}
@@ -261,28 +272,38 @@ def bodies_seen(fused: ShortTermMap, poses: Mapping[str, Pose], config: Joining)
         )
         if not config.line_of_sight:
             along = across = math.sqrt(along * across)
-        angle = math.atan2(xy[1] - pose.y, xy[0] - pose.x)
-        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-        lever = np.array([[1.0, 0.0, pose.y - xy[1]], [0.0, 1.0, xy[0] - pose.x]])
-        covariance = turn @ np.diag([along, across]) @ turn.T + lever @ pose.covariance @ lever.T
+        covariance = covariance_seen(pose, xy, along, across)
         score = float(fused.cells.score[first])
         seen.append(Seen(fused.robots[robot], tuple(inside), np.array(xy), covariance, score))
     return seen
 
 
-def is_robot(body: Seen, poses: Mapping[str, Pose], radius: float) -> bool:
-    """Whether a body is another robot of the team."""
-    own = poses[body.robot]
-    sight = body.xy - (own.x, own.y)
+def is_robot(
+    robot: str, xy: Float, covariance: Float, poses: Mapping[str, Pose], radius: float, score: float
+) -> bool:
+    """Whether what a robot saw somewhere is another robot of the team."""
+    own = poses[robot]
+    sight = xy - (own.x, own.y)
     sight = sight / math.hypot(*sight)
-    reach = max(radius, _ROBOT_SIGMAS * math.sqrt(sight @ body.covariance @ sight))
     for name, pose in poses.items():
-        dx, dy = pose.x - body.xy[0], pose.y - body.xy[1]
-        along = abs(dx * sight[0] + dy * sight[1])
-        across = abs(dx * sight[1] - dy * sight[0])
-        if name != body.robot and across < radius and along < reach:
+        offset = xy - (pose.x, pose.y)
+        total = covariance + pose.covariance[:2, :2]
+        there = name != robot and radius > 0
+        for axis, most in ((sight, _REACH_ALONG), (np.array([-sight[1], sight[0]]), _REACH_ACROSS)):
+            reach = max(radius, min(_ROBOT_SIGMAS * math.sqrt(axis @ total @ axis), most))
+            there = there and bool(abs(axis @ offset) < reach)
+        if there and (math.hypot(*offset) < radius or score < _CLEARLY_A_PERSON):
             return True
     return False
+
+
+def is_cell_of_robot(robot: str, xy: Float, poses: Mapping[str, Pose], radius: float) -> bool:
+    """Whether a plain cell that a robot saw is another robot of the team."""
+    own = poses[robot]
+    x, y = xy[0] - own.x, xy[1] - own.y
+    along = _CELL_SIGMA_RANGE * (x * x + y * y)
+    covariance = covariance_seen(own, np.array(xy), along**2, _CELL_SIGMA_ACROSS**2)
+    return is_robot(robot, np.array(xy), covariance, poses, radius, -math.inf)
 
 
 def _fused(bodies: Sequence[Seen]) -> tuple[Float, Float]:
@@ -293,15 +314,30 @@ def _fused(bodies: Sequence[Seen]) -> tuple[Float, Float]:
 
 
 def joined_of(
-    fused: ShortTermMap, poses: Mapping[str, Pose], config: Joining
+    fused: ShortTermMap,
+    poses: Mapping[str, Pose],
+    placed: Mapping[str, Pose],
+    config: Joining,
+    radius: float,
 ) -> tuple[list[JoinedBody], list[tuple[int, ...]]]:
     """Joins the bodies of a map, nearest first.
+
+    Args:
+        fused: The map.
+        poses: The robots' poses.
+        placed: Likewise, as unsure as what was placed with them.
+        config: Parameters.
+        radius: Of a robot [m].
 
     Returns:
         What they are, numbered by their first bodies, and the cells of those that are robots.
     """
-    seen = bodies_seen(fused, poses, config)
-    robots = [body for body in seen if is_robot(body, poses, config.robot_radius)]
+    seen = bodies_seen(fused, placed, config)
+    robots = [
+        body
+        for body in seen
+        if is_robot(body.robot, body.xy, body.covariance, poses, radius, body.score)
+    ]
     alone = [body for body in seen if not any(body is robot for robot in robots)]
 
     def distance(one: Sequence[Seen], other: Sequence[Seen]) -> float | None:

@@ -134,6 +134,7 @@ class Feeder(threading.Thread):
         recorded: What to send, by robot.
         frame_hz: Frames per second and robot.
         pose_hz: Poses per second and robot.
+        on_frame: Told of each frame: its robot and its stamp [ns].
 
     Attributes:
         frames_on: Set: frames are sent, too.
@@ -144,13 +145,18 @@ class Feeder(threading.Thread):
     """
 
     def __init__(
-        self, node: Any, recorded: Mapping[str, Recorded], frame_hz: float, pose_hz: float
+        self,
+        node: Any,
+        recorded: Mapping[str, Recorded],
+        frame_hz: float,
+        pose_hz: float,
+        on_frame: Callable[[str, int], None] = lambda robot, stamp_ns: None,
     ) -> None:
         from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
         super().__init__(name="feeder", daemon=True)
         self._recorded = recorded
-        self.frame_hz, self.pose_hz = frame_hz, pose_hz
+        self.frame_hz, self.pose_hz, self._on_frame = frame_hz, pose_hz, on_frame
         self._stop_event = threading.Event()
         self.frames_on = threading.Event()
         self.frames = dict.fromkeys(recorded, 0)
@@ -203,6 +209,7 @@ class Feeder(threading.Thread):
     def _send(self, robot: str, is_frame: bool) -> None:
         one, now_ns = self._recorded[robot], time.time_ns()
         if is_frame:
+            self._on_frame(robot, now_ns)
             for topic, data in one.frames[self.frames[robot] % len(one.frames)].items():
                 self.publishers[topic].publish(stamped(data, now_ns))
             self.frames[robot] += 1

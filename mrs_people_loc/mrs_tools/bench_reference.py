@@ -26,6 +26,7 @@ from mrs_people_loc.planner import People
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
+from mrs_people_loc.splitting import split
 from mrs_tools import bench_bodies
 from mrs_tools.bench_differs import TOLERANCE, near, same
 
@@ -419,6 +420,19 @@ def check_cells(name: str, got: Cells, wanted: Sequence[Cell]) -> None:
         same(f"{name}: cells.{field}", getattr(got, field), values)
 
 
+def placed_of(scans: Sequence[Scan], people: People, config: PlannerConfig) -> dict[str, Pose]:
+    """The poses, less sure by what people walk between a scan and the interval."""
+    placed = {}
+    for scan in scans:
+        pose = people.poses[scan.robot]
+        walked = config.interval.walking_speed * (people.stamp_ns - scan.stamp_ns) / 1e9
+        covariance = pose.covariance.copy()
+        covariance[0, 0] += walked**2
+        covariance[1, 1] += walked**2
+        placed[scan.robot] = replace(pose, covariance=covariance)
+    return placed
+
+
 def check_people(scans: Sequence[Scan], people: People, config: PlannerConfig) -> None:
     """Compares an interval's clusters, people and group with the reference.
 
@@ -432,39 +446,60 @@ def check_people(scans: Sequence[Scan], people: People, config: PlannerConfig) -
     """
     name, clusters = f"interval at {people.stamp_ns} ns", people.clusters
     tolerance = _JOINED_TOLERANCE if people.fused.cells.body.any() else TOLERANCE
+    placed = placed_of(scans, people, config)
     places = fused_of(scans, people.poses)
     near(f"{name}: map", people.fused.xy, np.reshape(places, (-1, 2)))
     # From here on with the core's own map: a rounding must not change who is near whom.
     places = [(x, y) for x, y in people.fused.xy.tolist()]
     fused = people.fused
-    plain = [i for i in range(len(fused)) if not fused.cells.body[i]]
+    radius = config.masking.robot_radius
+    plain: list[int] = []
+    masked: list[int] = []
+    for i in range(len(fused)):
+        if not fused.cells.body[i]:
+            robot = fused.robots[fused.robot[i]]
+            of_robot = bench_bodies.is_cell_of_robot(robot, fused.xy[i], people.poses, radius)
+            (masked if of_robot else plain).append(i)
     of_plain = clusters_of([places[i] for i in plain], config.clustering.distance)
+    # The core's own: there is no reference for which parts a wide cluster is split into.
+    split_ones, _ = split(
+        fused,
+        np.array(plain, dtype=np.intp),
+        np.array(of_plain, dtype=np.intp),
+        people.poses,
+        config.splitting,
+        config.human,
+    )
+    of_plain = [int(of) for of in split_ones]
     label = [-1] * len(fused)
     for i, of in zip(plain, of_plain, strict=True):
         label[i] = of
-    # Then what bodies are together, then those that are robots.
+    # Then what bodies are together, then those that are robots, then other cells of robots.
     first = max(of_plain, default=-1) + 1
-    joined, of_robots = bench_bodies.joined_of(fused, people.poses, config.joining)
+    joined, of_robots = bench_bodies.joined_of(fused, people.poses, placed, config.joining, radius)
     for number, inside in enumerate([*(body.cells for body in joined), *of_robots], first):
         for i in inside:
             label[i] = number
+    of_masked = clusters_of([places[i] for i in masked], config.clustering.distance)
+    for i, of in zip(masked, of_masked, strict=True):
+        label[i] = first + len(joined) + len(of_robots) + of
     same(f"{name}: clusters", clusters.label, np.array(label, dtype=np.intp))
     robots = [fused.robots[i] for i in fused.robot]
     bodies = bodies_of(places, label, fused.cells, robots)
     _check_bodies(name, clusters, bodies, fused.robots)
     wanted = [
-        person_of(body, index, people.poses)
+        person_of(body, index, placed)
         for index, body in enumerate(bodies[:first])
         if is_human(body, config.human)
     ]
     wanted += [
         replace(
-            person_of(bodies[index], index, people.poses),
+            person_of(bodies[index], index, placed),
             position=one.xy,
             covariance=one.covariance,
         )
         for index, one in enumerate(joined, first)
-        for of_cells in [person_of(bodies[index], index, people.poses)]
+        for of_cells in [person_of(bodies[index], index, placed)]
         if one.is_person
     ]
     same(f"{name}: number of people", len(people.persons), len(wanted))

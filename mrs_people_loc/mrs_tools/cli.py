@@ -37,12 +37,22 @@ COMMANDS = {
     "experiment": ("mrs_tools.experiment:command", "Repeat the paper's experiment, simulated."),
     "suite": ("mrs_tools.suite:command", "Score the published suite, step by step."),
     "fit": ("mrs_tools.fit:command", "Fit the body model to bags with ground truth."),
+    "calibrate": ("mrs_tools.calibrate:command", "Measure a head's mounting by the floor."),
     "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag."),
     "bench": ("mrs_tools.bench:command", "Measure speed, after comparing with plain loops."),
     "up": ("mrs_tools.up:command", "Start every node of a team on this machine."),
+    "discovery-server": (
+        "mrs_tools.discovery_server:command",
+        "Let a team find each other without multicast.",
+    ),
     "people": ("mrs_tools.people:command", "Show a running team live in the terminal."),
+    "doctor": (
+        "mrs_tools.doctor:command",
+        "Say what is wrong with a running team, and what to do.",
+    ),
     "replay": ("mrs_tools.replay:command", "Publish a bag's messages over ROS, in their timing."),
     "record": ("mrs_tools.record:command", "Record topics into a bag."),
+    "keys": ("mrs_tools.keys:app", "Make hosts members of a team, and revoke them."),
     "convert": ("mrs_tools.convert:app", "Write foreign recordings as bags."),
 }
 

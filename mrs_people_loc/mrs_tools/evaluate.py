@@ -111,6 +111,7 @@ def evaluate_bag(
     *,
     recorded: bool = False,
     beside: bool = True,
+    use_map: bool = False,
     on_interval: Callable[[Interval], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
@@ -122,6 +123,7 @@ def evaluate_bag(
         recorded: Score the `people` in the bag. A bag that has them and no robot's images or
             `points` is scored so anyway.
         beside: Whether the bag's own parameter file is read, see `BagRun`.
+        use_map: Whether its `/map` masks walls and furniture, likewise.
         on_interval: Called with each interval that is run.
         on_progress: Called with how much of the bag is done, 0 to 1.
 
@@ -138,7 +140,7 @@ def evaluate_bag(
             topic, result.estimates = read_recorded(reader)
             result.notes.append(f"scored as recorded on {topic}")
             return _scored(result)
-    run = BagRun(bag, configs, beside=beside)
+    run = BagRun(bag, configs, beside=beside, use_map=use_map)
     return evaluate_bag(run, on_interval=on_interval, on_progress=on_progress)
 
 
@@ -231,6 +233,9 @@ def command(
         Path | None, typer.Option("--plots", help="Draw errors and stages into this folder.")
     ] = None,
     own_config: OwnConfig = True,
+    use_map: Annotated[
+        bool, typer.Option("--map", help="Mask walls and furniture by the bag's /map.")
+    ] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
 ) -> None:
     """Run bags through the pipeline, as fast as it goes, and score them against their truth.
@@ -243,7 +248,12 @@ def command(
 
     console = Console(highlight=False, soft_wrap=True)
     names = names_of(bags)
-    options = {"configs": config or [], "recorded": recorded, "beside": own_config}
+    options = {
+        "configs": config or [],
+        "recorded": recorded,
+        "beside": own_config,
+        "use_map": use_map,
+    }
     results = dict(zip(names, _evaluate(bags, options, jobs), strict=True))
     show(results, console)
     if json_file is not None:

@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from mrs_people_loc import head, messages
@@ -36,24 +35,33 @@ from mrs_people_loc.config import (
     RobotConfig,
     Team,
     load_team,
+    load_yaml,
     robots_named,
 )
-from mrs_people_loc.errors import BagError, PeopleLocError, PoseError
+from mrs_people_loc.errors import (
+    BagError,
+    ConfigError,
+    GridError,
+    PeopleLocError,
+    PoseError,
+)
 from mrs_people_loc.evaluation import Estimate, Truth
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.interval import IntervalCollector
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.planner import People, Planner
-from mrs_people_loc.poses import Pose, PoseIntake
+from mrs_people_loc.poses import Pose, PoseIntake, static_pose
 from mrs_people_loc.robot import RobotPipeline, Stages
 from mrs_people_loc.scan import Scan
 from mrs_tools.bags import BagReader
 
 TRUTH_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
+MAP_TOPIC = "/map"
 PEOPLE_TYPE = "mrs_people_msgs/msg/People"
 
+_GRID = "nav_msgs/msg/OccupancyGrid"
 _IMAGE = "sensor_msgs/msg/Image"
 _POINTS = "sensor_msgs/msg/PointCloud2"
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -234,8 +242,8 @@ def file_beside(bag: Path) -> Path | None:
     bag = Path(os.path.abspath(bag))
     file = bag.with_name(f"{bag.stem if bag.suffix == '.mcap' else bag.name}.yaml")
     try:
-        document = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+        document = load_yaml(file)
+    except ConfigError:
         return None
     keys = [str(key) for key in document] if isinstance(document, Mapping) else []
     return file if any(key.endswith((ROBOT_NODE, PLANNER_NODE)) for key in keys) else None
@@ -258,6 +266,7 @@ class _Source:
         views: Views so far.
         scans: Scans so far.
         poses: Poses so far.
+        stands: Whether its pose is a parameter, at any time.
     """
 
     has: BagRobot
@@ -278,7 +287,11 @@ class _Source:
                 self.handlers[f"{base}/{kind}"] = partial(self._on_image, camera)
         else:
             self.handlers[f"/{name}/points"] = self._on_points
-        self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
+        self.stands = bool(self.has.images) and config.pose.source == "static"
+        if self.stands:
+            static_pose(config.pose, 0)
+        else:
+            self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
         self._intake = PoseIntake(self.config.pose)
 
     def _pose_topic(self) -> str:
@@ -308,7 +321,8 @@ class _Source:
     # ---- pose ----
 
     def _on_pose(self, message: Any) -> Pose | None:
-        pose, frame_id = messages.read_pose(message), message.header.frame_id
+        pose = messages.read_pose(message, f"{self.has.name}/base_link")
+        frame_id = message.header.frame_id
         config, recorded = self.config.pose, self._pose_topic() == "pose"
         if frame_id.lstrip("/") != config.map_frame and (recorded or not config.map_from_odom):
             remedy = ", or pose.map_from_odom (x, y, yaw of that frame in the map) in a --config"
@@ -345,6 +359,7 @@ class BagRun:
         configs: Parameter files, later ones win. What they do not say follows the bag: which images
             (rectified or raw), whether there is a top camera, where the pose is.
         beside: Whether the bag's own parameter file is read, after the others (`file_beside`).
+        use_map: Whether the bag's `/map` masks walls and furniture, whatever the files say.
         pipeline: What makes scans: takes robot, camera and configuration, has `stages(images)`.
         planner: What makes people: takes the configuration, has `step(scans, poses, time_ns)`.
 
@@ -364,6 +379,7 @@ class BagRun:
         configs: Sequence[str | Path] = (),
         *,
         beside: bool = True,
+        use_map: bool = False,
         pipeline: Callable[[str, StereoCamera, RobotConfig], Any] = RobotPipeline,
         planner: Callable[[PlannerConfig], Any] = Planner,
     ) -> None:
@@ -384,6 +400,11 @@ class BagRun:
             configs = [*configs, own]
             self.notes.append(f"{own.name}, which lies beside the bag, was read, too")
         self.team = self._load(configs)
+        if use_map:
+            planner_config = self.team.planner
+            masking = dataclasses.replace(planner_config.masking, occupancy_grid=True)
+            planner_config = dataclasses.replace(planner_config, masking=masking)
+            self.team = Team(planner_config, self.team.robots)
 
     def _load(self, configs: Sequence[str | Path]) -> Team:
         has = self._has
@@ -487,20 +508,33 @@ class BagRun:
 
         def take(source: _Source, made: Pose | View | Scan, now_ns: int) -> None:
             if isinstance(made, Pose):
-                collector.add_pose(source.has.name, made)
+                collector.add_pose(source.has.name, made, now_ns)
                 source.poses += 1
                 return
             if isinstance(made, View) and on_view is not None:
                 on_view(made)
             scan = made.stages.scan if isinstance(made, View) else made
+            if source.stands:
+                take(source, static_pose(source.config.pose, scan.stamp_ns), now_ns)
             collector.add_scan(scan, now_ns)
             source.scans += 1
             if isinstance(made, View):
                 waiting[scan.robot] = made
 
         span_ns = max(1, self.end_ns - self.start_ns)
+        wanted = [*handlers, *([MAP_TOPIC] if self.team.planner.masking.occupancy_grid else [])]
         with BagReader(self.path) as bag:
-            for raw in bag.messages([topic for topic in handlers if topic in bag.topics]):
+            if MAP_TOPIC in wanted:
+                if MAP_TOPIC not in bag.topics:
+                    self._note(f"masking.occupancy_grid is true, but the bag has no {MAP_TOPIC}")
+                elif bag.topics[MAP_TOPIC].type != _GRID:
+                    raise BagError(
+                        f"{self.path}: {MAP_TOPIC} is {bag.topics[MAP_TOPIC].type}; wanted: {_GRID}"
+                    )
+            for raw in bag.messages([topic for topic in wanted if topic in bag.topics]):
+                if raw.topic == MAP_TOPIC:
+                    self._take_map(planner, bag.decode(raw))
+                    continue
                 source, handle = handlers[raw.topic]
                 # The live planner looks at the clock all the time, not only when something comes.
                 yield from close(raw.time_ns)
@@ -525,6 +559,17 @@ class BagRun:
                 self.dropped[f"{name}: image without its pair"] += source.head.pairer.unpaired
         self._check(sources, reasons)
 
+    def _take_map(self, planner: Any, message: Any) -> None:
+        try:
+            planner.take_grid(messages.read_occupancy_grid(message, self.team.planner.map_frame))
+        except GridError as err:
+            self.dropped[MAP_TOPIC] += 1
+            self._note(f"{MAP_TOPIC}: {err}")
+
+    def _note(self, line: str) -> None:
+        if line not in self.notes:
+            self.notes.append(line)
+
     def _check(self, sources: Mapping[str, _Source], reasons: Mapping[str, str]) -> None:
         """Notes robots that gave nothing; an error if it was all of them."""
         silent = {}
@@ -537,7 +582,8 @@ class BagRun:
         if len(silent) == len(sources):
             raise BagError(f"{self.path}: {'; '.join(lines)}")
         lines += [f"{name}: {why}" for name, why in reasons.items() if name not in silent]
-        self.notes += [line for line in lines if line not in self.notes]
+        for line in lines:
+            self._note(line)
 
 
 def has_people(bag: BagReader) -> bool:

@@ -24,9 +24,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from mrs_people_loc.config import load_yaml
 from mrs_people_loc.errors import ConfigError
 from mrs_tools.simulation.layouts import expand
-from mrs_tools.simulation.scene import Scene, load_scene, load_yaml, read_scene
+from mrs_tools.simulation.scene import Scene, load_scene, read_scene
 
 if TYPE_CHECKING:
     from mrs_tools.simulation.world import Frame, World

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -79,16 +79,21 @@ class RunningTeam:
     Args:
         nodes: What to start.
         log: File that takes what they print; None: where this process prints.
+        env: Added to their environment.
     """
 
-    def __init__(self, nodes: Sequence[NodeProcess], log: IO[str] | None = None) -> None:
+    def __init__(
+        self,
+        nodes: Sequence[NodeProcess],
+        log: IO[str] | None = None,
+        env: Mapping[str, str] | None = None,
+    ) -> None:
         # AMENT_PREFIX_PATH: a pip install sets nothing. A session of their own: Ctrl-C at the
         # terminal reaches us, and we end them in order.
-        env = {**os.environ}
-        env.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+        whole = {"AMENT_PREFIX_PATH": sys.prefix, **os.environ, **(env or {})}
         self.processes = {
             node: subprocess.Popen(
-                node.command(), env=env, start_new_session=True, stdout=log, stderr=log
+                node.command(), env=whole, start_new_session=True, stdout=log, stderr=log
             )
             for node in nodes
         }

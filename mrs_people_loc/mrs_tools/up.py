@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mrs_tools.network import discovery_environment
 from mrs_tools.team import NodeProcess, RunningTeam, team_processes
 
 
@@ -15,6 +16,20 @@ def command(
     sim_time: Annotated[
         bool, typer.Option("--sim-time", help="Take the time from /clock (mrs replay --clock).")
     ] = False,
+    discovery_server: Annotated[
+        str,
+        typer.Option(
+            "--discovery-server",
+            metavar="HOST[:PORT]",
+            help="Find each other by the server there (mrs discovery-server), not by multicast.",
+        ),
+    ] = "",
+    peers: Annotated[
+        str,
+        typer.Option(
+            "--peers", metavar="HOST,...", help="Look for nodes on these hosts, too; by unicast."
+        ),
+    ] = "",
 ) -> None:
     """Start every robot_node of a team and the planner on this machine; Ctrl-C ends them.
 
@@ -26,7 +41,8 @@ def command(
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     nodes = team_processes(files, sim_time=sim_time)
-    with stop_on_signals() as stop, RunningTeam(nodes) as team:
+    env = discovery_environment(discovery_server, peers)
+    with stop_on_signals() as stop, RunningTeam(nodes, env=env) as team:
         console.print(f"started {', '.join(node.label for node in nodes)}; Ctrl-C ends them")
         failed: dict[NodeProcess, int] = {}
         while not stop.wait(0.2):

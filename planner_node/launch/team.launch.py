@@ -11,18 +11,24 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from mrs_tools.network import discovery_environment
 from mrs_tools.team import team_processes
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     team = LaunchConfiguration("team").perform(context)
     sim_time = LaunchConfiguration("use_sim_time").perform(context).lower() == "true"
+    env = discovery_environment(
+        LaunchConfiguration("discovery_server").perform(context),
+        LaunchConfiguration("peers").perform(context),
+    )
     return [
         Node(
             package=process.package,
             executable=process.package,
             namespace=process.namespace,
             parameters=[*process.files, *([{"use_sim_time": True}] if sim_time else [])],
+            additional_env=env,
             output="screen",
         )
         for process in team_processes([team], sim_time=sim_time)
@@ -41,6 +47,16 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="false",
                 choices=["true", "false"],
                 description="true: take the time from /clock; false: as the team's file says",
+            ),
+            DeclareLaunchArgument(
+                "discovery_server",
+                default_value="",
+                description="HOST[:PORT]: find each other by the discovery server there",
+            ),
+            DeclareLaunchArgument(
+                "peers",
+                default_value="",
+                description="HOST,...: look for nodes on these hosts, too; by unicast",
             ),
             OpaqueFunction(function=start),
         ]

@@ -2,31 +2,62 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped
 from mrs_people_msgs.msg import People as PeopleMessage
+from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from mrs_people_loc import messages
+from mrs_people_loc import masking, messages
+from mrs_people_loc.agreement import Agreement
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError
-from mrs_people_loc.interval import Closed, IntervalCollector
+from mrs_people_loc.interval import Closed, IntervalCollector, say_offset
 from mrs_people_loc.planner import People, Planner
 from mrs_ros import convert
-from mrs_ros.diagnostics import ERROR, LOG_PERIOD_S, OK, STALE, WARN, Finding, Throttle, stamp_hint
+from mrs_ros.diagnostics import (
+    ERROR,
+    LOG_PERIOD_S,
+    OK,
+    OLD_STAMP_S,
+    STALE,
+    WARN,
+    Finding,
+    Growth,
+    Throttle,
+    recording_hint,
+)
 from mrs_ros.managed_node import ManagedNode
 
 #: Poses come up to 100 times a second and robot, and none should be lost while an interval is run.
 POSE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: As map_server publishes: the last map, also for who comes later than it.
+MAP_QOS = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 _POINTS = "sensor_msgs/msg/PointCloud2"
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 #: How often `max_wait` is looked at, and the graph for new robots [s].
-_TICK_S, _DISCOVERY_S = 0.01, 0.5
+_TICK_S, _DISCOVERY_S = 0.01, 0.2
+#: A robot that was discovered has left when nobody has published its topics for so long [s].
+_LEFT_S = 30.0
+#: A robot that delivers less than this share of the scans expected of it is reported.
+_LEAST_RATE = 0.5
+
+
+#: Why scans are left out lately.
+_LEFT_OUT = {
+    "no_pose": "no pose near their stamps",
+    "too_old": "older than the newest by more than interval.max_scan_age",
+}
 
 
 class PlannerNode(ManagedNode):
@@ -40,11 +71,15 @@ class PlannerNode(ManagedNode):
     def set_up(self) -> None:
         """Makes the publishers."""
         self._planner = Planner(self.config)
+        self._grid: masking.OccupancyGrid | None = None
         self._collector = IntervalCollector(self.config.interval, self.config.robots)
         self._robots: list[str] = []
         self._result: People | None = None
         self._intervals = 0
         self._left_out_log = Throttle(LOG_PERIOD_S)
+        self._losses: dict[str, Growth] = {}
+        self._agreement = Agreement()
+        self._compared_ns: int | None = None
         self._people = self.offer(PeopleMessage, "people", 10)
         self._people_poses = self.offer(PoseArray, "people_poses", 10)
         self._group_centroid = self.offer(PointStamped, "group_centroid", 10)
@@ -53,6 +88,8 @@ class PlannerNode(ManagedNode):
 
     def start(self) -> None:
         """Listens to the robots, and for robots."""
+        if self.config.masking.occupancy_grid:
+            self.listen(OccupancyGrid, "map", self._on_map, MAP_QOS, once=True)
         for robot in self.config.robots:
             self._add_robot(robot)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -68,10 +105,15 @@ class PlannerNode(ManagedNode):
         self._robots = []
         self._collector = IntervalCollector(self.config.interval, self.config.robots)
 
+    def jumped_back(self) -> None:
+        """Forgets what was compared; the intervals follow the time by themselves."""
+        self._agreement = Agreement()
+
     def changed(self, config: PlannerConfig) -> None:
         """Takes new parameters from the next interval on."""
         if self._configured:
             self._planner = Planner(config)
+            self._planner.take_grid(self._grid)
             self._collector.config = config.interval
 
     # ---- robots ----
@@ -80,6 +122,7 @@ class PlannerNode(ManagedNode):
         """A robot is a namespace, under the planner's own, that publishes `points` and `pose`."""
         own = self.get_namespace().rstrip("/") + "/"
         topics = dict(self.get_topic_names_and_types())
+        self._let_go()
         for name, types in topics.items():
             namespace, _, last = name.rpartition("/")
             robot = namespace.removeprefix(own)
@@ -103,8 +146,26 @@ class PlannerNode(ManagedNode):
             PoseWithCovarianceStamped, f"{robot}/pose", partial(self._on_pose, robot), POSE_QOS
         )
 
+    def _let_go(self) -> None:
+        """Listens no more to robots that have left; where they were last is still known."""
+        for robot in list(self._robots):
+            heard = [self.inputs[f"{robot}/{topic}"] for topic in ("points", "pose")]
+            if all(one.silent_s > _LEFT_S and not one.publishers for one in heard):
+                self.get_logger().info(f"{robot} has left")
+                self._robots.remove(robot)
+                for reason in _LEFT_OUT:
+                    self._losses.pop(f"{robot} {reason}", None)
+                for one in heard:
+                    self.end(one)
+
     def _base_frame(self, robot: str) -> str:
         return f"{self.resolve_topic_name(robot).strip('/')}/base_link"
+
+    # ---- walls ----
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        self._grid = messages.read_occupancy_grid(message, self.config.map_frame)
+        self._planner.take_grid(self._grid)
 
     # ---- intervals ----
 
@@ -118,7 +179,7 @@ class PlannerNode(ManagedNode):
             raise PoseError(
                 f"frame_id is {message.header.frame_id!r}; wanted: {self.config.map_frame!r}"
             )
-        self._collector.add_pose(robot, messages.read_pose(message))
+        self._collector.add_pose(robot, messages.read_pose(message), self._now_ns())
         self._close()
 
     def _close(self) -> None:
@@ -154,6 +215,10 @@ class PlannerNode(ManagedNode):
 
     def findings(self) -> list[Finding]:
         """The intervals, and each robot."""
+        result = self._result
+        if result is not None and result.stamp_ns != self._compared_ns:
+            self._compared_ns = result.stamp_ns
+            self._agreement.add(result.fused, result.poses, self.config)
         return [self._interval_finding(), *(self._robot_finding(r) for r in self._robots)]
 
     def _interval_finding(self) -> Finding:
@@ -169,34 +234,75 @@ class PlannerNode(ManagedNode):
             "people": len(result.persons),
             "cells": len(result.fused),
             "clusters": len(result.clusters),
+            "clusters_too_wide": result.too_wide,
             **{f"{stage}_ms": f"{ms:.2f}" for stage, ms in result.times_ms.items()},
         }
         return Finding("intervals", OK, "ok", values)
 
     def _robot_finding(self, robot: str) -> Finding:
-        state = self._collector.robot(robot)
+        state, now_ns = self._collector.robot(robot), self._now_ns()
         name = f"robot {robot}"
+        rate_hz = self.inputs[f"{robot}/points"].rate_hz
         values: dict[str, object] = {
-            "scan_hz": f"{self.inputs[f'{robot}/points'].rate_hz:.1f}",
+            "scan_hz": f"{rate_hz:.1f}",
             "pose_hz": f"{self.inputs[f'{robot}/pose'].rate_hz:.1f}",
             "poses_held": len(state.poses),
-            "stamp_resets": state.resets + state.poses.resets,
+            "stamp_resets": state.order.resets + state.poses.resets,
             **{f"dropped.{reason}": count for reason, count in state.dropped.items()},
         }
         topic = self.resolve_topic_name(f"{robot}/points")
         publishers = self.count_publishers(topic)
         if publishers > 1:
-            text = f"{publishers} publishers on {topic}: two robots share a name; rename one"
+            text = (
+                f"{publishers} publishers on {topic}: two robots share a name, rename one; "
+                "or one was killed some seconds ago"
+            )
             return Finding(name, ERROR, text, values)
+        offset_ns = state.clock.at(now_ns)
+        if offset_ns is not None:
+            values["clock_offset_s"] = f"{offset_ns / 1e9:.3f}"
         if state.used_ns is None:
             return Finding(name, STALE, "no scan used yet", values)
-        values["age_s"] = f"{(self._now_ns() - state.used_ns) / 1e9:.3f}"
+        age_s = (now_ns - state.used_ns) / 1e9
+        values["age_s"] = f"{age_s:.3f}"
         if not len(state.poses):
             return Finding(name, ERROR, f"scans but no pose on {robot}/pose", values)
-        hint = stamp_hint(self, state.used_ns)
-        if hint:
-            return Finding(name, WARN, hint, values)
-        lost = state.dropped["too_old"] + state.dropped["no_pose"]
-        if lost:
-            return Finding(name, WARN, f"{lost} scans left out: see dropped.*", values)
+        astray_ns = self._collector.clocks_astray(now_ns).get(robot)
+        allowed = f"allowed by interval.max_clock_offset: {self.config.interval.max_clock_offset:g}"
+        if astray_ns is not None:
+            text = (
+                f"its clock is {say_offset(astray_ns)} the others': its scans are left out; "
+                f"{allowed} s; synchronize the clocks (chrony or NTP on every machine)"
+            )
+            if astray_ns < 0:
+                text += ", or see what keeps its messages back so long"
+            return Finding(name, ERROR, text, values)
+        if offset_ns and abs(offset_ns) > self.config.interval.max_clock_offset * 1e9:
+            text = f"stamps are {say_offset(offset_ns)} this machine's clock; {allowed} s"
+            return Finding(name, WARN, text + recording_hint(self), values)
+        if age_s > OLD_STAMP_S:
+            return Finding(name, WARN, f"its last scan is {age_s:.1f} s old", values)
+        for reason, text in _LEFT_OUT.items():
+            lost = state.dropped[reason]
+            if self._losses.setdefault(f"{robot} {reason}", Growth()).lately(lost):
+                return Finding(name, WARN, f"{lost} scans left out: {text}", values)
+        misplaced = self._agreement.misplaced.get(robot)
+        if misplaced is not None:
+            move, turn = misplaced.move, math.degrees(misplaced.turn)
+            text = (
+                f"its people are not where the others see them ({misplaced.agreed:.0%} agree); "
+                f"moved by ({move[0]:.2f}, {move[1]:.2f}) m in {self.config.map_frame} and turned "
+                f"by {turn:.0f} degrees {misplaced.would_agree:.0%} would: check its pose "
+                "(localization, pose.map_from_odom) and the mounting of its head"
+            )
+            return Finding(name, WARN, text, values)
+        expected_hz = self._expected_rate_hz()
+        if expected_hz > 1.0 and 0 < rate_hz < _LEAST_RATE * expected_hz:
+            text = f"{rate_hz:.1f} scans per second; expected: {expected_hz:.1f}"
+            return Finding(name, WARN, text, values)
         return Finding(name, OK, "ok", values)
+
+    def _expected_rate_hz(self) -> float:
+        """Scans per second that are expected of each robot."""
+        rates = (self.inputs[f"{robot}/points"].rate_hz for robot in self._robots)
+        return float(self.config.interval.scan_rate or max(rates))

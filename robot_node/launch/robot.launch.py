@@ -8,6 +8,7 @@ from launch_ros.actions import Node
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from mrs_people_loc.config import load_team, robots_named
 from mrs_people_loc.errors import ConfigError
+from mrs_tools.network import discovery_environment
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
@@ -18,12 +19,17 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     if robot not in robots:
         raise ConfigError(f"{robot} is no robot of {team}, which names {', '.join(robots)}")
     sim_time = LaunchConfiguration("use_sim_time").perform(context).lower() == "true"
+    env = discovery_environment(
+        LaunchConfiguration("discovery_server").perform(context),
+        LaunchConfiguration("peers").perform(context),
+    )
     return [
         Node(
             package="robot_node",
             executable="robot_node",
             namespace=robot,
             parameters=[team, *([{"use_sim_time": True}] if sim_time else [])],
+            additional_env=env,
             output="screen",
         )
     ]
@@ -42,6 +48,16 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="false",
                 choices=["true", "false"],
                 description="true: take the time from /clock; false: as the team's file says",
+            ),
+            DeclareLaunchArgument(
+                "discovery_server",
+                default_value="",
+                description="HOST[:PORT]: find each other by the discovery server there",
+            ),
+            DeclareLaunchArgument(
+                "peers",
+                default_value="",
+                description="HOST,...: look for nodes on these hosts, too; by unicast",
             ),
             OpaqueFunction(function=start),
         ]

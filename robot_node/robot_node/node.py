@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
-from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
-from mrs_people_loc import messages
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import CameraError, ConfigError
+from mrs_people_loc.floor import FloorWatch, in_words
 from mrs_people_loc.head import Head, View
-from mrs_people_loc.poses import PoseIntake
 from mrs_people_loc.robot import Stages
+from mrs_people_loc.sight import SightWatch
 from mrs_ros import convert
 from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, stamp_hint
 from mrs_ros.managed_node import ManagedNode
-
-#: Poses come up to some hundred times a second and none should be lost while a frame is matched.
-POSE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+from robot_node import pose_source
+from robot_node.pose_source import PoseSource
 
 
 class RobotNode(ManagedNode):
@@ -32,6 +28,7 @@ class RobotNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("robot_node", RobotConfig)
+        pose_source.check(self.config.pose)
         if not self.name_in_team:
             self.get_logger().warning(
                 "the node has no namespace; a robot's name is its namespace: "
@@ -47,11 +44,13 @@ class RobotNode(ManagedNode):
         self._stages: Stages | None = None
         self._frames = 0
         self._newest_ns = 0
-        self._intake = PoseIntake(self.config.pose)
         self._overhead_ms = 0.0
+        self._sight = SightWatch(self.config.sight)
+        self._floor: FloorWatch | None = None
+        self._floor_key: object = None
 
         self._points = self.offer(PointCloud2, "points", qos_profile_sensor_data)
-        self._pose = self.offer(PoseWithCovarianceStamped, "pose", POSE_QOS)
+        self._pose = PoseSource(self, self.base_frame)
         self._debug_disparity = self.offer(DisparityImage, "debug/disparity", 2)
         self._debug_clouds = {
             stage: self.offer(PointCloud2, f"debug/{stage}", 2)
@@ -71,27 +70,36 @@ class RobotNode(ManagedNode):
             self.listen(
                 Image, f"{camera}/{image}", partial(self._on_image, camera), qos_profile_sensor_data
             )
-        source = self.config.pose.source
-        kind = Odometry if source == "odom" else PoseWithCovarianceStamped
-        self.listen(kind, source, self._on_pose, POSE_QOS)
+        self._pose.start()
 
     def stop(self) -> None:
         """Forgets what waits."""
         self._head.reset()
+        self._pose.stop()
+
+    def jumped_back(self) -> None:
+        """Forgets what waits, and what came last."""
+        self._head.reset()
+        self._pose.begin_anew()
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters from the next frame on."""
+        pose_source.check(config.pose)
         if self._configured:
             try:
                 self._head.configure(config)
             except CameraError as err:
                 raise ConfigError(str(err)) from err
-            self._intake.config = config.pose
+            self._pose.changed(config)
+            self._sight.config = config.sight
 
     # ---- images ----
 
     def _on_camera_info(self, camera: str, message: CameraInfo) -> None:
-        self._publish(self._head.take_camera_info(camera, message))
+        view = self._head.take_camera_info(camera, message)
+        if self._head.pipeline is not None:
+            self._pose.camera_known(self._head.pipeline.camera)
+        self._publish(view)
 
     def _on_image(self, camera: str, message: Image) -> None:
         resets = self._head.pairer.resets
@@ -105,6 +113,7 @@ class RobotNode(ManagedNode):
             return
         stages = view.stages
         began = time.perf_counter()
+        self._pose.before_scan(stages.scan.stamp_ns)
         self._points.publish(convert.points(stages.scan, self.base_frame))
         if self._debug_disparity.get_subscription_count():
             pipeline = self._head.pipeline
@@ -122,19 +131,67 @@ class RobotNode(ManagedNode):
         self._stages = stages
         self._frames += 1
         self._newest_ns = stages.scan.stamp_ns
+        self._watch(view)
 
-    # ---- pose ----
-
-    def _on_pose(self, message: Any) -> None:
-        pose = self._intake(messages.read_pose(message), message.header.frame_id)
-        if pose is not None:
-            self._pose.publish(convert.pose_stamped(pose, self.config.pose.map_frame))
+    def _watch(self, view: View) -> None:
+        self._sight.step(view.images, view.stages.disparity)
+        camera, config, matching = (
+            self._head.pipeline.camera,
+            self.config.floor,
+            self.config.disparity,
+        )
+        if not config.watch:
+            self._floor = None
+            return
+        key = (camera, config, max(matching.block_size_px, matching.fill_block_size_px))
+        if self._floor is None or self._floor_key != key:
+            self._floor, self._floor_key = FloorWatch(camera, config, block_px=key[2]), key
+        self._floor.step(view.stages.disparity, view.images.stamp_ns)
 
     # ---- diagnostics ----
 
     def findings(self) -> list[Finding]:
         """The head, the pose and the scan."""
-        return [self._pairing_finding(), self._scan_finding(), self._pose_finding()]
+        return [
+            self._pairing_finding(),
+            self._head_finding(),
+            self._mounting_finding(),
+            self._scan_finding(),
+            self._pose.finding(),
+        ]
+
+    def _head_finding(self) -> Finding:
+        """Whether the head sees anything."""
+        sight = self._sight
+        if not sight.values:
+            return Finding("head", STALE, "no view yet")
+        values = {name: f"{value:.2f}" for name, value in sight.values.items()}
+        if sight.trouble:
+            text = f"the head is blind: {sight.trouble}; check lens caps, light and exposure"
+            return Finding("head", WARN, text, values)
+        return Finding("head", OK, "ok", values)
+
+    def _mounting_finding(self) -> Finding:
+        """Whether the head sits where it is configured to, by the floor."""
+        watch = self._floor
+        if watch is None:
+            why = "not watched: floor.watch is false" if not self.config.floor.watch else "no view"
+            return Finding("mounting", OK, why)
+        floor, configured = watch.floor, in_words(watch.camera.mounting)
+        values: dict[str, object] = {"configured": configured}
+        if floor is not None:
+            values |= {"by_the_floor": in_words(floor), "floor_part": f"{floor.part:.2f}"}
+        if watch.moved:
+            seen = "where the floor was last seen" if floor is None else in_words(floor)
+            text = (
+                f"the head has moved: by the floor {seen}; configured: {configured}; run "
+                f"`mrs calibrate --robot {self.name_in_team}`"
+            )
+            return Finding("mounting", WARN, text, values)
+        if floor is None:
+            why = watch.why_not or "too few looks yet"
+            return Finding("mounting", OK, f"not enough floor in view to tell: {why}", values)
+        return Finding("mounting", OK, "ok", values)
 
     def _pairing_finding(self) -> Finding:
         pairer = self._head.pairer
@@ -169,10 +226,3 @@ class RobotNode(ManagedNode):
         }
         hint = stamp_hint(self, self._newest_ns)
         return Finding("scan", WARN if hint else OK, hint or "ok", values)
-
-    def _pose_finding(self) -> Finding:
-        pose = self._intake.last
-        if pose is None:
-            return Finding("pose", ERROR, f"no usable pose on {self.config.pose.source} yet")
-        values = {"x": f"{pose.x:.3f}", "y": f"{pose.y:.3f}", "yaw": f"{pose.yaw:.3f}"}
-        return Finding("pose", OK, "ok", values)

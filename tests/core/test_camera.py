@@ -46,7 +46,7 @@ def with_entry(name: str, index: tuple[int, int], value: float) -> CameraModel:
         (lambda: with_entry("r", (2, 2), INF), "r holds NaN or infinite"),
         (lambda: with_entry("p", (0, 3), NAN), "p holds NaN or infinite"),
         (lambda: model(d=(0.1, NAN, 0.0, 0.0, 0.0)), "d holds NaN or infinite"),
-        (lambda: with_entry("p", (0, 0), 0.0), "focal length in p is 0, 100 px; allowed: more th"),
+        (lambda: with_entry("p", (0, 0), 0.0), "focal length in p is 0, 100 px; allowed: at least"),
         (lambda: with_entry("p", (1, 1), 0.0), "focal length in p is 100, 0 px"),
         (lambda: with_entry("p", (0, 0), -5.0), "focal length in p is -5, 100 px"),
     ],

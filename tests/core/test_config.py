@@ -228,6 +228,14 @@ def test_what_is_allowed_without_limits():
         ({"bodies.vote": False}, "bodies.axis is true but bodies.vote is false; allowed: both"),
         ({"human.min_height": 2.3}, "human.min_height is 2.3; allowed: at most human.max_height"),
         ({"human.max_width": 0.1}, "human.min_width is 0.2; allowed: at most human.max_width, 0.1"),
+        (
+            {"pose.source": "tf", "pose.publish_tf": "always"},
+            r"pose\.publish_tf is always; allowed where pose\.source is tf: auto, never",
+        ),
+        (
+            {"pose.sigmas": [0.1, -0.1, 0.0]},
+            r"pose\.sigmas is \[0\.1, -0\.1, 0\.0\]; allowed: .* 0",
+        ),
         ({"robots": ["a", "b", "a"]}, "robots names a more than once; allowed: each robot once"),
         ({"robots": ["/robot_a"]}, "robots has '/robot_a'; allowed: ROS namespaces without a lead"),
         ({"robots": ["robot a"]}, "robots has 'robot a'"),
@@ -487,8 +495,11 @@ def test_which_robots_a_section_is_for(file_with, key, robots):
         ("a: !!timestamp x", "cannot be read as a YAML file"),
         ("[" * 1000, "cannot be read as a YAML file"),
         ("a: " + "9" * 5000, "cannot be read as a YAML file"),
-        ("/**/robot_node: {ros__parameters: &a {zones: *a}}", "section /.* nested too deeply"),
-        ("/**/robot_node: {ros__parameters: {zones: &a [*a]}}", "unknown parameter zones"),
+        ("/**/robot_node: {ros__parameters: &a {zones: *a}}", r"read as a YAML file: .*alias, \*a"),
+        (
+            "/**/robot_node: {ros__parameters: {zones: &a [*a]}}",
+            r"found an alias, \*a; wanted: none",
+        ),
         (
             "/**/robot_node: {ros__parameters: {noise: {window: 1.0e+400}}}",
             "noise.window is inf; al",
@@ -544,11 +555,32 @@ def test_relations_hold_also_across_sections(file_with):
         load_team(file_with(content))
 
 
+def test_where_robots_stand_may_follow_that_they_do(file_with):
+    """A section of all robots, and each one's place in its own."""
+    path = file_with("""
+/**/robot_node: {ros__parameters: {pose: {source: static}}}
+/robot_a/robot_node: {ros__parameters: {pose: {static: [1, 2, 0.5]}}}
+""")
+    team = load_team(path, robots=("robot_a",))
+    assert team.robots["robot_a"].pose.static == (1.0, 2.0, 0.5)
+
+
 def test_a_file_that_is_not_there_is_refused(file_with):
     folder = file_with("").parent
     for path in (folder / "none.yaml", folder, str(folder / "none.yaml"), "a\0b"):
         with pytest.raises(ConfigError, match="cannot be read as a YAML file"):
             load_team(path)
+
+
+@pytest.mark.parametrize(
+    "line", ["a{0}: &a{0} [*a{1}, *a{1}]", "a{0}: &a{0} {{x: *a{1}, y: *a{1}}}",
+             "a{0}: &a{0} {{<<: [*a{1}, *a{1}]}}"]
+)  # fmt: skip
+def test_a_few_lines_that_stand_for_more_than_memory_holds_are_refused(file_with, line):
+    bomb = ["a0: &a0 {x: 1}", *(line.format(i, i - 1) for i in range(1, 60))]
+    path = file_with("/**/robot_node:\n  ros__parameters:\n    " + "\n    ".join(bomb))
+    with pytest.raises(ConfigError, match=r"found an alias, \*a0; wanted: none"):
+        load_team(path)
 
 
 node_keys = st.sampled_from(["/**", "/*", "/**/robot_node", "/r/robot_node", "/**/planner_node"])

@@ -281,6 +281,9 @@ def test_a_stamp_that_was_used_is_not_new():
 def test_stamps_that_jump_back_begin_anew():
     pairer = Pairer(TWO)
     feed(pairer, ("left", 5000), ("right", 4999))
+    for late in (("left", 3900), ("right", 3900), ("left", 3950), ("right", 3950)):
+        with pytest.raises(ImageError, match="wanted: newer than"):  # they may be late
+            feed(pairer, late)
     assert feed(pairer, ("left", 3999), ("right", 3999), ("left", 4999)) == [same(3999)]
     assert pairer.resets == 1
     assert feed(pairer, ("right", 4999)) == [same(4999)]

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core import all_pairs
 from mrs_people_loc import config as cfg
-from mrs_people_loc.fusion import ShortTermMap, fuse
+from mrs_people_loc.fusion import fuse
 from mrs_people_loc.joining import (
     BodiesOnMap,
     Joined,
     are_people,
-    are_robots,
     join,
     place_bodies,
 )
@@ -108,54 +108,11 @@ def test_a_map_without_bodies(make_cells):
         bodies = place_bodies(fused, poses, line_of_sight=True)
         assert len(bodies) == 0
         np.testing.assert_array_equal(bodies.of_cell, np.full(len(fused), -1))
-        assert are_robots(bodies, fused, poses, radius=0.35).shape == (0,)
         joined = joined_of(bodies)
         assert len(joined) == 0
         assert joined.xy.shape == (0, 2)
         assert joined.covariance.shape == (0, 2, 2)
         assert are_people(joined, bodies, cfg.Joining()).shape == (0,)
-
-
-# ------------------------------------------------------------------------------- robots ----
-
-
-def robot_map(*names: str) -> ShortTermMap:
-    return ShortTermMap(names, np.empty(0, dtype=np.intp), np.empty((0, 2)), Cells.empty())
-
-
-@pytest.mark.parametrize(
-    ("xy", "is_robot"),
-    [
-        ((4.0, 0.0), True),
-        ((4.0, 0.34), True),
-        ((4.0, 0.36), False),  # beside it
-        ((4.45, 0.0), True),  # within 2.5 sigma of 0.2 m along the line of sight
-        ((3.51, 0.0), True),
-        ((3.45, 0.0), False),
-        ((0.1, 0.0), False),  # on the robot that sees it
-    ],
-)
-def test_what_stands_where_a_robot_stands_is_that_robot(xy, is_robot):
-    # b, 4 m ahead of a, sees nothing itself; c is far away.
-    poses = {"a": Pose(0, 0, 0, 1.0), "b": Pose(0, 4, 0, 0.0), "c": Pose(0, -50, 0, 0.0)}
-    bodies = bodies_of((0, xy, np.diag([0.04, 0.0025]), 1.0))
-    assert are_robots(bodies, robot_map("a"), poses, radius=0.35) == [is_robot]
-    assert are_robots(bodies, robot_map("a"), poses, radius=0.0) == [False]
-
-
-def test_near_robots_are_as_wide_as_their_radius_along_the_line_of_sight():
-    poses = {"a": Pose(0, 0, 0, 0.0), "b": Pose(0, 0, 2, 0.0)}
-    exact = 0.01**2 * np.eye(2)
-    bodies = bodies_of(*((0, (0, y), exact, 1.0) for y in (1.6, 1.7, 2.3, 2.4)))
-    got = are_robots(bodies, robot_map("a"), poses, radius=0.35)
-    np.testing.assert_array_equal(got, [False, True, True, False])
-
-
-def test_each_robot_is_seen_by_the_others_only():
-    poses = {"a": Pose(0, 0, 0, 0.0), "b": Pose(0, 3, 0, 0.0)}
-    both = [(k, (x, 0.0), ROUND, 0.0) for k in (0, 1) for x in (0.1, 3.1)]
-    got = are_robots(bodies_of(*both), robot_map("b", "a"), poses, radius=0.35)
-    np.testing.assert_array_equal(got, [True, False, False, True])  # the map's order counts
 
 
 # -------------------------------------------------------------------------------- joining ----
@@ -324,9 +281,9 @@ def test_two_people_are_apart():
     def beside(away: float, **config) -> list[bool]:
         return people_of((0, (0, 0), ROUND, 2.0), (0, (0, away), ROUND, 3.0), **config)
 
-    assert beside(0.41) == [False, True]  # the likelier one stays
-    assert beside(0.43) == [True, True]
-    assert beside(0.41, apart=0.4) == [True, True]
+    assert beside(0.35) == [False, True]  # the likelier one stays
+    assert beside(0.37) == [True, True]
+    assert beside(0.35, apart=0.34) == [True, True]
 
 
 def test_only_people_push_others_away():
@@ -398,15 +355,6 @@ def test_a_covariance_that_is_none_becomes_one(make_cells):
     assert (np.linalg.eigvalsh(bodies.covariance) > 0).all()
 
 
-def test_far_behind_a_robot_nobody_is_that_robot():
-    """However unsure a place is, a robot is looked for no farther than 0.8 m from it."""
-    poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 3.0, 0.0, 0.0)}
-    wide = np.diag([4.0, 0.01])
-    for x, is_robot in ((3.7, True), (4.0, False)):
-        bodies = bodies_of((0, (x, 0.0), wide, 3.0))
-        assert are_robots(bodies, robot_map("a"), poses, radius=0.35).tolist() == [is_robot]
-
-
 def test_robots_without_a_scan_are_no_people_either(make_cells):
     scan = scan_of(make_cells, "a", (2, 0, 9, 1, 3.0))
     poses = {"a": Pose(0, 0.0, 0.0, 0.0)}
@@ -430,3 +378,51 @@ def test_a_team_that_seeks_bodies_in_part_finds_each_person_once(make_cells):
     people = Planner(cfg.PlannerConfig()).step(scans, poses, 0).persons
     places = sorted(tuple(person.position.round(2)) for person in people)
     assert places == [(2.0, 0.0), (2.0, 2.0)]
+
+
+# ------------------------------------------------------------------------------ all pairs ----
+
+
+def crowd(seed: int) -> BodiesOnMap:
+    """Some people seen by most of many robots, fragments beside them, and things around."""
+    rng = np.random.default_rng(seed)
+    robots, people = int(rng.integers(1, 12)), rng.uniform(0.0, 6.0, (int(rng.integers(1, 15)), 2))
+    bodies = []
+    for robot in range(robots):
+        seen = people[rng.random(len(people)) < 0.8] + rng.normal(0.0, 0.15, 2)
+        beside = people[rng.random(len(people)) < 0.2] + rng.normal(0.0, 0.5, 2)
+        for xy in np.concatenate([seen, beside, rng.uniform(0.0, 6.0, (2, 2))]):
+            sigma, angle = rng.uniform(0.03, 0.5, 2), rng.uniform(0.0, math.pi)
+            cos, sin = math.cos(angle), math.sin(angle)
+            turn = np.array([(cos, -sin), (sin, cos)])
+            xy = xy + turn @ (sigma * rng.normal(0.0, 1.0, 2))
+            if seed % 3 == 0:  # many are at one place, and equally likely
+                sigma, xy = np.array([0.2, 0.2]), np.round(xy, 1)
+            score = float(np.round(rng.normal(1.0, 2.0)))
+            bodies.append((robot, xy, turn @ np.diag(sigma**2) @ turn.T, score))
+    return bodies_of(*bodies)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_a_crowd_is_joined_as_if_all_pairs_were_compared(seed):
+    bodies, rng = crowd(seed), np.random.default_rng(seed)
+    used = rng.random(len(bodies)) < 0.9
+    config = cfg.Joining(
+        gate=rng.choice([2.0, 3.0, 8.0]),
+        max_distance=rng.choice([0.3, 0.7, 3.0]),
+        apart=rng.choice([0.0, 0.42, 2.0]),
+        fragment_gate=rng.choice([0.0, 5.0]),
+        fragment_distance=rng.choice([0.3, 1.0]),
+    )
+    joined = join(bodies, used, config)
+    groups = all_pairs.groups_of(bodies, used, config)
+    assert [np.flatnonzero(joined.of_body == k).tolist() for k in range(len(joined))] == groups
+    assert (joined.of_body[~used] == -1).all()
+    for k, members in enumerate(groups):
+        xy, covariance = all_pairs.place_of(members, bodies)
+        np.testing.assert_allclose(joined.xy[k], xy, atol=1e-9)
+        np.testing.assert_allclose(joined.covariance[k], covariance, atol=1e-9)
+        score = np.maximum(bodies.score[members], all_pairs.LEAST_SCORE).sum()
+        assert joined.score[k] == pytest.approx(score, abs=1e-12)
+    people = are_people(joined, bodies, config)
+    assert people.tolist() == all_pairs.people_among(groups, joined, bodies, config)

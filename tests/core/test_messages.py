@@ -1,4 +1,6 @@
+import array
 import math
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +10,18 @@ from hypothesis import strategies as st
 
 from mrs_people_loc import messages
 from mrs_people_loc.camera import StereoCamera
-from mrs_people_loc.errors import CameraError, ImageError, PeopleLocError, PoseError, ScanError
+from mrs_people_loc.errors import (
+    CameraError,
+    GridError,
+    ImageError,
+    PeopleLocError,
+    PoseError,
+    ScanError,
+)
 from mrs_people_loc.geometry import quaternion_from_rotation, rotation_from_rpy
 from mrs_people_loc.images import ImagePreparer, StereoImages
+from mrs_people_loc.masking import Walls
+from mrs_people_loc.poses import Pose
 
 NAN, INF = math.nan, math.inf
 
@@ -67,6 +78,14 @@ def roi(width, height) -> SimpleNamespace:
         ({"roi": roi(160, 60)}, "roi is 160x60"),
         ({"width": 0, "height": 0}, "image size is 0x0; allowed: more than 0x0"),
         ({"p": [0.0] * 12}, "focal length in p is 0, 0 px; .*is the camera calibrated"),
+        (
+            {"width": 2**32 - 1, "height": 2**32 - 1},
+            "image size is 4294967295x4294967295; allowed: ",
+        ),
+        ({"height": 8193}, "image size is 160x8193; allowed: more than 0x0, up to 8192x8192"),
+        ({"k": [1e300] * 9}, r"k holds 1e\+300; allowed: numbers up to 1e\+06"),
+        ({"p": [-2e6] * 12}, r"p holds 2e\+06; allowed: numbers up to 1e\+06"),
+        ({"p": [1e-300] * 12}, "focal length in p is 1e-300, 1e-300 px; allowed: at least 0.01"),
         ({"p": [NAN] * 12}, "p holds NaN or infinite"),
         ({"k": [INF] * 9}, "k holds NaN or infinite"),
         ({"r": [NAN] * 9}, "r holds NaN or infinite"),
@@ -225,6 +244,8 @@ def test_a_robot_on_a_slope_has_a_heading(lean):
         ({"z": NAN}, "pose holds NaN or infinite"),
         ({"quaternion": (0, 0, 0, NAN)}, r"pose holds NaN .*orientation \(0, 0, 0, nan\)"),
         ({"quaternion": (0, -INF, 0, 1)}, r"pose holds NaN .*orientation \(0, -inf, 0, 1\)"),
+        ({"x": 1.01e8}, r"position is \(1\.01e\+08, 2\) m; wanted: within 1e\+08"),
+        ({"y": -1e308}, r"position is \(1, -1e\+308\) m; wanted: within 1e\+08"),
         ({"quaternion": (0, 0, 0, 0)}, "orientation has length 0; wanted: a quaternion of length"),
         ({"quaternion": (0, 0, 0.8, 0.8)}, "orientation has length 1.131; wanted"),
         ({"quaternion": (0, 0, 0, 0.98)}, "orientation has length 0.98; wanted"),
@@ -244,11 +265,82 @@ def test_a_bad_pose_is_refused(changes, message):
         messages.read_pose(odometry(**changes))
 
 
+BASE = "robot_a/base_link"
+
+
+@pytest.mark.parametrize(
+    "child",
+    ["robot_a/base_link", "/robot_a/base_link", "base_link", "/base_link", "",
+     "robot_a/base_footprint", "base_footprint"],
+)  # fmt: skip
+def test_odometry_of_the_robot_itself(child):
+    message = odometry()
+    message.child_frame_id = child
+    assert messages.read_pose(message, BASE).x == 1.0
+
+
+@pytest.mark.parametrize(
+    "child", ["robot_b/base_link", "robot_a/odom", "camera_link", "robot_a//base_link", "robot_a"]
+)
+def test_odometry_of_something_else_is_refused(child):
+    message = odometry()
+    message.child_frame_id = child
+    with pytest.raises(PoseError, match=f"child_frame_id is '{child}'; wanted: '{BASE}' "):
+        messages.read_pose(message, BASE)
+    assert messages.read_pose(message).x == 1.0  # whatever it is of
+
+
+def test_a_pose_has_no_child_and_a_robot_may_have_no_name():
+    message = odometry()
+    message.child_frame_id = "base_footprint"
+    assert messages.read_pose(message, "base_link").x == 1.0
+    del message.child_frame_id
+    assert messages.read_pose(message, BASE).x == 1.0
+
+
+def transform(x=1.0, y=2.0, z=3.0, quaternion=(0, 0, 0, 1)) -> SimpleNamespace:
+    turn = SimpleNamespace(**dict(zip("xyzw", quaternion, strict=True)))
+    place = SimpleNamespace(x=x, y=y, z=z)
+    return SimpleNamespace(
+        header=header(), transform=SimpleNamespace(translation=place, rotation=turn)
+    )
+
+
+def test_a_transform_is_a_pose_by_hand():
+    s = math.sqrt(0.5)
+    pose = messages.read_transform(transform(quaternion=(0, 0, s, s)), (0.1, 0.2, 0.3))
+    assert (pose.stamp_ns, pose.x, pose.y) == (12_000_000_345, 1.0, 2.0)
+    assert pose.yaw == pytest.approx(math.pi / 2)
+    np.testing.assert_allclose(pose.covariance, np.diag([0.01, 0.04, 0.09]))
+    assert not messages.read_transform(transform()).covariance.any()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"x": NAN}, "pose holds NaN or infinite"),
+        ({"quaternion": (0, 0, 0, 0)}, "orientation has length 0"),
+        ({"quaternion": (1, 0, 0, 0)}, "pose leans by 3.14 rad"),
+    ],
+)
+def test_a_bad_transform_is_refused(changes, message):
+    with pytest.raises(PoseError, match=message):
+        messages.read_transform(transform(**changes))
+
+
 def test_unused_entries_of_the_covariance_may_be_anything():
     covariance = np.full((6, 6), NAN)
     covariance[np.ix_([0, 1, 5], [0, 1, 5])] = np.diag([0.1, 0.2, 0.3])
     pose = messages.read_pose(odometry(covariance=covariance.reshape(-1)))
     np.testing.assert_array_equal(pose.covariance, np.diag([0.1, 0.2, 0.3]))
+
+
+def test_an_unknown_covariance_can_be_computed_with():
+    """DBL_MAX stands for it."""
+    pose = messages.read_pose(odometry(covariance=np.eye(6).reshape(-1) * sys.float_info.max))
+    np.testing.assert_array_equal(pose.covariance, np.eye(3) * 1e12)
+    placed = Pose(0, 1.0, 2.0, 0.5) @ pose
+    assert np.isfinite(placed.covariance).all()
 
 
 def test_scans_that_people_were_made_from():
@@ -472,9 +564,83 @@ def test_a_bad_scan_is_refused(message, error):
         read(message)
 
 
+def test_more_than_any_robot_sends_is_refused():
+    bodies = [(*CELLS[0], 7 * i + 1, 3.0, 0.1, 0.1) for i in range(101)]
+    assert len(read(point_cloud(bodies[:100], BODY_FIELDS))) == 100
+    with pytest.raises(ScanError, match="scan has 101 bodies; allowed: up to 100"):
+        read(point_cloud(bodies, BODY_FIELDS))
+    assert len(read(point_cloud(CELLS * 10_000))) == 20_000
+    with pytest.raises(ScanError, match="scan has 20001 cells; allowed: up to 20000"):
+        read(point_cloud(CELLS * 10_000 + CELLS[:1]))
+
+
 def test_the_greatest_count():
     assert read(counted(2**32 - 1))[0][5] == 2**32 - 1
     assert read(counted(2.0**32 - 1, F8))[0][5] == 2**32 - 1
+
+
+# ------------------------------------------------------------------------- occupancy grids ----
+
+
+def occupancy_grid(
+    data=(0, 100, -1, 0, 50, 0),
+    *,
+    width=3,
+    height=2,
+    resolution=0.05,
+    place=(1.0, 2.0, 0.0),
+    quaternion=(0.0, 0.0, 0.0, 1.0),
+    frame_id="map",
+) -> SimpleNamespace:
+    origin = SimpleNamespace(
+        position=SimpleNamespace(**dict(zip("xyz", place, strict=True))),
+        orientation=SimpleNamespace(**dict(zip("xyzw", quaternion, strict=True))),
+    )
+    info = SimpleNamespace(width=width, height=height, resolution=resolution, origin=origin)
+    return SimpleNamespace(header=header(frame_id), info=info, data=data)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        list,
+        lambda values: np.array(values, dtype=np.int8),  # rosbags
+        lambda values: array.array("b", values),  # rclpy
+    ],
+)
+def test_occupancy_grid_by_hand(make):
+    turned = (0.0, 0.0, math.sin(0.2), math.cos(0.2))
+    message = occupancy_grid(make([0, 100, -1, 0, 50, 0]), quaternion=turned)
+    grid = messages.read_occupancy_grid(message, "map")
+    assert (grid.resolution, grid.x, grid.y) == (0.05, 1.0, 2.0)
+    assert grid.yaw == pytest.approx(0.4)
+    assert grid.data.dtype == np.int8
+    np.testing.assert_array_equal(grid.data, [[0, 100, -1], [0, 50, 0]])
+    # tf1's leading slash.
+    assert messages.read_occupancy_grid(occupancy_grid(frame_id="/map"), "map") is not None
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"frame_id": "odom"}, "frame_id is 'odom'; wanted: 'map'"),
+        ({"width": 4}, "data has 6 cells; wanted: width * height = 4 * 2"),
+        ({"width": 0, "height": 0, "data": []}, "data has 0 cells; wanted"),
+        ({"data": [0, 0, 0, 0, 0, 300]}, "data holds what is no int8"),
+        ({"data": [0, 0, 0, 0, 0, 0.5]}, "data holds what is no int8"),
+        ({"data": [0, 0, 0, 0, 0, -2]}, "data goes from -2 to 0"),
+        ({"resolution": 0.0}, "resolution is 0.0 m"),
+        ({"resolution": math.nan}, "resolution is nan m"),
+        ({"place": (math.nan, 0.0, 0.0)}, "origin is (nan, 0.0, 0.0); wanted: finite"),
+        ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "origin has an orientation of length 0"),
+        ({"quaternion": (0.0, 0.0, 0.0, math.nan)}, "origin has an orientation of length nan"),
+        ({"quaternion": (0.6, 0.0, 0.0, 0.8)}, "wanted: a level grid, turned about z"),
+    ],
+)
+def test_a_bad_occupancy_grid_is_refused(changes, error):
+    with pytest.raises(GridError) as err:
+        messages.read_occupancy_grid(occupancy_grid(**changes), "map")
+    assert error in str(err.value)
 
 
 # ------------------------------------------------------------------------------- fuzzing ----
@@ -577,3 +743,25 @@ def test_any_scan(message):
     if scan is not None:
         assert len(scan.cells) == message.width * message.height
         assert np.isfinite(scan.cells.x).all()
+
+
+@given(
+    data=st.binary(max_size=30),
+    width=small | uint32,
+    height=small | uint32,
+    resolution=number,
+    place=st.tuples(number, number, number),
+    quaternion=st.tuples(number, number, number, number) | st.just((0.0, 0.0, 0.0, 1.0)),
+    whole=st.booleans(),
+)
+def test_any_occupancy_grid(data, width, height, resolution, place, quaternion, whole):
+    if whole:
+        width, height = len(data), 1
+    message = occupancy_grid(
+        np.frombuffer(data, dtype=np.int8), width=width, height=height, resolution=resolution,
+        place=place, quaternion=quaternion,
+    )  # fmt: skip
+    grid = only_our_errors(messages.read_occupancy_grid, message, "map")
+    if grid is not None:
+        walls = Walls(grid, occupied_from=65)
+        assert (walls.distance(np.array([place[:2], (0.0, 0.0)])) >= 0).all()

@@ -62,7 +62,7 @@ def test_people_of_a_scene(scene):
     np.testing.assert_allclose(people.group.centre, (3.5, 3.5), atol=1e-6)
     assert people.group.size == 3
     assert len(people.fused) == 3 * 4 * len(BODY)
-    assert list(people.times_ms) == ["fusion", "joining", "clustering", "people"]
+    assert list(people.times_ms) == ["fusion", "masking", "joining", "clustering", "people"]
 
 
 def test_what_it_was_made_from(scene):
@@ -77,7 +77,8 @@ def test_the_configuration_counts(scene):
         ({"human.min_height": 1.8}, 0),
         ({"clustering.distance": 0.01}, 0),
         ({"clustering.distance": 0.75}, 3),
-        ({"clustering.distance": 0.95, "human.max_width": 2.0}, 2),  # two in a row become one
+        ({"clustering.distance": 0.95, "splitting.max_width": 0, "human.max_width": 2.0}, 2),
+        ({"clustering.distance": 0.95}, 3),  # two in a row are one cluster, and split
     ):
         planner = Planner(PlannerConfig.from_mapping(values))
         assert len(planner.step(scene, POSES, 0).persons) == found, values
@@ -159,3 +160,27 @@ def test_a_heading_that_is_off_moves_what_is_far_away(scene):
     c, s = math.cos(0.1), math.sin(0.1)
     turned = (6.0 - 3.0 * c - 0.5 * s, 3.5 - 3.0 * s + 0.5 * c)
     assert np.linalg.norm(positions(people) - turned, axis=1).min() < 1e-6
+
+
+def test_older_scans_are_less_sure_of_where_people_are(scene):
+    """One robot saw them half a second before the interval: they may have walked 0.35 m."""
+    old, fresh = scene[0], scene[1]
+    planner = Planner(PlannerConfig.from_mapping({"interval.walking_speed": 0.7}))
+
+    def covariance(*scans: Scan) -> np.ndarray:
+        return planner.step(scans, POSES, 500_000_000).persons[0].covariance
+
+    def at(scan: Scan, stamp_ns: int) -> Scan:
+        return Scan(scan.robot, stamp_ns, scan.cells)
+
+    spread = covariance(at(old, 0)) - covariance(at(old, 500_000_000))
+    np.testing.assert_allclose(spread, 0.35**2 * np.eye(2), atol=1e-12)
+    # Of two robots the mean over both, divided by two, as what their poses are uncertain by.
+    both = at(old, 0), at(fresh, 500_000_000)
+    now = at(old, 500_000_000), at(fresh, 500_000_000)
+    spread = covariance(*both) - covariance(*now)
+    np.testing.assert_allclose(spread, 0.35**2 / 4 * np.eye(2), atol=1e-12)
+    still = Planner(PlannerConfig.from_mapping({"interval.walking_speed": 0.0}))
+    first, second = (still.step(scans, POSES, 500_000_000) for scans in (both, now))
+    np.testing.assert_array_equal(first.persons[0].covariance, second.persons[0].covariance)
+    assert first.poses == {name: POSES[name] for name in ("robot_a", "robot_b")}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import PoseInput
-from mrs_people_loc.errors import PoseError
-from mrs_people_loc.poses import Pose, PoseIntake
+from mrs_people_loc.errors import ConfigError, PoseError
+from mrs_people_loc.poses import Pose, PoseIntake, static_pose
 
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -40,6 +40,44 @@ def test_a_frame_that_nothing_places_is_refused():
         intake(pose(0), "odom")
     assert intake.last is None
 
+    def unknown(frame_id: str) -> Pose:
+        raise PoseError(f"nothing of {frame_id}")
+
+    intake = PoseIntake(PoseInput(), unknown)
+    with pytest.raises(PoseError, match=r"'odom'.*'map'.*pose\.map_from_odom.*; nothing of odom"):
+        intake(pose(0), "odom")
+
+
+def test_a_frame_is_placed_by_who_knows_it_unless_the_parameter_does():
+    asked = []
+
+    def frame_in_map(frame_id: str) -> Pose:
+        asked.append(frame_id)
+        return Pose(0, 5.0, 2.0, math.pi / 2)
+
+    intake = PoseIntake(PoseInput(), frame_in_map)
+    made = intake(pose(0, yaw=0.1), "/odom")
+    assert made is not None
+    np.testing.assert_allclose((made.x, made.y, made.yaw), (5.0, 3.0, math.pi / 2 + 0.1))
+    assert made.stamp_ns == START_NS
+    assert intake(pose(10), "map") is not None
+    intake.config = PoseInput(map_from_odom=(1.0, 0.0, 0.0))
+    made = intake(pose(20), "odom")
+    assert made is not None
+    assert (made.x, made.y) == (2.0, 0.0)
+    assert asked == ["odom"]
+
+
+def test_the_pose_of_a_robot_that_stands():
+    made = static_pose(PoseInput(source="static", static=(1.0, 2.0, 2.0 * math.pi + 0.5)), 7)
+    assert (made.stamp_ns, made.x, made.y) == (7, 1.0, 2.0)
+    assert made.yaw == pytest.approx(0.5)
+    assert not made.covariance.any()
+    made = static_pose(PoseInput(static=(0.0, 0.0, 0.0), sigmas=(0.1, 0.2, 0.3)), 7)
+    np.testing.assert_allclose(made.covariance, np.diag([0.01, 0.04, 0.09]))
+    with pytest.raises(ConfigError, match=r"pose\.static is empty; allowed: x, y .* and yaw"):
+        static_pose(PoseInput(source="static"), 7)
+
 
 @pytest.mark.parametrize("late_ms", [0, 1, 1000])
 def test_a_pose_that_is_not_newer_is_refused(late_ms):
@@ -52,6 +90,9 @@ def test_a_pose_that_is_not_newer_is_refused(late_ms):
 def test_a_jump_back_by_more_than_a_second_is_a_new_beginning():
     intake = PoseIntake(PoseInput())
     intake(pose(2000), "map")
+    for late in (979, 989):  # they may be late
+        with pytest.raises(PoseError, match="newer than"):
+            intake(pose(late), "map")
     assert intake(pose(999), "map") is not None
 
 

@@ -305,8 +305,12 @@ def test_old_poses_are_forgotten():
 def test_stamps_that_jump_back_begin_anew():
     poses = buffer(pose(5000, 5.0), pose(4000, 4.0))
     assert (len(poses), poses.resets) == (2, 0)  # one second late is late
-    poses.add(pose(3999, 3.0))
-    assert (len(poses), poses.resets, poses.newest_ns) == (1, 1, 3999 * MS)
+    for late in (3000, 3100):  # too late, and dropped; if one more follows, time has jumped back
+        with pytest.raises(PoseError, match=r"s older than the newest; allowed: 1 s"):
+            poses.add(pose(late))
+    assert (len(poses), poses.resets) == (2, 0)
+    poses.add(pose(3200, 3.0))
+    assert (len(poses), poses.resets, poses.newest_ns) == (1, 1, 3200 * MS)
     poses.add(pose(5000, 6.0))
     assert poses.at(5000 * MS, 0).x == 6.0
 

@@ -67,9 +67,9 @@ class View:
         return self.camera.depth_disparity / (disparity - self.camera.disparity_offset_px)
 
 
-def views(bag: Path, config: str) -> Iterator[View]:
+def views(bag: Path, *configs: str | Path) -> Iterator[View]:
     """Every stereo pair of a bag through the pipeline, with the robot's pose at its stamp."""
-    team = load_team(ROOT / "config" / config)
+    team = load_team(*(ROOT / "config" / config for config in configs))
     robot = team.robots[ROBOT]
     image = "image_rect" if robot.images.rectified else "image_raw"
     models, images, poses = {}, {}, {}
@@ -275,6 +275,21 @@ def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
         assert away.mean() < 0.20
         found += len(rows)
     assert found >= 42  # of 50; measured: 47
+
+
+def test_five_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Path) -> None:
+    """Shoulder to shoulder their cells are two clusters, and parts of these by a body's width."""
+    changes = tmp_path / "five.yaml"
+    changes.write_text(
+        "/**/robot_node: {ros__parameters: {mounting: {height: 1.259, pitch: 0.0738}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_a], splitting: {max_width: 0.75}}}\n"
+    )
+    for view in views(five_bag, ROOT / "config" / "paper.yaml", changes):
+        positions = np.array([person.position for person in view.people.persons])
+        rows, _, away = match(positions, torsos_in_map(), distance=0.35)
+        assert len(rows) == len(positions) == 5
+        assert away.mean() < 0.13  # measured: 0.09
+        assert view.people.too_wide == 0
 
 
 def test_five_floor_is_level(five: list[View]) -> None:

@@ -235,7 +235,7 @@ class Bag:
             self.truth = np.array([(p.position.x, p.position.y) for p in message.poses])
         elif what == "odom":
             assert message.header.frame_id == "map"
-            self.collector.add_pose(robot, messages.read_pose(message))
+            self.collector.add_pose(robot, messages.read_pose(message), now_ns)
         elif what.endswith("image_rect"):
             camera, stamp_ns = what.split("/")[0], messages.stamp_ns_of(message.header.stamp)
             found = self.pairers[robot].add(camera, stamp_ns, messages.read_image(message))

@@ -75,6 +75,7 @@ class RobotPeer:
             self.recording.odometry["robot_b"][0], self.now() if stamp_ns is None else stamp_ns
         )
         made.header.frame_id = frame_id
+        made.child_frame_id = f"{self.namespace}/base_link"
         return made
 
     def send(self, view: View, *, image: str = "image_rect", top: bool = False) -> None:

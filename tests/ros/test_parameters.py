@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import subprocess
@@ -78,8 +79,20 @@ BAD_STARTS: dict[str, tuple[str, list[str], list[str]]] = {
         [r"disparity\.block_size_px is 14; allowed: an odd whole number from 5 to 51"],
     ),
     "no such choice": (
-        "robot_node", _p("pose.source:=tf"),
-        [r"pose\.source is 'tf'; allowed: one of odom, pose_in"],
+        "robot_node", _p("pose.source:=vicon"),
+        [r"pose\.source is 'vicon'; allowed: one of odom, pose_in, static, tf"],
+    ),
+    "static without a place": (
+        "robot_node", _p("pose.source:=static"),
+        [r"pose\.source is static but pose\.static is empty; allowed: x, y \[m\] and yaw"],
+    ),
+    "negative sigmas": (
+        "robot_node", _p("pose.sigmas:=[0.1, -0.1, 0.0]"),
+        [r"pose\.sigmas is \[0\.1, -0\.1, 0\.0\]; allowed: numbers of at least 0"],
+    ),
+    "TF that is there already": (
+        "robot_node", _p("pose.source:=tf", "pose.publish_tf:=always"),
+        [r"pose\.publish_tf is always; allowed where pose\.source is tf: auto, never"],
     ),
     "list too short": (
         "robot_node", _p("pose.map_from_odom:=[1.0, 2.0]"),
@@ -136,6 +149,24 @@ BAD_STARTS: dict[str, tuple[str, list[str], list[str]]] = {
         [r"human\.min_height is 2\.5; allowed: at most human\.max_height, 2\.2"],
     ),
 }  # fmt: skip
+#: Where TF's packages are missing, as on the machines that these tests are made for.
+NO_TF = {
+    "tf2_ros": (
+        "robot_node", _p("pose.source:=tf"),
+        ["pose.source is tf; needs tf2_ros, which is not installed: sudo apt install "
+         "ros-jazzy-tf2-ros; allowed here: odom, pose_in, static"],
+    ),
+    "tf2_msgs": (
+        "robot_node", _p("pose.publish_tf:=always"),
+        ["pose.publish_tf is always; needs tf2_msgs, which is not installed: sudo apt install "
+         "ros-jazzy-tf2-msgs; allowed here: auto, never"],
+    ),
+}  # fmt: skip
+BAD_STARTS |= {
+    f"no {package}": start
+    for package, start in NO_TF.items()
+    if importlib.util.find_spec(package) is None
+}
 
 
 HELP: dict[str, tuple[str, list[str]]] = {

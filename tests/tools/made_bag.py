@@ -64,6 +64,25 @@ class Bag:
         )
         self.write("/ground_truth/visible", ms, message)
 
+    def room(self, ms: float, length: float, width: float, frame: str = "map") -> None:
+        """A map of a room around the origin, walls of 0.1 m around it."""
+        data = np.zeros((round(width * 10) + 2, round(length * 10) + 2), np.int8)
+        data[[0, -1]] = 100
+        data[:, [0, -1]] = 100
+        header = self.header(ms, frame)
+        info = self.make(
+            "nav_msgs/msg/MapMetaData",
+            map_load_time=header.stamp,
+            resolution=0.1,
+            width=data.shape[1],
+            height=data.shape[0],
+            origin=self.pose(-length / 2 - 0.1, -width / 2 - 0.1),
+        )
+        grid = self.make(
+            "nav_msgs/msg/OccupancyGrid", header=header, info=info, data=data.reshape(-1)
+        )
+        self.write("/map", ms, grid)
+
     def people(self, ms: float, *people: tuple[float, float], centre: Any = None) -> None:
         twist = self.make(
             "geometry_msgs/msg/TwistWithCovariance",

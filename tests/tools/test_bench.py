@@ -29,7 +29,7 @@ from mrs_people_loc.poses import Pose
 from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.timing import StageTimes
-from mrs_tools import bench, bench_bodies, bench_live
+from mrs_tools import bench, bench_bodies, bench_growth, bench_live, bench_scenes
 from mrs_tools.bench_differs import DiffersError
 from mrs_tools.bench_reference import (
     cells_of,
@@ -197,26 +197,27 @@ def with_bodies(scan: Scan, rng: np.random.Generator) -> Scan:
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize(
-    "joining",
+    "planner",
     [
         None,
         {},
-        {"line_of_sight": False},
-        {"gate": 10.0, "max_distance": 1.5},
-        {"robot_radius": 0},
-        {"fragment_gate": 0.0, "apart": 0.0},
+        {"joining.line_of_sight": False},
+        {"joining.gate": 10.0, "joining.max_distance": 1.5},
+        {"masking.robot_radius": 0},
+        {"masking.robot_radius": 1.0},
+        {"joining.fragment_gate": 0.0, "joining.apart": 0.0},
     ],
     ids=str,
 )
-def test_people_of_random_scans_equal_the_reference(seed, joining):
+def test_people_of_random_scans_equal_the_reference(seed, planner):
     config = PlannerConfig.from_mapping(
         {
             "human.min_points": 100, "human.max_width": 3.0, "human.max_depth": 3.0,
-            "joining": joining or {},
+            **(planner or {}),
         }
     )  # fmt: skip
     scans, poses = random_scans(seed)
-    if joining is not None:
+    if planner is not None:
         rng = np.random.default_rng(seed)
         scans = [with_bodies(scan, rng) for scan in scans]
     check_people(scans, Planner(config).step(scans, poses, 0), config)
@@ -247,7 +248,7 @@ def test_the_reference_joins_by_hand():
     ]
     config = PlannerConfig()
     people = Planner(config).step(scans, poses, 0)
-    joined, robots = bench_bodies.joined_of(people.fused, poses, config.joining)
+    joined, robots = bench_bodies.joined_of(people.fused, poses, poses, config.joining, 0.25)
     assert robots == []
     assert [body.cells for body in joined] == [(0, 1, 3), (2,)]
     assert [body.is_person for body in joined] == [True, False]
@@ -259,7 +260,7 @@ def test_the_reference_joins_by_hand():
     # Where one robot stands, another sees that robot.
     poses["b"] = Pose(0, 4.0, 3.1, 0.0)
     people = Planner(config).step(scans[:1], poses, 0)
-    _, robots = bench_bodies.joined_of(people.fused, poses, config.joining)
+    _, robots = bench_bodies.joined_of(people.fused, poses, poses, config.joining, 0.25)
     assert robots == [(2,)]
 
 
@@ -325,7 +326,7 @@ def test_a_wrong_stage_is_noticed(bag, stage):
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
 def test_a_wrong_person_is_noticed(change, what, base):
     config = PlannerConfig()
-    scans, poses = bench.drawn_scans(base, 0)
+    scans, poses = bench_scenes.drawn_scans(base, 0)
     people = Planner(config).step(scans, poses, 0)
     check_people(scans, people, config)
     with pytest.raises(DiffersError, match=what):
@@ -421,19 +422,57 @@ def _with_person(people, **changes):
 
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
 def test_the_drawn_scene_has_four_robots_and_ten_people(base):
-    scans, poses = bench.drawn_scans(base, 0)
+    scans, poses = bench_scenes.drawn_scans(base, 0)
     people = Planner(PlannerConfig()).step(scans, poses, 0)
     assert len(poses) == 4
     found = np.array([person.position for person in people.persons])
-    assert len(found) == len(bench._PEOPLE) == 10
-    away = np.linalg.norm(found[:, None] - np.array(bench._PEOPLE), axis=2)
+    assert len(found) == len(bench_scenes.PEOPLE) == 10
+    away = np.linalg.norm(found[:, None] - np.array(bench_scenes.PEOPLE), axis=2)
     assert (away.min(axis=0) < 0.25).all()
+
+
+@pytest.mark.parametrize("file", [PAPER, DEFAULT], ids=lambda f: f.stem)
+def test_growth_has_a_row_for_each_size(file):
+    growth = bench_growth.time_growth({"c": file}, 11, rounds=1)
+    assert growth["c"].keys() == {"rooms apart", "one floor"}
+    for rows in growth["c"].values():
+        assert [row["robots"] for row in rows] == [1, 2, 4, 8]
+        assert [row["people"] for row in rows] == [10, 10, 10, 20]
+        assert all(row["ms_per_robot"] == row["ms"] / row["robots"] > 0 for row in rows)
+        assert bench_growth.growth_of(rows) == rows[3]["ms_per_robot"] / rows[2]["ms_per_robot"]
+        assert bench_growth.growth_of(rows[:3]) is None
+    assert [row["people_found"] for row in growth["c"]["rooms apart"][2:]] == [10, 20]
+
+
+def test_rooms_that_lie_apart_must_not_change_each_other(monkeypatch):
+    right = bench_growth.Planner.step
+
+    def wrong(self, scans, *rest):
+        people = right(self, scans, *rest)
+        return (
+            people if len(scans) < 16 else dataclasses.replace(people, persons=people.persons[1:])
+        )
+
+    monkeypatch.setattr(bench_growth.Planner, "step", wrong)
+    monkeypatch.setattr(bench_growth, "_time", lambda *_: pytest.fail("timed"))
+    with pytest.raises(DiffersError, match="16 robots in rooms apart: number of people"):
+        bench_growth.time_growth({"c": DEFAULT}, 16)
+
+
+def test_on_one_floor_robots_also_see_people_of_other_rooms():
+    scans, poses = bench_scenes.on_one_floor(BODIES, 8, 0)
+    people = Planner(PlannerConfig()).step(scans, poses, 0).persons
+    # robot_0004 to 0007 are of the second room, which begins at x = 8 m.
+    across = [
+        p for p in people if p.position[0] < 7.0 and {"robot_0004", "robot_0006"} & {*p.robots}
+    ]
+    assert across
 
 
 def test_a_drawn_body_is_where_it_is():
     # robot_a looks to the middle; the nearest person in its line of sight hides the others.
     pose = Pose(0, 4.0, 1.0, math.pi / 2)
-    disparity = bench.drawn_disparity(pose, 0)
+    disparity = bench_scenes.drawn_disparity(pose, 0, bench_scenes.PEOPLE, bench_scenes.ROOM)
     depth = 10.546 / np.nanmedian(disparity[55:65, 78:82])
     assert depth == pytest.approx(2.8 - 1.0 - 0.2, abs=0.05)
 
@@ -450,12 +489,23 @@ def test_its_report_has_what_is_promised(bag, tmp_path):
     app = typer.Typer()
     app.command()(bench.command)
     file = tmp_path / "bench.json"
-    args = [str(bag), "-c", str(PAPER), "-c", str(DEFAULT), "--frames", "2", "--no-live"]
+    args = [
+        str(bag),
+        "-c",
+        str(PAPER),
+        "-c",
+        str(DEFAULT),
+        "--frames",
+        "2",
+        "--robots",
+        "8",
+        "--no-live",
+    ]
     result = CliRunner().invoke(app, [*args, "--json", str(file)], env={"COLUMNS": "120"})
     assert result.exit_code == 0, result.output
     report = json.loads(file.read_text())
     assert report.keys() == {
-        "machine", "bag", "equal_to_reference", "robot", "planner", "live", "targets",
+        "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "live", "targets",
     }  # fmt: skip
     assert report["live"] is None
     assert report["equal_to_reference"]["views"] == 2 * 3 * 3
@@ -476,12 +526,14 @@ def test_its_report_has_what_is_promised(bag, tmp_path):
             assert all(0 <= s["median"] <= s["p99"] for s in stages.values())
         planner = report["planner"][name]
         assert (planner["robots"], planner["people"], planner["people_found"]) == (4, 10, 10)
-        assert set(planner["stages_ms"]) == {"fusion", "joining", "clustering", "people", "whole"}
+        assert set(planner["stages_ms"]) == {
+            "fusion", "masking", "joining", "clustering", "people", "whole",
+        }  # fmt: skip
     targets = report["targets"]
-    assert [t["limit"] for t in targets] == [1.0, 500.0, 2.0, 10.0, 3.0]
+    assert [t["limit"] for t in targets] == [1.0, 500.0, 2.0, 1.0, 1.0, 10.0, 3.0, 1.0, 1.0]
     files = [t["configuration"].partition(",")[0] for t in targets]
-    assert files == ["paper.yaml"] * 3 + ["default.yaml"] * 2
-    assert "pair of three" in targets[3]["configuration"]
+    assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4
+    assert "pair of three" in targets[5]["configuration"]
     rows = [line.split() for line in result.output.splitlines()]
     assert [row[-1] for row in rows if row[:1] == ["tops"]] == ["-"] * 3
     assert [row[1] for row in rows if row[:1] == ["search"]] == ["-"] * 3
@@ -497,7 +549,7 @@ def test_nothing_is_timed_when_a_result_differs(bag, monkeypatch):
     monkeypatch.setattr(filters, "measure_tops", lambda *a, **k: right(*a, **k) + np.float32(0.001))
     monkeypatch.setattr(bench, "time_robot", lambda *_: pytest.fail("timed"))
     with pytest.raises(DiffersError, match=r"cells\.top"):
-        bench.run_bench(bag, [PAPER], frames=1)
+        bench.run_bench(bag, [PAPER], frames=1, robots=1)
 
 
 def test_a_missed_target_is_no_error(bag, monkeypatch, tmp_path):
@@ -505,7 +557,7 @@ def test_a_missed_target_is_no_error(bag, monkeypatch, tmp_path):
     monkeypatch.setattr(bench, "targets", lambda *_: [slow])
     app = typer.Typer()
     app.command()(bench.command)
-    args = [str(bag), "-c", str(PAPER), "--frames", "1", "--no-live"]
+    args = [str(bag), "-c", str(PAPER), "--frames", "1", "--robots", "1", "--no-live"]
     result = CliRunner().invoke(app, args)
     assert result.exit_code == 0
     assert "missed" in result.output

@@ -200,6 +200,43 @@ def test_points_and_poses_run_through_the_planner_only(make_bag):
     assert result.notes == []
 
 
+def test_a_map_masks_the_walls_when_it_is_asked_for(make_bag, tmp_path):
+    def fill(bag: Bag) -> None:
+        bag.room(0, 14.0, 1.6)  # both people are beyond its walls, at y = 0.8 and -0.8
+        bag.room(250, 14.0, 6.0)  # then nobody does
+        team_of_two(bag)
+
+    def found(run: BagRun) -> list[int]:
+        return [len(interval.people.persons) for interval in run.intervals()]
+
+    path = make_bag(fill)
+    assert found(BagRun(path, [PAPER])) == [2, 2, 2, 2]
+    run = BagRun(path, [PAPER], use_map=True)
+    assert found(run) == [0, 0, 0, 2]
+    assert run.notes == []
+    config = tmp_path / "map.yaml"
+    config.write_text("/**/planner_node: {ros__parameters: {masking: {occupancy_grid: true}}}")
+    assert found(BagRun(path, [PAPER, config])) == [0, 0, 0, 2]
+    figures = tmp_path / "figures.json"
+    assert run_mrs("evaluate", path, "--config", PAPER, "--map", "--json", figures).exit_code == 0
+    assert json.loads(figures.read_text())["people"]["found"] == 2
+
+
+def test_a_map_that_is_missing_or_cannot_be_used_is_noted(make_bag):
+    run = BagRun(make_bag(team_of_two), [PAPER], use_map=True)
+    assert [len(interval.people.persons) for interval in run.intervals()] == [2, 2, 2, 2]
+    assert run.notes == ["masking.occupancy_grid is true, but the bag has no /map"]
+
+    def fill(bag: Bag) -> None:
+        bag.room(0, 14.0, 1.6, frame="odom")
+        team_of_two(bag)
+
+    run = BagRun(make_bag(fill, "other"), [PAPER], use_map=True)
+    assert [len(interval.people.persons) for interval in run.intervals()] == [2, 2, 2, 2]
+    assert run.notes == ["/map: frame_id is 'odom'; wanted: 'map'"]
+    assert run.dropped == {"/map": 1}
+
+
 def test_intervals_close_when_the_live_planner_would_close_them(make_bag):
     def fill(bag: Bag) -> None:
         for ms in range(0, 1001, 20):
@@ -432,6 +469,32 @@ def test_odometry_in_a_frame_of_its_own_needs_map_from_odom(tmp_path, formation)
     assert any("moved.yaml, which lies beside the bag" in note for note in result.notes)
     with pytest.raises(PoseError):
         evaluate_bag(path, [PAPER], beside=False)
+
+
+def test_heads_that_stand_need_no_odometry(tmp_path, formation):
+    """Where they stand is said as `map_from_odom` is above."""
+
+    def unplaced(topic: str, message: Any) -> tuple[str, Any]:
+        return topic.replace("/odom", "/wheels"), message
+
+    path = copy_formation(tmp_path / "unplaced.mcap", unplaced)
+    where = tmp_path / "where.yaml"
+    where.write_text(
+        "/**/robot_node: {ros__parameters: {pose: {source: static}}}\n"
+        "/robot_a/robot_node: {ros__parameters: {pose: {static: [6.3, 3.55, 3.14159265]}}}\n"
+        "/robot_b/robot_node: {ros__parameters: {pose: {static: [0.2, 2.0, 0.35]}}}\n"
+        "/robot_c/robot_node: {ros__parameters: {pose: {static: [0.2, 5.2, -0.35]}}}\n"
+    )
+    people = people_of(evaluate_bag(path, [PAPER, where]))
+    assert people["matched"] == 75
+    wanted = formation.report()["people"]["error_m"]["mean"]
+    assert people["error_m"]["mean"] == pytest.approx(wanted, abs=1e-3)
+    with pytest.raises(BagError, match="no pose"):
+        evaluate_bag(path, [PAPER])
+    nowhere = tmp_path / "nowhere.yaml"
+    nowhere.write_text("/**/robot_node: {ros__parameters: {pose: {source: static}}}\n")
+    with pytest.raises(ConfigError, match=r"pose\.static is empty"):
+        evaluate_bag(path, [PAPER, nowhere])
 
 
 def test_poses_may_come_on_pose_in(tmp_path, formation):

@@ -16,7 +16,13 @@ from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import load_team
 from mrs_people_loc.errors import BagError, ConfigError
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.messages import read_camera_info, read_image, read_pose, stamp_ns_of
+from mrs_people_loc.messages import (
+    read_camera_info,
+    read_image,
+    read_occupancy_grid,
+    read_pose,
+    stamp_ns_of,
+)
 
 pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
 pytest.importorskip("typer", reason="the mrs command needs typer")
@@ -34,12 +40,13 @@ from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.meshes import box, cylinder, merge, quad
 from mrs_tools.simulation.motion import Place, Walker
 from mrs_tools.simulation.odometry import believe
-from mrs_tools.simulation.rooms import SIZES, furniture_mesh
+from mrs_tools.simulation.rooms import SIZES, floor_plan, furniture_mesh
 from mrs_tools.simulation.scene import (
     FURNITURE,
     Furniture,
     Odometry,
     Person,
+    Room,
     Scene,
     load_scene,
     read_scene,
@@ -47,6 +54,7 @@ from mrs_tools.simulation.scene import (
 from mrs_tools.simulation.textures import Atlas, Texture
 from mrs_tools.simulation.world import Frame, World
 from mrs_tools.simulation.writer import (
+    MAP_TOPIC,
     PEOPLE_TOPIC,
     VISIBLE_TOPIC,
     Messages,
@@ -619,6 +627,7 @@ def test_a_bag_has_the_topics_types_and_frames_of_the_design(team: tuple[Path, W
     wanted = {
         PEOPLE_TOPIC: "geometry_msgs/msg/PoseArray",
         VISIBLE_TOPIC: "std_msgs/msg/Int32MultiArray",
+        MAP_TOPIC: "nav_msgs/msg/OccupancyGrid",
     }
     for robot, names in cameras.items():
         wanted[f"/{robot}/odom"] = "nav_msgs/msg/Odometry"
@@ -632,7 +641,45 @@ def test_a_bag_has_the_topics_types_and_frames_of_the_design(team: tuple[Path, W
     assert {t: c for t, c in counts.items() if "camera" in t or "image" in t or "people" in t} == {
         t: 3 for t in wanted if "camera" in t or "image" in t or "people" in t
     }
-    assert heads[PEOPLE_TOPIC].frame_id == "map"
+    assert heads[PEOPLE_TOPIC].frame_id == heads[MAP_TOPIC].frame_id == "map"
+    assert counts[MAP_TOPIC] == 1
+
+
+def test_the_map_of_a_bag_is_latched_and_is_the_floor_plan(team: tuple[Path, World]) -> None:
+    out, world = team
+    with BagReader(out) as bag:
+        (qos,) = bag.topics[MAP_TOPIC].qos
+        ((_, time_ns, message),) = bag.decoded([MAP_TOPIC])
+    assert (qos.durability.name, qos.reliability.name, qos.depth) == (
+        "TRANSIENT_LOCAL", "RELIABLE", 1,
+    )  # fmt: skip
+    assert time_ns == world.stamp_ns(0.0)
+    grid = read_occupancy_grid(message, "map")
+    plan = floor_plan(world.scene.room, world.scene.furniture)
+    assert (grid.x, grid.y, grid.yaw) == (plan.x, plan.y, plan.yaw)
+    assert grid.resolution == pytest.approx(plan.resolution)  # float32 on the wire
+    np.testing.assert_array_equal(grid.data, plan.data)
+
+
+def test_floor_plan_by_hand() -> None:
+    room = Room(length=4.0, width=3.0)
+    turned = Furniture(kind="shelf", x=2.0, y=1.5, yaw=math.pi / 6, size=(0.4, 1.0, 1.9))
+    sheet = Furniture(kind="sign", x=1.0, y=0.5, size=(0.001, 0.5, 1.0))
+    plan = floor_plan(room, [turned, sheet])
+    assert (plan.resolution, plan.x, plan.y, plan.yaw) == (0.05, -0.15, -0.15, 0.0)
+    assert plan.data.shape == (66, 86)
+
+    def at(x: float, y: float) -> int:
+        return int(plan.data[int((y + 0.15) / 0.05), int((x + 0.15) / 0.05)])
+
+    assert [at(x, 1.0) for x in (-0.1, -0.01, 0.01, 3.99, 4.01, 4.1)] == [100, 100, 0, 0, 100, 100]
+    assert [at(1.0, y) for y in (-0.01, 0.01, 2.99, 3.01)] == [100, 0, 0, 100]
+    # The shelf: 0.4 m wide along its x, which is turned by 30 degrees, 1 m along its y.
+    c, s = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    for along, across, occupied in ((0.15, 0.45, True), (0.25, 0.0, False), (0.0, 0.55, False)):
+        place = (2.0 + c * along - s * across, 1.5 + s * along + c * across)
+        assert (at(*place) == 100) == occupied
+    assert plan.data[3:-3, 3:-3].mean() / 100 * 12.0 == pytest.approx(0.4 + 0.5 * 0.05, rel=0.15)
 
 
 def test_a_bag_holds_what_was_rendered_with_stamps_and_truth(team: tuple[Path, World]) -> None:

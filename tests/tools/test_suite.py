@@ -65,6 +65,8 @@ def test_the_steps_lead_from_the_paper_to_the_default() -> None:
     assert last.disparity == RobotConfig().disparity
     assert last.bodies == RobotConfig().bodies
     assert planner_config.joining == PlannerConfig().joining
+    assert planner_config.masking == PlannerConfig().masking
+    assert planner_config.splitting == PlannerConfig().splitting
 
 
 # --------------------------------------------------------------------------------- rows ----

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.masking import OccupancyGrid
 from mrs_tools.simulation import textures
 from mrs_tools.simulation.meshes import Mesh, box, cylinder, ellipsoid, make, merge, quad
 from mrs_tools.simulation.scene import Furniture, Room
@@ -157,6 +158,31 @@ def footprint(piece: Furniture) -> tuple[float, float, float]:
     """Centre and radius of the circle that walkers keep clear of [m]."""
     dx, dy, _ = piece.size or SIZES[piece.kind]
     return piece.x, piece.y, 0.5 * math.hypot(dx, dy) * 0.85
+
+
+#: Of the floor plan: side of a cell, and how thick its walls are [m].
+_PLAN_CELL, _PLAN_WALL = 0.05, 0.15
+
+
+def floor_plan(room: Room, furniture: Sequence[Furniture]) -> OccupancyGrid:
+    """What an operator's map of the room shows: walls, and what furniture covers of the floor."""
+    columns, rows = (
+        math.ceil(round((extent + 2 * _PLAN_WALL) / _PLAN_CELL, 6))
+        for extent in (room.length, room.width)
+    )
+    x = (np.arange(columns) + 0.5) * _PLAN_CELL - _PLAN_WALL
+    y = ((np.arange(rows) + 0.5) * _PLAN_CELL - _PLAN_WALL)[:, np.newaxis]
+    occupied = (x < 0) | (x > room.length) | (y < 0) | (y > room.width)
+    for piece in furniture:
+        dx, dy, _ = piece.size or SIZES[piece.kind]
+        cos, sin = math.cos(piece.yaw), math.sin(piece.yaw)
+        along = np.abs((x - piece.x) * cos + (y - piece.y) * sin)
+        across = np.abs((y - piece.y) * cos - (x - piece.x) * sin)
+        # Thin things are a cell wide.
+        half = np.maximum([dx / 2, dy / 2], _PLAN_CELL / 2)
+        occupied |= (along <= half[0]) & (across <= half[1])
+    data = np.where(occupied, 100, 0).astype(np.int8)
+    return OccupancyGrid(_PLAN_CELL, -_PLAN_WALL, -_PLAN_WALL, 0.0, data)
 
 
 Size = tuple[float, ...]

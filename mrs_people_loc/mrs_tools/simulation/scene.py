@@ -30,9 +30,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from mrs_people_loc.config import PlannerConfig, Section
+from mrs_people_loc.config import PlannerConfig, Section, load_yaml
 from mrs_people_loc.errors import ConfigError
 
 _TAU = 6.2832
@@ -417,18 +415,6 @@ def load_scene(path: str | Path, *, seed: int | None = None) -> Scene:
         for name, head in scene.heads.items()
     }
     return dataclasses.replace(scene, heads=heads)
-
-
-def load_yaml(path: Path) -> Any:
-    """What a YAML file holds.
-
-    Raises:
-        ConfigError: It cannot be read.
-    """
-    try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
-        raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
 
 
 def _mapping(value: object, name: str) -> Mapping[str, Any]:

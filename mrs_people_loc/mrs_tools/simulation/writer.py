@@ -10,15 +10,37 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 
 from mrs_people_loc.geometry import quaternion_from_yaw
 from mrs_tools.bags import BagWriter, default_typestore
 from mrs_tools.convert import Recording
 from mrs_tools.simulation.odometry import PoseSample
+from mrs_tools.simulation.rooms import floor_plan
 from mrs_tools.simulation.world import Frame, World
 
 PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
+MAP_TOPIC = "/map"
+#: As map_server offers it: who comes late gets the last one, too.
+_MAP_QOS = Qos(
+    history=QosHistory.KEEP_LAST,
+    depth=1,
+    reliability=QosReliability.RELIABLE,
+    durability=QosDurability.TRANSIENT_LOCAL,
+    deadline=QosTime(0, 0),
+    lifespan=QosTime(0, 0),
+    liveliness=QosLiveliness.AUTOMATIC,
+    liveliness_lease_duration=QosTime(0, 0),
+    avoid_ros_namespace_conventions=False,
+)
 
 
 def true_pose_topic(robot: str) -> str:
@@ -83,6 +105,25 @@ class Messages:
             pose=self.pose(place.x, place.y, place.yaw),
         )
 
+    def floor_plan(self, world: World) -> Any:
+        """The room's walls and furniture, as nav_msgs/OccupancyGrid."""
+        plan = floor_plan(world.scene.room, world.scene.furniture)
+        ns = world.stamp_ns(0.0)
+        info = self._make(
+            "nav_msgs/msg/MapMetaData",
+            map_load_time=self.header("map", ns).stamp,
+            resolution=plan.resolution,
+            width=plan.data.shape[1],
+            height=plan.data.shape[0],
+            origin=self.pose(plan.x, plan.y, plan.yaw),
+        )
+        return self._make(
+            "nav_msgs/msg/OccupancyGrid",
+            header=self.header("map", ns),
+            info=info,
+            data=plan.data.reshape(-1),
+        )
+
     def odometry(self, robot: str, frame: str, sample: PoseSample, ns: int) -> Any:
         """nav_msgs/Odometry."""
         covariance = np.zeros((6, 6))
@@ -123,6 +164,8 @@ def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
     """
     messages = Messages()
     with BagWriter(out) as bag:
+        bag.add_topic(MAP_TOPIC, "nav_msgs/msg/OccupancyGrid", [_MAP_QOS])
+        bag.write(MAP_TOPIC, world.stamp_ns(0.0), messages.floor_plan(world))
         recordings = {name: Recording(bag, name) for name in world.names}
         pending = [
             (world.stamp_ns(sample.time), name, belief.frame, sample)

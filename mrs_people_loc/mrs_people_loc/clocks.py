@@ -1,0 +1,121 @@
+"""Stamps against each other, and against the clock of who hears them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import Enum
+
+#: A stamp that jumps back by more than this may be a new beginning (a bag that loops) [ns].
+RESET_NS = 1_000_000_000
+#: So many in succession make it one; fewer are messages that come late.
+_BELIEVED = 3
+
+
+class Order(Enum):
+    """How a stamp follows those before it."""
+
+    NEWER = "newer"
+    LATE = "late"
+    ANEW = "anew"
+
+
+@dataclass
+class StampOrder:
+    """Whether the stamps of a stream go forward.
+
+    One message that comes late, however late, changes nothing. Where several in succession are
+    older than the newest by more than `RESET_NS`, and go forward among themselves, time has jumped
+    back: the stream begins anew.
+
+    Attributes:
+        newest_ns: The newest stamp [ns]; None before the first.
+        resets: How often time jumped back, so far.
+    """
+
+    newest_ns: int | None = None
+    resets: int = 0
+    _back: int = 0
+    _last_back_ns: int = 0
+
+    def take(self, stamp_ns: int) -> Order:
+        """Takes a stamp [ns]; LATE ones (also the repeated) are not remembered."""
+        if self.newest_ns is None or stamp_ns > self.newest_ns:
+            self.newest_ns, self._back = stamp_ns, 0
+            return Order.NEWER
+        if self.newest_ns - stamp_ns <= RESET_NS:
+            return Order.LATE
+        self._back = self._back + 1 if self._back and stamp_ns > self._last_back_ns else 1
+        self._last_back_ns = stamp_ns
+        if self._back < _BELIEVED:
+            return Order.LATE
+        self.newest_ns, self._back = stamp_ns, 0
+        self.resets += 1
+        return Order.ANEW
+
+    def begin_anew(self) -> None:
+        """Forgets the newest stamp."""
+        self.newest_ns, self._back = None, 0
+
+
+@dataclass
+class ClockOffset:
+    """A sender's clock against the listener's, from stamps and arrivals.
+
+    A message arrives later than its stamp says by its delay, less what the sender's clock is ahead.
+    Delays vary and are never negative, so over a while the greatest `stamp - arrival` is the offset
+    less the least delay. One stamp may be wrong, so it is the greatest of all but one of some spans
+    of time.
+    """
+
+    _greatest: deque[tuple[int, int]] = field(default_factory=deque)  # span, its greatest [ns]
+    _first_ns: int = 0
+
+    #: The spans, and how many of them count.
+    _SPAN_NS, _SPANS = 500_000_000, 20
+    #: A sender is heard for so long before its clock is said to be behind: it may also be a busy
+    #: machine or network at the beginning [ns].
+    _SETTLE_NS = 2_000_000_000
+
+    def add(self, stamp_ns: int, now_ns: int) -> None:
+        """Takes a message with this stamp that arrives now [ns]."""
+        offset_ns, span = stamp_ns - now_ns, now_ns // self._SPAN_NS
+        if self._greatest and self._greatest[-1][0] > span:
+            self._greatest.clear()  # the listener's clock was set back
+        self._end(span)
+        if not self._greatest:
+            self._first_ns = now_ns
+        if self._greatest and self._greatest[-1][0] == span:
+            self._greatest[-1] = span, max(offset_ns, self._greatest[-1][1])
+        else:
+            self._greatest.append((span, offset_ns))
+
+    def at(self, now_ns: int) -> int | None:
+        """What the sender's clock is ahead by [ns]; None where nothing came for a while."""
+        self._end(now_ns // self._SPAN_NS)
+        return sorted(offset for _, offset in self._greatest)[-2:][0] if self._greatest else None
+
+    def is_settled(self, now_ns: int) -> bool:
+        """Whether the sender has been heard for long enough to say that its clock is behind."""
+        return bool(self._greatest) and now_ns - self._first_ns >= self._SETTLE_NS
+
+    def begin_anew(self) -> None:
+        """Forgets what arrived."""
+        self._greatest.clear()
+
+    def _end(self, span: int) -> None:
+        while self._greatest and self._greatest[0][0] <= span - self._SPANS:
+            self._greatest.popleft()
+
+
+def right_offset(offsets_ns: Iterable[int]) -> int:
+    """What the right clock is ahead of the listener's by [ns].
+
+    Who is nearest to the listener's clock is right. So among several the listener decides, and a
+    recording that is played later, where all are far off alike, is no trouble.
+
+    Args:
+        offsets_ns: What the senders' clocks are ahead of the listener's by [ns].
+    """
+    return min(offsets_ns, key=abs, default=0)

@@ -1,0 +1,74 @@
+"""Neighbours: which points of the plane are near each other, without comparing all with all.
+
+Where people and robots are spread over the floor, each has so many neighbours and no more, however
+many there are in all: what looks at neighbours only grows no faster than the team.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from mrs_people_loc.geometry import Float
+
+Int = NDArray[np.intp]
+
+#: Points that are farther out are looked for here [m]; squares of it are still far from infinite.
+_FAR = 1e9
+
+
+def pairs_within(xy: Float, reach: float) -> tuple[Int, Int, Float]:
+    """Pairs of points at most `reach` apart, each once, in no order.
+
+    Args:
+        xy: Points [m], shape (n, 2); those with a NaN are near nobody.
+        reach: The distance [m], inclusive.
+
+    Returns:
+        Indices of both, the smaller one first, and their distance [m], shapes (m,).
+    """
+    if len(xy) < 2:
+        return _nobody()
+    pairs = _tree(xy).query_pairs(_a_little_more(reach), output_type="ndarray")
+    return _near(xy, xy, pairs[:, 0], pairs[:, 1], reach)
+
+
+def pairs_between(xy: Float, others: Float, reach: float) -> tuple[Int, Int, Float]:
+    """Pairs of a point and another one at most `reach` from it, in no order.
+
+    Args:
+        xy: Points [m], shape (n, 2); those with a NaN are near nobody.
+        others: Likewise, shape (k, 2).
+        reach: The distance [m], inclusive.
+
+    Returns:
+        Index of the one, of the other, and their distance [m], shapes (m,).
+    """
+    if not len(xy) or not len(others):
+        return _nobody()
+    pairs = _tree(xy).sparse_distance_matrix(
+        _tree(others), _a_little_more(reach), output_type="ndarray"
+    )
+    return _near(xy, others, pairs["i"], pairs["j"], reach)
+
+
+def _nobody() -> tuple[Int, Int, Float]:
+    return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)
+
+
+def _tree(xy: Float) -> KDTree:
+    """A tree of the points, which it wants to be finite. Clipping takes none of them apart."""
+    return KDTree(np.fmin(np.fmax(xy, -_FAR), _FAR))  # of NaN and a number, the number
+
+
+def _a_little_more(reach: float) -> float:
+    """What rounding does in the tree must hide no pair."""
+    return reach * (1.0 + 1e-9)
+
+
+def _near(xy: Float, others: Float, one: Int, other: Int, reach: float) -> tuple[Int, Int, Float]:
+    offset = xy[one] - others[other]
+    away = np.hypot(offset[:, 0], offset[:, 1])
+    near = np.flatnonzero(away <= reach)
+    return one[near], other[near], away[near]

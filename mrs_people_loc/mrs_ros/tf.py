@@ -1,0 +1,113 @@
+"""TF, where it is installed: frames are told with tf2_msgs, and asked for with tf2_ros."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import TransformStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
+
+from mrs_people_loc import messages
+from mrs_people_loc.errors import ConfigError, PoseError
+from mrs_people_loc.poses import Pose
+
+#: As tf2_ros' broadcasters have it.
+_TF_QOS = QoSProfile(depth=100)
+_STATIC_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def installed(package: str) -> bool:
+    """Whether one of TF's packages, `tf2_msgs` or `tf2_ros`, is installed."""
+    return importlib.util.find_spec(package) is not None
+
+
+def require(package: str, what: str) -> None:
+    """Checks that one of TF's packages is installed.
+
+    Args:
+        package: `tf2_msgs` or `tf2_ros`.
+        what: What needs it, and what else is allowed: "pose.source is tf; allowed here: odom".
+
+    Raises:
+        ConfigError: It is not.
+    """
+    if not installed(package):
+        subject, _, allowed = what.partition("; ")
+        raise ConfigError(
+            f"{subject}; needs {package}, which is not installed: sudo apt install "
+            f"ros-jazzy-{package.replace('_', '-')}; {allowed}"
+        )
+
+
+class FramePublisher:
+    """Tells frames on `/tf` and `/tf_static`.
+
+    Args:
+        offer: Makes a publisher of message type, topic and quality of service.
+    """
+
+    def __init__(self, offer: Callable[[Any, str, QoSProfile], Any]) -> None:
+        self._message: Any = importlib.import_module("tf2_msgs.msg").TFMessage
+        self._moving = offer(self._message, "/tf", _TF_QOS)
+        self._fixed = offer(self._message, "/tf_static", _STATIC_QOS)
+
+    def moving(self, *transforms: TransformStamped) -> None:
+        """Tells where frames are at their stamps."""
+        self._moving.publish(self._message(transforms=transforms))
+
+    def fixed(self, *transforms: TransformStamped) -> None:
+        """Tells where frames are from now on; all of them, for who comes late hears only this."""
+        self._fixed.publish(self._message(transforms=transforms))
+
+
+class FrameListener:
+    """Hears where frames are, until it is ended.
+
+    Args:
+        node: The node that hears.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._tf2_ros: Any = importlib.import_module("tf2_ros")
+        self._buffer = self._tf2_ros.Buffer(node=node)
+        # Its own way to forget when time jumps back fails in some releases; `clear` does that.
+        self._buffer.jump_handle.unregister()
+        self._listener = self._tf2_ros.TransformListener(self._buffer, node)
+
+    def destroy(self) -> None:
+        """Ends hearing."""
+        self._listener.unregister()
+        self._node.destroy_service(self._buffer.srv)
+
+    def clear(self) -> None:
+        """Forgets what was heard: the time was set back."""
+        self._buffer.clear()
+
+    def pose(self, parent: str, child: str, sigmas: tuple[float, ...] = ()) -> Pose:
+        """The newest pose of a frame in another one.
+
+        Args:
+            parent: The frame it is given in.
+            child: The frame that is asked for.
+            sigmas: Standard deviations that it gets: x, y [m] and yaw [rad]; empty: exact.
+
+        Returns:
+            The pose; with stamp 0 if it holds at any time.
+
+        Raises:
+            PoseError: TF does not say it, or it is no pose on the floor.
+        """
+        try:
+            found = self._buffer.lookup_transform(parent, child, Time())
+        except self._tf2_ros.TransformException as err:
+            raise PoseError(f"TF has no {parent} -> {child}: {err}") from err
+        try:
+            return messages.read_transform(found, sigmas)
+        except PoseError as err:
+            raise PoseError(f"TF {parent} -> {child}: {err}") from err

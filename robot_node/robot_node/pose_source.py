@@ -1,0 +1,213 @@
+"""Where the robot is: taken from where its parameters say, sent on `pose`, and told to TF."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from mrs_people_loc import messages
+from mrs_people_loc.camera import StereoCamera
+from mrs_people_loc.config import PoseInput, RobotConfig
+from mrs_people_loc.errors import PoseError
+from mrs_people_loc.poses import Pose, PoseIntake, static_pose
+from mrs_ros import convert, tf
+from mrs_ros.diagnostics import ERROR, OK, SILENCE_S, Finding
+from mrs_ros.managed_node import ManagedNode
+
+#: Poses come up to some hundred times a second and none should be lost while a frame is matched.
+POSE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: How often TF is asked for the pose [s].
+TF_PERIOD_S = 0.02
+#: How often a robot that stands says where, while it sends no scan [s].
+STANDING_PERIOD_S = 0.1
+#: It sends none after so long without [s].
+NO_SCAN_S = 1.0
+
+
+def check(config: PoseInput) -> None:
+    """Checks that the pose can come from where it should, and go where it should.
+
+    Raises:
+        ConfigError: Something for that is not given, or not installed.
+    """
+    if config.source == "static":
+        static_pose(config, 0)
+    if config.source == "tf":
+        tf.require("tf2_ros", "pose.source is tf; allowed here: odom, pose_in, static")
+    if config.publish_tf == "always":
+        tf.require("tf2_msgs", "pose.publish_tf is always; allowed here: auto, never")
+
+
+class PoseSource:
+    """The robot's pose, from odometry, from TF or from a parameter.
+
+    Args:
+        node: The robot's node.
+        base_frame: Its base_link.
+    """
+
+    def __init__(self, node: ManagedNode, base_frame: str) -> None:
+        self._node = node
+        self._base_frame = base_frame
+        self._config: RobotConfig = node.config
+        in_map = self._frame_in_map if tf.installed("tf2_ros") else None
+        self._intake = PoseIntake(self._config.pose, in_map)
+        self._listener: tf.FrameListener | None = None
+        self._timer: Any = None
+        self._standing: Pose | None = None  # as TF says
+        self._last: Pose | None = None
+        self._asked_ns = 0
+        self._heard_s = 0.0
+        self._scan_at_s = 0.0
+        self._error = ""
+        self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSE_QOS)
+        tells = self._config.pose.publish_tf != "never" and tf.installed("tf2_msgs")
+        self._frames_out = tf.FramePublisher(node.offer) if tells else None
+        self._odom_frame = ""
+        self._camera: StereoCamera | None = None
+
+    def start(self) -> None:
+        """Listens, or begins to say where the robot stands."""
+        source, steady = self._config.pose.source, Clock(clock_type=ClockType.STEADY_TIME)
+        if source == "static":
+            self._timer = self._node.create_timer(STANDING_PERIOD_S, self._stand, clock=steady)
+        elif source == "tf":
+            self._listener = tf.FrameListener(self._node)
+            self._timer = self._node.create_timer(TF_PERIOD_S, self._ask_tf, clock=steady)
+        else:
+            kind = Odometry if source == "odom" else PoseWithCovarianceStamped
+            self._node.listen(kind, source, self._on_pose, POSE_QOS)
+        self._tell_fixed_frames()
+
+    def stop(self) -> None:
+        """Ends that."""
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+        if self._listener is not None:
+            self._listener.destroy()
+            self._listener = None
+        self._standing, self._error = None, ""
+
+    def begin_anew(self) -> None:
+        """Forgets what came last: the time was set back."""
+        self._intake.begin_anew()
+        self._last, self._asked_ns = None, 0
+        if self._listener is not None:
+            self._listener.clear()
+
+    def changed(self, config: RobotConfig) -> None:
+        """Takes new parameters, which `check` let pass."""
+        self._config = config
+        self._intake.config = config.pose
+        if self._node.is_active:
+            self._tell_fixed_frames()
+
+    def camera_known(self, camera: StereoCamera | None) -> None:
+        """Takes the head, whose frames are told to TF."""
+        if camera is not self._camera:
+            self._camera = camera
+            self._tell_fixed_frames()
+
+    def before_scan(self, stamp_ns: int) -> None:
+        """Sends the pose of a robot that stands, for the scan that follows."""
+        standing = self._standing_at(stamp_ns)
+        if standing is not None:
+            self._scan_at_s = time.perf_counter()
+            self._send(standing)
+
+    def finding(self) -> Finding:
+        """How it is, for `/diagnostics`."""
+        if self._error:
+            return Finding("pose", ERROR, self._error)
+        pose = self._last
+        if pose is None:
+            return Finding("pose", ERROR, f"no usable pose on {self._config.pose.source} yet")
+        values = {"x": f"{pose.x:.3f}", "y": f"{pose.y:.3f}", "yaw": f"{pose.yaw:.3f}"}
+        return Finding("pose", OK, "ok", values)
+
+    def _on_pose(self, message: Any) -> None:
+        frame_id = message.header.frame_id
+        pose = self._intake(messages.read_pose(message, self._base_frame), frame_id)
+        if pose is not None:
+            self._send(pose, frame_id.lstrip("/"))
+
+    def _ask_tf(self) -> None:
+        config = self._config.pose
+        assert self._listener is not None
+        try:
+            pose = self._listener.pose(config.map_frame, self._base_frame, config.sigmas)
+            self._standing = None
+            if pose.stamp_ns == 0:
+                self._standing = pose
+                self._stand()
+                self._heard_s = time.monotonic()
+            elif pose.stamp_ns != self._asked_ns:
+                self._asked_ns, self._heard_s = pose.stamp_ns, time.monotonic()
+                taken = self._intake(pose, config.map_frame)
+                if taken is not None:
+                    self._send(taken)
+            silent_s = time.monotonic() - self._heard_s
+            self._error = ""
+            if silent_s > SILENCE_S:
+                where = f"{config.map_frame} -> {self._base_frame}"
+                self._error = f"TF has nothing new of {where} for {silent_s:.0f} s"
+        except PoseError as err:
+            self._standing, self._error = None, str(err)
+
+    def _frame_in_map(self, frame_id: str) -> Pose:
+        """Where TF has the odometry's frame in the map; from the first time on it is heard."""
+        if self._listener is None:
+            self._listener = tf.FrameListener(self._node)
+        return self._listener.pose(self._config.pose.map_frame, frame_id)
+
+    def _standing_at(self, stamp_ns: int) -> Pose | None:
+        """The pose of a robot that stands, at any time; None: it does not."""
+        if self._config.pose.source == "static":
+            return static_pose(self._config.pose, stamp_ns)
+        return self._standing and dataclasses.replace(self._standing, stamp_ns=stamp_ns)
+
+    def _stand(self) -> None:
+        """Says where a robot that stands is, where no scan does: others may have it in view."""
+        now_ns = self._node.get_clock().now().nanoseconds
+        if time.perf_counter() - self._scan_at_s < NO_SCAN_S or now_ns == 0:
+            return
+        last, pose = self._last, self._standing_at(now_ns)
+        if last is None or abs(now_ns - last.stamp_ns) > 0.9e9 * STANDING_PERIOD_S:
+            assert pose is not None
+            self._send(pose)
+
+    def _send(self, pose: Pose, came_in: str = "") -> None:
+        """Publishes a pose that came in some frame."""
+        config = self._config.pose
+        self._last = pose
+        self._pose.publish(convert.pose_stamped(pose, config.map_frame))
+        if self._frames_out is None or config.source == "tf":
+            return
+        known = config.source == "static" or (config.source, came_in) == ("odom", config.map_frame)
+        if known or config.publish_tf == "always":
+            self._frames_out.moving(
+                convert.transform(pose.stamp_ns, config.map_frame, pose, self._base_frame)
+            )
+        elif came_in not in (self._odom_frame, config.map_frame):
+            self._odom_frame = came_in
+            self._tell_fixed_frames()
+
+    def _tell_fixed_frames(self) -> None:
+        """Where the cameras are on the robot, and where its odometry begins on the map."""
+        if self._frames_out is None:
+            return
+        config, now_ns = self._config, self._node.get_clock().now().nanoseconds
+        made = convert.camera_transforms(now_ns, self._base_frame, config.mounting, self._camera)
+        if self._odom_frame and config.pose.map_from_odom:
+            x, y, yaw = config.pose.map_from_odom
+            begins = Pose(now_ns, x, y, yaw)
+            made.append(convert.transform(now_ns, config.pose.map_frame, begins, self._odom_frame))
+        self._frames_out.fixed(*made)

@@ -1,0 +1,86 @@
+"""Three robots and a planner on four hosts that get no multicast from each other."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from mrs_tools.bags import BagReader
+from mrs_tools.network import discovery_environment
+from network.team import PLANNER, PLAYED, REAL, ROBOTS, TeamOnHosts, team_on_hosts
+
+pytestmark = pytest.mark.timeout(300)  # 20 s each where nothing else runs
+Show = Callable[[str], None]
+FAR, NEAR = PLAYED
+
+
+@pytest.fixture
+def team(tmp_path: Path) -> Iterator[TeamOnHosts]:
+    with team_on_hosts(tmp_path) as made:
+        made.hosts.no_multicast()
+        yield made
+
+
+def test_discovery_server(team: TeamOnHosts, show: Show, tmp_path: Path) -> None:
+    """It is on the planner's host; the planner is not told which robots there are."""
+    env = discovery_environment(server=team.hosts.addresses[PLANNER])
+    team.env = dict.fromkeys([*ROBOTS, PLANNER], env)
+
+    def serve() -> subprocess.Popen[bytes]:
+        return team.start(PLANNER, sys.executable, "-m", "mrs_tools", "discovery-server")
+
+    server = serve()
+    team.start_all(known=False)
+
+    # Tools see all topics of the team, on any host.
+    bag = tmp_path / "all.mcap"
+    record = [sys.executable, "-m", "mrs_tools", "record", str(bag), "--duration", "1.5"]
+    team.start(FAR, *record, "/*/points", "/people", "/diagnostics").wait(60)
+    with BagReader(bag) as reader:
+        assert set(reader.topics) >= {"/people", *(f"/{robot}/points" for robot in ROBOTS)}
+
+    # Without the server those who know each other go on. The next one knows nobody, and learns.
+    server.terminate()
+    assert server.wait(20) == 0
+    moment = time.monotonic()
+    team.first(moment + 1.0, lambda m: m.seers == set(ROBOTS), "the team does not go on")
+    server = serve()
+    team.full_rate()
+    team.nodes[NEAR].kill()
+    team.nodes[NEAR].wait()
+    moment = time.monotonic()
+    team.first(moment, lambda m: NEAR not in m.robots, "a killed robot goes on")
+    moment = time.monotonic()
+    team.play(NEAR)
+    took = team.back(NEAR, moment)
+    show(f"discovery server started again: a robot is there {took:.2f} s after its start")
+    team.full_rate()
+
+
+def test_peers(team: TeamOnHosts, show: Show) -> None:
+    """Each robot is told of the planner; nobody has to be told of the robots."""
+    env = discovery_environment(peers=team.hosts.addresses[PLANNER])
+    team.env = {REAL: env, NEAR: env}  # not FAR, which therefore finds nobody
+    team.listen()
+    team.start_planner(known=False)
+    for robot in PLAYED:
+        team.play(robot)
+    team.start_robot()
+    team.start_camera()
+    moment = time.monotonic()
+    seen = {REAL, NEAR}
+    team.first(moment, lambda m: m.seers == seen, "the robots do not find the planner")
+
+    team.hosts.link(NEAR, up=False)
+    team.first(time.monotonic(), lambda m: m.seers == {REAL}, "the other does not go on")
+    time.sleep(11.0)  # the lease: they forget each other
+    moment = time.monotonic()
+    team.hosts.link(NEAR, up=True)
+    took = team.back(NEAR, moment)
+    show(f"peers, link down for 11 s: people are back {took:.2f} s after link up")
+    assert not any(FAR in message.robots for message in team.heard)

@@ -1,0 +1,271 @@
+"""Robots and planners that are killed, start again, join and leave; nobody restarts the others."""
+
+from __future__ import annotations
+
+import copy
+import math
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from mrs_people_msgs.msg import People
+
+from ros.harness import ERROR, ROOT, STALE, WARN, NodeProcess, Peer, Team, holds
+from ros.planner_peer import PlannerPeer, PlayedRobot, places, pose_of, robots_in
+from ros.recording import Recording, set_stamp, stamp_of
+
+ROBOTS = ("robot_a", "robot_b", "robot_c")
+#: What a robot or a planner that is back on the network may take until people are, too [s]; in one
+#: of some tries, as the machine may be busy with other things.
+BACK_S, TRIES = 2.0, 3
+SECOND = 1_000_000_000
+
+
+@dataclass
+class Life:
+    """Three robot_nodes and a planner_node that are fed and heard all the time."""
+
+    peer: Peer
+    team: Team
+    recording: Recording
+    planner: NodeProcess
+    people: list[People]
+    robots: dict[str, NodeProcess] = field(default_factory=dict)
+    frame: int = 0
+    due_s: float = 0.0
+
+    def start(self, robot: str) -> None:
+        """Starts a robot_node."""
+        files = [ROOT / "config" / "team.yaml"]
+        self.robots[robot] = self.team.start("robot_node", namespace=f"/{robot}", files=files)
+
+    def feed(self) -> None:
+        """Sends the next frame of what every robot sees, stamped now, five times a second."""
+        self.peer.spin(max(0.0, self.due_s - time.monotonic()))
+        self.due_s = time.monotonic() + 0.2
+        self.frame += 1
+        now_ns = time.time_ns()
+        for robot in ROBOTS:
+            odometry = self.recording.odometry[robot][0]
+            set_stamp(odometry, now_ns)
+            self.peer.publisher(type(odometry), f"/{robot}/odom").publish(odometry)
+            views = self.recording.views[robot]
+            for camera, (image, info) in views[self.frame % len(views)].items():
+                for message, topic in ((info, "camera_info"), (image, "image_rect")):
+                    set_stamp(message, now_ns)
+                    name = f"/{robot}/{camera}/{topic}"
+                    self.peer.publisher(type(message), name).publish(message)
+
+    def until(self, condition: Callable[[], Any], what: str) -> float:
+        """Feeds until a condition holds; how long that took [s]."""
+        began = time.monotonic()
+        while not condition():
+            assert time.monotonic() - began < 60.0, f"{what}: {self.seen()}\n{self.planner.log}"
+            self.feed()
+        return time.monotonic() - began
+
+    def until_seen_by(self, *robots: str) -> float:
+        """Feeds until an interval from now on is of these robots."""
+        now_ns = time.time_ns()
+
+        def seen() -> bool:
+            last = self.people[-1] if self.people else None
+            return last is not None and stamp_of(last) >= now_ns and robots_in(last) == [*robots]
+
+        return self.until(seen, f"an interval of {robots}")
+
+    def seen(self) -> list[list[str]]:
+        """Robots of the last intervals."""
+        return [robots_in(message) for message in self.people[-5:]]
+
+    def is_there(self, name: str) -> bool:
+        """Whether a node is on the network."""
+        return name in {ns.rstrip("/") + "/" + node for node, ns in self._nodes()}
+
+    def _nodes(self) -> list[tuple[str, str]]:
+        return list(self.peer.node.get_node_names_and_namespaces())
+
+
+@pytest.fixture(scope="module")
+def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
+    """Only the planner runs at first, and looks for robots."""
+    peer = Peer(domain)
+    planner = team.start("planner_node")
+    peer.until_active(planner.name)
+    own = copy.deepcopy(recording)  # its stamps are changed
+    yield Life(peer, team, own, planner, peer.hear(People, "/people"))
+    peer.close()
+
+
+def kill(process: NodeProcess) -> None:
+    process.process.send_signal(signal.SIGKILL)
+    assert process.exit_code() == -signal.SIGKILL
+
+
+def test_without_a_robot_the_planner_waits(life: Life) -> None:
+    finding = life.peer.until_finding("/planner_node", "intervals", lambda f: f.level == STALE)
+    assert finding.message.startswith("no robot yet")
+    assert life.people == []
+
+
+def test_robots_join_one_after_the_other(life: Life) -> None:
+    for number, robot in enumerate(ROBOTS):
+        life.start(robot)
+        life.until_seen_by(*ROBOTS[: number + 1])
+    life.until(lambda: len(life.people[-1].persons) == 5, "all five people")
+
+
+@pytest.mark.timeout(300)
+def test_a_killed_robot_is_done_without_and_comes_back(life: Life) -> None:
+    before = life.people[-1]
+    kill(life.robots["robot_b"])
+    life.until_seen_by("robot_a", "robot_c")
+    kept = np.array(places(life.people[-1])).reshape(-1, 2)
+    for person in before.persons:
+        if set(person.robots) - {"robot_b"}:  # somebody else saw them
+            position = person.pose.pose.position
+            assert np.hypot(*(kept - (position.x, position.y)).T).min() < 0.5
+    text = [r"no data on /robot_b/points for \d+ s; publishers: \d"]
+    life.until(
+        lambda: holds(_message(life, "robot_b/points"), text), "the diagnostics name the robot"
+    )
+    for _ in range(TRIES):
+        life.start("robot_b")
+        life.until(lambda: life.is_there("/robot_b/robot_node"), "the node is back")
+        took_s = life.until_seen_by(*ROBOTS)
+        print(f"\nrobot_node killed and started: its people {took_s:.2f} s after it was back")
+        if took_s < BACK_S:
+            return
+        kill(life.robots["robot_b"])
+        life.until(lambda: not life.is_there("/robot_b/robot_node"), "the robot is gone")
+    raise AssertionError(f"not once within {BACK_S} s")
+
+
+def _message(life: Life, name: str) -> str:
+    finding = life.peer.findings("/planner_node").get(name)
+    return finding.message if finding and finding.level == ERROR else ""
+
+
+@pytest.mark.timeout(300)
+def test_a_killed_planner_picks_up(life: Life) -> None:
+    for _ in range(TRIES):
+        kill(life.planner)
+        life.until(lambda: not life.is_there("/planner_node"), "the planner is gone")
+        life.planner = life.team.start("planner_node")
+        life.until(lambda: life.is_there("/planner_node"), "the planner is back")
+        took_s = life.until_seen_by(*ROBOTS)
+        print(f"\nplanner_node killed and started: people {took_s:.2f} s after it was back")
+        if took_s < BACK_S:
+            break
+    else:
+        raise AssertionError(f"not once within {BACK_S} s")
+    life.until(lambda: len(life.people[-1].persons) == 5, "all five people")
+
+
+def test_a_robot_that_leaves_is_let_go(life: Life) -> None:
+    assert life.robots["robot_c"].stop() < 10.0
+    life.until_seen_by("robot_a", "robot_b")
+    assert life.planner.alive
+
+
+# --- clocks, and many robots: these are played ----------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def planner(team: Team, peer: Peer) -> PlannerPeer:
+    made = PlannerPeer(peer, team.start("planner_node", namespace="/played"), "/played/")
+    peer.until_active(made.node)
+    return made
+
+
+@pytest.fixture(scope="module")
+def eight(planner: PlannerPeer) -> list[PlayedRobot]:
+    """Eight robots in a circle around somebody."""
+    angles = [number * math.pi / 4 for number in range(8)]
+    robots = [
+        PlayedRobot(
+            planner.peer,
+            f"played/robot_{number}",
+            (2 + 3 * math.cos(a), 1 + 3 * math.sin(a), a + math.pi),
+        )
+        for number, a in enumerate(angles)
+    ]
+    for robot in robots:
+        robot.announce()
+    return robots
+
+
+def play(
+    planner: PlannerPeer,
+    robots: list[PlayedRobot],
+    ahead_s: dict[int, float] | None = None,
+    people: tuple[tuple[float, float], ...] = ((2.0, 1.0),),
+    moved: dict[int, float] | None = None,
+) -> list[str]:
+    """Sends what each robot sees now; who the last interval is of.
+
+    By robot, what its clock is ahead by, and how far in x it is from where it says.
+    """
+    for number, robot in enumerate(robots):
+        stamp_ns = time.time_ns() + round((ahead_s or {}).get(number, 0.0) * SECOND)
+        x, y, yaw = robot.place
+        pose = pose_of(stamp_ns, x + (moved or {}).get(number, 0.0), y, yaw)
+        robot.peer.publisher(type(pose), f"/{robot.name}/pose").publish(pose)
+        scan = robot.scan(stamp_ns, *people)
+        robot.peer.publisher(type(scan), f"/{robot.name}/points").publish(scan)
+    planner.peer.spin(0.1)
+    return robots_in(planner.people[-1]) if planner.people else []
+
+
+def test_eight_robots(planner: PlannerPeer, eight: list[PlayedRobot]) -> None:
+    names = [f"robot_{number}" for number in range(8)]
+    planner.peer.until(lambda: play(planner, eight) == names, lambda: planner.process.log)
+    (person,) = planner.people[-1].persons
+    assert list(person.robots) == names
+    assert places(planner.people[-1]) == [(2.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "wanted"),
+    [
+        (3.0, r"its clock is [23]\.\d+ s ahead of the others': its scans are left out"),
+        (-3.0, r"its clock is [23]\.\d+ s behind the others': its scans are left out"),
+        (0.5, r"its clock is 0\.[345]\d+ s ahead of the others': its scans are left out"),
+    ],
+)
+def test_a_robot_whose_clock_is_off_is_named_and_left_out(
+    planner: PlannerPeer, eight: list[PlayedRobot], ahead_s: float, wanted: str
+) -> None:
+    names = [f"robot_{number}" for number in range(8)]
+    others = [*names[:3], *names[4:]]
+    off = {3: ahead_s}
+    planner.peer.until(lambda: play(planner, eight, off) == others, lambda: planner.process.log)
+
+    def named() -> bool:
+        play(planner, eight, off)
+        finding = planner.peer.findings(planner.node).get("robot robot_3")
+        return finding is not None and finding.level == ERROR and holds(finding.message, [wanted])
+
+    planner.peer.until(named, lambda: planner.peer.findings(planner.node).get("robot robot_3"))
+    assert planner.peer.findings(planner.node)["robot robot_3"].count("dropped.clock_offset") > 0
+    # The others are not harmed, and it is back as soon as its clock is right.
+    assert places(planner.people[-1]) == [(2.0, 1.0)]
+    planner.peer.until(lambda: play(planner, eight) == names, lambda: planner.process.log)
+
+
+def test_a_robot_whose_pose_is_off_is_named(planner: PlannerPeer, eight: list[PlayedRobot]) -> None:
+    people = ((2.0, 1.0), (2.9, 1.4), (1.2, 0.1))
+
+    def named() -> bool:
+        play(planner, eight, people=people, moved={5: 0.6})
+        finding = planner.peer.findings(planner.node).get("robot robot_5")
+        return finding is not None and finding.level == WARN and "moved by" in finding.message
+
+    planner.peer.until(named, lambda: planner.peer.findings(planner.node).get("robot robot_5"))
+    findings = planner.peer.findings(planner.node)
+    assert holds(findings["robot robot_5"].message, [r"moved by \(-0\.[56]\d, -?0\.0\d\) m in map"])
+    assert not [n for n in range(8) if n != 5 and "moved" in findings[f"robot robot_{n}"].message]

@@ -1,0 +1,38 @@
+"""What waits for messages, with and without the executor that rclpy calls experimental."""
+
+import sys
+
+import pytest
+import rclpy
+from std_msgs.msg import String
+
+from mrs_ros.managed_node import _executor
+
+
+@pytest.mark.parametrize("has_events", [True, False])
+def test_messages_come_and_errors_go_through(monkeypatch, domain, has_events):
+    if not has_events:
+        monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
+    rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    try:
+        node = rclpy.create_node("waits")
+        publisher = node.create_publisher(String, "words", 10)
+
+        def take(message: String) -> None:
+            raise ValueError(message.data)
+
+        node.create_subscription(String, "words", take, 10)
+        node.create_timer(0.05, lambda: publisher.publish(String(data="heard")))
+        executor = _executor()
+        assert (type(executor).__name__ == "EventsExecutor") == has_events
+        executor.add_node(node)
+
+        def spin() -> None:
+            while True:
+                executor.spin_once(timeout_sec=1.0)
+
+        with pytest.raises(ValueError, match="heard"):
+            spin()
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()

@@ -1,0 +1,134 @@
+"""What robot_node says of its head: it sits elsewhere than configured, or it is blind."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from ros.harness import OK, WARN, Peer, Team
+from ros.recording import PARAMS, Recording, stamp_of
+from ros.robot_peer import MutableView, RobotPeer
+
+SECOND = 1_000_000_000
+TILTED = 0.0524  # 3 degrees
+
+
+@pytest.fixture(scope="module", params=["default", "paper"])
+def robot(
+    request: pytest.FixtureRequest, team: Team, peer: Peer, recording: Recording
+) -> RobotPeer:
+    """A robot whose head is level, with either method."""
+    name = f"robot_{request.param}"
+    params = {**PARAMS, "bodies.search": "false"} if request.param == "paper" else PARAMS
+    made = RobotPeer(
+        peer, team.start("robot_node", namespace=f"/{name}", params=params), recording, name
+    )
+    made.warm_up()
+    return made
+
+
+class Views:
+    """Sends views whose stamps are as far apart as is asked for, one answered after the other."""
+
+    def __init__(self, robot: RobotPeer) -> None:
+        self.robot = robot
+        self.stamp_ns = robot.now()
+
+    def send(self, count: int, *, apart_s: float = 2.0, black: str = "") -> None:
+        for number in range(count):
+            self.stamp_ns += round(apart_s * SECOND)
+            view: MutableView = self.robot.view(self.stamp_ns, of="robot_a", frame=number % 15)
+            if black:
+                image = view[black][0]
+                image.data = np.full(len(image.data), 2, dtype=np.uint8).tobytes()
+            self.robot.send(view)
+            self.robot.points_at(stamp_of(view["left"][0]))
+        # Whatever comes next is later, also for the robot.
+        self.robot._last_ns = self.stamp_ns
+
+
+@pytest.fixture(scope="module")
+def views(robot: RobotPeer) -> Views:
+    return Views(robot)
+
+
+def test_a_head_that_sits_right_and_sees(robot: RobotPeer, views: Views) -> None:
+    views.send(6)
+    mounting = robot.until_finding("mounting", lambda f: "by_the_floor" in f.values)
+    assert (mounting.level, mounting.message) == (OK, "ok")
+    height = re.match(r"height ([\d.]+) m", mounting.values["by_the_floor"])
+    assert height is not None
+    assert float(height[1]) == pytest.approx(1.0, abs=0.05)
+    head = robot.until_finding("head", lambda f: f.level == OK)
+    assert float(head.values["valid_pixels"]) > 0.5
+    assert float(head.values["right_mean"]) > 50
+
+
+def test_a_mounting_that_is_three_degrees_off(robot: RobotPeer, views: Views) -> None:
+    """The head stays; it is the configuration that moves."""
+    robot.peer.must_set(robot.node, mounting__pitch=TILTED)
+    views.send(6)
+    finding = robot.until_finding("mounting", lambda f: f.level == WARN)
+    assert finding.message.startswith("the head has moved: by the floor height 1.0")
+    assert "configured: height 1.00 m, pitch 3.0 deg, roll 0.0 deg" in finding.message
+    assert f"mrs calibrate --robot {robot.namespace}" in finding.message
+    robot.peer.must_set(robot.node, mounting__pitch=0.0)
+    views.send(6)
+    robot.until_finding("mounting", lambda f: (f.level, f.message) == (OK, "ok"))
+
+
+def test_the_watch_can_be_switched_off(robot: RobotPeer, views: Views) -> None:
+    robot.peer.must_set(robot.node, mounting__pitch=TILTED, floor__watch=False)
+    views.send(6)
+    finding = robot.until_finding("mounting", lambda f: "not watched" in f.message)
+    assert finding.level == OK
+    robot.peer.must_set(robot.node, mounting__pitch=0.0, floor__watch=True)
+
+
+@pytest.mark.parametrize("camera", ["right", "left"])
+def test_a_covered_lens_is_named(robot: RobotPeer, views: Views, camera: str) -> None:
+    views.send(6, apart_s=0.1)
+    robot.until_finding("head", lambda f: f.level == OK)
+    views.send(6, apart_s=0.1, black=camera)
+    finding = robot.until_finding("head", lambda f: f.level == WARN)
+    assert f"{camera} image is black (mean 2 of 255)" in finding.message
+    assert "lens" in finding.message
+    views.send(6, apart_s=0.1)
+    robot.until_finding("head", lambda f: (f.level, f.message) == (OK, "ok"))
+
+
+def test_calibrate_measures_a_head_that_is_running(
+    robot: RobotPeer, peer: Peer, tmp_path: Path
+) -> None:
+    """The command as a process of its own, on the images that the robot gets."""
+    command = [sys.executable, "-m", "mrs_tools", "calibrate", "-r", robot.namespace, "-d", "6"]
+    out, err = tmp_path / "out", tmp_path / "err"
+    with out.open("wb") as to_out, err.open("wb") as to_err:
+        process = subprocess.Popen(command, stdout=to_out, stderr=to_err, env={**os.environ})
+        frame = 0
+
+        def ended() -> bool:
+            nonlocal frame
+            frame += 1
+            robot.send(robot.view(of="robot_a", frame=frame % 15))
+            peer.spin(0.1)
+            return process.poll() is not None
+
+        try:
+            peer.until(ended, "mrs calibrate ends", 120.0)
+        finally:
+            process.kill()
+            process.wait()
+    assert process.returncode == 0, err.read_text()
+    section = yaml.safe_load(out.read_text())[f"/{robot.namespace}/robot_node"]
+    mounting = section["ros__parameters"]["mounting"]
+    assert mounting["height"] == pytest.approx(1.0, abs=0.03)
+    assert mounting["pitch"] == pytest.approx(0.0, abs=0.012)
+    assert mounting["roll"] == pytest.approx(0.0, abs=0.012)

@@ -1,0 +1,254 @@
+"""DDS Security: nodes that cannot have it do not start, and the policy allows what they do."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import pytest
+from rclpy.node import NodeNameNonExistentError
+
+from mrs_people_loc.errors import ConfigError
+from mrs_ros import security
+from ros.harness import DEADLINE_S, ROOT, Peer, Team
+from ros.tf2 import tf2
+
+ROBOTS = ("robot_a", "robot_b", "robot_c")
+POLICY = ROOT / "config" / "sros2" / "policy.xml"
+XINCLUDE = "{http://www.w3.org/2001/XInclude}include"
+#: In this Fast DDS there is none of DDS Security.
+NO_PLUGIN = r"cannot be had: the Fast DDS of this installation is built without its security plugin"
+NO_KEYS = (
+    r"cannot be had: no keys for this node \(ROS_SECURITY_KEYSTORE is '[^']*', and its enclave"
+)
+
+
+# --- refusing -------------------------------------------------------------------------------------
+
+
+def has_plugin() -> bool:
+    """Whether Fast DDS here has DDS Security, as Ubuntu's has."""
+    libraries = [folder / "lib" for folder in (Path(sys.prefix), Path("/opt/ros/jazzy"))]
+    fast_dds = next((f for lib in libraries for f in lib.glob("libfastrtps.so")), None)
+    return fast_dds is not None and b"DDS:Auth:PKI-DH" in fast_dds.read_bytes()
+
+
+@pytest.mark.parametrize("executable", ["robot_node", "planner_node"])
+@pytest.mark.parametrize(
+    ("variables", "keystore", "said"),
+    [
+        ({"ENABLE": "true", "STRATEGY": "Enforce"}, None, NO_KEYS),
+        ({"ENABLE": "true", "STRATEGY": "Enforce"}, "absent", NO_KEYS),
+        ({"ENABLE": "true", "STRATEGY": "Enforce"}, "made", NO_PLUGIN),
+        ({"ENABLE": "true", "STRATEGY": "Permissive"}, "made", NO_PLUGIN),
+        ({"ENABLE": "true"}, "made", NO_PLUGIN),
+        ({"ENABLE": "True"}, None, "ROS_SECURITY_ENABLE is 'True'; allowed: true or false"),
+        (
+            {"ENABLE": "true", "STRATEGY": "ENFORCE"},
+            None,
+            "ROS_SECURITY_STRATEGY is 'ENFORCE'; allowed: Enforce or Permissive",
+        ),
+        ({"STRATEGY": "Enforce"}, None, "ROS_SECURITY_ENABLE is not set, so nothing would be"),
+    ],
+)
+def test_refuses_to_start_without_the_security_it_is_asked_for(
+    executable: str, variables: dict[str, str], keystore: str | None, said: str,
+    domain: int, tmp_path: Path,
+) -> None:  # fmt: skip
+    if said == NO_PLUGIN and has_plugin():
+        pytest.skip("Fast DDS has its security plugin here")
+    env = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    env |= {f"ROS_SECURITY_{name}": value for name, value in variables.items()}
+    if keystore:
+        env["ROS_SECURITY_KEYSTORE"] = str(tmp_path / keystore)
+        (tmp_path / "made" / "enclaves").mkdir(parents=True)
+    ended = subprocess.run(
+        [sys.executable, "-m", executable, "--ros-args", "-r", "__ns:=/robot_a"],
+        env=env, capture_output=True, text=True, timeout=DEADLINE_S, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 2, ended.stderr
+    assert re.search(said, ended.stderr), ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_says_when_it_may_be_unprotected(
+    team: Team, peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`Permissive` is ROS's word for this: where there are no keys it goes without."""
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    process = team.start("robot_node", namespace="/unsure")
+    peer.until(lambda: security.UNSURE in process.log, lambda: process.log)
+    peer.until_active("/unsure/robot_node")
+    process.stop()
+
+
+@pytest.mark.parametrize(
+    ("enable", "strategy", "wanted"),
+    [
+        (None, None, ""),
+        ("", "", ""),
+        ("false", "Enforce", ""),
+        ("false", None, ""),
+        ("true", None, "Permissive"),
+        ("true", "Permissive", "Permissive"),
+        ("true", "Enforce", "Enforce"),
+    ],
+)
+def test_what_is_asked_for(enable: str | None, strategy: str | None, wanted: str) -> None:
+    pairs = {security.ENABLE: enable, security.STRATEGY: strategy}
+    assert security.asked({k: v for k, v in pairs.items() if v is not None}) == wanted
+
+
+@pytest.mark.parametrize("enable", ["TRUE", "1", "yes", " true", "False"])
+def test_what_rcl_would_take_for_no_is_refused(enable: str) -> None:
+    with pytest.raises(ConfigError, match="allowed: true or false"):
+        security.asked({security.ENABLE: enable})
+
+
+# --- the policy -----------------------------------------------------------------------------------
+
+
+def allowed(enclave: str, node: str) -> dict[str, set[str]]:
+    """Full names that a node may publish, subscribe, reply to and request, as sros2 reads it."""
+    (profile,) = ET.parse(POLICY).findall(
+        f"enclaves/enclave[@path='{enclave}']/profiles/profile[@node='{node}']"
+    )
+    sections = []
+    for child in profile:
+        if child.tag == XINCLUDE:
+            assert child.get("xpointer") == "xpointer(/profile/*)"
+            sections += list(ET.parse(POLICY.parent / child.attrib["href"]).getroot())
+        else:
+            sections.append(child)
+    namespace = profile.attrib["ns"].rstrip("/")
+    found: dict[str, set[str]] = {kind: set() for kind in KINDS}
+    for section in sections:
+        assert len(section.attrib) == 1
+        (kind, rule), *_ = section.attrib.items()
+        assert rule == "ALLOW"
+        for entry in section:
+            name = (entry.text or "").replace("~", f"{namespace}/{node}", 1)
+            found[kind].add(name if name.startswith("/") else f"{namespace}/{name}")
+    return found
+
+
+#: Of the policy: how the graph is asked for it.
+KINDS = {
+    "publish": "get_publisher_names_and_types_by_node",
+    "subscribe": "get_subscriber_names_and_types_by_node",
+    "reply": "get_service_names_and_types_by_node",
+    "request": "get_client_names_and_types_by_node",
+}
+#: What `mrs doctor` asks at its end, for a moment only: the graph may not show it.
+BRIEFLY = {"/planner_node/get_parameters", "/*/robot_node/get_parameters"}
+NOTHING: dict[str, set[str]] = {kind: set() for kind in KINDS}
+
+
+def used(peer: Peer, name: str, namespace: str) -> dict[str, set[str]]:
+    """What a node really publishes, subscribes, serves and asks; nothing while it is unknown."""
+    try:
+        return {
+            kind: {topic for topic, _ in getattr(peer.node, method)(name, namespace)}
+            for kind, method in KINDS.items()
+        }
+    except NodeNameNonExistentError:  # its services are known before its name is
+        return NOTHING
+
+
+def difference(policy: dict[str, set[str]], real: dict[str, set[str]]) -> dict[str, set[str]]:
+    """What is used and not allowed (`!`), and what is allowed and not used (`?`)."""
+    found = {}
+    for kind in KINDS:
+        matches = {(p, r) for p in policy[kind] for r in real[kind] if fnmatchcase(r, p)}
+        found[f"! {kind}"] = real[kind] - {r for _, r in matches}
+        found[f"? {kind}"] = policy[kind] - {p for p, _ in matches}
+    return {kind: names for kind, names in found.items() if names}
+
+
+@pytest.fixture(scope="module")
+def running(peer: Peer, team: Team, tmp_path_factory: pytest.TempPathFactory) -> Peer:
+    """Nodes that, together, do all that configuration can make them do."""
+    top = {"images.top": "true"}
+    raw = {**top, "images.rectified": "false", "pose.source": "pose_in", "use_sim_time": "true"}
+    with tf2(tmp_path_factory.mktemp("tf2")):
+        team.start("robot_node", namespace="/robot_a", params=top)
+        team.start("robot_node", namespace="/robot_b", params=raw)
+        team.start("robot_node", namespace="/robot_c", params={"pose.source": "tf"})
+    planner = {"robots": "['robot_a']", "masking.occupancy_grid": "true", "use_sim_time": "true"}
+    team.start("planner_node", params=planner)
+    peer.until_active(*(f"/{robot}/robot_node" for robot in ROBOTS), "/planner_node")
+    return peer
+
+
+def as_robot_a(names: dict[str, set[str]], robot: str) -> dict[str, set[str]]:
+    """The same of another robot, said of robot_a."""
+    return {k: {n.replace(f"/{robot}/", "/robot_a/", 1) for n in v} for k, v in names.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_policy_of_a_robot_is_what_it_does(running: Peer) -> None:
+    def off() -> dict[str, set[str]]:
+        each = [as_robot_a(used(running, "robot_node", f"/{r}"), r) for r in ROBOTS]
+        real = {kind: set().union(*(one[kind] for one in each)) for kind in KINDS}
+        return difference(allowed("/robot_a", "robot_node"), real)
+
+    running.until(lambda: not off(), lambda: off())
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_policy_of_the_planner_is_what_it_does(running: Peer) -> None:
+    def off() -> dict[str, set[str]]:
+        return difference(allowed("/planner", "planner_node"), used(running, "planner_node", "/"))
+
+    running.until(lambda: not off(), lambda: off())
+
+
+def test_all_robots_may_do_the_same() -> None:
+    for robot in ROBOTS:
+        same = as_robot_a(allowed(f"/{robot}", "robot_node"), robot)
+        assert same == allowed("/robot_a", "robot_node")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("node", "command"),
+    [
+        ("mrs_people", ("people", "--sim-time")),
+        ("mrs_record", ("record", "OUT", "/people")),
+        ("mrs_doctor", ("doctor", "--duration", "600")),
+    ],
+)
+def test_policy_of_the_tools_is_what_they_do(
+    running: Peer, domain: int, tmp_path: Path, node: str, command: tuple[str, ...]
+) -> None:
+    arguments = [str(tmp_path / "out.mcap") if a == "OUT" else a for a in command]
+    with subprocess.Popen(
+        [sys.executable, "-m", "mrs_tools", *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    ) as process:  # fmt: skip
+
+        def off() -> dict[str, set[str]]:
+            names = [n for n in running.node.get_node_names() if n.startswith(node)]
+            real = used(running, names[0], "/") if names else NOTHING
+            policy = allowed("/tools", node)
+            return difference(policy | {"request": policy["request"] - BRIEFLY}, real)
+
+        try:
+            running.until(lambda: not off(), lambda: off())
+        finally:
+            process.terminate()
+
+
+def test_a_difference_is_seen() -> None:
+    policy = NOTHING | {"publish": {"/a", "/b/*"}}
+    real = NOTHING | {"publish": {"/a", "/c"}}
+    assert difference(policy, real) == {"! publish": {"/c"}, "? publish": {"/b/*"}}

@@ -1,0 +1,144 @@
+"""A full team at work for minutes: nothing grows, nothing is lost.
+
+The short forms run with the other tests, and hold what half a minute can show: no image and no
+message is kept. `make soak` runs the long ones.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rclpy.serialization import serialize_message
+
+from mrs_people_loc.config import load_team
+from mrs_ros import convert
+from mrs_tools.bench_live import Recorded, read_recorded
+from mrs_tools.offline import BagRun
+from mrs_tools.team import team_processes
+from ros.harness import ROOT
+from soak.team import Load, run
+
+DEFAULT = ROOT / "config" / "default.yaml"
+PAPER = ROOT / "config" / "paper.yaml"
+#: Memory may settle by this [kB]; one image of 160 x 120 kept of each frame is 280 kB a second.
+SETTLES_KB = 4096
+#: A median of latency may wander by this factor, and by this [ms].
+WANDERS, WANDERS_MS = 1.5, 20.0
+#: What a machine that is busy with something else for a moment may lose, of a short run and a long.
+SHORT_LOSES, LONG_LOSES = 0.02, 0.001
+
+Hall = Callable[[int], tuple[Path, Path]]
+Show = Callable[[str], None]
+
+
+def staggered(recorded: dict[str, Recorded], hz: float) -> dict[str, Recorded]:
+    """The robots one after another: nothing triggers their cameras together."""
+    step_s = min(0.004, 0.5 / hz / len(recorded))
+    return {
+        robot: replace(one, offset_s=index * step_s)
+        for index, (robot, one) in enumerate(recorded.items())
+    }
+
+
+def check(load: Load, *, long: bool) -> None:
+    """Holds that nothing grew and nothing was lost; that latency does not grow, of a long run."""
+    most = round(len(load.sent) * (LONG_LOSES if long else SHORT_LOSES))
+    assert len(load.lost) <= most, f"{len(load.lost)} of {len(load.sent)} went into no people"
+    assert load.partial <= most
+    grew = {name: load.growth_kb(name) for name in load.memory_kb}
+    assert max(grew.values()) < SETTLES_KB, grew
+    for which in ("oldest", "newest") if long else ():
+        first, last = load.latency_ms(which)
+        assert last < first * WANDERS + WANDERS_MS, which
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seconds", "frames", "hz", "files"),
+    [
+        pytest.param(30, 3, 5.0, [PAPER], id="short"),
+        pytest.param(600, 15, 15.0, [PAPER], id="long-paper", marks=pytest.mark.soak),
+        # Eight robots on one machine: 15 Hz of the default method take two cores of it and more.
+        pytest.param(
+            600,
+            15,
+            15.0 if (os.cpu_count() or 1) >= 4 else 10.0,
+            [DEFAULT],
+            id="long-default",
+            marks=pytest.mark.soak,
+        ),
+    ],
+)
+@pytest.mark.timeout(1500)
+def test_eight_robots_with_images(
+    hall: Hall,
+    show: Show,
+    tmp_path: Path,
+    seconds: float,
+    frames: int,
+    hz: float,
+    files: list[Path],
+) -> None:
+    bag, team_file = hall(frames)
+    files = [*files, team_file]
+    recorded = staggered(read_recorded(bag, load_team(*files)), hz)
+    load = run(
+        team_processes(files), recorded, tmp_path / "log", hz=hz, pose_hz=30.0, seconds=seconds
+    )
+    show(load.table(f"8 robots and 20 people, {files[0].stem}.yaml, images at {hz:g} Hz"))
+    assert len(load.robots) == 8
+    # The paper's method finds few in a crowd.
+    assert max(interval.people for interval in load.intervals) >= (3 if PAPER in files else 10)
+    check(load, long=seconds > 60)
+
+
+def scans_of(bag: Path, files: list[Path]) -> dict[str, Recorded]:
+    """The robots' scans of a bag as they send them, and the pose of each."""
+    frames, poses = defaultdict(list), {}
+    for interval in BagRun(bag, files).intervals():
+        for scan in interval.scans:
+            message = convert.points(scan, f"{scan.robot}/base_link")
+            frames[scan.robot].append({f"/{scan.robot}/points": serialize_message(message)})
+            pose = convert.pose_stamped(interval.people.poses[scan.robot], "map")
+            poses[scan.robot] = serialize_message(pose)
+    return {
+        robot: Recorded(
+            types={
+                f"/{robot}/points": "sensor_msgs/msg/PointCloud2",
+                f"/{robot}/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+            },
+            frames=scans,
+            pose=(f"/{robot}/pose", poses[robot]),
+            offset_s=0.0,
+            image_bytes=0.0,
+        )
+        for robot, scans in frames.items()
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seconds", "frames", "hz"),
+    [
+        pytest.param(30, 3, 10.0, id="short"),
+        pytest.param(600, 15, 30.0, id="long", marks=pytest.mark.soak),
+    ],
+)
+@pytest.mark.timeout(1500)
+def test_scans_of_eight_robots(
+    hall: Hall, show: Show, tmp_path: Path, seconds: float, frames: int, hz: float
+) -> None:
+    bag, team_file = hall(frames)
+    files = [DEFAULT, team_file]
+    recorded = staggered(scans_of(bag, files), hz)
+    planner = [process for process in team_processes(files) if not process.namespace]
+    load = run(planner, recorded, tmp_path / "log", hz=hz, pose_hz=30.0, seconds=seconds)
+    show(load.table(f"the planner with scans of 8 robots at {hz:g} Hz"))
+    assert len(load.robots) == 8
+    assert max(interval.people for interval in load.intervals) >= 10
+    check(load, long=seconds > 60)
