@@ -65,6 +65,11 @@ class Person:
         sigma: Standard deviation of the distances from the position to the cells [m].
         robots: Names of the robots that saw the person.
         label: The cluster.
+        id: The same person keeps the same one; 0: not tracked.
+        velocity: In the common frame [m/s], shape (2,); None: unknown.
+        velocity_covariance: Of the velocity [m^2/s^2], shape (2, 2); None: unknown.
+        age_s: Time since the person was first seen [s].
+        coasting: Whether the person is predicted, not seen.
     """
 
     position: Float
@@ -73,6 +78,11 @@ class Person:
     sigma: float
     robots: tuple[str, ...]
     label: int
+    id: int = 0
+    velocity: Float | None = None
+    velocity_covariance: Float | None = None
+    age_s: float = 0.0
+    coasting: bool = False
 
 
 @dataclass(frozen=True)
