@@ -11,7 +11,7 @@ from mrs_people_msgs.msg import People as PeopleMessage
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
@@ -36,9 +36,8 @@ from mrs_ros.diagnostics import (
     recording_hint,
 )
 from mrs_ros.managed_node import ManagedNode
+from mrs_ros.qos import POSES, STREAM
 
-#: Poses come up to 100 times a second and robot, and none should be lost while an interval is run.
-POSE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: As map_server publishes: the last map, also for who comes later than it.
 MAP_QOS = QoSProfile(
     depth=1,
@@ -145,14 +144,9 @@ class PlannerNode(ManagedNode):
 
     def _add_robot(self, robot: str) -> None:
         self._robots.append(robot)
+        self.listen(PointCloud2, f"{robot}/points", partial(self._on_points, robot), STREAM)
         self.listen(
-            PointCloud2,
-            f"{robot}/points",
-            partial(self._on_points, robot),
-            qos_profile_sensor_data,
-        )
-        self.listen(
-            PoseWithCovarianceStamped, f"{robot}/pose", partial(self._on_pose, robot), POSE_QOS
+            PoseWithCovarianceStamped, f"{robot}/pose", partial(self._on_pose, robot), POSES
         )
 
     def _let_go(self) -> None:
