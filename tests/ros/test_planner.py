@@ -253,8 +253,10 @@ def test_newer_scan_takes_the_place_of_one_that_waits(
 ) -> None:
     robot_a, *others = robots
     before = planner.peer.next_findings(planner.node)[planner.node]["robot robot_a"]
+    taken = planner.taking("robot_a/points")
     first, second = planner.now(), planner.now()
     robot_a.send(first, (1.0, 1.0))
+    taken()
     robot_a.send(second, (3.0, 3.0))
     after = planner.until_finding(
         "robot robot_a",
@@ -678,8 +680,10 @@ def test_stamps_that_jump_back_by_seconds_are_a_new_beginning(
     before = planner.peer.next_findings(planner.node)[planner.node]
     old = planner.now() - 100 * SECOND
     for step in range(-2, 0):
+        taken = planner.taking(*(f"{name}/points" for name in NAMES))
         for robot in robots:
             robot.send(old + step * 200_000_000, SOMEBODY)
+        taken()
     for step in range(3):
         for robot in robots:
             robot.send(old + step * 200_000_000, SOMEBODY)
