@@ -181,8 +181,8 @@ def gospa(
         power: The exponent p.
     """
     away = np.linalg.norm(found[:, np.newaxis] - true[np.newaxis], axis=2)
-    # A pair at the cut-off costs what two without a partner do.
-    cost = np.minimum(away, distance) ** power
+    # A pair at the cut-off costs what two without a partner do; so does one of NaN.
+    cost = np.fmin(away, distance) ** power
     paired = float(cost[linear_sum_assignment(cost)].sum())
     alone = abs(len(found) - len(true)) * distance**power / 2
     return float((paired + alone) ** (1 / power))
