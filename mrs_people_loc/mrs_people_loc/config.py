@@ -618,7 +618,7 @@ class Tracking(Section):
         "itself, as in the paper"
     )  # fmt: skip
     acceleration: float = _field(
-        0.7, "people change their velocity by about this much in a second, and by the square root "
+        0.5, "people change their velocity by about this much in a second, and by the square root "
         "of n times it in n seconds [m/s]",
         low=0.01, high=10.0,
     )  # fmt: skip
@@ -631,13 +631,13 @@ class Tracking(Section):
         0.5, "log-odds of being a person are those of about so long [s]", low=0.01, high=60.0
     )
     sure_score: float = _field(
-        1.5, "log-odds from which somebody new is a person at once", low=-20.0, high=50.0
+        3.0, "log-odds from which somebody new is a person at once", low=-20.0, high=50.0
     )
     birth_score: float = _field(
         0.5, "... and from which somebody is a person who is followed for tracking.birth_time",
         low=-20.0, high=50.0,
     )  # fmt: skip
-    birth_time: float = _field(0.25, "see tracking.birth_score [s]", low=0.0, high=10.0)
+    birth_time: float = _field(0.1, "see tracking.birth_score [s]", low=0.0, high=10.0)
     doubt_score: float = _field(
         0.0, "log-odds from which somebody new is followed, as no person yet", low=-20.0, high=50.0
     )
@@ -650,10 +650,6 @@ class Tracking(Section):
     expected_points: float = _field(
         0.5, "where a person is expected a plain cluster needs this share of human.min_points",
         low=0.0, high=1.0,
-    )  # fmt: skip
-    unseen_score: float = _field(
-        -2.0, "log-odds that somebody who is followed and not seen is a person",
-        low=-20.0, high=20.0,
     )  # fmt: skip
     keep_score: float = _field(
         -1.0, "who is a person stays one down to these log-odds", low=-20.0, high=50.0
