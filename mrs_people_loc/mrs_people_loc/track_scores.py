@@ -181,8 +181,8 @@ def gospa(
         power: The exponent p.
     """
     away = np.linalg.norm(found[:, np.newaxis] - true[np.newaxis], axis=2)
-    # A pair at the cut-off costs what two without a partner do.
-    cost = np.minimum(away, distance) ** power
+    # A pair at the cut-off costs what two without a partner do; so does one of NaN.
+    cost = np.fmin(away, distance) ** power
     paired = float(cost[linear_sum_assignment(cost)].sum())
     alone = abs(len(found) - len(true)) * distance**power / 2
     return float((paired + alone) ** (1 / power))
@@ -209,21 +209,19 @@ def true_velocities(
     times, places = truth.stamps_ns, truth.positions
     if len(times) < 2 or not len(people):
         return result
-    # The first and the last message of the stretch without a break that each message is in.
+    # The first and the last message of the stretch that each message is in: all there, or all not.
     there = np.asarray(np.isfinite(places).all(axis=2))
     edge = there[1:] ^ there[:-1]
-    rows = np.arange(len(times))[:, np.newaxis]
-    begins = np.vstack([there[:1], edge]) & there
-    ends = np.vstack([edge, there[-1:]]) & there
-    first = np.maximum.accumulate(np.where(begins, rows, 0), axis=0)
-    last = np.minimum.accumulate(np.where(ends, rows, len(times) - 1)[::-1], axis=0)[::-1]
+    row = np.arange(len(times))[:, np.newaxis]
+    begins, ends = np.vstack([there[:1], edge]), np.vstack([edge, there[-1:]])
+    first = np.maximum.accumulate(np.where(begins, row, 0), axis=0)
+    last = np.minimum.accumulate(np.where(ends, row, len(times) - 1)[::-1], axis=0)[::-1]
 
-    after = np.clip(np.searchsorted(times, stamps_ns), 1, len(times) - 1)
-    nearest = after - (2 * stamps_ns <= times[after] + times[after - 1])
-    half = window_ns // 2
-    begin = np.maximum(stamps_ns - half, times[first[nearest, people]])
-    end = np.minimum(stamps_ns + half, times[last[nearest, people]])
-    known = there[nearest, people] & (2 * (end - begin) >= window_ns)
+    # Before and after a stretch too little of the window is in it, whichever message is asked.
+    at = np.minimum(np.searchsorted(times, stamps_ns), len(times) - 1)
+    begin = np.maximum(stamps_ns - window_ns // 2, times[first[at, people]])
+    end = np.minimum(stamps_ns + window_ns // 2, times[last[at, people]])
+    known = 2 * (end - begin) >= window_ns
     begin, end, who = begin[known], end[known], people[known]
     went = _places_at(truth, end, who) - _places_at(truth, begin, who)
     result[known] = went / ((end - begin) * 1e-9)[:, np.newaxis]
@@ -236,8 +234,8 @@ def _places_at(truth: Truth, stamps_ns: NDArray[np.int64], people: Int) -> Float
     before = np.clip(np.searchsorted(times, stamps_ns, side="right") - 1, 0, len(times) - 2)
     one, other = places[before, people], places[before + 1, people]
     part = ((stamps_ns - times[before]) / (times[before + 1] - times[before]))[:, np.newaxis]
-    # At a message its neighbour need not be there.
-    return np.where(part == 0, one, np.where(part == 1, other, one + part * (other - one)))
+    # At a message the next one may be of nobody.
+    return np.where(part == 0, one, one + part * (other - one))
 
 
 def _nothing() -> Float:

@@ -156,6 +156,26 @@ def test_of_two_who_had_an_identity_it_belongs_to_him_who_had_it_later():
     assert scored(there, estimates).switches == 1
 
 
+def test_who_is_followed_while_nobody_sees_him_has_had_his_identity_since():
+    near, far = (0.3, 0.0), (9.0, 0.0)
+    there = truth(
+        [(A, far), (far, near), (A, far), (A, near)], visible=[*[(1, 1)] * 2, (0, 1), (1, 1)]
+    )
+    # 1 is the first's, the second's, the first's unseen.
+    estimates = said({1: A}, {1: near}, {1: A}, {1: (0.1, 0)})
+    assert who(there, estimates) == [{0: 1}, {1: 1}, {}, {0: 1}]
+
+
+def test_people_match_within_another_distance():
+    there = truth([(A,)] * 2)
+    estimates = said({1: (0.9, 0)}, {1: (0.9, 0)})
+    assert len(scored(there, estimates).errors) == 0
+    frames = score(there, estimates, distance=1.0)
+    wide = score_tracks(there, frames, estimates, distance=1.0)
+    assert (len(wide.errors), wide.idtp) == (2, 2)
+    assert wide.report()["gospa"] == pytest.approx(0.9)
+
+
 def test_a_frame_that_shares_its_estimate_with_another_is_no_change():
     there = truth([(A,)] * 5)
     estimates = [estimate(t, {1: A}) for t in (0, 200, 400)]
@@ -251,6 +271,12 @@ def test_an_identity_is_one_persons_only():
     assert scores.report()["idf1"] == pytest.approx(16 / (14 + 11))
 
 
+def test_nobodys_frames_are_no_identitys():
+    # The neighbour is never seen: of the two who were the first's, none is his.
+    there = truth([(A, (0.3, 0.0))] * 2, visible=[(1, 0)] * 2)
+    assert scored(there, said({1: (0.15, 0)}, {2: (0.15, 0)})).idtp == 1
+
+
 @pytest.mark.parametrize(
     ("frames", "tracked", "lost"), [(10, 1, 0), (8, 1, 0), (7, 0, 0), (2, 0, 0), (1, 0, 1)]
 )
@@ -291,6 +317,7 @@ def test_recordings_are_pooled_by_their_counts():
         ([(1, 1.3)], [(1, 1)], 0.3),
         ([(1, 1.39)], [(1, 1)], 0.39),
         ([(1, 9)], [(1, 1)], 0.4),  # c: one missed and one false
+        ([NOBODY], [(1, 1)], 0.4),
         ([], [(1, 1)], 0.4 / math.sqrt(2)),
         ([(1, 1), (2, 2)], [], 0.4),
         ([(0, 0.3), (5, 5)], [(0, 0), (2, 0)], 0.5),  # 0.09 + 0.16
