@@ -6,9 +6,13 @@ many there are in all: what looks at neighbours only grows no faster than the te
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 from mrs_people_loc.geometry import Float
 
@@ -16,6 +20,14 @@ Int = NDArray[np.intp]
 
 #: Points that are farther out are looked for here [m]; squares of it are still far from infinite.
 _FAR = 1e9
+
+
+def load() -> None:
+    """Loads the library behind this, which takes as long as all else that a planner needs.
+
+    The first call of the others does it, too; a node has better moments for it.
+    """
+    import scipy.spatial  # noqa: F401
 
 
 def pairs_within(xy: Float, reach: float) -> tuple[Int, Int, Float]:
@@ -59,6 +71,8 @@ def _nobody() -> tuple[Int, Int, Float]:
 
 def _tree(xy: Float) -> KDTree:
     """A tree of the points, which it wants to be finite. Clipping takes none of them apart."""
+    from scipy.spatial import KDTree
+
     return KDTree(np.fmin(np.fmax(xy, -_FAR), _FAR))  # of NaN and a number, the number
 
 

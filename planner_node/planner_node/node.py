@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from functools import partial
 
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped
@@ -14,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from mrs_people_loc import masking, messages
+from mrs_people_loc import masking, messages, neighbours
 from mrs_people_loc.agreement import Agreement
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError
@@ -64,6 +65,8 @@ class PlannerNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("planner_node", PlannerConfig)
+        # The node is on the network now, and meets the robots while the rest is loaded.
+        threading.Thread(target=neighbours.load, name="load").start()
 
     # ---- life cycle ----
 

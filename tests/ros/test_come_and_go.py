@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import math
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -148,6 +150,13 @@ def test_a_killed_robot_is_done_without_and_comes_back(life: Life) -> None:
 def _message(life: Life, name: str) -> str:
     finding = life.peer.findings("/planner_node").get(name)
     return finding.message if finding and finding.level == ERROR else ""
+
+
+def test_a_planner_is_on_the_network_before_it_has_loaded_everything() -> None:
+    """What takes longest is loaded while it meets the robots, or not at all."""
+    code = "import sys, planner_node.node; print({'cv2', 'scipy'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
 
 
 @pytest.mark.timeout(300)
