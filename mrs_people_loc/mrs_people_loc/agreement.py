@@ -140,7 +140,7 @@ def _places_of_people(
     for index, name in enumerate(fused.robots):
         plain = all_plain[fused.robot[all_plain] == index]
         cells = Cells.from_records(fused.cells.to_records()[plain])
-        part = ShortTermMap((name,), np.zeros(len(plain), np.intp), fused.xy[plain], cells)
+        part = ShortTermMap((name,), np.zeros(len(plain), np.intp), fused.xy[plain], cells, (0,))
         clusters = measure(part, cluster(part.xy, distance=config.clustering.distance))
         places[name] = np.concatenate(
             [

@@ -22,14 +22,6 @@ Int = NDArray[np.intp]
 _FAR = 1e9
 
 
-def load() -> None:
-    """Loads the library behind this, which takes as long as all else that a planner needs.
-
-    The first call of the others does it, too; a node has better moments for it.
-    """
-    import scipy.spatial  # noqa: F401
-
-
 def pairs_within(xy: Float, reach: float) -> tuple[Int, Int, Float]:
     """Pairs of points at most `reach` apart, each once, in no order.
 
@@ -71,7 +63,7 @@ def _nobody() -> tuple[Int, Int, Float]:
 
 def _tree(xy: Float) -> KDTree:
     """A tree of the points, which it wants to be finite. Clipping takes none of them apart."""
-    from scipy.spatial import KDTree
+    from scipy.spatial import KDTree  # here: it takes long to load
 
     return KDTree(np.fmin(np.fmax(xy, -_FAR), _FAR))  # of NaN and a number, the number
 

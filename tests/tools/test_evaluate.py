@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 from mrs_tools.bags import BagReader, BagWriter, default_typestore, require_types
 from mrs_tools.cli import app
 from mrs_tools.evaluate import Result, as_json, evaluate_bag, names_of
-from mrs_tools.offline import BagRun, file_beside, read_truth
+from mrs_tools.offline import BagRun, estimate_of, file_beside, read_recorded, read_truth
 from tools.made_bag import MS, START_NS, Bag
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -162,6 +162,46 @@ def test_recorded_people_of_a_bag_with_scans_only_when_asked_for(make_bag):
 def test_recorded_is_refused_where_there_is_nothing_recorded():
     with pytest.raises(BagError, match="has 0 topics of mrs_people_msgs/msg/People"):
         evaluate_bag(FORMATION, recorded=True)
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_who_is_who_is_read_from_recorded_people(make_bag):
+    def fill(bag: Bag) -> None:
+        bag.people(0, (1, 2), (3, 4), ids=(7, 9), velocities=((0.5, -1), NOBODY), coasting=(9,))
+        bag.people(100, (1, 2))
+        bag.people(200)
+
+    with BagReader(make_bag(fill)) as bag:
+        _, (tracked, found, empty) = read_recorded(bag)
+    assert tracked.ids.tolist() == [7, 9]
+    np.testing.assert_array_equal(tracked.velocities, [(0.5, -1), NOBODY])
+    assert tracked.coasting.tolist() == [False, True]
+    assert found.ids.tolist() == [0]
+    assert np.isnan(found.velocities).all()
+    assert found.velocities.shape == (1, 2)
+    assert empty.ids.shape == (0,)
+    assert empty.velocities.shape == (0, 2)
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_recorded_people_with_one_id_are_refused(make_bag):
+    path = make_bag(lambda bag: bag.people(0, (1, 2), (3, 4), (5, 6), (7, 8), ids=(0, 0, 5, 5)))
+    with BagReader(path) as bag, pytest.raises(BagError, match=r"/people: .*twice: \[5, 5\]"):
+        read_recorded(bag)
+
+
+def test_who_is_who_is_taken_from_the_planner(make_bag):
+    (interval, *_) = BagRun(make_bag(team_of_two), [PAPER]).intervals()
+    memoryless = estimate_of(interval.people)
+    assert memoryless.ids.tolist() == [0, 0]
+    assert np.isnan(memoryless.velocities).all()
+    assert not memoryless.coasting.any()
+    one, other = interval.people.persons
+    followed = dataclasses.replace(one, id=3, velocity=np.array([1.0, 0.5]), coasting=True)
+    tracked = estimate_of(dataclasses.replace(interval.people, persons=(followed, other)))
+    assert tracked.ids.tolist() == [3, 0]
+    np.testing.assert_array_equal(tracked.velocities, [(1.0, 0.5), NOBODY])
+    assert tracked.coasting.tolist() == [True, False]
 
 
 # --------------------------------------------------------------------------------- planner only
