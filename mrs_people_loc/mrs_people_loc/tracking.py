@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.geometry import Float
@@ -376,6 +375,8 @@ def _assign(
     worth = np.zeros((len(rows), len(free)))
     cost = np.minimum(cost - 2.0 * config.gate**2, 0.0)
     worth[row, column] = np.where(squared <= config.gate**2, cost, 0.0)
+    from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+
     row, column = linear_sum_assignment(worth)
     kept = worth[row, column] < 0
     return rows[row[kept]], free[column[kept]]

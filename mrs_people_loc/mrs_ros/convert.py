@@ -32,7 +32,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mrs_people_loc.camera import StereoCamera, robot_from_optical
 from mrs_people_loc.config import Disparity, Mounting
-from mrs_people_loc.disparity import SUBPIXELS
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
@@ -129,6 +128,8 @@ def disparity(
     message.valid_window.height = height
     message.min_disparity = camera.disparity_of(config.max_range)
     message.max_disparity = camera.disparity_of(config.min_range)
+    from mrs_people_loc.disparity import SUBPIXELS  # here: a planner does without OpenCV
+
     message.delta_d = 1.0 / SUBPIXELS
     return message
 

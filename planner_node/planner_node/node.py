@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections import deque
 from functools import partial
 
@@ -63,11 +64,22 @@ _LEFT_OUT = {
 }
 
 
+def _load() -> None:
+    """Loads what the method uses of SciPy, which takes as long as all else before the start.
+
+    The method would do so itself with the first interval, and that would be late.
+    """
+    import scipy.optimize
+    import scipy.spatial  # noqa: F401
+
+
 class PlannerNode(ManagedNode):
     """Scans and poses of all robots in, people out."""
 
     def __init__(self) -> None:
         super().__init__("planner_node", PlannerConfig)
+        # The node is on the network now, and meets the robots meanwhile.
+        threading.Thread(target=_load, name="load").start()
 
     # ---- life cycle ----
 

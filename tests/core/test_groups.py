@@ -83,6 +83,7 @@ def test_centre_velocity_and_spread():
         person(4, 0, 0, v=(1, 0)), person(2, 2, 0, v=(0, 1)), person(9, 1, 3, v=(0.5, 0.5)),
     ]  # fmt: skip
     group = gather(people)
+    assert group is not None
     np.testing.assert_allclose(group.centre, (1, 1))
     np.testing.assert_allclose(group.covariance, np.eye(2) * 0.05**2 / 3)
     np.testing.assert_allclose(group.velocity, (0.5, 0.5))
@@ -96,6 +97,7 @@ def test_centre_velocity_and_spread():
 def test_people_who_are_not_followed_have_no_velocity():
     one = Person(np.zeros(2), np.eye(2), 1.7, 0.1, ("a",), 0)
     group = gather([one, one])
+    assert group is not None
     assert group.velocity is None
     assert group.velocity_covariance is None
     assert group.members == ()
