@@ -233,9 +233,10 @@ def said(view: TopView) -> str:
         return line
     group = view.groups[0]
     if group.id:
-        line += f", {group.size} of them in group {group.id}"
+        line += f", {'all' if group.size == count else group.size} in group {group.id}"
     if group.velocity is not None:
-        line += f", walking at {np.hypot(*group.velocity):.1f} m/s"
+        speed = float(np.hypot(*group.velocity))
+        line += ", standing" if speed < plots.STANDING else f", walking at {speed:.1f} m/s"
     return line
 
 

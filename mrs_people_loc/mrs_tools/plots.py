@@ -37,8 +37,8 @@ _PERSON, AWAY, _PALE = "#111111", "#C1121F", 0.4
 _OCCUPIED = 65
 #: Centres of groups, and how sure positions are.
 _CENTRE, _SURE = "0.3", "#D55E00"
-#: Who is slower has no arrow [m/s].
-_STANDING = 0.1
+#: Who is slower stands, and has no arrow [m/s].
+STANDING = 0.1
 #: From a person's circle to his id [pt].
 _LABEL_AWAY = 8.0
 #: What a robot sees of a body is between the floor and this height [m].
@@ -218,10 +218,11 @@ def draw_robots(axes: Axes, view: TopView, *, only: str | None = None) -> None:
         if only is None:
             axes.annotate(
                 name,
-                (pose.x, pose.y),
-                xytext=(0, -18),
+                (pose.x, pose.y - 0.28),  # below, however it is turned
+                xytext=(0, -2),
                 textcoords="offset points",
                 ha="center",
+                va="top",
                 annotation_clip=True,
             )
 
@@ -308,7 +309,7 @@ def draw_people(axes: Axes, view: TopView, *, ellipses: bool = False) -> None:
             )
         )
         axes.plot(*place, "+", ms=8, mew=1.6, color=color, alpha=alpha, zorder=4)
-        if person.velocity is not None and np.hypot(*person.velocity) >= _STANDING:
+        if person.velocity is not None and np.hypot(*person.velocity) >= STANDING:
             ahead = tuple(place + person.velocity)  # where he is in a second
             style = {"arrowstyle": "-|>", "lw": 1.6, "color": color, "alpha": alpha}
             style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
@@ -342,7 +343,7 @@ def draw_people(axes: Axes, view: TopView, *, ellipses: bool = False) -> None:
 
 def _beside(person: Person) -> Float:
     """Direction in which there is room for text: across his way, where nobody else's is ahead."""
-    if person.velocity is None or np.hypot(*person.velocity) < _STANDING:
+    if person.velocity is None or np.hypot(*person.velocity) < STANDING:
         return np.full(2, math.sqrt(0.5))
     x, y = person.velocity / np.hypot(*person.velocity)
     return np.array([-y, x]) if x >= 0 else np.array([y, -x])

@@ -20,74 +20,15 @@ from typer.testing import CliRunner
 
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.masking import OccupancyGrid
-from mrs_people_loc.people import Group, Person
-from mrs_people_loc.poses import Pose
 from mrs_tools import plots
 from mrs_tools.animation import animate, nearest, palette_of, said, with_trails
 from mrs_tools.cli import app
 from mrs_tools.plots import TopView
+from tools.made_views import group_of, person, view, walk
 
 ROOT = Path(__file__).resolve().parents[2]
 FORMATION = ROOT / "bags" / "paper_formation"
-SECOND = 1_000_000_000
 RED = np.round(255 * np.array(to_rgb(plots.AWAY))).astype(np.uint8)
-
-
-def person(who: int, x: float, y: float, **more: Any) -> Person:
-    return Person(
-        position=np.array([x, y]),
-        covariance=0.01 * np.eye(2),
-        height=1.7,
-        sigma=0.1,
-        robots=("robot_a",),
-        label=-1,
-        **{"id": who, "velocity": np.array([1.0, 0.0]), **more},
-    )
-
-
-def group_of(*people: Person, **more: Any) -> Group:
-    return Group(
-        centre=np.mean([p.position for p in people], axis=0),
-        covariance=0.01 * np.eye(2),
-        radius=1.0,
-        rms_spread=1.0,
-        size=len(people),
-        members=tuple(p.id for p in people),
-        **{"id": 1, "velocity": np.array([1.0, 0.0]), **more},
-    )
-
-
-def view(at_s: float, *people: Person, **more: Any) -> TopView:
-    nobody = np.empty(0, dtype=int)
-    poses = {"robot_a": Pose(0, at_s, 0.0, 0.0), "robot_b": Pose(0, 9.0, 3.0, 3.1)}
-    return TopView(
-        **{
-            "title": "",
-            "stamp_ns": round(at_s * SECOND),
-            "xy": np.empty((0, 2)),
-            "robot": nobody,
-            "cluster": nobody,
-            "person": nobody,
-            "robots": poses,
-            "views": {},
-            "people": people,
-            "groups": [],
-            "truth": np.empty((0, 2)),
-            **more,
-        }
-    )
-
-
-def walk() -> list[TopView]:
-    """Two people walk; the second one has fallen behind from 2 s on."""
-    views = []
-    for at_s in np.arange(0.0, 4.01, 0.2):
-        one, two = person(1, 2.0 + at_s, 1.0), person(2, 2.0 + at_s / 4, 2.0)
-        late = at_s >= 1.99
-        group = group_of(one, stragglers={2: at_s}) if late else group_of(one, two)
-        events = ["person 2 has fallen behind"] if abs(at_s - 2.0) < 0.01 else []
-        views.append(view(at_s, one, two, groups=[group], events=events))
-    return views
 
 
 def pictures_of(path: Path) -> list[np.ndarray]:
@@ -191,9 +132,13 @@ def test_what_is_said():
     two = person(1, 0, 0), person(2, 0, 1)
     assert said(view(0.0)) == "0 people"
     assert said(view(0.0, two[0])) == "1 person"
-    assert said(view(0.0, *two, groups=[group_of(*two)])) == (
-        "2 people, 2 of them in group 1, walking at 1.0 m/s"
-    )
+    one, both = group_of(two[0], velocity=np.array([0.3, 0.4])), group_of(*two)
+    assert said(view(0.0, *two, groups=[one])) == "2 people, 1 in group 1, walking at 0.5 m/s"
+    assert said(view(0.0, *two, groups=[both])) == "2 people, all in group 1, walking at 1.0 m/s"
+    stands = group_of(*two, velocity=np.array([0.0, 0.05]))
+    assert said(view(0.0, *two, groups=[stands])) == "2 people, all in group 1, standing"
+    unknown = group_of(*two, velocity=None, id=0)
+    assert said(view(0.0, *two, groups=[unknown])) == "2 people"
 
 
 def test_the_palette_has_what_is_frequent_and_what_is_different():
