@@ -32,8 +32,8 @@ _DT = 2 * STEP_S
 _APART = 0.42
 #: A straggler stays this far behind the group's middle [m].
 _BEHIND = 4.6
-#: One who dawdles goes on when he is this far behind [m].
-_DAWDLED = 1.7
+#: One who dawdles goes on when he is this far from the group's centre [m].
+_DAWDLED = 1.5
 #: A goal or start this close to a wall is a door: who reaches it is gone [m].
 _DOOR = 0.7
 #: Robots keep their axis this far from people, other robots, and walls and furniture [m].
@@ -311,8 +311,13 @@ class _Simulation:
         self._heading = np.array([r.yaw for r in self._team], dtype=np.float64)
         self._reference = self._posts()
 
-    def _dawdling(self, rng: Rng) -> tuple[list[list[tuple[float, float]]], NDArray]:
-        """When each member stops to look at something, and to which side."""
+    def _dawdling(self, rng: Rng) -> tuple[NDArray, NDArray]:
+        """When each member stops to look at something, and to which side.
+
+        Returns:
+            Beginning and end of each pause [s], shape (n, pauses, 2), and 1 for left, -1 for
+            right, shape (n,).
+        """
         pauses: list[list[tuple[float, float]]] = []
         for _ in self._people:
             mine, time = [], 0.0
@@ -324,7 +329,10 @@ class _Simulation:
                 mine.append((time, time + lasts))
                 time += lasts
             pauses.append(mine)
-        return pauses, rng.choice((-1.0, 1.0), len(pauses))
+        most = max((len(mine) for mine in pauses), default=0)
+        filled = [mine + [(math.inf, math.inf)] * (most - len(mine)) for mine in pauses]
+        found = np.array(filled, dtype=np.float64).reshape(len(pauses), most, 2)
+        return found, rng.choice((-1.0, 1.0), len(pauses))
 
     # --------------------------------------------------------------------------- people ----
 
@@ -355,7 +363,7 @@ class _Simulation:
 
     def _step(self, now: float) -> None:
         wish = self._wishes(now)
-        force = (wish - self._velocity) / 0.5 + self._forces(now)
+        force = (wish - self._velocity) / 0.5 + self._forces(now, wish)
         strong = np.linalg.norm(force, axis=1, keepdims=True)
         force *= np.minimum(1.0, 6.0 / np.maximum(strong, 1e-9))
         self._velocity = self._velocity + force * _DT
@@ -380,6 +388,7 @@ class _Simulation:
         left = self._left & (now < self._leaves)
         if left.any():
             centre = self._position[left].mean(axis=0)
+            self._go_on(now, centre)
             away = np.linalg.norm(self._position - centre, axis=1)
             comes = self._member & ~self._left & (now >= self._joins) & (self._joins >= 0)
             comes &= (now < self._leaves) & (away < self._reach + 0.9)
@@ -441,7 +450,7 @@ class _Simulation:
         slow = np.clip(self._pace + 0.5 * (behind - _BEHIND), 0.0, 1.7 * walk.speed)
         slow = np.where(behind < _BEHIND, np.minimum(slow, 0.15 * walk.speed), slow)
         pace = np.where(straggling, slow, pace)
-        pace = np.where(self._dawdles(now) & (lag < _DAWDLED) & ~straggling, 0.0, pace)
+        pace = np.where(self._dawdles(now) & ~straggling, 0.0, pace)
         if len(self._drive):
             # Nobody overtakes the guide.
             lead = [i for i, r in enumerate(self._team) if r.post[0] > 0 and abs(r.post[1]) < 0.8]
@@ -467,15 +476,24 @@ class _Simulation:
         return found
 
     def _dawdles(self, now: float) -> NDArray:
-        return np.array([any(a <= now < b for a, b in mine) for mine in self._pauses], dtype=bool)
+        found: NDArray = (self._pauses[:, :, 0] <= now) & (now < self._pauses[:, :, 1])
+        return found.any(axis=1)
 
-    def _forces(self, now: float) -> NDArray:
+    def _go_on(self, now: float, centre: NDArray) -> None:
+        """Who is left behind while he looks at something has seen enough."""
+        far = np.linalg.norm(self._position - centre, axis=1) > _DAWDLED
+        far &= self._along < self._middle
+        self._pauses[far & self._dawdles(now), :, 1] = np.minimum(
+            self._pauses[far & self._dawdles(now), :, 1], now
+        )
+
+    def _forces(self, now: float, wish: NDArray) -> NDArray:
         """Accelerations by what is near, shape (n, 2) [m/s^2]."""
         position = self._real()
         # Who likes to be close lets others come closer, too.
         close = min(0.5, 0.2 + 0.375 * self._walk.gap)
         force = push(position, position, close, skip_self=True)
-        force += self._comfort(position, self._straggling(now) | self._dawdles(now))
+        force += self._comfort(position, wish, self._straggling(now) | self._dawdles(now))
         there = self._fixed(now)
         if len(there):
             force += push(position, there, 0.55)
@@ -493,7 +511,7 @@ class _Simulation:
             force += pull[:, None] * _unit(away)
         return force
 
-    def _comfort(self, position: NDArray, stays: NDArray) -> NDArray:
+    def _comfort(self, position: NDArray, wish: NDArray, stays: NDArray) -> NDArray:
         """What keeps people a step apart; strangers who meet evade to the right."""
         away = position[:, None] - position[None]
         distance = np.linalg.norm(away, axis=2)
@@ -505,14 +523,14 @@ class _Simulation:
         )
         np.fill_diagonal(strength, 0.0)
         towards = -away / np.maximum(distance, 1e-6)[..., None]
-        heading = _unit(self._velocity)
+        heading = _unit(wish)
         ahead = (towards * heading[:, None]).sum(axis=2)
         # In the group all around: were it only those in front, all would go slower and slower.
         strength = np.minimum(strength, 3.0) * np.where(both, 1.0, 0.35 + 0.325 * (1.0 + ahead))
         # Past him, on the side where he is not; two who meet head-on keep to the right.
         side = heading[:, None, 0] * towards[..., 1] - heading[:, None, 1] * towards[..., 0]
-        closing = ((self._velocity[:, None] - self._velocity[None]) * towards).sum(axis=2)
-        meets = (self._velocity[:, None] * self._velocity[None]).sum(axis=2) < -0.1
+        closing = ((wish[:, None] - self._velocity[None]) * towards).sum(axis=2)
+        meets = (wish[:, None] * self._velocity[None]).sum(axis=2) < -0.1
         evade = np.where(meets & (np.abs(side) < 0.3) | (side > 0), -1.0, 1.0)
         aside = np.stack([-heading[:, 1], heading[:, 0]], axis=1)
         past = np.where((ahead > 0.4) & (closing > 0.1), np.where(meets, 1.0, 0.7), 0.0) * evade
