@@ -476,15 +476,16 @@ class _Simulation:
         return found
 
     def _dawdles(self, now: float) -> NDArray:
-        found: NDArray = (self._pauses[:, :, 0] <= now) & (now < self._pauses[:, :, 1])
-        return found.any(axis=1)
+        pauses = self._pauses
+        return np.asarray(((pauses[..., 0] <= now) & (now < pauses[..., 1])).any(axis=1))
 
     def _go_on(self, now: float, centre: NDArray) -> None:
         """Who is left behind while he looks at something has seen enough."""
         far = np.linalg.norm(self._position - centre, axis=1) > _DAWDLED
-        far &= self._along < self._middle
-        self._pauses[far & self._dawdles(now), :, 1] = np.minimum(
-            self._pauses[far & self._dawdles(now), :, 1], now
+        far &= (self._along < self._middle) & self._dawdles(now)
+        begun = far[:, None] & (self._pauses[..., 0] <= now)
+        self._pauses[..., 1] = np.where(
+            begun, np.minimum(self._pauses[..., 1], now), self._pauses[..., 1]
         )
 
     def _forces(self, now: float, wish: NDArray) -> NDArray:
