@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import ndimage
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.clustering import cluster
@@ -141,7 +140,7 @@ def _places_of_people(
     for index, name in enumerate(fused.robots):
         plain = all_plain[fused.robot[all_plain] == index]
         cells = Cells.from_records(fused.cells.to_records()[plain])
-        part = ShortTermMap((name,), np.zeros(len(plain), np.intp), fused.xy[plain], cells)
+        part = ShortTermMap((name,), np.zeros(len(plain), np.intp), fused.xy[plain], cells, (0,))
         clusters = measure(part, cluster(part.xy, distance=config.clustering.distance))
         places[name] = np.concatenate(
             [
@@ -180,7 +179,8 @@ def _coarse_move(own: list[Float], others: list[Float], turn: float) -> Float:
         return np.zeros(2)
     edges = np.linspace(-_REACH, _REACH, 21)
     counts, _, _ = np.histogram2d(offsets[:, 0], offsets[:, 1], bins=[edges, edges])
-    counts = ndimage.uniform_filter(counts, size=3, mode="constant")  # each with those around it
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(counts, 1), (3, 3))
+    counts = around.sum(axis=(2, 3))  # each with those around it
     peak = np.unravel_index(counts.argmax(), counts.shape)
     centre = np.array([(edges[i] + edges[i + 1]) / 2.0 for i in peak])
     return np.asarray(offsets[np.hypot(*(offsets - centre).T) < _SAME].mean(axis=0))

@@ -78,8 +78,10 @@ class ClockOffset:
     #: machine or network at the beginning [ns].
     _SETTLE_NS = 2_000_000_000
 
-    def add(self, stamp_ns: int, now_ns: int) -> None:
-        """Takes a message with this stamp that arrives now [ns]."""
+    def add(self, stamp_ns: int, now_ns: int, *, anew: bool = False) -> None:
+        """Takes a message with this stamp that arrives now [ns]; if anew, as the first one."""
+        if anew:
+            self.begin_anew()
         offset_ns, span = stamp_ns - now_ns, now_ns // self._SPAN_NS
         if self._greatest and self._greatest[-1][0] > span:
             self._greatest.clear()  # the listener's clock was set back

@@ -37,7 +37,7 @@ def cluster(xy: Float, *, distance: float) -> Int:
     if count == 0:
         return np.empty(0, dtype=np.intp)
     order = np.lexsort((xy[:, 1], xy[:, 0]))
-    root = _join(*_pairs_within(xy[order], distance + _ROUNDING), count)
+    root = connected(*_pairs_within(xy[order], distance + _ROUNDING), count)
     number = np.cumsum(root == np.arange(count)) - 1
     labels = np.empty(count, dtype=np.intp)
     labels[order] = number[root]
@@ -85,7 +85,7 @@ def _pairs_within(xy: Float, reach: float) -> tuple[Int, Int]:
     return np.concatenate(ones), np.concatenate(others)
 
 
-def _join(one: Int, other: Int, count: int) -> Int:
+def connected(one: Int, other: Int, count: int) -> Int:
     """Connected components: of each of `count` points, the least index that it is joined to.
 
     Args:

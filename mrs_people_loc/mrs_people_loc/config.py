@@ -610,6 +610,98 @@ class Masking(Section):
 
 
 @dataclass(frozen=True)
+class Tracking(Section):
+    """How people are followed from interval to interval."""
+
+    enabled: bool = _field(
+        True, "true: people have ids, velocities and a past; false: each interval stands for "
+        "itself, as in the paper"
+    )  # fmt: skip
+    acceleration: float = _field(
+        0.5, "people change their velocity by about this much in a second, and by the square root "
+        "of n times it in n seconds [m/s]",
+        low=0.01, high=10.0,
+    )  # fmt: skip
+    gate: float = _field(
+        4.0, "what is found within so many sigmas of where somebody is expected may be him",
+        low=0.5, high=20.0,
+    )  # fmt: skip
+    max_distance: float = _field(1.0, "... and within this distance [m]", low=0.1, high=10.0)
+    evidence_time: float = _field(
+        0.5, "log-odds of being a person are those of about so long [s]", low=0.01, high=60.0
+    )
+    sure_score: float = _field(
+        6.0, "log-odds from which somebody new is a person at once", low=-20.0, high=50.0
+    )
+    birth_score: float = _field(
+        1.0, "... and from which somebody is a person who is followed for tracking.birth_time",
+        low=-20.0, high=50.0,
+    )  # fmt: skip
+    birth_time: float = _field(0.2, "see tracking.birth_score [s]", low=0.0, high=10.0)
+    start_time: float = _field(
+        0.35, "in the beginning, for so long, whoever is found is a person [s]", low=0.0, high=60.0
+    )
+    doubt_score: float = _field(
+        0.0, "log-odds from which somebody new is followed, as no person yet", low=-20.0, high=50.0
+    )
+    doubt_time: float = _field(
+        0.25, "who is no person yet is given up when unseen for longer [s]", low=0.0, high=10.0
+    )
+    expected_score: float = _field(
+        1.0, "log-odds that what is found gains where a person is expected", low=0.0, high=50.0
+    )
+    expected_points: float = _field(
+        0.5, "where a person is expected a plain cluster needs this share of human.min_points",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    keep_score: float = _field(
+        -1.0, "who is a person stays one down to these log-odds", low=-20.0, high=50.0
+    )
+    coast_time: float = _field(
+        1.0, "a person who is not seen is given up after this [s]", low=0.0, high=60.0
+    )
+    coast_share: float = _field(
+        0.5, "... and after this share of the time for which he was seen", low=0.0, high=1e3
+    )
+    memory: float = _field(
+        8.0, "who was given up, and is found again where he may have got to, has his id again, for "
+        "so long after he was seen [s]; 0: nobody has",
+        low=0.0, high=600.0,
+    )  # fmt: skip
+    lasting_share: float = _field(
+        0.25, "share of the variance of what is found that stays the same from interval to "
+        "interval, so that following makes nobody's place surer than this",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    max_tracks: int = _field(
+        250, "no more people than this are followed at a time", low=1, high=10_000
+    )
+
+
+@dataclass(frozen=True)
+class Groups(Section):
+    """Who walks together, and who has fallen behind or left."""
+
+    distance: float = _field(
+        2.5, "a member who is farther than this from every other one is a straggler [m]",
+        low=0.3, high=100.0,
+    )  # fmt: skip
+    margin: float = _field(
+        0.4, "who comes to a group, or back to it, is nearer by this [m]", low=0.0, high=100.0
+    )
+    leave_time: float = _field(0.5, "... farther for so long [s]", low=0.0, high=60.0)
+    join_time: float = _field(2.0, "... nearer for so long [s]", low=0.0, high=60.0)
+    missing_time: float = _field(
+        10.0, "a member who has not been seen for so long is a straggler, too [s]",
+        low=0.0, high=600.0,
+    )  # fmt: skip
+    forget_time: float = _field(
+        60.0, "who has been a straggler for so long is no member any more [s]",
+        low=0.0, high=3600.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class PlannerConfig(Section):
     """Configuration of the planner: from the robots' scans to people."""
 
@@ -623,6 +715,8 @@ class PlannerConfig(Section):
     clustering: Clustering = dataclasses.field(default_factory=Clustering)
     splitting: Splitting = dataclasses.field(default_factory=Splitting)
     human: Human = dataclasses.field(default_factory=Human)
+    tracking: Tracking = dataclasses.field(default_factory=Tracking)
+    groups: Groups = dataclasses.field(default_factory=Groups)
 
     def _check_relations(self) -> None:
         for name in self.robots:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -144,12 +144,39 @@ class Estimate:
         positions: Of the people [m], shape (n, 2).
         covariances: Of the positions [m^2], shape (n, 2, 2).
         centre: Of the group [m], shape (2,); None: there is no group.
+        ids: Of the people, int64, shape (n,); 0, and all of them if left out: not tracked.
+        velocities: Of the people [m/s], shape (n, 2); NaN, and all of them if left out: unknown.
+        coasting: Who of them is predicted, not seen, shape (n,); nobody if left out.
+
+    Raises:
+        ValueError: The arrays are not of one length, or somebody's id is somebody else's, too.
     """
 
     stamp_ns: int
     positions: Float
     covariances: Float
     centre: Float | None = None
+    ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    velocities: Float = field(default_factory=lambda: np.empty((0, 2)))
+    coasting: Bool = field(default_factory=lambda: np.empty(0, dtype=bool))
+
+    def __post_init__(self) -> None:
+        count = len(self.positions)
+        unsaid = {
+            "ids": np.zeros(count, dtype=np.int64),
+            "velocities": np.full((count, 2), np.nan),
+            "coasting": np.zeros(count, dtype=bool),
+        }
+        for name, nothing in unsaid.items():
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, nothing)
+            if getattr(self, name).shape != nothing.shape:
+                raise ValueError(
+                    f"{name} has shape {getattr(self, name).shape}; wanted: {nothing.shape}"
+                )
+        tracked = self.ids[self.ids != 0]
+        if len(np.unique(tracked)) < len(tracked):
+            raise ValueError(f"an id is there twice: {sorted(tracked.tolist())}")
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,14 @@ class ShortTermMap:
         robot: Which of them each cell comes from, shape (n,).
         xy: Cell centres in the common frame [m], float64, shape (n, 2).
         cells: The cells as the robots sent them; x and y are in each robot's base_link.
+        stamps_ns: Stamps of the robots' scans [ns], in the same order.
     """
 
     robots: tuple[str, ...]
     robot: NDArray[np.intp]
     xy: Float
     cells: Cells
+    stamps_ns: tuple[int, ...]
 
     def __len__(self) -> int:
         """Number of cells."""
@@ -69,6 +71,7 @@ def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
         robot=np.repeat(np.arange(len(scans)), [len(scan.cells) for scan in scans]),
         xy=np.concatenate([np.empty((0, 2)), *parts]),
         cells=Cells.concatenate([scan.cells for scan in scans]),
+        stamps_ns=tuple(scan.stamp_ns for scan in scans),
     )
 
 

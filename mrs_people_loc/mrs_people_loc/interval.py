@@ -120,8 +120,7 @@ class IntervalCollector:
         state.clock.add(pose.stamp_ns, now_ns)
         state.poses.add(pose)
         if state.poses.resets > resets:
-            state.clock.begin_anew()
-            state.clock.add(pose.stamp_ns, now_ns)
+            state.clock.add(pose.stamp_ns, now_ns, anew=True)
 
     def add_scan(self, scan: Scan, now_ns: int) -> None:
         """Takes a scan that arrives now [ns].
@@ -142,8 +141,7 @@ class IntervalCollector:
         if order is Order.LATE:
             raise ScanError(f"stamp is {scan.stamp_ns} ns; wanted: newer than {newest} ns")
         if order is Order.ANEW:
-            state.clock.begin_anew()
-            state.clock.add(scan.stamp_ns, now_ns)
+            state.clock.add(scan.stamp_ns, now_ns, anew=True)
         if state.pending is not None:
             state.dropped["superseded"] += 1
         state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns

@@ -244,7 +244,13 @@ class _Group:
         self.y += other.y
 
 
-def are_people(joined: Joined, bodies: BodiesOnMap, config: cfg.Joining) -> Bool:
+def are_people(
+    joined: Joined,
+    bodies: BodiesOnMap,
+    config: cfg.Joining,
+    *,
+    expected: Int | None = None,
+) -> Bool:
     """Which are people, shape (m,): likely enough, and not what a likelier one already is.
 
     Two people are never closer than `apart`. Besides, what is left over of robots that did not see
@@ -255,6 +261,8 @@ def are_people(joined: Joined, bodies: BodiesOnMap, config: cfg.Joining) -> Bool
         joined: The joined bodies.
         bodies: What they were joined of.
         config: Parameters.
+        expected: Which expected person each may be, shape (m,); -1: none. Who may be two different
+            ones are two, however close they are.
     """
     if not len(joined):
         return np.empty(0, dtype=bool)
@@ -269,7 +277,11 @@ def are_people(joined: Joined, bodies: BodiesOnMap, config: cfg.Joining) -> Bool
     for number, name in zip(of_body, robot, strict=True):
         robots[number].add(name)
     rivals: list[list[int]] = [[] for _ in robots]
-    near = np.flatnonzero(same | fragment)
+    rival = same | fragment
+    if expected is not None:
+        two = (expected[one] >= 0) & (expected[other] >= 0) & (expected[one] != expected[other])
+        rival &= ~two
+    near = np.flatnonzero(rival)
     pairs = zip(one[near].tolist(), other[near].tolist(), same[near].tolist(), strict=True)
     for i, j, always in pairs:
         if always or robots[i].isdisjoint(robots[j]):

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -210,6 +209,8 @@ class Walls:
         """Distance of each cell's centre to the border of the nearest occupied cell [m]."""
         if not occupied.any():
             return np.full(occupied.shape, np.inf, dtype=np.float32)
+        import cv2  # here: most planners do without it, and are there sooner
+
         free = np.where(occupied, 0, 1).astype(np.uint8)
         cells = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         resolution = np.float32(self._grid.resolution)

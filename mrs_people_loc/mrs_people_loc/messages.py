@@ -8,23 +8,24 @@ what is wanted; the caller adds the topic.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from mrs_people_loc.camera import CameraModel
 from mrs_people_loc.errors import CameraError, GridError, ImageError, PoseError, ScanError
 from mrs_people_loc.geometry import Float, yaw_from_quaternion
-from mrs_people_loc.images import Gray
 from mrs_people_loc.masking import OccupancyGrid
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 
+if TYPE_CHECKING:
+    from mrs_people_loc.images import Gray
+
 Message = Any
 
-#: Image encodings that are read: channels, and OpenCV's conversion to grey.
-ENCODINGS = {"mono8": (1, None), "bgr8": (3, cv2.COLOR_BGR2GRAY), "rgb8": (3, cv2.COLOR_RGB2GRAY)}
+#: Image encodings that are read: channels, and the name of OpenCV's conversion to grey.
+ENCODINGS = {"mono8": (1, ""), "bgr8": (3, "COLOR_BGR2GRAY"), "rgb8": (3, "COLOR_RGB2GRAY")}
 
 #: PointField's datatypes (sensor_msgs/PointField).
 _POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
@@ -101,9 +102,11 @@ def read_image(message: Message) -> Gray:
     if data.size != step * height:
         raise ImageError(f"data has {data.size} bytes; wanted: step * height = {step * height}")
     rows = data.reshape(height, step)[:, : width * channels]
-    if conversion is None:
+    if not conversion:
         return np.ascontiguousarray(rows)
-    return cv2.cvtColor(rows.reshape(height, width, channels), conversion)  # type: ignore[return-value]
+    import cv2  # here: a planner does without it, and is there sooner
+
+    return cv2.cvtColor(rows.reshape(height, width, channels), getattr(cv2, conversion))  # type: ignore[return-value]
 
 
 def read_pose(message: Message, base_frame: str | None = None) -> Pose:

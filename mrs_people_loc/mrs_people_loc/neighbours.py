@@ -6,9 +6,13 @@ many there are in all: what looks at neighbours only grows no faster than the te
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 from mrs_people_loc.geometry import Float
 
@@ -59,6 +63,8 @@ def _nobody() -> tuple[Int, Int, Float]:
 
 def _tree(xy: Float) -> KDTree:
     """A tree of the points, which it wants to be finite. Clipping takes none of them apart."""
+    from scipy.spatial import KDTree  # here: it takes long to load
+
     return KDTree(np.fmin(np.fmax(xy, -_FAR), _FAR))  # of NaN and a number, the number
 
 

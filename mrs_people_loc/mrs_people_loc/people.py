@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from mrs_people_loc.poses import Pose, pose_effect, stack
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
+
+#: Log-odds of being a person of a plain cluster of human size, for which nobody gives any.
+PLAIN_SCORE = 6.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Clusters:
 
 @dataclass(frozen=True)
 class Person:
-    """One person in one interval.
+    """One person in one interval: as found, or as followed from interval to interval.
 
     Attributes:
         position: In the common frame [m], shape (2,).
@@ -64,7 +67,14 @@ class Person:
         height: Highest supported point over the floor [m].
         sigma: Standard deviation of the distances from the position to the cells [m].
         robots: Names of the robots that saw the person.
-        label: The cluster.
+        label: The cluster; -1: none, he is not seen.
+        score: Log-odds that it is a person.
+        stamp_ns: When the robots looked at him last, the mean of their scans' stamps [ns].
+        id: Who it is, from 1; 0: not followed.
+        velocity: In the common frame [m/s], shape (2,); None: unknown.
+        velocity_covariance: Of the velocity [m^2/s^2], shape (2, 2); None: unknown.
+        age_s: Time since he was first seen [s].
+        coasting: Whether he is predicted, not seen.
     """
 
     position: Float
@@ -73,11 +83,18 @@ class Person:
     sigma: float
     robots: tuple[str, ...]
     label: int
+    score: float = PLAIN_SCORE
+    stamp_ns: int = 0
+    id: int = 0
+    velocity: Float | None = None
+    velocity_covariance: Float | None = None
+    age_s: float = 0.0
+    coasting: bool = False
 
 
 @dataclass(frozen=True)
 class Group:
-    """All people of an interval.
+    """People who belong together.
 
     Attributes:
         centre: Centre of gravity of their positions [m], shape (2,).
@@ -85,6 +102,11 @@ class Group:
         radius: Distance to the farthest of them [m].
         rms_spread: Root mean square distance to them [m].
         size: How many they are.
+        velocity: Of the centre [m/s], shape (2,); None: unknown.
+        velocity_covariance: Of the velocity [m^2/s^2], shape (2, 2); None: unknown.
+        members: Their ids, ascending; none if they are not followed.
+        id: Which group it is, from 1; 0: groups are not followed.
+        stragglers: Ids of members that have fallen behind or left, and for how long [s].
     """
 
     centre: Float
@@ -92,6 +114,11 @@ class Group:
     radius: float
     rms_spread: float
     size: int
+    velocity: Float | None = None
+    velocity_covariance: Float | None = None
+    members: tuple[int, ...] = ()
+    id: int = 0
+    stragglers: Mapping[int, float] = field(default_factory=dict)
 
 
 def measure(fused: ShortTermMap, label: Int) -> Clusters:
@@ -167,7 +194,10 @@ def is_human(clusters: Clusters, config: cfg.Human) -> Bool:
 
 
 def locate(
-    fused: ShortTermMap, clusters: Clusters, human: Bool, poses: Mapping[str, Pose]
+    fused: ShortTermMap,
+    clusters: Clusters,
+    human: Bool,
+    poses: Mapping[str, Pose],
 ) -> tuple[Person, ...]:
     """The people: position is the centre of gravity of the cluster's cells.
 
@@ -198,13 +228,18 @@ def locate(
             sigma=float(clusters.sigma[label]),
             robots=tuple(itertools.compress(fused.robots, seen_by[i])),
             label=int(label),
+            stamp_ns=_mean_stamp(fused, seen_by[i]),
         )
         for i, label in enumerate(labels)
     )
 
 
 def people_of_bodies(
-    fused: ShortTermMap, clusters: Clusters, joined: Joined, people: Bool, label: Int
+    fused: ShortTermMap,
+    clusters: Clusters,
+    joined: Joined,
+    people: Bool,
+    label: Int,
 ) -> tuple[Person, ...]:
     """The people among joined bodies: place and covariance are those of the joining.
 
@@ -223,22 +258,36 @@ def people_of_bodies(
             sigma=float(clusters.sigma[label[i]]),
             robots=tuple(itertools.compress(fused.robots, clusters.seen_by[label[i]])),
             label=int(label[i]),
+            score=float(joined.score[i]),
+            stamp_ns=_mean_stamp(fused, clusters.seen_by[label[i]]),
         )
         for i in np.flatnonzero(people)
     )
 
 
-def gather(people: tuple[Person, ...]) -> Group | None:
-    """The group of all people: the centre of gravity of their positions; None if there are none."""
+def _mean_stamp(fused: ShortTermMap, seen_by: Bool) -> int:
+    stamps = list(itertools.compress(fused.stamps_ns, seen_by))
+    return sum(stamps) // len(stamps)
+
+
+def gather(people: Sequence[Person]) -> Group | None:
+    """People as one group, about the centre of gravity of their positions; None of nobody."""
     if not people:
         return None
     positions = np.array([person.position for person in people])
     centre = positions.mean(axis=0)
     distance = np.hypot(*(positions - centre).T)
+    velocities = [p.velocity for p in people if p.velocity is not None]
+    unsure = [p.velocity_covariance for p in people if p.velocity_covariance is not None]
     return Group(
         centre=centre,
         covariance=np.sum([p.covariance for p in people], axis=0) / len(people) ** 2,
         radius=float(distance.max()),
         rms_spread=float(np.sqrt(np.mean(distance**2))),
         size=len(people),
+        velocity=np.mean(velocities, axis=0) if len(velocities) == len(people) else None,
+        velocity_covariance=(
+            np.sum(unsure, axis=0) / len(people) ** 2 if len(unsure) == len(people) else None
+        ),
+        members=tuple(sorted(person.id for person in people if person.id)),
     )

@@ -12,6 +12,7 @@ from mrs_people_loc.clustering import cluster
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.fusion import ShortTermMap, fuse
+from mrs_people_loc.groups import Groups
 from mrs_people_loc.joining import are_people, join, place_bodies
 from mrs_people_loc.masking import OccupancyGrid, Walls, are_masked, bodies_of_robots
 from mrs_people_loc.neighbours import pairs_between
@@ -27,8 +28,9 @@ from mrs_people_loc.people import (
 )
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Scan
-from mrs_people_loc.splitting import split
+from mrs_people_loc.splitting import split, split_at
 from mrs_people_loc.timing import StageTimes
+from mrs_people_loc.tracking import NOBODY, Tracker
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,9 @@ class People:
         stamp_ns: Time of the interval, the stamp of its newest scan [ns].
         poses: By robot, the pose at its scan's stamp (`Pose.stamp_ns`): what it was made from.
         persons: The people.
-        group: All of them together; None if nobody is there.
+        groups: Who belongs together, the largest group first; all of them are one where they are
+            not followed, none where nobody is there.
+        events: What has happened to the groups, in sentences.
         fused: The short-term map.
         clusters: Measures of its clusters.
         too_wide: How many clusters are wider than a person and could not be split: each may hold
@@ -50,22 +54,35 @@ class People:
     stamp_ns: int
     poses: Mapping[str, Pose]
     persons: tuple[Person, ...]
-    group: Group | None
+    groups: tuple[Group, ...]
     fused: ShortTermMap
     clusters: Clusters
     too_wide: int = 0
+    events: tuple[str, ...] = ()
     times_ms: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def group(self) -> Group | None:
+        """The largest group; None if nobody is there."""
+        return self.groups[0] if self.groups else None
 
 
 class Planner:
-    """Finds the people in the scans of all robots.
+    """Finds the people in the scans of all robots, and follows them.
 
     Args:
-        config: Its configuration.
+        config: Its configuration; may be replaced at any time.
+
+    Attributes:
+        config: Likewise.
+        tracker: Follows people.
+        groups: Follows who belongs together.
     """
 
     def __init__(self, config: PlannerConfig) -> None:
         self.config = config
+        self.tracker = Tracker(config.tracking)
+        self.groups = Groups(config.groups)
         self._walls: Walls | None = None
 
     def take_grid(self, grid: OccupancyGrid | None) -> None:
@@ -98,6 +115,9 @@ class Planner:
         if missing:
             raise PoseError(f"no pose for the scan of {', '.join(missing)}")
         config, times = self.config, StageTimes()
+        tracking = config.tracking
+        self.tracker.config, self.groups.config = tracking, config.groups
+        expected = self.tracker.expect(time_ns) if tracking.enabled else NOBODY
         placed = _at_one_time(scans, poses, time_ns, config.interval.walking_speed)
         fused = fuse(scans, placed)
         times.mark("fusion")
@@ -111,18 +131,16 @@ class Planner:
         if self._walls is not None:
             said = self._walls.log_odds(joined.xy, joined.covariance, config.masking)
             joined = dataclasses.replace(joined, score=joined.score + said)
+        who = expected.near(joined.xy, joined.covariance, tracking.gate)
         times.mark("joining")
         # First the clusters that may be people, then joined bodies, then all that is masked.
         label = np.full(len(fused), -1, dtype=np.intp)
         distance = config.clustering.distance
         possible = plain[~masked]
+        pieces = cluster(fused.xy[possible], distance=distance)
+        pieces = split_at(expected.xy, fused, possible, pieces, config.human)
         label[possible], too_wide = split(
-            fused,
-            possible,
-            cluster(fused.xy[possible], distance=distance),
-            poses,
-            config.splitting,
-            config.human,
+            fused, possible, pieces, poses, config.splitting, config.human
         )
         first = int(label.max(initial=-1)) + 1
         of_body = np.where(robots, len(joined) + np.cumsum(robots) - 1, joined.of_body)
@@ -133,8 +151,18 @@ class Planner:
         times.mark("clustering")
         clusters = measure(fused, label)
         human = is_human(clusters, config.human)
+        if len(expected):
+            fewer = round(config.human.min_points * tracking.expected_points)
+            weak = is_human(clusters, dataclasses.replace(config.human, min_points=max(1, fewer)))
+            human |= weak & (expected.near(clusters.centroid, clusters.scatter, tracking.gate) >= 0)
         human[first:] = False
-        likely = are_people(joined, bodies, config.joining)
+        said = np.where(who >= 0, tracking.expected_score, 0.0)
+        likely = are_people(
+            dataclasses.replace(joined, score=joined.score + said),
+            bodies,
+            config.joining,
+            expected=who,
+        )
         persons = people_of_bodies(fused, clusters, joined, likely, first + np.arange(len(joined)))
         # Where some robots seek bodies and others do not, both may see the same person.
         centroids = clusters.centroid[human]
@@ -143,10 +171,17 @@ class Planner:
         alone[near[away < config.joining.apart]] = False
         human[human] = alone
         persons += locate(fused, clusters, human, placed)
-        group = gather(persons)
         times.mark("people")
+        if tracking.enabled:
+            persons = self.tracker.step(persons, time_ns)
+            times.mark("tracking")
+            groups, events = self.groups.step(persons, time_ns)
+            times.mark("groups")
+        else:
+            everybody = gather(persons)
+            groups, events = (everybody,) if everybody else (), ()
         used = {name: poses[name] for name in names}
-        return People(time_ns, used, persons, group, fused, clusters, too_wide, times.ms)
+        return People(time_ns, used, persons, groups, fused, clusters, too_wide, events, times.ms)
 
 
 def _at_one_time(

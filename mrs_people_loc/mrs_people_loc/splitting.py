@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.fusion import CELL_SIGMA_RANGE, ShortTermMap, sights
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.poses import Pose
 
 Int = NDArray[np.intp]
@@ -25,6 +26,8 @@ Bool = NDArray[np.bool_]
 
 #: More people than this in one cluster are not told apart.
 _MOST = 8
+#: Somebody who is expected is in the cluster of the nearest cell, no farther than this [m].
+_EXPECTED_WITHIN = 0.3
 #: Rounds of the k-means.
 _ROUNDS = 8
 #: Standard deviation of what is spread evenly over a width of 1.
@@ -99,6 +102,41 @@ def split(
         label[mine[beyond]] = fresh + part[beyond] - 1
         fresh += int(part.max())
     return label, whole
+
+
+def split_at(expected: Float, fused: ShortTermMap, cells: Int, label: Int, human: cfg.Human) -> Int:
+    """Cuts clusters in which several people are expected: each cell goes to the nearest of them.
+
+    A cluster stays whole where a part would not have the height and the points of a person.
+
+    Args:
+        expected: Places [m], shape (k, 2).
+        fused: The map.
+        cells: Indices of the cells that were clustered, shape (n,).
+        label: Their clusters, from 0 without gaps, shape (n,).
+        human: Of these, the height and the points of a person.
+
+    Returns:
+        New labels, as those of `split`.
+    """
+    one, cell, away = pairs_between(expected, fused.xy[cells], _EXPECTED_WITHIN)
+    nearest_first = np.argsort(away, kind="stable")
+    one, cell = one[nearest_first], cell[nearest_first]
+    whose, at = np.unique(one, return_index=True)  # the first is the nearest cell
+    clusters, counts = np.unique(label[cell[at]], return_counts=True)
+    label, fresh = label.copy(), int(label.max(initial=-1)) + 1
+    for number in clusters[counts > 1]:
+        mine = np.flatnonzero(label == number)
+        within = expected[whose[label[cell[at]] == number]]
+        part = np.hypot(*(fused.xy[cells[mine]][:, np.newaxis] - within).T).T.argmin(axis=1)
+        points = fused.cells.count[cells[mine]].astype(np.float64)
+        if len(np.unique(part)) < len(within) or not _are_tall_enough(
+            part, fused.cells.top[cells[mine]], points, human
+        ):
+            continue
+        label[mine[part > 0]] = fresh + part[part > 0] - 1
+        fresh += len(within) - 1
+    return label
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 |---|---|
 | `parameters` | configuration as ROS parameters |
 | `managed_node` | the lifecycle node that starts itself, and `run` |
+| `qos` | quality of service of streams and poses |
 | `diagnostics` | what arrived, what was dropped and why, on `/diagnostics` |
 | `convert` | results as messages (reading messages is `mrs_people_loc.messages`) |
 """

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import (
     Point,
     PointStamped,
@@ -32,7 +32,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mrs_people_loc.camera import StereoCamera, robot_from_optical
 from mrs_people_loc.config import Disparity, Mounting
-from mrs_people_loc.disparity import SUBPIXELS
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
@@ -44,9 +43,12 @@ _FIELD_TYPES = {"f4": PointField.FLOAT32, "u4": PointField.UINT32, "i4": PointFi
 _ANY_HEADING = (2.0 * math.pi) ** 2 / 12.0
 
 _PERSON = ColorRGBA(r=0.1, g=0.6, b=0.2, a=0.5)
+_COASTING = ColorRGBA(r=0.6, g=0.85, b=0.65, a=0.35)
 _TEXT = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 _CENTRE = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _ROBOT = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.9)
+#: Diameters of an arrow's shaft and head, and the head's length [m].
+_ARROW = {"x": 0.04, "y": 0.12, "z": 0.15}
 
 
 def header(stamp_ns: int, frame_id: str) -> Header:
@@ -126,6 +128,8 @@ def disparity(
     message.valid_window.height = height
     message.min_disparity = camera.disparity_of(config.max_range)
     message.max_disparity = camera.disparity_of(config.min_range)
+    from mrs_people_loc.disparity import SUBPIXELS  # here: a planner does without OpenCV
+
     message.delta_d = 1.0 / SUBPIXELS
     return message
 
@@ -221,29 +225,34 @@ def people(result: People, frame_id: str) -> PeopleMessage:
             for robot, pose in result.poses.items()
         ],
         persons=[_person(person) for person in result.persons],
-        groups=[_group(result.group)] if result.group else [],
+        groups=[_group(group) for group in result.groups],
     )
 
 
 def _person(person: Person) -> PersonMessage:
     return PersonMessage(
-        id=0,
+        id=person.id,
         pose=_place(person.position, person.covariance),
-        velocity=_unknown_velocity(),
+        velocity=_velocity(person.velocity, person.velocity_covariance),
         height=person.height,
         sigma=person.sigma,
         robots=list(person.robots),
+        age=_duration(person.age_s),
+        coasting=person.coasting,
     )
 
 
 def _group(group: Group) -> GroupMessage:
     return GroupMessage(
-        id=0,
+        id=group.id,
         size=group.size,
         centre=_place(group.centre, group.covariance),
-        velocity=_unknown_velocity(),
+        velocity=_velocity(group.velocity, group.velocity_covariance),
         radius=group.radius,
         rms_spread=group.rms_spread,
+        members=list(group.members),
+        stragglers=list(group.stragglers),
+        straggling_for=[_duration(away_s) for away_s in group.stragglers.values()],
     )
 
 
@@ -262,11 +271,28 @@ def _floor_pose(position: np.ndarray) -> RosPose:
     )
 
 
-def _unknown_velocity() -> TwistWithCovariance:
-    unknown = TwistWithCovariance(covariance=np.full(36, math.nan))
-    unknown.twist.linear = Vector3(x=math.nan, y=math.nan, z=math.nan)
-    unknown.twist.angular = Vector3(x=math.nan, y=math.nan, z=math.nan)
-    return unknown
+def _velocity(value: np.ndarray | None, covariance: np.ndarray | None) -> TwistWithCovariance:
+    """A velocity on the floor; NaN where nothing is known, as of turning."""
+    unknown = math.nan
+    made = TwistWithCovariance()
+    made.twist.linear = Vector3(x=unknown, y=unknown, z=unknown)
+    made.twist.angular = Vector3(x=unknown, y=unknown, z=unknown)
+    full = np.full((6, 6), unknown)
+    if value is not None and covariance is not None:
+        made.twist.linear = Vector3(x=float(value[0]), y=float(value[1]), z=0.0)
+        full[:3, :3] = 0.0
+        full[:2, :2] = covariance
+    made.covariance = full.reshape(-1)
+    return made
+
+
+def _point(x: float, y: float) -> Point:
+    return Point(x=float(x), y=float(y), z=0.05)
+
+
+def _duration(seconds: float) -> Duration:
+    nanoseconds = round(seconds * 1e9)
+    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
 def people_poses(result: People, frame_id: str) -> PoseArray:
@@ -278,7 +304,7 @@ def people_poses(result: People, frame_id: str) -> PoseArray:
 
 
 def group_centroid(result: People, frame_id: str) -> PointStamped | None:
-    """The group's centre of gravity; None if nobody is there."""
+    """The largest group's centre of gravity; None if nobody is there."""
     if result.group is None:
         return None
     return PointStamped(
@@ -301,7 +327,8 @@ def short_term_map(result: People, frame_id: str) -> PointCloud2:
     fused, label = result.fused, result.clusters.label
     person_of_cluster = np.full(len(result.clusters), -1)
     for index, person in enumerate(result.persons):
-        person_of_cluster[person.label] = index
+        if person.label >= 0:
+            person_of_cluster[person.label] = index
     records = np.empty(len(fused), MAP_DTYPE)
     records["x"], records["y"] = fused.xy.T
     for name in ("z", "z_min", "top", "count"):
@@ -311,8 +338,20 @@ def short_term_map(result: People, frame_id: str) -> PointCloud2:
     return cloud(result.stamp_ns, frame_id, records)
 
 
-def markers(result: People, frame_id: str, circle_sigmas: float) -> MarkerArray:
-    """What RViz draws: people as circles of some sigmas, the centre, and the robots."""
+def markers(
+    result: People,
+    frame_id: str,
+    circle_sigmas: float,
+    trails: Mapping[int, Sequence[tuple[float, float]]] | None = None,
+) -> MarkerArray:
+    """What RViz draws: people as circles, their velocities and ways, centres, and the robots.
+
+    Args:
+        result: An interval's result.
+        frame_id: The common frame.
+        circle_sigmas: Radius of a person's circle, in his sigmas.
+        trails: By id, where people were of late [m], the oldest place first.
+    """
     made = [Marker(header=header(result.stamp_ns, frame_id), action=Marker.DELETEALL)]
 
     def add(
@@ -331,16 +370,28 @@ def markers(result: People, frame_id: str, circle_sigmas: float) -> MarkerArray:
         made.append(marker)
         return marker
 
+    away_s = {member: s for group in result.groups for member, s in group.stragglers.items()}
     for index, person in enumerate(result.persons):
         size = 2.0 * circle_sigmas * person.sigma
-        pose = _floor_pose(person.position)
-        add("people", Marker.CYLINDER, pose, {"x": size, "y": size, "z": 0.02}, _PERSON)
+        pose, color = _floor_pose(person.position), _COASTING if person.coasting else _PERSON
+        add("people", Marker.CYLINDER, pose, {"x": size, "y": size, "z": 0.02}, color)
         above = _floor_pose(person.position)
         above.position.z = person.height + 0.2
         label = add("heights", Marker.TEXT_VIEW_FACING, above, {"z": 0.2}, _TEXT)
-        label.text = f"{index + 1}: {person.height:.2f} m"
-    if result.group is not None:
-        pose = _floor_pose(result.group.centre)
+        label.text = f"{person.id or index + 1}: {person.height:.2f} m"
+        if person.id in away_s:
+            label.text += f", {away_s[person.id]:.0f} s behind"
+        if person.velocity is not None:
+            x, y = person.position
+            vx, vy = person.velocity
+            arrow = add("velocities", Marker.ARROW, RosPose(), _ARROW, color)
+            arrow.points = [_point(x, y), _point(x + vx, y + vy)]  # where he is in a second
+        way = (trails or {}).get(person.id, ())
+        if len(way) > 1:
+            line = add("trails", Marker.LINE_STRIP, RosPose(), {"x": 0.03}, color)
+            line.points = [_point(x, y) for x, y in way]
+    for group in result.groups:
+        pose = _floor_pose(group.centre)
         add("centre", Marker.SPHERE, pose, {"x": 0.2, "y": 0.2, "z": 0.2}, _CENTRE)
     for robot, robot_pose in result.poses.items():
         pose = pose_with_covariance(robot_pose).pose

@@ -125,6 +125,7 @@ class Input:
         self.topic = topic
         self._once = once
         self._taken = False
+        self.received = 0
         self.dropped: Counter[str] = Counter()
         self.last_error = ""
         self._node = node
@@ -172,6 +173,7 @@ class Input:
         values = {
             "rate_hz": f"{self.rate_hz:.1f}",
             "silent_s": f"{silent:.1f}",
+            "received": self.received,
             "dropped": total,
             **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
         }
@@ -195,6 +197,7 @@ class Input:
 
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())
+        self.received += 1
         try:
             self._callback(message)
             self._taken = True

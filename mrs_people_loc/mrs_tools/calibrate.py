@@ -204,9 +204,9 @@ def live(robot: str, configs: Sequence[Path], duration_s: float) -> Calibration:
         ConfigError: A parameter file is wrong, or knows no such robot.
     """
     from rclpy.executors import SingleThreadedExecutor
-    from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import CameraInfo, Image
 
+    from mrs_ros.qos import STREAM
     from mrs_tools.cli import stop_on_signals
     from mrs_tools.replay import node
 
@@ -217,7 +217,7 @@ def live(robot: str, configs: Sequence[Path], duration_s: float) -> Calibration:
     with stop_on_signals() as stop, node("mrs_calibrate") as listener:
         for topic, handle in made.handlers.items():
             kind = CameraInfo if topic.endswith("/camera_info") else Image
-            listener.create_subscription(kind, topic, handle, qos_profile_sensor_data)
+            listener.create_subscription(kind, topic, handle, STREAM)
         executor = SingleThreadedExecutor(context=listener.context)
         executor.add_node(listener)
         try:

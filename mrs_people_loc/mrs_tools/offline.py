@@ -161,21 +161,33 @@ class Interval:
 
 def estimate_of(people: People) -> Estimate:
     """The people of an interval, as they are scored."""
+    persons = people.persons
+    unknown = np.full(2, np.nan)
+    velocities = [unknown if p.velocity is None else p.velocity for p in persons]
     return Estimate(
         stamp_ns=people.stamp_ns,
-        positions=np.array([p.position for p in people.persons]).reshape(-1, 2),
-        covariances=np.array([p.covariance for p in people.persons]).reshape(-1, 2, 2),
+        positions=np.array([p.position for p in persons]).reshape(-1, 2),
+        covariances=np.array([p.covariance for p in persons]).reshape(-1, 2, 2),
         centre=people.group.centre if people.group else None,
+        ids=np.array([p.id for p in persons], dtype=np.int64),
+        velocities=np.array(velocities).reshape(-1, 2),
+        coasting=np.array([p.coasting for p in persons], dtype=bool),
     )
 
 
 def read_estimate(message: Any) -> Estimate:
-    """The people of a mrs_people_msgs/People, as they are scored; of several groups the largest."""
+    """The people of a mrs_people_msgs/People, as they are scored; of several groups the largest.
+
+    Raises:
+        ValueError: Two of them have one id.
+    """
 
     def place(pose: Any) -> tuple[float, float]:
         return pose.pose.position.x, pose.pose.position.y
 
-    poses = [person.pose for person in message.persons]
+    persons = message.persons
+    poses = [person.pose for person in persons]
+    velocities = [person.velocity.twist.linear for person in persons]
     group = max(message.groups, key=lambda g: g.size, default=None)
     covariances = [np.reshape(pose.covariance, (6, 6))[:2, :2] for pose in poses]
     return Estimate(
@@ -183,6 +195,9 @@ def read_estimate(message: Any) -> Estimate:
         positions=np.array([place(pose) for pose in poses], dtype=np.float64).reshape(-1, 2),
         covariances=np.array(covariances, dtype=np.float64).reshape(-1, 2, 2),
         centre=np.array(place(group.centre)) if group else None,
+        ids=np.array([person.id for person in persons], dtype=np.int64),
+        velocities=np.array([(v.x, v.y) for v in velocities], dtype=np.float64).reshape(-1, 2),
+        coasting=np.array([person.coasting for person in persons], dtype=bool),
     )
 
 
@@ -598,7 +613,7 @@ def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
         The topic, and what was said on it.
 
     Raises:
-        BagError: There is no such topic, or several.
+        BagError: There is no such topic, or several; or two people of a message have one id.
     """
     topics = [t.name for t in bag.topics.values() if t.type == PEOPLE_TYPE and t.count]
     if len(topics) != 1:
@@ -606,4 +621,7 @@ def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
             f"{bag.path}: has {len(topics)} topics of {PEOPLE_TYPE}; wanted: one "
             f"(topics: {', '.join(topics or bag.topics)})"
         )
-    return topics[0], [read_estimate(message) for _, _, message in bag.decoded(topics)]
+    try:
+        return topics[0], [read_estimate(message) for _, _, message in bag.decoded(topics)]
+    except ValueError as err:
+        raise BagError(f"{bag.path}: {topics[0]}: {err}") from err

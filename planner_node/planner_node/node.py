@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections import deque
 from functools import partial
 
 from geometry_msgs.msg import PointStamped, PoseArray, PoseWithCovarianceStamped
@@ -10,8 +12,9 @@ from mrs_people_msgs.msg import People as PeopleMessage
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc import masking, messages
@@ -34,9 +37,8 @@ from mrs_ros.diagnostics import (
     recording_hint,
 )
 from mrs_ros.managed_node import ManagedNode
+from mrs_ros.qos import POSES, STREAM
 
-#: Poses come up to 100 times a second and robot, and none should be lost while an interval is run.
-POSE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: As map_server publishes: the last map, also for who comes later than it.
 MAP_QOS = QoSProfile(
     depth=1,
@@ -49,6 +51,8 @@ _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _TICK_S, _DISCOVERY_S = 0.01, 0.2
 #: A robot that was discovered has left when nobody has published its topics for so long [s].
 _LEFT_S = 30.0
+#: What is drawn of where people were: so many seconds [ns], and no more places than this.
+_TRAIL_NS, _LONGEST_TRAIL = 10_000_000_000, 300
 #: A robot that delivers less than this share of the scans expected of it is reported.
 _LEAST_RATE = 0.5
 
@@ -60,18 +64,33 @@ _LEFT_OUT = {
 }
 
 
+def _load() -> None:
+    """Loads what the method uses of SciPy, which takes as long as all else before the start.
+
+    The method would do so itself with the first interval, and that would be late.
+    """
+    import scipy.optimize
+    import scipy.spatial  # noqa: F401
+
+
 class PlannerNode(ManagedNode):
     """Scans and poses of all robots in, people out."""
 
     def __init__(self) -> None:
         super().__init__("planner_node", PlannerConfig)
+        # The node is on the network now, and meets the robots meanwhile.
+        threading.Thread(target=_load, name="load").start()
 
     # ---- life cycle ----
 
     def set_up(self) -> None:
         """Makes the publishers."""
-        self._planner = Planner(self.config)
+        # Also who follows people stays, from one configuration to the next: ids never repeat.
+        self._planner = getattr(self, "_planner", None) or Planner(self.config)
+        self._planner.config = self.config
+        self._planner.take_grid(None)
         self._grid: masking.OccupancyGrid | None = None
+        self._trails: dict[int, deque[tuple[int, float, float]]] = {}
         self._collector = IntervalCollector(self.config.interval, self.config.robots)
         self._robots: list[str] = []
         self._result: People | None = None
@@ -84,6 +103,7 @@ class PlannerNode(ManagedNode):
         self._people_poses = self.offer(PoseArray, "people_poses", 10)
         self._group_centroid = self.offer(PointStamped, "group_centroid", 10)
         self._short_term_map = self.offer(PointCloud2, "short_term_map", 2)
+        self._events = self.offer(String, "events", 10)
         self._markers = self.offer(MarkerArray, "markers", 2)
 
     def start(self) -> None:
@@ -112,7 +132,7 @@ class PlannerNode(ManagedNode):
     def changed(self, config: PlannerConfig) -> None:
         """Takes new parameters from the next interval on."""
         if self._configured:
-            self._planner = Planner(config)
+            self._planner.config = config
             self._planner.take_grid(self._grid)
             self._collector.config = config.interval
 
@@ -136,14 +156,9 @@ class PlannerNode(ManagedNode):
 
     def _add_robot(self, robot: str) -> None:
         self._robots.append(robot)
+        self.listen(PointCloud2, f"{robot}/points", partial(self._on_points, robot), STREAM)
         self.listen(
-            PointCloud2,
-            f"{robot}/points",
-            partial(self._on_points, robot),
-            qos_profile_sensor_data,
-        )
-        self.listen(
-            PoseWithCovarianceStamped, f"{robot}/pose", partial(self._on_pose, robot), POSE_QOS
+            PoseWithCovarianceStamped, f"{robot}/pose", partial(self._on_pose, robot), POSES
         )
 
     def _let_go(self) -> None:
@@ -202,11 +217,29 @@ class PlannerNode(ManagedNode):
         centroid = convert.group_centroid(result, frame)
         if centroid is not None:
             self._group_centroid.publish(centroid)
+        for event in result.events:
+            self.get_logger().info(event)
+            self._events.publish(String(data=event))
+        self._keep_trails(result)
         if self._short_term_map.get_subscription_count():
             self._short_term_map.publish(convert.short_term_map(result, frame))
         if self._markers.get_subscription_count():
             sigmas = self.config.human.circle_sigmas
-            self._markers.publish(convert.markers(result, frame, sigmas))
+            ways = {who: [(x, y) for _, x, y in way] for who, way in self._trails.items()}
+            self._markers.publish(convert.markers(result, frame, sigmas, ways))
+
+    def _keep_trails(self, result: People) -> None:
+        """Where everybody was in the last seconds."""
+        now_ns = result.stamp_ns
+        for person in result.persons:
+            if person.id:
+                way = self._trails.setdefault(person.id, deque(maxlen=_LONGEST_TRAIL))
+                way.append((now_ns, float(person.position[0]), float(person.position[1])))
+        for who, way in list(self._trails.items()):
+            while way and not 0 <= now_ns - way[0][0] <= _TRAIL_NS:
+                way.popleft()
+            if not way:
+                del self._trails[who]
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)
@@ -235,6 +268,11 @@ class PlannerNode(ManagedNode):
             "cells": len(result.fused),
             "clusters": len(result.clusters),
             "clusters_too_wide": result.too_wide,
+            "coasting": sum(person.coasting for person in result.persons),
+            "groups": len(result.groups),
+            "stragglers": sum(len(group.stragglers) for group in result.groups),
+            "times_back": self._planner.tracker.jumps_back,
+            "turned_away": self._planner.tracker.turned_away,
             **{f"{stage}_ms": f"{ms:.2f}" for stage, ms in result.times_ms.items()},
         }
         return Finding("intervals", OK, "ok", values)

@@ -6,7 +6,6 @@ import time
 from functools import partial
 
 import numpy as np
-from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
@@ -19,6 +18,7 @@ from mrs_people_loc.sight import SightWatch
 from mrs_ros import convert
 from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, stamp_hint
 from mrs_ros.managed_node import ManagedNode
+from mrs_ros.qos import STREAM
 from robot_node import pose_source
 from robot_node.pose_source import PoseSource
 
@@ -49,7 +49,7 @@ class RobotNode(ManagedNode):
         self._floor: FloorWatch | None = None
         self._floor_key: object = None
 
-        self._points = self.offer(PointCloud2, "points", qos_profile_sensor_data)
+        self._points = self.offer(PointCloud2, "points", STREAM)
         self._pose = PoseSource(self, self.base_frame)
         self._debug_disparity = self.offer(DisparityImage, "debug/disparity", 2)
         self._debug_clouds = {
@@ -65,11 +65,9 @@ class RobotNode(ManagedNode):
                 CameraInfo,
                 f"{camera}/camera_info",
                 partial(self._on_camera_info, camera),
-                qos_profile_sensor_data,
+                STREAM,
             )
-            self.listen(
-                Image, f"{camera}/{image}", partial(self._on_image, camera), qos_profile_sensor_data
-            )
+            self.listen(Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM)
         self._pose.start()
 
     def stop(self) -> None:

@@ -10,7 +10,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from mrs_people_loc import messages
 from mrs_people_loc.camera import StereoCamera
@@ -20,9 +19,8 @@ from mrs_people_loc.poses import Pose, PoseIntake, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.diagnostics import ERROR, OK, SILENCE_S, Finding
 from mrs_ros.managed_node import ManagedNode
+from mrs_ros.qos import POSES
 
-#: Poses come up to some hundred times a second and none should be lost while a frame is matched.
-POSE_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: How often TF is asked for the pose [s].
 TF_PERIOD_S = 0.02
 #: How often a robot that stands says where, while it sends no scan [s].
@@ -67,7 +65,7 @@ class PoseSource:
         self._heard_s = 0.0
         self._scan_at_s = 0.0
         self._error = ""
-        self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSE_QOS)
+        self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
         tells = self._config.pose.publish_tf != "never" and tf.installed("tf2_msgs")
         self._frames_out = tf.FramePublisher(node.offer) if tells else None
         self._odom_frame = ""
@@ -83,7 +81,7 @@ class PoseSource:
             self._timer = self._node.create_timer(TF_PERIOD_S, self._ask_tf, clock=steady)
         else:
             kind = Odometry if source == "odom" else PoseWithCovarianceStamped
-            self._node.listen(kind, source, self._on_pose, POSE_QOS)
+            self._node.listen(kind, source, self._on_pose, POSES)
         self._tell_fixed_frames()
 
     def stop(self) -> None:

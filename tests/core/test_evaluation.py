@@ -178,6 +178,30 @@ def test_moving_people_are_compared_where_they_are_at_the_estimates_stamp():
     assert frames[2].estimate is None  # 60 ms away, more than 50
 
 
+# ------------------------------------------------------------------------------------ estimates
+
+
+def test_an_estimate_says_of_everybody_who_he_is():
+    nothing = estimate(0, (1, 2), (3, 4))
+    assert nothing.ids.tolist() == [0, 0]
+    np.testing.assert_array_equal(nothing.velocities, [NOBODY, NOBODY])
+    assert nothing.coasting.tolist() == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"ids": np.array([1])}, r"ids has shape \(1,\); wanted: \(2,\)"),
+        ({"velocities": np.zeros(2)}, r"velocities has shape \(2,\); wanted: \(2, 2\)"),
+        ({"coasting": np.ones(3, dtype=bool)}, "coasting has shape"),
+        ({"ids": np.array([4, 4])}, "twice"),
+    ],
+)
+def test_an_estimate_that_contradicts_itself_is_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        Estimate(0, np.zeros((2, 2)), np.zeros((2, 2, 2)), **given)
+
+
 # -------------------------------------------------------------------------------------- people
 
 

@@ -358,7 +358,7 @@ def test_a_covariance_that_is_none_becomes_one(make_cells):
 def test_robots_without_a_scan_are_no_people_either(make_cells):
     scan = scan_of(make_cells, "a", (2, 0, 9, 1, 3.0))
     poses = {"a": Pose(0, 0.0, 0.0, 0.0)}
-    planner = Planner(cfg.PlannerConfig())
+    planner = Planner(cfg.PlannerConfig.from_mapping({"tracking.enabled": False}))
     assert len(planner.step([scan], poses, 0).persons) == 1
     result = planner.step([scan], {**poses, "b": Pose(0, 2.0, 0.0, 0.0)}, 0)
     assert result.persons == ()

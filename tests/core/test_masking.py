@@ -29,7 +29,8 @@ def room(length=6.0, width=4.0, wall=100) -> OccupancyGrid:
 
 
 def masking(**changes) -> cfg.PlannerConfig:
-    return cfg.PlannerConfig.from_mapping({"masking": changes})
+    """Each interval stands for itself."""
+    return cfg.PlannerConfig.from_mapping({"masking": changes, "tracking.enabled": False})
 
 
 def people(scans, poses, grid=None, **changes) -> list[tuple[float, float]]:
@@ -237,7 +238,8 @@ def test_a_grid_that_is_moved_and_turned():
     rng = np.random.default_rng(1)
     own = (rng.integers((-10, -10), (50, 40), (200, 2)) + 0.5) * 0.1  # no cell's border
     on_map = np.stack([2.0 - own[:, 1], -1.0 + own[:, 0]], axis=1)
-    np.testing.assert_array_equal(turned.distance(on_map), straight.distance(own))
+    # OpenCV's distance transform is not repeatable in its last bit.
+    np.testing.assert_allclose(turned.distance(on_map), straight.distance(own), rtol=1e-6)
     assert turned.distance(np.array((2.0 - 0.85, -1.0 + 2.0))) == 0.0
 
 

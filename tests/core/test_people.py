@@ -21,7 +21,8 @@ def make_map(make_cells):
 
     def make(xy, robot=0, robots=("robot_a",), **fields) -> ShortTermMap:
         xy = np.array(xy, dtype=float).reshape(-1, 2)
-        return ShortTermMap(robots, np.full(len(xy), robot), xy, make_cells(xy, **fields))
+        cells = make_cells(xy, **fields)
+        return ShortTermMap(robots, np.full(len(xy), robot), xy, cells, (0,) * len(robots))
 
     return make
 

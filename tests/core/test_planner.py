@@ -62,7 +62,8 @@ def test_people_of_a_scene(scene):
     np.testing.assert_allclose(people.group.centre, (3.5, 3.5), atol=1e-6)
     assert people.group.size == 3
     assert len(people.fused) == 3 * 4 * len(BODY)
-    assert list(people.times_ms) == ["fusion", "masking", "joining", "clustering", "people"]
+    stages = ["fusion", "masking", "joining", "clustering", "people", "tracking", "groups"]
+    assert list(people.times_ms) == stages
 
 
 def test_what_it_was_made_from(scene):
@@ -165,7 +166,8 @@ def test_a_heading_that_is_off_moves_what_is_far_away(scene):
 def test_older_scans_are_less_sure_of_where_people_are(scene):
     """One robot saw them half a second before the interval: they may have walked 0.35 m."""
     old, fresh = scene[0], scene[1]
-    planner = Planner(PlannerConfig.from_mapping({"interval.walking_speed": 0.7}))
+    memoryless = {"tracking.enabled": False}
+    planner = Planner(PlannerConfig.from_mapping({"interval.walking_speed": 0.7, **memoryless}))
 
     def covariance(*scans: Scan) -> np.ndarray:
         return planner.step(scans, POSES, 500_000_000).persons[0].covariance
@@ -180,7 +182,7 @@ def test_older_scans_are_less_sure_of_where_people_are(scene):
     now = at(old, 500_000_000), at(fresh, 500_000_000)
     spread = covariance(*both) - covariance(*now)
     np.testing.assert_allclose(spread, 0.35**2 / 4 * np.eye(2), atol=1e-12)
-    still = Planner(PlannerConfig.from_mapping({"interval.walking_speed": 0.0}))
+    still = Planner(PlannerConfig.from_mapping({"interval.walking_speed": 0.0, **memoryless}))
     first, second = (still.step(scans, POSES, 500_000_000) for scans in (both, now))
     np.testing.assert_array_equal(first.persons[0].covariance, second.persons[0].covariance)
     assert first.poses == {name: POSES[name] for name in ("robot_a", "robot_b")}

@@ -162,8 +162,9 @@ def test_overhead_sees_nobody_where_nobody_is(overhead: dict[int, View]) -> None
 
 
 def test_overhead_never_sees_two_people_nor_anybody_too_early(overhead: dict[int, View]) -> None:
-    seen = {n: len(view.people.persons) for n, view in overhead.items() if view.people.persons}
-    assert max(seen.values()) == 1
+    persons = {n: view.people.persons for n, view in overhead.items()}
+    assert max(map(len, persons.values())) == 1
+    seen = [n for n, found in persons.items() if any(not person.coasting for person in found)]
     assert [n for n in seen if not any(a <= n <= b for a, b in ANY_PART)] == []
     # 64 of these 209 frames, i.e. about 192 of the 627.
     assert 55 <= len(seen) <= 75
@@ -263,7 +264,7 @@ def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
     mounting = tmp_path / "mounting.yaml"
     mounting.write_text(
         "/**/robot_node: {ros__parameters: {mounting: {height: 1.259, pitch: 0.0738}}}\n"
-        "/**/planner_node: {ros__parameters: {robots: [robot_a]}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_a], tracking: {enabled: false}}}\n"
     )
     found = 0
     for view in views(five_bag, str(mounting)):
@@ -274,7 +275,7 @@ def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
         # The torsos are surfaces, some 0.1 m in front of the axis.
         assert away.mean() < 0.20
         found += len(rows)
-    assert found >= 42  # of 50; measured: 47
+    assert found >= 42  # of 50; measured: 42 to 47
 
 
 def test_five_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Path) -> None:

@@ -29,11 +29,12 @@ while (data := s.recv(65536)) != b"end":
     print(len(data), flush=True)
 """
 SEND = """
-import socket, sys
+import socket, sys, time
 s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 size, count = map(int, sys.argv[2:])
 for _ in range(count):
     s.sendto(b"x" * size, (sys.argv[1], 5000))
+    time.sleep(0.0005)  # what is on its way waits in queues, and they are not endless
 """
 
 

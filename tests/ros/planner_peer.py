@@ -152,6 +152,20 @@ class PlannerPeer:
         """Waits for an entry of the node's diagnostics."""
         return self.peer.until_finding(self.node, name, wanted, what)
 
+    def taking(self, *topics: str) -> Callable[[], None]:
+        """Counts what the node has taken of inputs; the result waits for one more of each.
+
+        Of scans the node keeps the newest only; what must not be passed over is waited for.
+        """
+        findings = self.peer.next_findings(self.node)[self.node]
+        counts = {topic: findings[topic].count("received") + 1 for topic in topics}
+
+        def wait() -> None:
+            for topic, count in counts.items():
+                self.until_finding(topic, lambda f, n=count: f.count("received") >= n)  # type: ignore[misc]
+
+        return wait
+
 
 def places(message: People) -> list[tuple[float, float]]:
     """Where the people of a message are [m], to the millimetre, sorted."""

@@ -101,6 +101,15 @@ class RobotPeer:
 
     # ---- what comes back ----
 
+    def settle(self) -> None:
+        """Waits until what was sent has been taken: a pose that is sent behind it comes back.
+
+        Of images the node keeps the newest only; what must not be passed over is waited for.
+        """
+        odometry = self.odometry()
+        self.send_pose(odometry)
+        self.pose_at(stamp_of(odometry))
+
     def points_at(self, stamp_ns: int) -> PointCloud2:
         """The scan of a stamp."""
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import math
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -19,8 +21,8 @@ from ros.planner_peer import PlannerPeer, PlayedRobot, places, pose_of, robots_i
 from ros.recording import Recording, set_stamp, stamp_of
 
 ROBOTS = ("robot_a", "robot_b", "robot_c")
-#: What a robot or a planner that is back on the network may take until people are, too [s]; in one
-#: of some tries, as the machine may be busy with other things.
+#: What a robot that is back on the network may take until people are, too, and a planner from the
+#: start of its process [s]; in one of some tries, as the machine may be busy with other things.
 BACK_S, TRIES = 2.0, 3
 SECOND = 1_000_000_000
 
@@ -150,15 +152,22 @@ def _message(life: Life, name: str) -> str:
     return finding.message if finding and finding.level == ERROR else ""
 
 
+def test_a_planner_is_on_the_network_before_it_has_loaded_everything() -> None:
+    """What takes longest is loaded while it meets the robots, or not at all."""
+    code = "import sys, planner_node.node; print({'cv2', 'scipy'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
 @pytest.mark.timeout(300)
 def test_a_killed_planner_picks_up(life: Life) -> None:
     for _ in range(TRIES):
         kill(life.planner)
-        life.until(lambda: not life.is_there("/planner_node"), "the planner is gone")
+        began = time.monotonic()
         life.planner = life.team.start("planner_node")
-        life.until(lambda: life.is_there("/planner_node"), "the planner is back")
-        took_s = life.until_seen_by(*ROBOTS)
-        print(f"\nplanner_node killed and started: people {took_s:.2f} s after it was back")
+        life.until_seen_by(*ROBOTS)
+        took_s = time.monotonic() - began
+        print(f"\nplanner_node killed: people of all robots {took_s:.2f} s after its new start")
         if took_s < BACK_S:
             break
     else:
@@ -167,7 +176,7 @@ def test_a_killed_planner_picks_up(life: Life) -> None:
 
 
 def test_a_robot_that_leaves_is_let_go(life: Life) -> None:
-    assert life.robots["robot_c"].stop() < 10.0
+    life.robots["robot_c"].stop()
     life.until_seen_by("robot_a", "robot_b")
     assert life.planner.alive
 

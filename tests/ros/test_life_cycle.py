@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from dataclasses import dataclass
 
 import pytest
@@ -16,8 +17,8 @@ from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
 SOMEBODY = (2.0, 1.0)
-#: "A few seconds", on a machine that is busy [s].
-SOON_S = 8.0
+#: "A few seconds", on a machine that is busy with other things [s].
+SOON_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -227,11 +228,11 @@ def test_nodes_end_with_any_signal(doomed: dict[str, NodeProcess], peer: Peer, n
     """Also with a second one while they end, as `ros2 launch` sends it."""
     process, end = doomed[name], ENDS[name]
     peer.until(lambda: peer.state(process.name) == end.state, f"{name} is not {end.state}")
-    for number in end.signals[:-1]:
+    began = time.monotonic()
+    for number in end.signals:  # it may have ended before the last one
         process.process.send_signal(number)
-    if process.alive:
-        assert process.stop(end.signals[-1]) < SOON_S
-    assert process.exit_code() == 0
+    assert process.exit_code() == 0, process.log
+    assert time.monotonic() - began < SOON_S
     assert "Traceback" not in process.log
 
 

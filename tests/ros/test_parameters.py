@@ -559,14 +559,14 @@ def test_parameters_of_the_size_of_people_take_effect(
 
 def _people(robot: RobotPeer, planner: PlannerPeer, config: RobotConfig) -> int:
     """Sends a view until the planner answers, and says how many people it has found."""
-    count = len(planner.people)
+    sent: set[int] = set()
 
-    def answered() -> bool:
+    def answer() -> Any:
         view = robot.view()
+        sent.add(stamp_of(view["left"][0]))
         robot.send_pose(robot.odometry(stamp_of(view["left"][0])))
         robot.check(config, view)
         robot.peer.spin(0.2)
-        return len(planner.people) > count
+        return next((said for said in planner.people if stamp_of(said) in sent), None)
 
-    robot.peer.until(answered, lambda: planner.process.log)
-    return len(planner.people[-1].persons)
+    return len(robot.peer.until(answer, lambda: planner.process.log).persons)

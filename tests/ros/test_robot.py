@@ -170,7 +170,9 @@ def test_stamp_is_that_of_the_left_image(robot: RobotPeer, live: Change) -> None
     far = robot.view(stamp_ns + 100_000_000)
     set_stamp(far["right"][0], stamp_ns + 125_000_000)
     robot.send(far)
+    robot.settle()
     robot.check(DEFAULTS, robot.view(stamp_ns + 200_000_000))
+    robot._last_ns = stamp_ns + 200_000_000
     assert stamp_of(robot.points[-2]) == stamp_ns
     finding = robot.until_finding("pairs", lambda f: f.count("unpaired") == 2)
     assert finding.level == WARN

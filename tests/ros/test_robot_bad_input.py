@@ -394,6 +394,7 @@ def test_images_that_jump_back_by_seconds_are_a_new_beginning(robot: RobotPeer) 
     then = robot.now() - 100 * SECOND
     for step in range(2):
         robot.send(robot.view(then + step * (SECOND // 5)))
+        robot.settle()
     old = robot.view(then + 2 * (SECOND // 5))
     robot.check(DEFAULTS, old)
     after = robot.until_finding("pairs", lambda f: f.count("stamp_resets") > 0)
@@ -425,6 +426,7 @@ def test_images_that_never_pair(robot: RobotPeer) -> None:
         view = robot.view()
         set_stamp(view["right"][0], stamp_of(view["left"][0]) + 5_000_000)
         robot.send(view)
+        robot.settle()
     finding = robot.until_finding("pairs", lambda f: f.count("unpaired") == 4)
     assert finding.level == WARN
     assert finding.message == (
@@ -566,4 +568,5 @@ def stamped_view(robot: RobotPeer, sec: int) -> Any:
 )
 def test_node_survives_what_is_strange(robot: RobotPeer, send: Callable[[RobotPeer], None]) -> None:
     send(robot)
+    robot.settle()
     _still_works(robot)

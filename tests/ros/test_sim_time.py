@@ -70,9 +70,12 @@ def robots(peer: Peer, planner: PlannerPeer, clock: SimTime) -> list[PlayedRobot
             return False  # its time is not that on /clock yet
         for robot in made:
             robot.send(clock.now, SOMEBODY)
-        peer.spin(0.2)
-        last = planner.people[-1] if planner.people else None
-        return last is not None and stamp_of(last) == clock.now and len(last.scans) == 2
+        for _ in range(20):
+            peer.spin(0.1)
+            last = planner.people[-1] if planner.people else None
+            if last is not None and stamp_of(last) == clock.now:
+                return len(last.scans) == 2
+        return False
 
     peer.until(connected, lambda: planner.process.log)
     return made

@@ -254,8 +254,11 @@ def test_a_pose_by_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None:
     def told_at(stamp_ns: int) -> bool:
         tf.tell(told("map", "robot_e/odom", 10.0, 20.0, math.pi / 2, stamp_ns + 10**9))
         tf.tell(told("robot_e/odom", "robot_e/base_link", 3.0, 1.0, 0.1, stamp_ns))
-        robot.peer.spin(0.1)
-        return any(stamp_of(pose) == stamp_ns for pose in robot.poses)
+        for _ in range(20):
+            robot.peer.spin(0.1)
+            if any(stamp_of(pose) == stamp_ns for pose in robot.poses):
+                return True  # and no other pose is under way
+        return False
 
     robot.peer.until(lambda: told_at(robot.now()), "a pose")
     pose = robot.poses[-1]

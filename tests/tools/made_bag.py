@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -83,29 +83,42 @@ class Bag:
         )
         self.write("/map", ms, grid)
 
-    def people(self, ms: float, *people: tuple[float, float], centre: Any = None) -> None:
-        twist = self.make(
+    def twist(self, x: float, y: float) -> Any:
+        return self.make(
             "geometry_msgs/msg/TwistWithCovariance",
             twist=self.make(
                 "geometry_msgs/msg/Twist",
-                linear=self.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
+                linear=self.make("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=0.0),
                 angular=self.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0),
             ),
             covariance=np.zeros(36),
         )
+
+    def people(
+        self,
+        ms: float,
+        *people: tuple[float, float],
+        centre: Any = None,
+        ids: Sequence[int] | None = None,
+        velocities: Sequence[tuple[float, float]] | None = None,
+        coasting: Sequence[int] = (),
+    ) -> None:
+        """People; `coasting` names ids."""
+        numbers = ids or [0] * len(people)
+        twists = [self.twist(*v) for v in velocities or [(math.nan, math.nan)] * len(people)]
         persons = [
             self.make(
                 "mrs_people_msgs/msg/Person",
-                id=0,
+                id=number,
                 pose=self.uncertain(*xy),
                 velocity=twist,
                 height=1.7,
                 sigma=0.1,
                 robots=["robot_a"],
                 age=self.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
-                coasting=False,
+                coasting=number in coasting,
             )
-            for xy in people
+            for number, xy, twist in zip(numbers, people, twists, strict=True)
         ]
         groups = [
             self.make(
@@ -113,7 +126,7 @@ class Bag:
                 id=0,
                 size=size,
                 centre=self.uncertain(*xy),
-                velocity=twist,
+                velocity=self.twist(math.nan, math.nan),
                 radius=1.0,
                 rms_spread=1.0,
                 members=np.zeros(0, np.uint32),

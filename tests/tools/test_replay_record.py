@@ -5,7 +5,6 @@ The commands run as processes of their own, as a person starts them.
 
 import contextlib
 import itertools
-import os
 import signal
 import subprocess
 import sys
@@ -35,6 +34,7 @@ from mrs_tools import replay  # noqa: E402
 from mrs_tools.bags import BagReader, BagWriter, default_typestore  # noqa: E402
 from mrs_tools.record import Recorder  # noqa: E402
 from mrs_tools.replay import Progress, Replayer, message_class, node  # noqa: E402
+from ros.harness import own_domain  # noqa: E402
 
 # Of lark, which the ROS wheels load on the way.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
@@ -45,14 +45,18 @@ RELIABLE = QoSProfile(depth=1000)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LIMIT_S = 60.0
+#: What a recorder or a replay in another process gets to catch up [s]: nothing shows when it has.
+CATCH_UP_S = 2.0
 
 
 @pytest.fixture(scope="module", autouse=True)
-def own_domain():
+def _own_domain():
     """Runs side by side never hear each other."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    with own_domain() as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        # As between machines; and shared memory loses messages for a process that gets no time.
+        patch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         yield
 
 
@@ -167,13 +171,13 @@ def texts_of(arrived):
 def test_what_is_recorded_is_what_was_replayed(tmp_path):
     """Every byte of the starter bag, through two processes."""
     out = tmp_path / "out.mcap"
-    with mrs("record", out) as recording, mrs("replay", PAPER, "--rate", 2, "--wait", 20) as source:
+    with mrs("record", out) as recording, mrs("replay", PAPER, "--rate", 2, "--wait", 50) as source:
         code, said = finish(source)
         assert code == 0, said
         assert "published 678 messages on 18 topics" in said
         assert "--clock" in said
         assert "use_sim_time:=true" in said
-        time.sleep(0.5)
+        time.sleep(CATCH_UP_S)
         code, said = finish(recording, signal.SIGINT)
     assert code == 0, said
     assert "678 messages in" in said
@@ -198,9 +202,9 @@ def test_what_is_recorded_is_what_was_replayed(tmp_path):
     assert [(p.x, p.y) for p in positions] == [(0.2, 2.0)] * 151
     # and round again
     with mrs("record", tmp_path / "again") as recording, Replayer(out, rate=4.0) as player:
-        player.wait_for_subscribers(20.0)
+        player.wait_for_subscribers(50.0)
         player.play()
-        time.sleep(0.5)
+        time.sleep(CATCH_UP_S)
         assert finish(recording, signal.SIGTERM)[0] == 0
     with BagReader(out) as sent, BagReader(tmp_path / "again") as got:
         assert_same_bytes(messages_of(got, "/robot_a/odom"), messages_of(sent, "/robot_a/odom"))
@@ -231,13 +235,14 @@ def test_timing(ros, tmp_path):
     )
     with Replayer(bag, rate=2.0) as player:
         assert player.wait_for_subscribers() == {"/talk": 1}
+        began = time.monotonic()
         done = player.play()
     assert done.counts == {"/talk": 11}
     assert done.rounds == 1
     until(lambda: len(arrived) == 11)
     assert [text for text, _ in arrived] == [str(k) for k in range(11)]
-    elapsed = arrived[-1][1] - arrived[0][1]
-    assert 0.8 < elapsed < 10.0  # 2 s of bag time at twice the speed: 1 s
+    elapsed = arrived[-1][1] - began
+    assert 0.99 < elapsed < 10.0  # 2 s of bag time at twice the speed: 1 s
 
 
 class FakeTime:
@@ -507,11 +512,11 @@ def test_record_takes_what_each_publisher_offers(ros, tmp_path):
         until(latched.get_subscription_count)
         late = ros.create_publisher(String, "/late", RELIABLE)
         publish_until([plain, sensor, hidden], late.get_subscription_count)
-        time.sleep(1.0)  # the recorder's side of the match
+        time.sleep(CATCH_UP_S)  # the recorder's side of the match
         for k in range(1000, 1010):
             for publisher in (plain, sensor, late):
                 publisher.publish(String(data=f"- {k}"))
-        time.sleep(0.5)
+        time.sleep(CATCH_UP_S)
         code, said = finish(process, signal.SIGINT)
     assert code == 0, said
     ended_ns = time.time_ns()
@@ -534,11 +539,11 @@ def test_record_goes_along_when_a_publisher_comes_that_offers_less(ros, tmp_path
         publish_until([first], first.get_subscription_count)
         second = ros.create_publisher(String, "/talk", BEST_EFFORT)
         until(second.get_subscription_count)
-        time.sleep(1.0)  # the recorder's side of the match
+        time.sleep(CATCH_UP_S)  # the recorder's side of the match
         for k in range(1000, 1005):
             first.publish(String(data=f"first {k}"))
             second.publish(String(data=f"second {k}"))
-        time.sleep(0.5)
+        time.sleep(CATCH_UP_S)
         assert finish(process, signal.SIGTERM)[0] == 0
     with BagReader(tmp_path / "out.mcap") as bag:
         said = [m.data for _, _, m in bag.decoded(["/talk"])]
@@ -570,7 +575,7 @@ def test_record_for_a_time(ros, tmp_path):
         code, said = finish(process)
     assert code == 0, said
     with BagReader(tmp_path / "out.mcap") as bag:
-        assert bag.duration_s < 4.5
+        assert bag.duration_s < 10.0
 
 
 def test_record_overwrites_nothing(tmp_path):

@@ -1,0 +1,271 @@
+"""Groups: who walks together, who has fallen behind or left, and what has happened.
+
+Two people are linked once they have walked near each other for a while, and no more once they have
+been farther apart for a while; a group is what links hold together. Of the groups that share
+members with an earlier one, that with the most is the same group and keeps its id. A member who is
+no longer held is a straggler of his group until he is back, or has been away for so long that he
+has left it. Time is an argument.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.clustering import connected
+from mrs_people_loc.geometry import Float
+from mrs_people_loc.people import Group, Person, gather
+
+Bool = NDArray[np.bool_]
+
+#: Who is predicted, not seen, may be nearer than he seems, by so many sigmas.
+_UNSEEN_SIGMAS = 2.0
+#: People whose velocities differ by more do not begin to walk together [m/s].
+_TOGETHER = 0.8
+#: An interval that comes later counts as if it came so long after the one before [s].
+_LONGEST_STEP = 1.0
+
+
+@dataclass
+class _Roster:
+    """Who belongs to a group.
+
+    Attributes:
+        joined_s: By member, for how long he has belonged to it [s].
+        unseen_s: By member who is not followed at the moment, since when [s].
+        away_s: By straggler, since when [s].
+    """
+
+    joined_s: dict[int, float] = field(default_factory=dict)
+    unseen_s: dict[int, float] = field(default_factory=dict)
+    away_s: dict[int, float] = field(default_factory=dict)
+
+    def drop(self, member: int) -> None:
+        """Forgets a member."""
+        for each in (self.joined_s, self.unseen_s, self.away_s):
+            each.pop(member, None)
+
+
+class Groups:
+    """Follows who belongs together.
+
+    Args:
+        config: Its parameters; may be replaced at any time.
+
+    Attributes:
+        config: Likewise.
+    """
+
+    def __init__(self, config: cfg.Groups) -> None:
+        self.config = config
+        self._time_ns: int | None = None
+        self._next_id = 1
+        self._rosters: dict[int, _Roster] = {}
+        self._ids = np.empty(0, dtype=np.intp)
+        self._linked = np.empty((0, 0), dtype=bool)
+        self._doubt_s = np.empty((0, 0))
+
+    def step(
+        self, people: Sequence[Person], time_ns: int
+    ) -> tuple[tuple[Group, ...], tuple[str, ...]]:
+        """Takes the people of an interval.
+
+        Args:
+            people: Who is followed, by id.
+            time_ns: Time of the interval [ns]; where it jumps back, nothing gets older.
+
+        Returns:
+            The groups, the largest first, and what has happened, in sentences.
+        """
+        dt_s = 0.0 if self._time_ns is None else (time_ns - self._time_ns) / 1e9
+        dt_s = min(max(dt_s, 0.0), _LONGEST_STEP)
+        self._time_ns = time_ns
+        self._link(people, dt_s)
+        parts = self._parts()
+        events: list[str] = []
+        names = self._names(parts, events)
+        self._call_roll(names, parts, dt_s, events)
+        by_id = {person.id: person for person in people}
+        groups = []
+        for name, part in zip(names, parts, strict=True):
+            group = gather([by_id[member] for member in part])
+            assert group is not None
+            away = dict(sorted(self._rosters[name].away_s.items()))
+            groups.append(dataclasses.replace(group, id=name, stragglers=away))
+        groups.sort(key=lambda group: (-group.size, group.id))
+        return tuple(groups), tuple(events)
+
+    # ---- links ----
+
+    def _link(self, people: Sequence[Person], dt_s: float) -> None:
+        """Who is linked to whom by now."""
+        config = self.config
+        ids = np.array([person.id for person in people], dtype=np.intp)
+        count = len(ids)
+        linked, doubt_s = np.eye(count, dtype=bool), np.zeros((count, count))
+        _, old, new = np.intersect1d(self._ids, ids, assume_unique=True, return_indices=True)
+        linked[np.ix_(new, new)] = self._linked[np.ix_(old, old)]
+        doubt_s[np.ix_(new, new)] = self._doubt_s[np.ix_(old, old)]
+
+        xy = np.array([person.position for person in people]).reshape(-1, 2)
+        away = _apart(xy)
+        unseen = np.array([person.coasting for person in people], dtype=bool)
+        slack = np.array(
+            [_UNSEEN_SIGMAS * _sigma(p.covariance) if p.coasting else 0.0 for p in people]
+        )
+        apart = away - slack[:, np.newaxis] - slack > config.distance
+        velocity = np.array(
+            [p.velocity if p.velocity is not None else (np.nan, np.nan) for p in people]
+        ).reshape(-1, 2)
+        together = (away < config.distance - config.margin) & ~(_apart(velocity) > _TOGETHER)
+        together &= ~unseen & ~unseen[:, np.newaxis]
+
+        # Who is held by the same group anyway, or is as new as the other one, is linked at once.
+        homes = self._homes()
+        home = np.array([homes.get(person.id, 0) for person in people], dtype=np.intp)
+        young = np.array([person.age_s < config.join_time for person in people], dtype=bool)
+        at_once = (home == home[:, np.newaxis]) & (home > 0) & ~apart
+        at_once |= young & young[:, np.newaxis] & together
+        doubt_s = np.where(np.where(linked, apart, together), doubt_s + dt_s, 0.0)
+        changed = doubt_s >= np.where(linked, config.leave_time, config.join_time)
+        changed &= doubt_s > 0
+        linked = np.where(linked, ~changed, changed | at_once)
+        doubt_s[changed | at_once] = 0.0
+        self._ids, self._linked, self._doubt_s = ids, linked, doubt_s
+
+    def _homes(self) -> dict[int, int]:
+        """By member, the group that holds him."""
+        return {
+            member: name
+            for name, roster in self._rosters.items()
+            for member in roster.joined_s
+            if member not in roster.away_s
+        }
+
+    def _parts(self) -> list[list[int]]:
+        """The ids of those that links hold together."""
+        one, other = np.nonzero(self._linked)
+        root = connected(one, other, len(self._ids))
+        return [self._ids[root == first].tolist() for first in np.unique(root)]
+
+    # ---- rosters ----
+
+    def _names(self, parts: Sequence[Sequence[int]], events: list[str]) -> list[int]:
+        """Which group each part is; those that are new get a roster."""
+        homes = self._homes()
+        shared = []
+        for index, part in enumerate(parts):
+            for name in sorted({homes[m] for m in part if m in homes}):
+                held = [self._rosters[name].joined_s[m] for m in part if homes.get(m) == name]
+                shared.append((-len(held), -max(held), name, index))
+        names: dict[int, int] = {}
+        for _, _, name, index in sorted(shared):
+            if index not in names and name not in names.values():
+                names[index] = name
+        for index, part in enumerate(parts):
+            if index in names:
+                continue
+            names[index] = self._next_id
+            self._next_id += 1
+            self._rosters[names[index]] = _Roster()
+            before = {homes[m] for m in part if m in homes}
+            if len(part) > 1 and before:
+                whence = ", ".join(f"group {name}" for name in sorted(before))
+                events.append(f"{_people(part)} split from {whence} as group {names[index]}")
+        return [names[index] for index in range(len(parts))]
+
+    def _call_roll(
+        self, names: Sequence[int], parts: Sequence[Sequence[int]], dt_s: float, events: list[str]
+    ) -> None:
+        """Brings the rosters up to date: who is there, who is not, and who is no more."""
+        homes = self._homes()
+        for name, part in zip(names, parts, strict=True):
+            self._take(name, part, homes, dt_s, events)
+        where = {m: name for name, part in zip(names, parts, strict=True) for m in part}
+        sizes = {name: len(part) for name, part in zip(names, parts, strict=True)}
+        for name, roster in list(self._rosters.items()):
+            for member in sorted(set(roster.joined_s) - {m for m in where if where[m] == name}):
+                self._miss(name, member, sizes.get(where.get(member, 0), 0), dt_s, events)
+            if not roster.joined_s and name not in names:
+                del self._rosters[name]
+
+    def _take(
+        self, name: int, part: Sequence[int], homes: dict[int, int], dt_s: float, events: list[str]
+    ) -> None:
+        """The people of a part are there: they are members of the group that it is."""
+        roster = self._rosters[name]
+        founded = not roster.joined_s
+        merged: dict[int, list[int]] = {}
+        for member in part:
+            if member in roster.away_s:
+                away_s = roster.away_s[member]
+                events.append(f"{_people([member])} is back with group {name} after {away_s:.1f} s")
+            elif member not in roster.joined_s and not founded:
+                merged.setdefault(homes.get(member, 0), []).append(member)
+            former = homes.get(member, name)
+            if former != name and not founded:
+                self._rosters[former].drop(member)
+            joined_s = roster.joined_s.get(member, -dt_s) + dt_s
+            roster.drop(member)
+            roster.joined_s[member] = joined_s
+        for former, members in merged.items():
+            left = self._rosters.get(former, _Roster())
+            if len(members) > 1 and former and not set(left.joined_s) - set(left.away_s):
+                events.append(f"group {former} ({_people(members)}) merges into group {name}")
+                for straggler, away_s in left.away_s.items():
+                    if straggler not in roster.joined_s:
+                        roster.joined_s[straggler] = left.joined_s[straggler]
+                        roster.away_s[straggler] = away_s
+                left.joined_s.clear()
+                left.away_s.clear()
+            else:
+                events += [f"{_people([member])} joins group {name}" for member in members]
+
+    def _miss(self, name: int, member: int, elsewhere: int, dt_s: float, events: list[str]) -> None:
+        """A member is not there: he is in a group of so many people elsewhere; 0: not seen."""
+        config, roster = self.config, self._rosters[name]
+        alone = len(roster.joined_s) == 1
+        if member in roster.away_s:
+            roster.away_s[member] += dt_s
+            if roster.away_s[member] >= config.forget_time:
+                roster.drop(member)
+                events.append(f"{_people([member])} has left group {name}")
+        elif elsewhere:
+            if alone or roster.joined_s[member] < config.join_time:
+                roster.drop(member)
+                return
+            roster.away_s[member] = config.leave_time
+            if elsewhere == 1:
+                events.append(f"{_people([member])} has fallen behind or left group {name}")
+        else:
+            roster.unseen_s[member] = roster.unseen_s.get(member, 0.0) + dt_s
+            unseen_s = roster.unseen_s[member]
+            if unseen_s >= config.missing_time:
+                if alone or roster.joined_s[member] < config.join_time:
+                    roster.drop(member)
+                    return
+                roster.away_s[member] = unseen_s
+                events.append(
+                    f"{_people([member])} of group {name} has not been seen for {unseen_s:.0f} s"
+                )
+
+
+def _people(members: Iterable[int]) -> str:
+    each = [str(member) for member in members]
+    return f"person {each[0]}" if len(each) == 1 else f"people {', '.join(each)}"
+
+
+def _apart(vectors: Float) -> Float:
+    """How far vectors are from each other, shape (n, n)."""
+    x, y = (np.subtract.outer(axis, axis) for axis in vectors.T)
+    return np.asarray(np.sqrt(x * x + y * y))
+
+
+def _sigma(covariance: Float) -> float:
+    """Standard deviation along the long axis of an ellipse [m]."""
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
