@@ -356,9 +356,7 @@ def _assign(
     if not len(rows) or not len(free):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     (x, y), (found_x, found_y) = tracks.state[rows, :2].T, found.xy[free].T
-    away = np.maximum(
-        np.abs(np.subtract.outer(x, found_x)), np.abs(np.subtract.outer(y, found_y))
-    )
+    away = np.maximum(np.abs(np.subtract.outer(x, found_x)), np.abs(np.subtract.outer(y, found_y)))
     row, column = np.nonzero(away <= config.max_distance)
     one, other = rows[row], free[column]
     places, covariances = _looked_for(tracks, one, found.delay_s[other])
@@ -407,9 +405,7 @@ def _update(
 
 
 def _determinant(matrices: Float) -> Float:
-    return np.asarray(
-        matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
-    )
+    return np.asarray(matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0])
 
 
 def _squared(offset: Float, covariance: Float) -> Float:
