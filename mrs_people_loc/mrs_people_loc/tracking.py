@@ -192,6 +192,7 @@ class Tracker:
         self.jumps_back = 0
         self.turned_away = 0
         self._time_ns: int | None = None
+        self._followed_s = 0.0
         self._next_id = 1
         self._tracks = _begun(_Found.of((), 0), config)
         self._lost = self._tracks
@@ -219,6 +220,7 @@ class Tracker:
         if time_ns != self._time_ns:
             dt_s = self._since(time_ns)
             self._time_ns = time_ns
+            self._followed_s += dt_s
             self._tracks.predict(dt_s, self.config.acceleration)
             self._lost.predict(dt_s, self.config.acceleration)
             self._take(_Found.of(persons, time_ns), dt_s)
@@ -259,9 +261,10 @@ class Tracker:
     def _name(self, rows: Int) -> None:
         """Gives ids to tracks that are people by now: a new one, or that of somebody lost."""
         config, tracks = self.config, self._tracks
-        sure = tracks.evidence[rows] >= np.where(
-            tracks.age_s[rows] >= config.birth_time, config.birth_score, config.sure_score
-        )
+        old = tracks.age_s[rows] >= config.birth_time
+        sure = tracks.evidence[rows] >= np.where(old, config.birth_score, config.sure_score)
+        # In the beginning everybody is new; later on, hardly anybody appears out of nowhere.
+        sure |= self._followed_s < config.start_time
         for row in rows[sure & (tracks.unseen_s[rows] == 0)].tolist():
             lost = self._who_was(row)
             if lost is None:

@@ -213,14 +213,14 @@ def test_a_height_tells_people_apart():
 
 
 def test_who_is_surely_a_person_is_one_at_once():
-    (one,) = tracker(sure_score=2.0).step([person(1, 2, at_ns=0, score=2.0)], 0)
+    (one,) = tracker(sure_score=2.0, start_time=0.0).step([person(1, 2, at_ns=0, score=2.0)], 0)
     assert one.id == 1
     np.testing.assert_array_equal(one.velocity, (0, 0))
     np.testing.assert_allclose(one.velocity_covariance, 0.8**2 * np.eye(2))
 
 
 def test_who_may_be_a_person_is_one_after_evidence():
-    follower = tracker(sure_score=3.0, birth_score=0.5, birth_time=0.25)
+    follower = tracker(sure_score=3.0, birth_score=0.5, birth_time=0.25, start_time=0.0)
     said = [
         follower.step([person(1, 2, at_ns=k * 100 * MS, score=1.0)], k * 100 * MS) for k in range(6)
     ]
@@ -228,15 +228,25 @@ def test_who_may_be_a_person_is_one_after_evidence():
     assert said[-1][0].age_s == pytest.approx(0.5)
 
 
+def test_in_the_beginning_everybody_is_new():
+    follower = tracker(birth_score=0.5, start_time=0.35, birth_time=0.2)
+    for k in range(4):
+        out = follower.step([person(5.0 * i, 0, at_ns=0, score=1.0) for i in range(k + 1)], k * MS)
+        assert ids(out) == list(range(1, k + 2))
+    found = [person(5.0 * i, 0, at_ns=0, score=1.0) for i in range(5)]
+    assert ids(follower.step(found, 500 * MS)) == [1, 2, 3, 4]
+    assert ids(follower.step(found, 700 * MS)) == [1, 2, 3, 4, 5]
+
+
 def test_what_flickers_is_nobody():
-    follower = tracker(sure_score=3.0, doubt_time=0.1)
+    follower = tracker(sure_score=3.0, doubt_time=0.1, start_time=0.0)
     for k in range(40):
         found = [person(1, 2, at_ns=0, score=2.0)] if k % 5 == 0 else []
         assert follower.step(found, k * 100 * MS) == ()
 
 
 def test_what_has_too_low_a_score_is_nobody_however_often_it_is_seen():
-    follower = tracker(birth_score=0.5, doubt_score=0.0)
+    follower = tracker(birth_score=0.5, doubt_score=0.0, start_time=0.0)
     for k in range(100):
         assert follower.step([person(1, 2, at_ns=0, score=0.3)], k * 100 * MS) == ()
 
@@ -259,7 +269,7 @@ def hidden_between(begin, end, speed=0.5):
 
 
 def test_who_is_hidden_coasts_on_his_way():
-    out = follow(tracker(), hidden_between(3.0, 4.0), steps=60)
+    out = follow(tracker(coast_time=1.5), hidden_between(3.0, 4.0), steps=60)
     assert all(ids(people) == [1] for people in out)
     assert [people[0].coasting for people in out] == [30 <= k < 40 for k in range(60)]
     hidden = out[39][0]
@@ -272,7 +282,7 @@ def test_who_is_hidden_coasts_on_his_way():
 
 def test_who_is_hidden_for_long_ends_and_comes_back_as_himself():
     out = follow(tracker(coast_time=1.0, memory=5.0), hidden_between(3.0, 5.5), steps=80)
-    assert [len(people) for people in out[30:56]] == [1] * 10 + [0] * 15 + [1]
+    assert [len(people) for people in out[30:58]] == [1] * 10 + [0] * 17 + [1]
     assert {one.id for people in out for one in people} == {1}
     assert out[-1][0].age_s == pytest.approx(7.9)
 
@@ -300,7 +310,8 @@ def test_ids_never_repeat():
     follower = tracker(memory=0.0, coast_time=0.0)
     seen = []
     for k in range(30):
-        out = follower.step([person(5.0 * (k % 3), 0, at_ns=0)] if k % 2 else [], k * 100 * MS)
+        found = [person(5.0 * (k % 3), 0, at_ns=0, score=9.0)] if k % 2 else []
+        out = follower.step(found, k * 100 * MS)
         seen += ids(out)
     assert seen == sorted(set(seen))
     assert len(seen) == 15
