@@ -618,7 +618,7 @@ class Tracking(Section):
         "itself, as in the paper"
     )  # fmt: skip
     acceleration: float = _field(
-        0.7, "people change their velocity by about this much in a second, and by the square root "
+        0.5, "people change their velocity by about this much in a second, and by the square root "
         "of n times it in n seconds [m/s]",
         low=0.01, high=10.0,
     )  # fmt: skip
@@ -631,13 +631,16 @@ class Tracking(Section):
         0.5, "log-odds of being a person are those of about so long [s]", low=0.01, high=60.0
     )
     sure_score: float = _field(
-        1.5, "log-odds from which somebody new is a person at once", low=-20.0, high=50.0
+        6.0, "log-odds from which somebody new is a person at once", low=-20.0, high=50.0
     )
     birth_score: float = _field(
-        0.5, "... and from which somebody is a person who is followed for tracking.birth_time",
+        1.0, "... and from which somebody is a person who is followed for tracking.birth_time",
         low=-20.0, high=50.0,
     )  # fmt: skip
-    birth_time: float = _field(0.25, "see tracking.birth_score [s]", low=0.0, high=10.0)
+    birth_time: float = _field(0.2, "see tracking.birth_score [s]", low=0.0, high=10.0)
+    start_time: float = _field(
+        0.35, "in the beginning, for so long, whoever is found is a person [s]", low=0.0, high=60.0
+    )
     doubt_score: float = _field(
         0.0, "log-odds from which somebody new is followed, as no person yet", low=-20.0, high=50.0
     )
@@ -645,21 +648,17 @@ class Tracking(Section):
         0.25, "who is no person yet is given up when unseen for longer [s]", low=0.0, high=10.0
     )
     expected_score: float = _field(
-        1.5, "log-odds that what is found gains where a person is expected", low=0.0, high=50.0
+        1.0, "log-odds that what is found gains where a person is expected", low=0.0, high=50.0
     )
     expected_points: float = _field(
         0.5, "where a person is expected a plain cluster needs this share of human.min_points",
         low=0.0, high=1.0,
     )  # fmt: skip
-    unseen_score: float = _field(
-        -2.0, "log-odds that somebody who is followed and not seen is a person",
-        low=-20.0, high=20.0,
-    )  # fmt: skip
     keep_score: float = _field(
         -1.0, "who is a person stays one down to these log-odds", low=-20.0, high=50.0
     )
     coast_time: float = _field(
-        2.0, "a person who is not seen is given up after this [s]", low=0.0, high=60.0
+        1.0, "a person who is not seen is given up after this [s]", low=0.0, high=60.0
     )
     coast_share: float = _field(
         0.5, "... and after this share of the time for which he was seen", low=0.0, high=1e3

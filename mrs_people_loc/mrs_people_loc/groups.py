@@ -113,7 +113,7 @@ class Groups:
         doubt_s[np.ix_(new, new)] = self._doubt_s[np.ix_(old, old)]
 
         xy = np.array([person.position for person in people]).reshape(-1, 2)
-        away = np.hypot(*(xy[:, np.newaxis] - xy).transpose(2, 0, 1))
+        away = _apart(xy)
         unseen = np.array([person.coasting for person in people], dtype=bool)
         slack = np.array(
             [_UNSEEN_SIGMAS * _sigma(p.covariance) if p.coasting else 0.0 for p in people]
@@ -122,8 +122,7 @@ class Groups:
         velocity = np.array(
             [p.velocity if p.velocity is not None else (np.nan, np.nan) for p in people]
         ).reshape(-1, 2)
-        faster = np.hypot(*(velocity[:, np.newaxis] - velocity).transpose(2, 0, 1))
-        together = (away < config.distance - config.margin) & ~(faster > _TOGETHER)
+        together = (away < config.distance - config.margin) & ~(_apart(velocity) > _TOGETHER)
         together &= ~unseen & ~unseen[:, np.newaxis]
 
         # Who is held by the same group anyway, or is as new as the other one, is linked at once.
@@ -259,6 +258,12 @@ class Groups:
 def _people(members: Iterable[int]) -> str:
     each = [str(member) for member in members]
     return f"person {each[0]}" if len(each) == 1 else f"people {', '.join(each)}"
+
+
+def _apart(vectors: Float) -> Float:
+    """How far vectors are from each other, shape (n, n)."""
+    x, y = (np.subtract.outer(axis, axis) for axis in vectors.T)
+    return np.asarray(np.sqrt(x * x + y * y))
 
 
 def _sigma(covariance: Float) -> float:

@@ -19,7 +19,7 @@ Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
 #: Log-odds of being a person of a plain cluster of human size, for which nobody gives any.
-PLAIN_SCORE = 2.0
+PLAIN_SCORE = 6.0
 
 
 @dataclass(frozen=True)

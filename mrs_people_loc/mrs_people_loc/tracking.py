@@ -16,7 +16,6 @@ Time is an argument. Where it jumps back, tracks stay where they are and go on f
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -192,6 +191,7 @@ class Tracker:
         self.jumps_back = 0
         self.turned_away = 0
         self._time_ns: int | None = None
+        self._followed_s = 0.0
         self._next_id = 1
         self._tracks = _begun(_Found.of((), 0), config)
         self._lost = self._tracks
@@ -219,6 +219,7 @@ class Tracker:
         if time_ns != self._time_ns:
             dt_s = self._since(time_ns)
             self._time_ns = time_ns
+            self._followed_s += dt_s
             self._tracks.predict(dt_s, self.config.acceleration)
             self._lost.predict(dt_s, self.config.acceleration)
             self._take(_Found.of(persons, time_ns), dt_s)
@@ -237,16 +238,13 @@ class Tracker:
             _update(tracks, one, found, other, config, dt_s)
             free = np.setdiff1d(free, other)
         unseen = tracks.unseen_s > 0
-        share = -math.expm1(-dt_s / config.evidence_time)
-        tracks.evidence[unseen] += share * (config.unseen_score - tracks.evidence[unseen])
-        # Nobody is believed in unseen for longer than he was seen.
+        # Nobody is believed in unseen, or remembered, for longer than he was seen.
         coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
         limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
-        enough = np.where(tracks.id > 0, config.keep_score, -np.inf)
-        ended = unseen & ((tracks.unseen_s > limit) | (tracks.evidence < enough))
-        ended |= (tracks.id > 0) & (tracks.evidence < enough)
+        ended = unseen & (tracks.unseen_s > limit)
+        ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)
         gone = self._lost.and_(tracks.of(ended & (tracks.id > 0)))
-        gone = gone.of(gone.unseen_s <= config.memory)
+        gone = gone.of(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
         self._lost = gone.of(np.argsort(gone.unseen_s, kind="stable")[: config.max_tracks])
         tracks = tracks.of(~ended)
 
@@ -262,9 +260,10 @@ class Tracker:
     def _name(self, rows: Int) -> None:
         """Gives ids to tracks that are people by now: a new one, or that of somebody lost."""
         config, tracks = self.config, self._tracks
-        sure = tracks.evidence[rows] >= np.where(
-            tracks.age_s[rows] >= config.birth_time, config.birth_score, config.sure_score
-        )
+        old = tracks.age_s[rows] >= config.birth_time
+        sure = tracks.evidence[rows] >= np.where(old, config.birth_score, config.sure_score)
+        # In the beginning everybody is new; later on, hardly anybody appears out of nowhere.
+        sure |= self._followed_s < config.start_time
         for row in rows[sure & (tracks.unseen_s[rows] == 0)].tolist():
             lost = self._who_was(row)
             if lost is None:
@@ -293,24 +292,29 @@ class Tracker:
         rows = rows[np.argsort(tracks.id[rows], kind="stable")]
         # Errors of what is found stay alike from interval to interval: no mean makes them small.
         places = tracks.covariance[rows, :2, :2] + self.config.lasting_share * tracks.noise[rows]
-        return tuple(
-            dataclasses.replace(
-                tracks.last[row],
-                position=tracks.state[row, :2],
-                covariance=place,
-                velocity=tracks.state[row, 2:],
-                velocity_covariance=tracks.covariance[row, 2:, 2:],
-                height=float(tracks.height[row]),
-                id=int(tracks.id[row]),
-                age_s=float(tracks.age_s[row]),
-                **(_UNSEEN if tracks.unseen_s[row] > 0 else {}),
+        velocities, unsure = tracks.state[rows, 2:], tracks.covariance[rows, 2:, 2:]
+        persons = []
+        for index, row in enumerate(rows.tolist()):
+            last: Person = tracks.last[row]
+            seen = tracks.unseen_s[row] == 0
+            persons.append(
+                Person(
+                    position=tracks.state[row, :2],
+                    covariance=places[index],
+                    height=float(tracks.height[row]),
+                    sigma=last.sigma,
+                    robots=last.robots if seen else (),
+                    label=last.label if seen else -1,
+                    score=float(tracks.evidence[row]),
+                    stamp_ns=last.stamp_ns,
+                    id=int(tracks.id[row]),
+                    velocity=velocities[index],
+                    velocity_covariance=unsure[index],
+                    age_s=float(tracks.age_s[row]),
+                    coasting=not seen,
+                )
             )
-            for row, place in zip(rows.tolist(), places, strict=True)
-        )
-
-
-#: What is said of somebody who is not seen.
-_UNSEEN: dict[str, object] = {"coasting": True, "robots": (), "label": -1}
+        return tuple(persons)
 
 
 def _pick(found: _Found, index: Int) -> _Found:
@@ -353,24 +357,24 @@ def _assign(
     """Which track was found as what: indices of both, of one length."""
     if not len(rows) or not len(free):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    one, other = (index.reshape(-1) for index in np.meshgrid(rows, free, indexing="ij"))
-    offset = tracks.state[one, :2] - found.xy[other]
-    near = np.flatnonzero((np.abs(offset) <= config.max_distance).all(axis=1))
-    one, other = one[near], other[near]
+    (x, y), (found_x, found_y) = tracks.state[rows, :2].T, found.xy[free].T
+    away = np.maximum(np.abs(np.subtract.outer(x, found_x)), np.abs(np.subtract.outer(y, found_y)))
+    row, column = np.nonzero(away <= config.max_distance)
+    one, other = rows[row], free[column]
     places, covariances = _looked_for(tracks, one, found.delay_s[other])
     measured = found.covariance[other]
     total = covariances + measured
     squared = _squared(found.xy[other] - places, total)
     # Besides the likelihood's determinant, against that of what was found: who is lost for long
     # may be anywhere, and must not take what is near to somebody else.
-    cost = squared + np.log(np.linalg.det(total) / np.linalg.det(measured))
+    cost = squared + np.log(_determinant(total) / _determinant(measured))
     cost += np.minimum(
         ((tracks.height[one] - found.height[other]) / _HEIGHT_SIGMA) ** 2, _HEIGHT_SAYS
     )
     # A pair is worth what it is better than no pair.
     worth = np.zeros((len(rows), len(free)))
-    possible = squared <= config.gate**2
-    worth.reshape(-1)[near[possible]] = np.minimum(cost[possible] - 2.0 * config.gate**2, 0.0)
+    cost = np.minimum(cost - 2.0 * config.gate**2, 0.0)
+    worth[row, column] = np.where(squared <= config.gate**2, cost, 0.0)
     from scipy.optimize import linear_sum_assignment  # here: it takes long to load
 
     row, column = linear_sum_assignment(worth)
@@ -402,6 +406,10 @@ def _update(
     tracks.unseen_s[rows] = 0.0
     tracks.seen_s[rows] += dt_s
     tracks.last[rows] = found.persons[index]
+
+
+def _determinant(matrices: Float) -> Float:
+    return np.asarray(matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0])
 
 
 def _squared(offset: Float, covariance: Float) -> Float:

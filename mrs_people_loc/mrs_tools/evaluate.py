@@ -1,6 +1,7 @@
 """`mrs evaluate`: bags through the pipeline, scored against their ground truth.
 
-The rules of the score are at the top of `mrs_people_loc.evaluation`. In Python:
+The rules of the score are at the top of `mrs_people_loc.evaluation` and, for who is who, of
+`mrs_people_loc.track_scores`. In Python:
 
     result = evaluate_bag("scene.mcap", ["config/default.yaml"])
     result.report()["people"]["recall"]
@@ -24,6 +25,7 @@ import typer
 from mrs_people_loc import timing
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import Estimate, Frame, Truth, percentile, ratio, score, summary
+from mrs_people_loc.track_scores import TrackScores, score_tracks
 from mrs_tools.bags import BagReader
 from mrs_tools.offline import (
     TRUTH_TOPIC,
@@ -50,6 +52,7 @@ class Result:
 
     Attributes:
         frames: One per ground-truth message.
+        tracks: What the scores of identities and velocities are made of.
         duration_s: From the first to the last message of the bag [s].
         counts: By robot, for each of its views the numbers named in `STAGES`.
         times_ms: By stage, what it took each time [ms]; `robot` and `planner` are what one view
@@ -60,6 +63,7 @@ class Result:
     """
 
     frames: list[Frame] = field(default_factory=list)
+    tracks: TrackScores = field(default_factory=TrackScores)
     duration_s: float = 0.0
     counts: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     times_ms: dict[str, list[float]] = field(default_factory=dict)
@@ -69,10 +73,14 @@ class Result:
 
     @classmethod
     def pooled(cls, results: Sequence[Result]) -> Result:
-        """Several results as one; robots of one name count as one robot."""
+        """Several results as one; robots of one name count as one robot.
+
+        People and identities of one bag are not those of another.
+        """
         total = cls()
         for result in results:
             total.frames += result.frames
+            total.tracks += result.tracks
             total.duration_s += result.duration_s
             for robot, rows in result.counts.items():
                 total.counts.setdefault(robot, []).extend(rows)
@@ -88,6 +96,7 @@ class Result:
             "duration_s": self.duration_s,
             "people": scores["people"],
             "group": scores["group"],
+            "tracks": self.tracks.report(),
             "stages": {robot: _stage_means(rows) for robot, rows in sorted(self.counts.items())},
             "timing_ms": {
                 stage: {"median": percentile(times, 50), "p99": percentile(times, 99)}
@@ -149,6 +158,7 @@ def _scored(result: Result) -> Result:
     if not len(result.truth):
         result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
     result.frames = score(result.truth, result.estimates)
+    result.tracks = score_tracks(result.truth, result.frames, result.estimates)
     return result
 
 
@@ -363,6 +373,8 @@ def show(results: Mapping[str, Result], console: Console) -> None:
         rows["total"] = Result.pooled(list(results.values()))
     reports = {name: result.report() for name, result in rows.items()}
     console.print(_people_table(reports))
+    if any(result.tracks.tracks for result in rows.values()):
+        console.print(_tracks_table(reports))
     last = reports[next(reversed(reports))]
     if last["stages"]:
         console.print(_stages_table(last["stages"]))
@@ -400,6 +412,28 @@ def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
             *(_number(error[key], 100, 1) for key in ("mean", "p95", "max")),
             _number(people["coverage_95"], 1, 3),
             _number(report["group"]["centre_error_m"]["mean"], 100, 1),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def _tracks_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    table = _table("tracks (switches; per person and minute; MOTP, GOSPA in cm; velocity in cm/s)")
+    table.add_column("bag", overflow="fold", min_width=8)
+    for column in ("MOTA", "IDF1", "switches", "/min", "frag."):
+        table.add_column(column, justify="right", no_wrap=True)
+    for column in ("MOTP", "GOSPA", "v mean", "p95"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, report in reports.items():
+        tracks, velocity = report["tracks"], report["tracks"]["velocity_error_mps"]
+        table.add_row(
+            name,
+            *(_number(tracks[key], 1, 3) for key in ("mota", "idf1")),
+            _number(tracks["id_switches"], 1, 0),
+            _number(tracks["switches_per_person_minute"], 1, 2),
+            _number(tracks["fragments"], 1, 0),
+            *(_number(tracks[key], 100, 1) for key in ("motp_m", "gospa")),
+            *(_number(velocity[key], 100, 1) for key in ("mean", "p95")),
             style="bold" if name == "total" else None,
         )
     return table

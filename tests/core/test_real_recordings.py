@@ -264,7 +264,7 @@ def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
     mounting = tmp_path / "mounting.yaml"
     mounting.write_text(
         "/**/robot_node: {ros__parameters: {mounting: {height: 1.259, pitch: 0.0738}}}\n"
-        "/**/planner_node: {ros__parameters: {robots: [robot_a]}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_a], tracking: {enabled: false}}}\n"
     )
     found = 0
     for view in views(five_bag, str(mounting)):
@@ -275,7 +275,7 @@ def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
         # The torsos are surfaces, some 0.1 m in front of the axis.
         assert away.mean() < 0.20
         found += len(rows)
-    assert found >= 42  # of 50; measured: 47
+    assert found >= 42  # of 50; measured: 42 to 47
 
 
 def test_five_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Path) -> None:

@@ -32,6 +32,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "config" / "paper.yaml"
 FORMATION = ROOT / "bags" / "paper_formation"
 NOBODY = (math.nan, math.nan)
+#: The figures of tracks where nobody is tracked.
+NO_TRACKS = {
+    **dict.fromkeys(
+        ["mota", "motp_m", "idf1", "idp", "idr", "id_switches", "switches_per_person_minute",
+         "fragments", "mostly_tracked", "mostly_lost", "gospa"]
+    ),
+    "velocity_error_mps": {"mean": None, "p95": None},
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -139,6 +147,7 @@ def test_recorded_people_are_scored_as_they_are(make_bag, tmp_path):
         },
         # True centres (0.01, 1.5) and (0.06, 1.5); of two groups the larger counts.
         "group": {"centre_error_m": {"mean": pytest.approx(0.1), "p95": pytest.approx(0.19)}},
+        "tracks": NO_TRACKS,
         "stages": {},
         "timing_ms": {},
     }
@@ -181,6 +190,59 @@ def test_who_is_who_is_read_from_recorded_people(make_bag):
     assert found.velocities.shape == (1, 2)
     assert empty.ids.shape == (0,)
     assert empty.velocities.shape == (0, 2)
+
+
+def tracked(bag: Bag) -> None:
+    """Two people for 0.5 s at 10 Hz, the first at 1 m/s; who follows the second changes."""
+    for index in range(5):
+        first, second = (0.1 * index, 0), (0, 3)
+        bag.truth(100 * index, first, second, visible=(9, 9 if index < 4 else 0))
+        bag.people(
+            100 * index,
+            first,
+            *([(0, 3.1)] if index != 1 else []),
+            *([(5, 5)] if index == 2 else []),
+            ids=[(1, 2), (1,), (1, 4, 7), (1, 4), (1, 4)][index],
+            velocities=[(1, 0.2), (0, 0), (9, 9)][: 1 if index == 1 else 3 if index == 2 else 2],
+            coasting=(1,) if index == 3 else (),
+        )
+
+
+#: Of nine frames of people one is missed, and one gets another identity; one track is false.
+TRACKED = {
+    "mota": pytest.approx(1 - (1 + 1 + 1) / 9),
+    "motp_m": pytest.approx(0.3 / 8),
+    "idf1": pytest.approx(2 * 7 / (9 + 9)),  # five of 1, two of 4
+    "idp": pytest.approx(7 / 9),
+    "idr": pytest.approx(7 / 9),
+    "id_switches": 1,
+    "switches_per_person_minute": pytest.approx(60 / 0.9),
+    "fragments": 1,
+    "mostly_tracked": 0.5,  # the second in three of four frames
+    "mostly_lost": 0.0,
+    # 0.1 for the pair at 0.1 m, with a false one beside; nobody for the second.
+    "gospa": pytest.approx((0.1 + 0.08**0.5 + (0.01 + 0.08) ** 0.5 + 0.1 + 0) / 5),
+    "velocity_error_mps": {"mean": pytest.approx(5 * 0.2 / 8), "p95": pytest.approx(0.2)},
+}
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_who_is_who_is_scored(make_bag, tmp_path):
+    one, two = make_bag(tracked, "one"), make_bag(tracked, "a_longer_name_than_the_other")
+    file = tmp_path / "figures.json"
+    result = run_mrs("evaluate", one, "--json", file)
+    assert result.exit_code == 0, result.output
+    assert json.loads(file.read_text())["tracks"] == TRACKED
+    assert max(map(len, result.output.splitlines())) <= 80
+
+    result = run_mrs("evaluate", one, two, "--json", file)
+    total = json.loads(file.read_text())["total"]["tracks"]
+    assert total == {**TRACKED, "id_switches": 2, "fragments": 2}
+    lines = [line for line in result.output.splitlines() if "tracks (" in line or "total" in line]
+    assert len(lines) == 3
+    # MOTA, IDF1, switches, those a minute, fragments, MOTP, GOSPA, velocity: mean, p95
+    figures = ["0.667", "0.778", "2", "66.67", "2", "3.8", "15.7", "12.5", "20.0"]
+    assert lines[2].split()[1:] == figures
 
 
 @pytest.mark.usefixtures("our_messages")
@@ -667,7 +729,11 @@ def test_json_of_one_bag(tmp_path, formation):
     result = run_mrs("evaluate", FORMATION, "--config", PAPER, "--json", file)
     assert result.exit_code == 0, result.output
     figures = json.loads(file.read_text())
-    assert list(figures) == ["frames", "duration_s", "people", "group", "stages", "timing_ms"]
+    assert list(figures) == [
+        "frames", "duration_s", "people", "group", "tracks", "stages", "timing_ms",
+    ]  # fmt: skip
+    assert figures["tracks"] == NO_TRACKS
+    assert "MOTA" not in result.output
     assert list(figures["people"]) == [
         "true", "found", "matched", "recall", "precision", "error_m", "coverage_95",
     ]  # fmt: skip
