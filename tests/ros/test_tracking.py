@@ -16,7 +16,7 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.planner import Planner
 from ros.harness import Peer, Team
-from ros.planner_peer import PlannerPeer, PlayedRobot
+from ros.planner_peer import PlannerPeer, PlayedRobot, pose_of
 from ros.recording import stamp_of
 
 NAMES = ("robot_a", "robot_b")
@@ -72,7 +72,21 @@ def walk(team: Team, peer: Peer, events: list[String], drawn: list[MarkerArray])
     # It must hear of nothing before it is heard: what it says depends on all that it was told.
     topics = ("/people", "/events", "/markers")
     peer.until(lambda: all(map(peer.node.count_publishers, topics)), f"nobody publishes {topics}")
+    # And the first scan must arrive: it does when poses do, for `points` was announced before.
+    for robot in made.robots:
+        robot.announce()
+    peer.until(lambda: poses_arrive(made), lambda: process.log)
+    made.stamp_ns = time.time_ns()
     return made
+
+
+def poses_arrive(walk: Walk) -> bool:
+    for robot in walk.robots:
+        robot.send_pose(pose_of(walk.planner.now(), *robot.place))
+    walk.planner.peer.spin(0.1)
+    findings = walk.planner.peer.findings(walk.planner.node)
+    held = [findings.get(f"robot {name}") for name in NAMES]
+    return all(finding is not None and finding.count("poses_held") > 0 for finding in held)
 
 
 def ids(message: People) -> list[int]:
