@@ -674,7 +674,7 @@ class Tracking(Section):
         low=0.0, high=1.0,
     )  # fmt: skip
     max_tracks: int = _field(
-        250, "no more people than this are followed at a time", low=1, high=10_000
+        1000, "no more people than this are followed at a time", low=1, high=10_000
     )
 
 
