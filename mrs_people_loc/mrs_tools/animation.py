@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,8 +28,10 @@ FRAMES_PER_S = 5
 TRAIL_S, _EVENT_S = 4.0, 3.0
 #: Around everybody there is so much room [m].
 _ROOM = 1.0
-#: The longer side of the map, the other one at least, and what is beside it [inch].
-_LONG, _LEFT, _RIGHT, _BELOW, _ABOVE = 9.4, 0.6, 0.15, 0.9, 0.78
+#: The longer side of the map, and what is beside it [inch].
+_LONG, _LEFT, _RIGHT, _ABOVE = 9.4, 0.6, 0.15, 0.78
+#: Below it: the axis, and each row of the legend [inch]; width of its entries, how many there are.
+_AXIS, _ROW, _ENTRY, _ENTRIES = 0.62, 0.22, 1.65, 6
 #: The other side of the map is this share of the longer one at least.
 _LEAST_SHARE = 0.35
 #: Size of stars [pt], resolution.
@@ -191,7 +194,15 @@ class _Film:
         handles, labels = self._axes.get_legend_handles_labels()
         unique = dict(zip(labels, handles, strict=True))
         self._figure.legend(
-            unique.values(), unique, loc="lower center", ncols=5, frameon=False, borderaxespad=0.2
+            unique.values(),
+            unique,
+            loc="lower center",
+            ncols=_columns(self._figure.get_figwidth()),
+            frameon=False,
+            fontsize=9,
+            borderaxespad=0.2,
+            columnspacing=1.2,
+            handletextpad=0.4,
         )
         width, height = self._figure.get_size_inches()
         self._head, self._news = (
@@ -275,7 +286,14 @@ def _figure(bounds: tuple[float, float, float, float]) -> Figure:
     left, right, low, high = bounds
     inch_per_m = _LONG / max(right - left, high - low)
     width, height = inch_per_m * (right - left), inch_per_m * (high - low)
-    across, up = max(width, _LONG / 2.0) + _LEFT + _RIGHT, height + _BELOW + _ABOVE
+    across = max(width, _LONG / 2.0) + _LEFT + _RIGHT
+    below = _AXIS + _ROW * math.ceil(_ENTRIES / _columns(across))
+    up = height + below + _ABOVE
     figure = Figure(figsize=(across, up), dpi=_DPI)
-    figure.add_axes((_LEFT / across, _BELOW / up, 1.0 - (_LEFT + _RIGHT) / across, height / up))
+    figure.add_axes((_LEFT / across, below / up, 1.0 - (_LEFT + _RIGHT) / across, height / up))
     return figure
+
+
+def _columns(width: float) -> int:
+    """Columns of the legend of a figure that is so wide [inch]."""
+    return min(_ENTRIES, int(width / _ENTRY))

@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 _START_S = 60.0
 #: What is still under way after the bag's end gets this long [s].
 _TAIL_S = 1.5
+#: A machine that is too slow for this share of the frames is said to be.
+_FEW = 0.05
 #: What is drawn of the cells, of which there may be none.
 _NO_CELLS = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4")]
@@ -302,6 +304,12 @@ def _score(people: list[Any], truth: Truth, console: Console) -> None:
         f"ground truth, {report['found'] - report['matched']} false; mean error "
         f"{100 * report['error_m']['mean']:.1f} cm (a match is within {MATCH_DISTANCE:.2f} m)"
     )
+    late = sum(frame.estimate is None for frame in frames)
+    if late > _FEW * len(frames):
+        console.print(
+            f"the machine was too busy for {late} frames; --rate 0.5 gives it more time",
+            style="yellow",
+        )
     tracks = score_tracks(truth, frames, estimates).report()
     if tracks["id_switches"] is not None:
         speed = tracks["velocity_error_mps"]["mean"]

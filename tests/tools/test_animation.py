@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.masking import OccupancyGrid
 from mrs_tools import plots
-from mrs_tools.animation import animate, nearest, palette_of, said, with_trails
+from mrs_tools.animation import _Film, animate, nearest, palette_of, said, with_trails
 from mrs_tools.cli import app
 from mrs_tools.plots import TopView
 from tools.made_views import group_of, person, view, walk
@@ -152,6 +152,28 @@ def test_the_palette_has_what_is_frequent_and_what_is_different():
     chosen = {tuple(color) for color in palette.tolist()}
     assert {tuple(color) for color in grey[:90].tolist()} <= chosen
     assert {(225, 0, 0), (0, 225, 0), (225, 225, 225)} <= chosen
+
+
+@pytest.mark.parametrize(("across", "along"), [(20.0, 0.0), (3.0, 3.0), (0.0, 20.0)])
+def test_the_legend_is_below_the_axis(across, along):
+    """Whatever the shape of the map."""
+    views = [
+        view(0.0, person(1, 0, 0, coasting=True), truth=np.array([[0.0, 0.0]])),
+        view(1.0, person(1, across, along), truth=np.array([[0.0, 0.0]])),
+    ]
+    away = group_of(views[0].people[0], stragglers={1: 3.0})
+    unseen = {"visible": np.array([False]), "groups": [away]}
+    film = _Film([dataclasses.replace(views[0], **unseen), views[1]])
+    film.draw(0)
+    figure = film._figure
+    legend, axes = figure.legends[0], figure.axes[0]
+    assert len(legend.get_texts()) == 6
+    box, axis = legend.get_window_extent(), axes.xaxis.get_tightbbox()
+    assert axis is not None
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.width
+    assert box.y0 >= 0
+    assert box.y1 <= axis.y0 + 1
 
 
 def test_each_pixel_gets_the_nearest_colour():

@@ -63,6 +63,15 @@ def test_the_score():
     assert "followed: 1 id switches, MOTA 0.500" in text
 
 
+def test_frames_without_an_estimate_are_said_to_be_the_machines_fault():
+    stamps = [ms * MS for ms in range(0, 2000, 200)]
+    truth = Truth.build(stamps, [np.array([[0.0, 0.0]])] * 10)
+    people = [message(ms, person(1, 0.1, 0.0)) for ms in range(0, 2000, 200)]
+    assert "too busy" not in printed(demo._score, people, truth)
+    del people[4:6]
+    assert "the machine was too busy for 2 frames" in printed(demo._score, people, truth)
+
+
 def test_events_belong_to_the_interval_before_them():
     listener: Any = SimpleNamespace(
         maps={}, events=[(-1, "too early"), (250 * MS, "one"), (260 * MS, "two"), (900 * MS, "end")]
