@@ -718,6 +718,10 @@ class PlannerConfig(Section):
     tracking: Tracking = dataclasses.field(default_factory=Tracking)
     groups: Groups = dataclasses.field(default_factory=Groups)
 
+    def memoryless(self) -> PlannerConfig:
+        """The same, but every interval stands for itself."""
+        return dataclasses.replace(self, tracking=dataclasses.replace(self.tracking, enabled=False))
+
     def _check_relations(self) -> None:
         for name in self.robots:
             if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name):

@@ -33,7 +33,7 @@ Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
 #: Where nothing is known of a velocity, its standard deviation [m/s]: people stand or walk.
-_ANY_VELOCITY = 0.8
+ANY_VELOCITY = 0.8
 #: What is found says no more for a person than this.
 _LARGEST_SCORE = 8.0
 #: Standard deviation of the difference of two heights of one person [m].
@@ -331,7 +331,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
     count = len(found.xy)
     covariance = np.zeros((count, 4, 4))
     covariance[:, :2, :2] = found.covariance
-    covariance[:, (2, 3), (2, 3)] = _ANY_VELOCITY**2
+    covariance[:, (2, 3), (2, 3)] = ANY_VELOCITY**2
     return _Tracks(
         id=np.zeros(count, dtype=np.intp),
         state=np.concatenate([found.xy, np.zeros((count, 2))], axis=1),
