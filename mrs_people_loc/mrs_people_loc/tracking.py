@@ -272,6 +272,7 @@ class Tracker:
                 continue
             tracks.id[row] = self._lost.id[lost]
             tracks.age_s[row] = self._lost.age_s[lost]
+            tracks.seen_s[row] += self._lost.seen_s[lost]
             self._lost = self._lost.of(np.arange(len(self._lost)) != lost)
 
     def _who_was(self, row: int) -> int | None:
