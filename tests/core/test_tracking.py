@@ -287,6 +287,16 @@ def test_who_is_hidden_for_long_ends_and_comes_back_as_himself():
     assert out[-1][0].age_s == pytest.approx(7.9)
 
 
+def test_who_has_just_come_back_and_is_hidden_again_is_remembered():
+    def ways(t):
+        hidden = 3.0 <= t < 5.45 or 5.75 < t < 6.45
+        return [(np.nan, np.nan) if hidden else (0.4 * t, 0.0)]
+
+    out = follow(tracker(coast_time=1.0, memory=5.0), ways, steps=80)
+    assert [len(people) for people in out[55:68]] == [0, 0, 1, *[1] * 7, 1, 1, 1]
+    assert {one.id for people in out for one in people} == {1}
+
+
 def test_who_comes_back_after_the_memory_or_from_elsewhere_is_somebody_else():
     late = follow(tracker(coast_time=1.0, memory=2.0), hidden_between(3.0, 5.5), steps=80)
     assert ids(late[-1]) == [2]
