@@ -75,7 +75,7 @@ bench: setup ## Measure the speed
 experiment: setup ## Repeat the paper's experiment, simulated; its figures beside ours
 	$(BIN)/mrs experiment
 
-suite: setup ## Score the published suite step by step, into docs/suite.md (a quarter of an hour)
+suite: setup ## Score the published suite step by step, into docs/suite.md (half an hour)
 	$(BIN)/mrs suite .suite/test --steps --out docs/suite.md
 
 fit: setup ## Fit the body model to the suite's train half and its variants (half an hour)

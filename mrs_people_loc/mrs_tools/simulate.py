@@ -2,6 +2,7 @@
 
     mrs simulate scenes/paper_formation.yaml OUT      one scene
     mrs simulate --suite train OUT_DIR                half of the published suite
+    mrs simulate --walks train OUT_DIR                half of its walking groups
     mrs simulate scenes/tour.yaml --live --rate 0.5   published over ROS
 
 Beside each bag `NAME` lies `NAME.yaml`: parameters of the team (mountings, third cameras, where
@@ -32,8 +33,8 @@ from mrs_tools.simulation.scene import Scene, load_scene, read_scene
 if TYPE_CHECKING:
     from mrs_tools.simulation.world import Frame, World
 
-#: The published suite, below the repository or where the package's data was installed.
-_SUITE = ("scenes", "suite.yaml")
+#: Where the published suite is, below the repository or where the package's data was installed.
+_SCENES = "scenes"
 
 
 def simulate(scene: Scene, out: Path, *, jobs: int = 1, on_frame: Any = None) -> World:
@@ -111,12 +112,14 @@ def _counted(frames: Iterator[list[Frame]], on_frame: Any) -> Iterator[list[Fram
 # ------------------------------------------------------------------------------- suite ----
 
 
-def suite_scenes(file: Path, half: str) -> list[Scene]:
+def suite_scenes(file: Path, half: str, *, tracks: Path | None = None) -> list[Scene]:
     """Scenes of one half of a suite.
 
     Args:
-        file: A YAML list of scenes, each with `half: train` or `half: test`.
+        file: A YAML list of scenes, each with `half: train` or `half: test`; recorded tracks are
+            where they say, relative to it.
         half: train, test or all.
+        tracks: The folder of recorded tracks (`zara01/obsmat.txt`, ...), instead.
 
     Raises:
         ConfigError: The file or a scene cannot be used, or the half is empty.
@@ -131,6 +134,10 @@ def suite_scenes(file: Path, half: str) -> list[Scene]:
         scene = read_scene(item, f"{file}, scene {number + 1}")
         if item.get("half") not in ("train", "test"):
             raise ConfigError(f"{file}: scene {scene.name} has no `half: train` or `half: test`")
+        if scene.tracks:
+            path = Path(scene.tracks)
+            path = tracks / path.parent.name / path.name if tracks else file.parent / path
+            scene = dataclasses.replace(scene, tracks=str(path))
         if half in ("all", item["half"]):
             scenes.append(scene)
     if not scenes:
@@ -197,17 +204,28 @@ def _narrowed(scene: Scene, rng: np.random.Generator) -> Scene:
 _LOOKS = ("walls", "floor", "contrast", "wall_shade", "floor_shade", "posters", "lamps", "ambient")
 
 
-def suite_file() -> Path:
-    """The published suite.
+def with_tracks(scenes: list[Scene]) -> tuple[list[Scene], list[str]]:
+    """The scenes that can be rendered here, and why others cannot: their tracks are missing."""
+    there = [scene for scene in scenes if not scene.tracks or Path(scene.tracks).is_file()]
+    missing = [
+        f"{scene.name} is left out: no recording {scene.tracks} (--tracks: where the UCY set is)"
+        for scene in scenes
+        if scene not in there
+    ]
+    return there, missing
+
+
+def suite_file(name: str = "suite.yaml") -> Path:
+    """A file of the published suite: `suite.yaml`, or `walks.yaml` for its walking groups.
 
     Raises:
         ConfigError: It is neither below this folder, nor in the source tree, nor installed.
     """
     roots = (Path.cwd(), Path(__file__).resolve().parents[2])
     for root in (*roots, Path(sys.prefix, "share", "mrs_people_loc")):
-        if root.joinpath(*_SUITE).is_file():
-            return root.joinpath(*_SUITE)
-    raise ConfigError("the suite, scenes/suite.yaml, is not here: run this in the repository")
+        if root.joinpath(_SCENES, name).is_file():
+            return root.joinpath(_SCENES, name)
+    raise ConfigError(f"the suite, {_SCENES}/{name}, is not here: run this in the repository")
 
 
 def simulate_suite(
@@ -232,7 +250,9 @@ def simulate_suite(
     bags = [folder / scene.name for scene in scenes]
     todo = [(s, bag) for s, bag in zip(scenes, bags, strict=True) if not bag.exists()]
     # The longest first, so that no process is left alone with one at the end.
-    todo.sort(key=lambda job: -job[0].timing.frames * max(1, job[0].layout.robots))
+    todo.sort(
+        key=lambda job: -job[0].timing.frames * max(1, job[0].layout.robots, len(job[0].robots))
+    )
     if jobs <= 1:
         for job in todo:
             on_scene and on_scene(_simulate_job(job))
@@ -260,13 +280,20 @@ def command(
     seed: Annotated[int | None, typer.Option(help="Instead of the scene's.", min=0)] = None,
     frames: Annotated[int | None, typer.Option(help="Instead of the scene's.", min=1)] = None,
     tracks: Annotated[
-        Path | None, typer.Option(help="Recorded pedestrians (obsmat.txt) who walk there, too.")
+        Path | None,
+        typer.Option(
+            help="Recorded pedestrians (obsmat.txt) who walk there, too; with --walks: the folder "
+            "of the UCY set."
+        ),
     ] = None,
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
     ] = 0,
     suite: Annotated[
         str, typer.Option(help="Render a half of the published suite: train, test or all.")
+    ] = "",
+    walks: Annotated[
+        str, typer.Option(help="Render a half of the suite's walking groups: train, test or all.")
     ] = "",
     more: Annotated[
         int,
@@ -295,10 +322,20 @@ def command(
     kept only if OUT is given, too.
     """
     jobs = jobs or os.cpu_count() or 1
-    if suite:
+    if suite or walks:
         if out is not None:
-            raise typer.BadParameter("--suite takes one folder, OUT_DIR")
-        scenes = suite_scenes(suite_file(), suite)
+            raise typer.BadParameter(f"--{'suite' if suite else 'walks'} takes one folder, OUT_DIR")
+        if suite and walks:
+            raise typer.BadParameter("--suite and --walks are rendered one after the other")
+        if more and walks:
+            raise typer.BadParameter("--variants goes with --suite")
+        if suite:
+            scenes = suite_scenes(suite_file(), suite)
+        else:
+            found = suite_scenes(suite_file("walks.yaml"), walks, tracks=tracks)
+            scenes, missing = with_tracks(found)
+            for line in missing:
+                typer.echo(line, err=True)
         scenes = [_shortened(s, frames) for s in (variants(scenes, more) if more else scenes)]
         with _progress("scenes", len(scenes)) as advance:
             bags = simulate_suite(scenes, scene, jobs=jobs, on_scene=lambda _: advance())

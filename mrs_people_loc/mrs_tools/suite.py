@@ -4,7 +4,8 @@
     mrs suite FOLDER --steps              and every step from the one to the other
     mrs suite FOLDER --steps --out docs/suite.md
 
-Bags that are in the folder already are not rendered again.
+Bags that are in the folder already are not rendered again. Recorded walks are left out where the
+recordings are not there (--tracks).
 """
 
 from __future__ import annotations
@@ -26,11 +27,26 @@ from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, PlannerConfig, Robot
 from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.demo import default_file
 from mrs_tools.evaluate import Result, evaluate_bag, progress_bar, write_text
-from mrs_tools.simulate import simulate_suite, suite_file, suite_scenes
+from mrs_tools.simulate import simulate_suite, suite_file, suite_scenes, with_tracks
 from mrs_tools.simulation.scene import Scene
 
-#: What a scene's activity means for the targets.
-STANDING = ("stand", "talk", "close")
+#: Activities of scenes in which people stand.
+_STAND = ("stand", "talk", "close")
+#: Kinds of scenes, each with a row of its own.
+STANDING, WALKING, GROUP, RECORDED = "standing", "walking", "walking group", "recorded walks"
+KINDS = (STANDING, WALKING, GROUP, RECORDED)
+#: Kinds that are together in rows of no kind, and that every step is run on. Walks are ten times
+#: as long: only the first and the last step are run on them.
+SHORT = (STANDING, WALKING)
+
+
+def kind_of(scene: Scene) -> str:
+    """Which of `KINDS` a scene is."""
+    if scene.tracks:
+        return RECORDED
+    if scene.layout.activity == "group":
+        return GROUP
+    return STANDING if scene.layout.activity in _STAND else WALKING
 
 
 @dataclass(frozen=True)
@@ -92,6 +108,7 @@ def steps() -> list[Step]:
         Step("human test", default("bodies.human_test"), default("joining.min_score")),
         Step("from the surface to the axis", default("bodies.axis"), {}),
         Step("fragments of a person are that person", {}, default("joining.fragment_gate")),
+        Step("people are followed from interval to interval", {}, default("tracking.enabled")),
     ]
 
 
@@ -123,22 +140,26 @@ class Row:
     Attributes:
         name: Its name.
         results: By scene.
-        standing: Names of the scenes where people stand.
+        kinds: Which of `KINDS` each scene is.
     """
 
     name: str
     results: Mapping[str, Result]
-    standing: frozenset[str]
+    kinds: Mapping[str, str]
 
-    def report(self, *, standing: bool | None = None) -> dict[str, Any]:
-        """Figures over all scenes, or over those where people stand (or do not)."""
-        chosen = [
-            result
-            for name, result in self.results.items()
-            if standing is None or (name in self.standing) == standing
-        ]
-        people: dict[str, Any] = Result.pooled(chosen).report()["people"]
+    def report(self, *kinds: str) -> dict[str, Any]:
+        """Figures over the scenes of some kinds; if none is named, over those of `SHORT`."""
+        people: dict[str, Any] = self._pooled(*kinds).report()["people"]
         return people
+
+    def tracks(self, *kinds: str) -> dict[str, Any]:
+        """Figures of who is who, likewise."""
+        return self._pooled(*kinds).tracks.report()
+
+    def _pooled(self, *kinds: str) -> Result:
+        return Result.pooled(
+            [r for name, r in self.results.items() if self.kinds[name] in (kinds or SHORT)]
+        )
 
 
 def run_suite(
@@ -156,7 +177,7 @@ def run_suite(
         scenes: The scenes.
         folder: Where their bags are or go.
         paper: The paper's parameters.
-        every_step: All steps, or only the first and the last one.
+        every_step: All steps on scenes of `SHORT`, or only the first and the last one.
         jobs: Processes.
         on_progress: Called with what is done and the share of it, 0 to 1.
 
@@ -168,7 +189,7 @@ def run_suite(
     bags = simulate_suite(
         scenes, folder, jobs=jobs, on_scene=lambda _: said("rendering", next(done) / len(scenes))
     )
-    standing = frozenset(s.name for s in scenes if s.layout.activity in STANDING)
+    kinds = {scene.name: kind_of(scene) for scene in scenes}
     ladder = steps()
     robot: dict[str, Any] = {}
     planner: dict[str, Any] = {}
@@ -176,53 +197,84 @@ def run_suite(
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         for number, step in enumerate(ladder):
             robot, planner = {**robot, **step.robot}, {**planner, **step.planner}
-            if not every_step and 0 < number < len(ladder) - 1:
-                continue
+            chosen = bags
+            if 0 < number < len(ladder) - 1:
+                chosen = [bag for bag in bags if kinds[bag.name] in SHORT]
+                if not (every_step and chosen):
+                    continue
             with _config_file(robot, planner) as file:
                 configs = [paper, file]
-                found = pool.map(_one, bags, [configs] * len(bags))
+                found = pool.map(_one, chosen, [configs] * len(chosen))
                 results = {}
-                for count, (bag, result) in enumerate(zip(bags, found, strict=True), 1):
+                for count, (bag, result) in enumerate(zip(chosen, found, strict=True), 1):
                     results[bag.name] = result
-                    said(step.name, count / len(bags))
-            rows.append(Row(step.name, results, standing))
+                    said(step.name, count / len(chosen))
+            rows.append(Row(step.name, results, kinds))
     return rows
 
 
 # ---------------------------------------------------------------------------------------- tables
 
 _HEAD = ("recall", "precision", "mean [cm]", "p95 [cm]", "in 95 %")
+_TRACKS_HEAD = ("MOTA", "IDF1", "velocity [m/s]", "switches", "per person and minute")
+
+
+def _number(value: float | None, factor: float, digits: int) -> str:
+    return "-" if value is None else f"{value * factor:.{digits}f}"
 
 
 def _figures(people: Mapping[str, Any]) -> list[str]:
-    def number(value: float | None, factor: float, digits: int) -> str:
-        return "-" if value is None else f"{value * factor:.{digits}f}"
-
     error = people["error_m"]
     return [
-        number(people["recall"], 1, 3),
-        number(people["precision"], 1, 3),
-        number(error["mean"], 100, 1),
-        number(error["p95"], 100, 1),
-        number(people["coverage_95"], 1, 3),
+        _number(people["recall"], 1, 3),
+        _number(people["precision"], 1, 3),
+        _number(error["mean"], 100, 1),
+        _number(error["p95"], 100, 1),
+        _number(people["coverage_95"], 1, 3),
+    ]
+
+
+def _track_figures(tracks: Mapping[str, Any]) -> list[str]:
+    return [
+        _number(tracks["mota"], 1, 3),
+        _number(tracks["idf1"], 1, 3),
+        _number(tracks["velocity_error_mps"]["mean"], 1, 2),
+        _number(tracks["id_switches"], 1, 0),
+        _number(tracks["switches_per_person_minute"], 1, 2),
     ]
 
 
 def markdown(rows: Sequence[Row], half: str) -> str:
     """The results as tables in Markdown."""
     first, last = rows[0], rows[-1]
+    there = {first.kinds[name] for name in first.results}
+    chosen = [(f", {kind}", kind) for kind in KINDS if kind in SHORT or kind in there]
     lines = [f"## Results on the {half} half", ""]
     lines += _table(
         ("", "people", *_HEAD),
         [
-            [f"{file}{kind}", str(report["true"]), *_figures(report)]
+            [f"{file}{label}", str(report["true"]), *_figures(report)]
             for row, file in ((first, "paper.yaml"), (last, "default.yaml"))
-            for kind, chosen in (("", None), (", standing", True), (", walking", False))
-            for report in (row.report(standing=chosen),)
+            for label, kinds in (("", ()), *((label, (kind,)) for label, kind in chosen))
+            for report in (row.report(*kinds),)
+        ],
+    )
+    lines += ["", "## Who is who", "", "With default.yaml; velocity is its mean error.", ""]
+    lines += _table(
+        ("", *_TRACKS_HEAD),
+        [
+            [label, *_track_figures(last.tracks(*kinds))]
+            for label, kinds in (("standing and walking", ()), *((k, (k,)) for _, k in chosen))
         ],
     )
     if len(rows) > 2:
-        lines += ["", "## What each step gives", "", "Each step keeps those above it.", ""]
+        lines += [
+            "",
+            "## What each step gives",
+            "",
+            "Each step keeps those above it. Without the walking groups.",
+            "",
+        ]
         lines += _table(("step", *_HEAD), [[row.name, *_figures(row.report())] for row in rows])
     lines += [
         "",
@@ -232,7 +284,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
         "",
     ]
     lines += _table(
-        ("scene", "people", *_HEAD),
+        ("scene", "people", *_HEAD, *_TRACKS_HEAD[:-1]),
         [
             [
                 name,
@@ -245,6 +297,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
                         strict=True,
                     )
                 ),
+                *_track_figures(result.tracks.report())[:-1],
             ]
             for name, result in last.results.items()
         ],
@@ -263,6 +316,9 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 def command(
     folder: Annotated[Path, typer.Argument(help="Where the rendered bags are or go.")],
     half: Annotated[str, typer.Option(help="train, test or all.")] = "test",
+    tracks: Annotated[
+        Path | None, typer.Option(help="The folder of the UCY set, for the recorded walks.")
+    ] = None,
     every_step: Annotated[
         bool, typer.Option("--steps", help="Every step from the paper's method to ours.")
     ] = False,
@@ -275,10 +331,14 @@ def command(
     ] = 0,
 ) -> None:
     """Render the published suite, run it with the paper's method and ours, and score both."""
+    scenes = suite_scenes(suite_file(), half)
+    walks, missing = with_tracks(suite_scenes(suite_file("walks.yaml"), half, tracks=tracks))
+    for line in missing:
+        typer.echo(line, err=True)
     with progress_bar() as progress:
         task = progress.add_task("", total=1.0)
         rows = run_suite(
-            suite_scenes(suite_file(), half),
+            [*scenes, *walks],
             folder,
             paper=default_file("config", "paper.yaml"),
             every_step=every_step,

@@ -70,11 +70,8 @@ def walk(team: Team, peer: Peer, events: list[String], drawn: list[MarkerArray])
     made = Walk(peer, PlannerPeer(peer, process))
     peer.until_active(made.planner.node)
     # It must hear of nothing before it is heard: what it says depends on all that it was told.
-    for topic in ("people", "events", "markers"):
-        peer.until(
-            lambda t=topic: peer.node.count_publishers(f"/{t}"),  # type: ignore[misc]
-            f"nobody publishes {topic}",
-        )
+    topics = ("/people", "/events", "/markers")
+    peer.until(lambda: all(map(peer.node.count_publishers, topics)), f"nobody publishes {topics}")
     # And the first scan must arrive: it does when poses do, for `points` was announced before.
     for robot in made.robots:
         robot.announce()

@@ -10,6 +10,7 @@ import pytest
 
 from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team
 from mrs_people_loc.evaluation import Estimate, Truth, score
+from mrs_people_loc.track_scores import score_tracks
 
 pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 pytest.importorskip("typer", reason="the mrs command needs typer")
@@ -19,6 +20,7 @@ from typer.testing import CliRunner
 from mrs_tools import suite
 from mrs_tools.cli import app
 from mrs_tools.evaluate import Result
+from mrs_tools.simulation.scene import read_scene
 from mrs_tools.suite import Row, markdown, steps
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,6 +69,7 @@ def test_the_steps_lead_from_the_paper_to_the_default() -> None:
     assert planner_config.joining == PlannerConfig().joining
     assert planner_config.masking == PlannerConfig().masking
     assert planner_config.splitting == PlannerConfig().splitting
+    assert planner_config.tracking == PlannerConfig().tracking
 
 
 # --------------------------------------------------------------------------------- rows ----
@@ -74,11 +77,12 @@ def test_the_steps_lead_from_the_paper_to_the_default() -> None:
 
 def row(name: str = "ours") -> Row:
     results = {"test_a": result_of(0.03, 0.05), "test_b": result_of(0.10, missed=1, false=2)}
-    return Row(name, results, frozenset({"test_a"}))
+    return Row(name, results, {"test_a": suite.STANDING, "test_b": suite.WALKING})
 
 
 def test_rows_pool_their_scenes_by_hand() -> None:
-    standing, walking, both = (row().report(standing=s) for s in (True, False, None))
+    kinds = ((suite.STANDING,), (suite.WALKING,), ())
+    standing, walking, both = (row().report(*kind) for kind in kinds)
     assert (standing["true"], walking["true"], both["true"]) == (2, 2, 4)
     assert (standing["recall"], walking["recall"], both["recall"]) == (1.0, 0.5, 0.75)
     assert walking["precision"] == pytest.approx(1 / 3)
@@ -91,7 +95,7 @@ def test_rows_pool_their_scenes_by_hand() -> None:
 
 def test_tables_by_hand() -> None:
     first = Row("printed", {"test_a": result_of(missed=2), "test_b": result_of(0.2, missed=1)},
-                frozenset({"test_a"}))  # fmt: skip
+                row().kinds)  # fmt: skip
     text = markdown([first, row()], "test")
     assert text.startswith("## Results on the test half\n")
     assert "What each step gives" not in text
@@ -109,7 +113,69 @@ def test_tables_by_hand() -> None:
     assert cells_of(text, "paper.yaml, standing")[1:] == ["2", "0.000", "-", "-", "-", "-"]
     assert cells_of(text, "test_a")[1:5] == ["2", "1.000 (0.000)", "1.000 (-)", "4.0 (-)"]
     widths = {line.count("|") for line in text.splitlines() if line.startswith("| test")}
-    assert widths == {8}
+    assert widths == {12}
+    assert cells_of(text, "test_a")[7:] == ["-"] * 4  # nobody is followed
+
+
+def followed(*ids: int) -> Result:
+    """Somebody who stands is followed by these, at 10 Hz; they say that he goes at 0.3 m/s."""
+    place = np.zeros((1, 2))
+    stamps = [100_000_000 * k for k in range(len(ids))]
+    truth = Truth.build(stamps, [place] * len(ids))
+    estimates = [
+        Estimate(stamp, place, np.zeros((1, 2, 2)), ids=np.array([k]), velocities=place + (0.3, 0))
+        for stamp, k in zip(stamps, ids, strict=True)
+    ]
+    frames = score(truth, estimates)
+    return Result(frames=frames, tracks=score_tracks(truth, frames, estimates))
+
+
+def test_who_is_who_has_a_table_by_hand() -> None:
+    found = {"test_a": followed(1, 1, 1, 1), "test_b": followed(1, 2, 2, 2),
+             "test_c": followed(1, 1, 2, 2)}  # fmt: skip
+    kinds = {"test_a": suite.STANDING, "test_b": suite.WALKING, "test_c": suite.GROUP}
+    text = markdown([Row("printed", found, kinds), Row("ours", found, kinds)], "test")
+    (_, _, after) = text.partition("## Who is who")
+    rows = {label: cells_of(after, label)[1:] for label in
+            ("standing and walking", "standing", "walking", "walking group")}  # fmt: skip
+    assert rows == {
+        "standing and walking": ["0.875", "0.875", "0.30", "1", "75.00"],  # one in 0.8 s
+        "standing": ["1.000", "1.000", "0.30", "0", "0.00"],
+        "walking": ["0.750", "0.750", "0.30", "1", "150.00"],
+        "walking group": ["0.750", "0.500", "0.30", "1", "150.00"],
+    }
+    assert cells_of(text, "test_c")[7:] == rows["walking group"][:-1]
+
+
+def test_walks_have_rows_of_their_own_where_there_are_any() -> None:
+    kinds = {"test_a": suite.STANDING, "test_b": suite.GROUP, "test_c": suite.RECORDED}
+    found = {"test_a": result_of(0.05), "test_b": result_of(0.1, 0.1, missed=2),
+             "test_c": result_of(missed=3)}  # fmt: skip
+    text = markdown([Row("printed", found, kinds), Row("ours", found, kinds)], "test")
+    rows = {label: cells_of(text, f"default.yaml{label}")[1:3] for label in
+            ("", ", standing", ", walking", ", walking group", ", recorded walks")}  # fmt: skip
+    assert rows == {
+        "": ["1", "1.000"],  # as it was before there were walks
+        ", standing": ["1", "1.000"],
+        ", walking": ["0", "-"],
+        ", walking group": ["4", "0.500"],
+        ", recorded walks": ["3", "0.000"],
+    }
+    assert "recorded" not in markdown([row(), row()], "test")
+
+
+@pytest.mark.parametrize(
+    ("section", "kind"),
+    [
+        ({}, suite.STANDING),
+        ({"layout": {"activity": "talk"}}, suite.STANDING),
+        ({"layout": {"activity": "tour"}}, suite.WALKING),
+        ({"layout": {"activity": "group"}}, suite.GROUP),
+        ({"tracks": "obsmat.txt"}, suite.RECORDED),
+    ],
+)
+def test_kinds_of_scenes(section: dict, kind: str) -> None:
+    assert suite.kind_of(read_scene(section, "scene.yaml")) == kind
 
 
 def test_all_steps_have_a_table_of_their_own() -> None:
@@ -137,15 +203,35 @@ SUITE = """
 """
 
 
+WALKS = """
+- name: train_02_group
+  half: train
+  layout: {people: 3, robots: 2, activity: group}
+- name: test_02_walk
+  half: test
+  seed: 6
+  timing: {frames: 2}
+  layout: {people: 3, robots: 1, activity: group}
+  room: {length: 14.0, width: 4.0}
+- name: test_03_recorded
+  half: test
+  tracks: nowhere/zara01/obsmat.txt
+  robots: {robot_a: {x: 1.0, y: 1.0}}
+"""
+
+
 def test_a_suite_of_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
-    file, bags, out = tmp_path / "suite.yaml", tmp_path / "bags", tmp_path / "suite.md"
-    file.write_text(SUITE)
+    bags, out = tmp_path / "bags", tmp_path / "suite.md"
+    (tmp_path / "suite.yaml").write_text(SUITE)
+    (tmp_path / "walks.yaml").write_text(WALKS)
     out.write_text("# The suite\n\nKept.\n\n## Results on the test half\n\nOld.\n")
-    monkeypatch.setattr(suite, "suite_file", lambda: file)
+    monkeypatch.setattr(suite, "suite_file", lambda name="suite.yaml": tmp_path / name)
     result = CliRunner().invoke(app, ["suite", str(bags), "--out", str(out), "-j", "1"])
     assert result.exit_code == 0, result.output
-    assert sorted(p.name for p in bags.iterdir()) == ["test_01_pair", "test_01_pair.yaml"]
+    there = ["test_01_pair", "test_01_pair.yaml", "test_02_walk", "test_02_walk.yaml"]
+    assert sorted(p.name for p in bags.iterdir()) == there
+    assert "test_03_recorded is left out: no recording" in " ".join(result.output.split())
     text = out.read_text()
     assert text.startswith("# The suite\n\nKept.\n\n## Results on the test half\n")
     assert "Old." not in text
@@ -154,3 +240,6 @@ def test_a_suite_of_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert 0 < int(ours[1]) <= 4  # two people, two frames; some may not be seen
     assert cells_of(text, "default.yaml, walking")[1] == "0"
     assert cells_of(text, "test_01_pair")[1] == ours[1]
+    walk = cells_of(text, "default.yaml, walking group")
+    assert 0 < int(walk[1]) <= 6
+    assert cells_of(text, "test_02_walk")[1] == walk[1]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mrs_tools.simulation.rooms import SIZES, footprint
 from mrs_tools.simulation.scene import Furniture, Head, Person, Robot, Scene
+from mrs_tools.simulation.walks import Boxes, Way, way_of
 
 Rng = np.random.Generator
 
@@ -28,6 +29,8 @@ def expand(scene: Scene) -> Scene:
     if not (plan.people or plan.robots or plan.furniture or plan.clutter):
         return scene
     rng = np.random.default_rng([scene.seed, 100])
+    if plan.activity == "group":
+        return _walking_group(scene, rng)
     centre = _centre(scene, rng)
     people = [*scene.people]
     spots = _spots(scene, centre, rng)
@@ -208,6 +211,156 @@ def _guided(scene: Scene, rng: Rng) -> Scene:
     return dataclasses.replace(scene, people=tuple(people), robots=robots)
 
 
+# ------------------------------------------------------------------------ walking groups ----
+
+#: Posts of the team: ahead of the group's middle (of the last member, for one who sweeps), to its
+#: left, and whether it sweeps. Who is ahead or behind is so much farther away as the group is long.
+_FORMATION = (
+    (1.7, 0.0, False), (-1.6, 0.35, True), (-1.5, -1.0, False), (1.9, 1.1, False),
+    (-1.5, 1.0, False), (2.0, -1.1, False), (-2.6, -0.5, True), (3.0, 0.5, False),
+)  # fmt: skip
+
+
+def _walking_group(scene: Scene, rng: Rng) -> Scene:
+    """A group on its way, the team around it, and who else is about."""
+    plan, walk = scene.layout, scene.walk
+    way, boxes = way_of(scene), Boxes(scene)
+    duration = (scene.timing.frames - 1) / scene.timing.rate
+    reach = 0.25 + 0.35 * walk.gap * math.sqrt(max(plan.people, 1))
+    start = 2.0 + 2 * reach
+    joiners = min(walk.joiners, max(plan.people - 2, 0))
+    spots: list[tuple[float, float]] = []
+    for _ in range(plan.people - joiners):
+        spots.append(_free_spot(way, start, reach, scene, spots, rng))
+    people = [Person(x=x, y=y, member=True) for x, y in spots]
+    order = rng.permutation(len(people))
+    events = [*["behind"] * walk.stragglers, *["leaves"] * walk.leavers][: len(people)]
+    for k, event in zip(order, events, strict=False):
+        if event == "behind":
+            first = rng.uniform(0.08, 0.2) if duration < 60 else rng.uniform(0.05, 0.8)
+            when = (round(first * duration, 2), round(float(rng.uniform(3.0, 6.0)), 2))
+            people[k] = dataclasses.replace(people[k], behind=when)
+        else:
+            when_ = round(float(rng.uniform(0.25, 0.5)) * duration, 2)
+            goal = _way_out(way, start + walk.speed * when_, scene, boxes)
+            people[k] = dataclasses.replace(
+                people[k], leaves=when_, goal=goal, speed=round(float(rng.uniform(0.9, 1.3)), 3)
+            )
+    for _ in range(joiners):
+        when_ = float(rng.uniform(0.25, 0.5)) * duration
+        x, y = _roadside(way, start + walk.speed * when_ + 1.0, scene, boxes, rng)
+        middle = way.at(start + walk.speed * when_)
+        yaw = math.atan2(middle[1] - y, middle[0] - x)
+        people.append(Person(x=x, y=y, yaw=yaw, member=True, joins=round(when_, 2)))
+    for _ in range(walk.strangers):
+        people.append(_stranger(way, start, duration, scene, boxes, rng))
+    people = [dataclasses.replace(person, seed=int(rng.integers(1, 2**31))) for person in people]
+    robots, heads = dict(scene.robots), dict(scene.heads)
+    common = next(iter(scene.heads.values()), Head())
+    names = [f"robot_{chr(ord('a') + k)}" for k in range(26)]
+    names = [n for n in names if n not in robots][: plan.robots]
+    for k, name in enumerate(names):
+        ahead, left, sweeps = _FORMATION[k]
+        ahead += float(rng.normal(0, 0.1))
+        if not sweeps:
+            ahead += math.copysign(reach, ahead)
+        left += float(rng.normal(0, 0.1))
+        base = start - (reach if sweeps else 0.0)
+        x, y = way.at(base + ahead, left)
+        middle = way.at(start)
+        robots[name] = Robot(
+            x=float(x), y=float(y), yaw=math.atan2(middle[1] - y, middle[0] - x),
+            post=(round(ahead, 3), round(left, 3)), sweeps=sweeps,
+            phase=float(rng.choice([0.0, rng.uniform(0.0, 0.04)])) if k else 0.0,
+            body=str(rng.choice(["mast", "column"])),
+        )  # fmt: skip
+        heads[name] = _head(scene, common, k, rng)
+    heads.pop("", None)
+    everybody = (*scene.people, *people)
+    keep_clear = [*((p.x, p.y) for p in everybody), *((r.x, r.y) for r in robots.values())]
+    furniture = [*scene.furniture, *_furniture(scene, keep_clear, {}, rng)]
+    return dataclasses.replace(
+        scene, people=everybody, robots=robots, heads=heads, furniture=tuple(furniture)
+    )
+
+
+def _free_spot(
+    way: Way, start: float, reach: float, scene: Scene, taken: list[tuple[float, float]], rng: Rng
+) -> tuple[float, float]:
+    """A place in the group, clear of the others."""
+    walk = scene.walk
+    for attempt in range(400):
+        along = start + reach * rng.uniform(-1, 1) * (1 + attempt / 400)
+        left = 0.5 * walk.width * rng.uniform(-1, 1) * (1 + attempt / 800)
+        x, y = way.at(along, left)
+        least = walk.gap * (1 - attempt / 800)
+        if all(math.dist((x, y), other) >= least for other in taken):
+            break
+    return float(x), float(y)
+
+
+def _way_out(way: Way, along: float, scene: Scene, boxes: Boxes) -> tuple[float, float]:
+    """A door: the nearest place at a wall that can be walked to and is not beside the group."""
+    here = way.at(along)
+    size = np.array([scene.room.length, scene.room.width])
+    doors = [np.array([here[0], 0.5]), np.array([here[0], size[1] - 0.5]),
+             np.array([0.5, here[1]]), np.array([size[0] - 0.5, here[1]])]  # fmt: skip
+    ahead = way.ahead(along)
+    open_ = []
+    for door in doors:
+        line = here + np.linspace(0, 1, 40)[:, None] * (door - here)
+        clear = (boxes.clearances(line)[0] > 0.4).all()
+        onward = float((door - here) @ ahead) > 1.0
+        if clear and not onward and np.linalg.norm(door - here) > 3.0:
+            open_.append(door)
+    door = min(open_, key=lambda d: float(np.linalg.norm(d - here)), default=way.at(0.0))
+    return float(door[0]), float(door[1])
+
+
+def _roadside(way: Way, along: float, scene: Scene, boxes: Boxes, rng: Rng) -> tuple[float, float]:
+    """Where somebody waits beside the way, with his back to what is there."""
+    side = float(rng.choice((-1.0, 1.0)))
+    for far in np.arange(0.5 * scene.walk.width + 1.6, 0.3, -0.1):
+        for left in (side * far, -side * far):
+            place = way.at(along, left)
+            if boxes.clearances(place[None])[0].min() > 0.4:
+                return float(place[0]), float(place[1])
+    return float(place[0]), float(place[1])
+
+
+def _stranger(
+    way: Way, start: float, duration: float, scene: Scene, boxes: Boxes, rng: Rng
+) -> Person:
+    """Somebody who meets the group on the way: comes towards it, or crosses its way."""
+    walk = scene.walk
+    speed = float(rng.uniform(1.0, 1.4))
+    when = float(rng.uniform(0.2, 0.6)) * min(duration, 30.0)
+    meet = start + walk.speed * when
+    narrow = min(scene.room.length, scene.room.width) < 5.0
+    for attempt in range(60):
+        if narrow or attempt % 2:
+            side = float(rng.uniform(0.3, 0.5)) * walk.width * rng.choice((-1, 1))
+            far = min(meet + speed * when, way.length - 0.3)
+            first, last = way.at(far, side), way.at(max(meet - 12.0, 0.0), side)
+        else:
+            angle = float(rng.uniform(0.9, 2.2)) * rng.choice((-1, 1))
+            forth = way.ahead(meet)
+            c, s = math.cos(angle), math.sin(angle)
+            across = np.array([c * forth[0] - s * forth[1], s * forth[0] + c * forth[1]])
+            first, last = way.at(meet) - speed * when * across, way.at(meet) + 8.0 * across
+            size = np.array([scene.room.length, scene.room.width])
+            first, last = np.clip(first, 0.5, size - 0.5), np.clip(last, 0.5, size - 0.5)
+        line = first + np.linspace(0, 1, 80)[:, None] * (last - first)
+        near = np.linalg.norm(first - way.at(start)) < 3.5
+        if not near and (boxes.clearances(line)[0] > 0.35).all():
+            break
+    yaw = math.atan2(last[1] - first[1], last[0] - first[0])
+    return Person(
+        x=float(first[0]), y=float(first[1]), yaw=yaw, walks=True, speed=round(speed, 3),
+        goal=(float(last[0]), float(last[1])),
+    )  # fmt: skip
+
+
 def _furniture(
     scene: Scene, keep_clear: list[tuple[float, float]], robots: dict[str, Robot], rng: Rng
 ) -> list[Furniture]:
@@ -258,16 +411,28 @@ def _fits(
     placed: list[Furniture],
     scene: Scene,
 ) -> bool:
+    if scene.layout.activity == "group" and not _beside_the_way(piece, radius, scene):
+        return False
     tour = scene.layout.activity == "tour"
     if tour and abs(piece.y - scene.room.width / 2) < 1.5 + radius:
         return False
     if any(math.dist((piece.x, piece.y), spot) < radius + 0.45 for spot in keep_clear):
         return False
-    others = [*scene.furniture, *placed]
+    others = [f for f in (*scene.furniture, *placed) if f.kind != "wall"]
     return all(
         math.dist((piece.x, piece.y), footprint(other)[:2]) > radius + footprint(other)[2]
         for other in others
     )
+
+
+def _beside_the_way(piece: Furniture, radius: float, scene: Scene) -> bool:
+    """Whether it leaves the group and its team room, and is not in a wall."""
+    way, walls = way_of(scene), [f for f in scene.furniture if f.kind == "wall"]
+    place = np.array([[piece.x, piece.y]])
+    if np.linalg.norm(way.at(way.nearest(place)) - place) < scene.walk.width / 2 + radius + 0.6:
+        return False
+    boxes = Boxes(dataclasses.replace(scene, furniture=tuple(walls)))
+    return bool(boxes.clearances(place)[0][0, 4:].min(initial=math.inf) > radius)
 
 
 def _blocks(piece: Furniture, radius: float, robots: dict[str, Robot]) -> bool:

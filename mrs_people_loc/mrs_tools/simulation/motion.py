@@ -46,11 +46,19 @@ class Track:
         xy: Positions [m], shape (n, 2), one every `STEP_S`; NaN where somebody is not there.
         yaw: Headings [rad], shape (n,); None: along the way.
         sign: -1 for one who goes backwards.
+        free: Whether it may go in any direction, whichever way it looks.
     """
 
     def __init__(
-        self, start: float, xy: NDArray, yaw: NDArray | None = None, sign: float = 1.0
+        self,
+        start: float,
+        xy: NDArray,
+        yaw: NDArray | None = None,
+        sign: float = 1.0,
+        *,
+        free: bool = False,
     ) -> None:
+        self.free = free
         self._start = start
         self._xy = np.asarray(xy, dtype=np.float64)
         step = np.linalg.norm(np.diff(self._xy, axis=0), axis=1)
@@ -124,7 +132,7 @@ def along(
 ) -> Track:
     """One who follows a path at constant speed, cutting its corners, and stops at its end."""
     points = np.array(path, dtype=np.float64).reshape(-1, 2)
-    dense = _rounded(points)
+    dense = rounded(points)
     ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
     t = times(duration)
     # Comes to a stop within the last half second of way.
@@ -139,15 +147,15 @@ def along(
     return Track(-LEAD_S, xy, yaw, -1.0 if backwards else 1.0)
 
 
-def _rounded(points: NDArray) -> NDArray:
-    """The path every 2 cm, its corners rounded."""
+def rounded(points: NDArray, width: int = 41) -> NDArray:
+    """The path every 2 cm, its corners rounded over so many samples (odd)."""
     dense = [points[:1]]
     for a, b in itertools.pairwise(points):
         count = max(1, math.ceil(float(np.linalg.norm(b - a)) / 0.02))
         dense.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None])
     path = np.concatenate(dense)
     if len(points) > 2 and len(path) > 60:
-        path = np.stack([_smooth(path[:, k], 41) for k in (0, 1)], axis=1)
+        path = np.stack([_smooth(path[:, k], width) for k in (0, 1)], axis=1)
     return path
 
 
@@ -223,13 +231,13 @@ def walk_about(
         left = np.linalg.norm(ahead, axis=1, keepdims=True)
         desired = ahead / np.maximum(left, 1e-6) * wish[:, None] * np.minimum(1.0, left / 0.5)
         force = (desired - velocity) / 0.5
-        force += _push(position, position, 0.5, skip_self=True)
+        force += push(position, position, 0.5, skip_self=True)
         if others:
             there = np.array([[p.x, p.y] for p in (o.at(float(now)) for o in others)])
             there = there[np.isfinite(there).all(axis=1)]
-            force += _push(position, there, 0.55)
+            force += push(position, there, 0.55)
         if len(obstacles):
-            force += _push(position, obstacles[:, :2], 0.3, radius=obstacles[:, 2])
+            force += push(position, obstacles[:, :2], 0.3, radius=obstacles[:, 2])
         for axis in (0, 1):
             force[:, axis] += 6.0 * np.exp(-(position[:, axis] - low[axis] - 0.25) / 0.12)
             force[:, axis] -= 6.0 * np.exp(-(high[axis] - 0.25 - position[:, axis]) / 0.12)
@@ -243,7 +251,7 @@ def walk_about(
     return [Track(-LEAD_S, ways[:, i]) for i in range(n)]
 
 
-def _push(
+def push(
     who: NDArray,
     what: NDArray,
     distance: float,
@@ -251,7 +259,15 @@ def _push(
     radius: NDArray | float = 0.0,
     skip_self: bool = False,
 ) -> NDArray:
-    """Accelerations away from what is near, shape (n, 2) [m/s^2]."""
+    """Accelerations away from what is near, shape (n, 2) [m/s^2].
+
+    Args:
+        who: Who is pushed [m], shape (n, 2).
+        what: By whom [m], shape (k, 2).
+        distance: Where it is 5 m/s^2 [m].
+        radius: Of what pushes [m], shape (k,).
+        skip_self: `what` is `who`, and nobody pushes himself.
+    """
     if not len(what):
         return np.zeros_like(who)
     away = who[:, None] - what[None]
@@ -267,8 +283,8 @@ def read_tracks(
     window: tuple[float, ...],
     duration: float,
     size: tuple[float, float] = (math.inf, math.inf),
-) -> list[Track]:
-    """Recorded pedestrians: `obsmat.txt` of the UCY and ETH sets, positions in metres.
+) -> dict[int, Track]:
+    """Recorded pedestrians, by id: `obsmat.txt` of the UCY and ETH sets, positions in metres.
 
     Columns 0, 1, 2 and 4 are used: frame, id, x and y; 0.4 s between rows of one pedestrian.
 
@@ -287,6 +303,9 @@ def read_tracks(
         frames, ids, xy = rows[:, 0], rows[:, 1].astype(int), rows[:, (2, 4)]
     except (OSError, ValueError, IndexError) as err:
         raise ConfigError(f"{path}: no obsmat.txt of a pedestrian data set: {err}") from err
+    # Some recordings are sorted by pedestrian, some by frame.
+    order = np.lexsort((frames, ids))
+    frames, ids, xy = frames[order], ids[order], xy[order]
     same = np.diff(ids) == 0
     if not same.any():
         raise ConfigError(f"{path}: no obsmat.txt of a pedestrian data set: each id has one row")
@@ -294,23 +313,46 @@ def read_tracks(
     at = (frames - frames.min()) / step * 0.4
     first, last, x0, y0 = window or (0.0, math.inf, 0.0, 0.0)
     t = times(duration)
-    tracks = []
+    tracks = {}
     for one in np.unique(ids):
         mine = ids == one
         when, where = at[mine] - first, xy[mine] - (x0, y0)
         if len(when) < 3 or when[0] > min(duration, last - first) or when[-1] < 0:
             continue
-        order = np.argsort(when)
-        when, where = when[order], where[order]
         way = np.stack([np.interp(t, when, where[:, k]) for k in (0, 1)], axis=1)
         way = np.stack([_smooth(way[:, k], 21) for k in (0, 1)], axis=1)
         inside = (way > 0.25).all(axis=1) & (way < np.array(size) - 0.25).all(axis=1)
         way[(t < when[0]) | (t > when[-1]) | ~(inside | np.isinf(size[0]))] = np.nan
         if np.isfinite(way).any():
-            tracks.append(Track(-LEAD_S, way))
+            tracks[int(one)] = Track(-LEAD_S, way)
     if not tracks:
         raise ConfigError(f"{path}: nobody is there from {first:g} s on for {duration:g} s")
     return tracks
+
+
+def read_groups(path: str | Path) -> dict[int, int]:
+    """Who walked with whom: `groups.txt` beside a recording of `read_tracks`.
+
+    Each line holds the ids of one group; who is in no line, or alone in one, is in no group.
+
+    Args:
+        path: The recording; without a `groups.txt` beside it nobody is in a group.
+
+    Returns:
+        Numbers of groups from 1 on, by id of the pedestrian.
+
+    Raises:
+        ConfigError: The file cannot be read.
+    """
+    file = Path(path).with_name("groups.txt")
+    if not file.is_file():
+        return {}
+    try:
+        lines = [[int(word) for word in line.split()] for line in file.read_text().splitlines()]
+    except (OSError, ValueError) as err:
+        raise ConfigError(f"{file}: no groups.txt of a pedestrian data set: {err}") from err
+    groups = [ids for ids in lines if len(ids) > 1]
+    return {one: number for number, ids in enumerate(groups, 1) for one in ids}
 
 
 def positions(places: list[Place]) -> Float:

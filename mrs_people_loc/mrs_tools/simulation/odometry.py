@@ -28,6 +28,7 @@ class PoseSample:
         covariance: Of x, y [m] and yaw [rad], shape (3, 3).
         velocity: Ahead [m/s].
         turn_rate: To the left [rad/s].
+        sideways: To the left [m/s]; 0 for what drives only ahead and back.
     """
 
     time: float
@@ -37,6 +38,7 @@ class PoseSample:
     covariance: NDArray
     velocity: float
     turn_rate: float
+    sideways: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,13 @@ def believe(track: Track, settings: Odometry, duration: float, rng: np.random.Ge
     places = [track.at(float(t)) for t in at]
     truth = np.array([[p.x, p.y, p.yaw] for p in places])
     if settings.mode == "drift":
-        return _drifting(at, truth, settings, rng)
+        return _drifting(at, truth, settings, rng, track.free)
     said, covariance = truth, np.diag([_EXACT_SIGMA**2] * 2 + [_EXACT_SIGMA_YAW**2])
     if settings.mode == "localized":
         sigmas = np.array([settings.sigma, settings.sigma, settings.sigma_yaw])
         said = truth + sigmas * _wandering(at, settings.period, rng)
         covariance = np.diag(np.maximum(sigmas, 1e-4) ** 2)
-    return Belief("map", None, _samples(at, said, [covariance] * count))
+    return Belief("map", None, _samples(at, said, [covariance] * count, track.free))
 
 
 def _wandering(at: NDArray, period: float, rng: np.random.Generator) -> NDArray:
@@ -80,7 +82,9 @@ def _wandering(at: NDArray, period: float, rng: np.random.Generator) -> NDArray:
     return (amplitude[0] * np.cos(phase) + amplitude[1] * np.sin(phase)).sum(axis=1)
 
 
-def _drifting(at: NDArray, truth: NDArray, settings: Odometry, rng: np.random.Generator) -> Belief:
+def _drifting(
+    at: NDArray, truth: NDArray, settings: Odometry, rng: np.random.Generator, free: bool
+) -> Belief:
     """Integrates the true motions with errors; the covariance is integrated along."""
     count = len(at)
     said = np.zeros((count, 3))
@@ -104,16 +108,19 @@ def _drifting(at: NDArray, truth: NDArray, settings: Odometry, rng: np.random.Ge
     # Where it starts is known with the error of the start.
     start = truth[0] + rng.normal(size=3) * [settings.sigma, settings.sigma, settings.sigma_yaw]
     map_from_odom = (float(start[0]), float(start[1]), wrap_angle(float(start[2])))
-    return Belief("odom", map_from_odom, _samples(at, said, covariances))
+    return Belief("odom", map_from_odom, _samples(at, said, covariances, free))
 
 
-def _samples(at: NDArray, said: NDArray, covariances: list[NDArray]) -> list[PoseSample]:
+def _samples(
+    at: NDArray, said: NDArray, covariances: list[NDArray], free: bool
+) -> list[PoseSample]:
     rates = np.gradient(said, at, axis=0)
     speeds = rates[:, 0] * np.cos(said[:, 2]) + rates[:, 1] * np.sin(said[:, 2])
+    aside = rates[:, 1] * np.cos(said[:, 2]) - rates[:, 0] * np.sin(said[:, 2])
     return [
         PoseSample(
             float(at[k]), float(said[k, 0]), float(said[k, 1]), wrap_angle(float(said[k, 2])),
-            covariances[k], float(speeds[k]), float(rates[k, 2]),
+            covariances[k], float(speeds[k]), float(rates[k, 2]), float(aside[k]) if free else 0.0,
         )
         for k in range(len(at))
     ]  # fmt: skip

@@ -35,6 +35,7 @@ SIZES = {
     "lamp": (0.35, 0.35, 1.6),
     "board": (0.5, 1.2, 1.8),
     "block": (0.5, 0.5, 0.5),
+    "wall": (0.2, 3.0, 2.8),
 }
 
 _WALLS: dict[str, Callable[..., textures.Texture]] = {
@@ -490,6 +491,26 @@ def _block(size: Size, rng: Rng, atlas: Atlas, contrast: float) -> list[Mesh]:
     return [box((0, 0, size[2] / 2), size, atlas.add(textures.speckle(rng, 0.5, contrast)))]
 
 
+def _wall(size: Size, rng: Rng, atlas: Atlas, contrast: float) -> list[Mesh]:
+    """A part of the building, such as what makes a corridor turn."""
+    make_wall = (textures.plaster, textures.concrete, textures.brick)[int(rng.integers(3))]
+    surface = atlas.add(make_wall(rng, float(rng.uniform(0.4, 0.7)), contrast))
+    parts = [box((0, 0, size[2] / 2), size, surface)]
+    for _ in range(round((size[0] + size[1]) / 4)):
+        # Posters on its sides, as on those of the room.
+        wide, tall = float(rng.uniform(0.4, 1.2)), float(rng.uniform(0.4, 1.1))
+        low, sheet = float(rng.uniform(0.7, 1.4)), atlas.add(textures.poster(rng, wide, tall))
+        side = int(rng.choice(4, p=np.array([size[1], size[0]] * 2) / (2 * (size[0] + size[1]))))
+        depth, extent = (size[0], size[1]) if side % 2 == 0 else (size[1], size[0])
+        if extent < wide + 0.4:
+            continue
+        at = float(rng.uniform(0.2, extent - wide - 0.2)) - extent / 2
+        corner = np.array([depth / 2 + 0.012, at, low])
+        poster = quad(corner, np.array([0.0, wide, 0.0]), np.array([0.0, 0.0, tall]), sheet)
+        parts.append(poster.placed(0.0, 0.0, side * math.pi / 2))
+    return parts
+
+
 _MAKERS: dict[str, Callable[[Size, Rng, Atlas, float], list[Mesh]]] = {
     "table": _table,
     "table_on_edge": _table_on_edge,
@@ -508,4 +529,5 @@ _MAKERS: dict[str, Callable[[Size, Rng, Atlas, float], list[Mesh]]] = {
     "lamp": _lamp,
     "board": _board,
     "block": _block,
+    "wall": _wall,
 }

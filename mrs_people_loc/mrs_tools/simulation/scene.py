@@ -83,7 +83,7 @@ class Room(Section):
 #: Furniture and clutter that can be placed, see `rooms.py`.
 FURNITURE = (
     "table", "table_on_edge", "chair", "desk", "shelf", "cabinet", "pillar", "plant", "partition",
-    "bin", "boxes", "coat_stand", "sign", "sofa", "lamp", "board", "block",
+    "bin", "boxes", "coat_stand", "sign", "sofa", "lamp", "board", "block", "wall",
 )  # fmt: skip
 
 
@@ -117,6 +117,19 @@ class Person(Section):
     area: tuple[float, ...] = _field(
         (), "x, y, radius of the circle where one who walks stays; empty: the room [m]",
         kind="floats", length=3,
+    )  # fmt: skip
+    member: bool = _field(False, "walks with the group along its way (section `walk`), from x, y")
+    behind: tuple[float, ...] = _field(
+        (), "a member: when he begins to fall behind, and how long he stays far behind (4.6 m "
+        "along the way) before he catches up [s]",
+        kind="floats", length=2,
+    )  # fmt: skip
+    leaves: float = _field(
+        -1.0, "a member: when he leaves for his goal; -1: never [s]", low=-1.0, high=1e6
+    )
+    joins: float = _field(
+        -1.0, "a member: waits until then, then joins the group; -1: is with it [s]",
+        low=-1.0, high=1e6,
     )  # fmt: skip
     turn_rate: float = _field(0.0, "turns on the spot [rad/s]", low=-6.0, high=6.0)
     height: float = _field(0.0, "1.45 to 1.95 is usual; 0: at random [m]", low=0.0, high=2.3)
@@ -192,6 +205,12 @@ class Robot(Section):
     path: tuple[float, ...] = _field((), "x0, y0, x1, y1, ... to drive along [m]", kind="floats")
     speed: float = _field(0.8, "driving speed [m/s]", low=0.0, high=3.0)
     backwards: bool = _field(False, "drives with its back ahead, as one who looks at followers")
+    post: tuple[float, ...] = _field(
+        (), "its place in the formation that drives with the group (section `walk`): so far ahead "
+        "of the group's middle along the way, and so far to its left; it drives in any direction "
+        "and looks at the group [m]", kind="floats", length=2,
+    )  # fmt: skip
+    sweeps: bool = _field(False, "its post is measured from the last member, not from the middle")
     phase: float = _field(
         0.0, "its images are this much later than the frame [s]", low=0.0, high=1.0
     )
@@ -256,8 +275,8 @@ class Layout(Section):
     activity: str = _field(
         "stand",
         "what people do: stand about, talk in pairs, stand closely together, follow the first "
-        "robot, walk about, or a mixture of standing and walking",
-        choices=("stand", "talk", "close", "tour", "walk", "mixed"),
+        "robot, walk about, a mixture of standing and walking, or walk as a group (section `walk`)",
+        choices=("stand", "talk", "close", "tour", "walk", "mixed", "group"),
     )
     heads: str = _field(
         "level",
@@ -272,6 +291,33 @@ class Layout(Section):
     cloth: str = _field(
         "random", "clothes: random, or dark pullovers only", choices=("random", "dark")
     )
+
+
+@dataclass(frozen=True)
+class Walk(Section):
+    """How the group walks: the members among `people`, or those that `layout` adds (`group`).
+
+    The last four are for `layout` alone: how many of its people do that, and who else comes.
+    """
+
+    path: tuple[float, ...] = _field(
+        (), "x0, y0, x1, y1, ... of the way; empty: along the middle of the room [m]",
+        kind="floats",
+    )  # fmt: skip
+    loop: bool = _field(False, "the way's end leads to its beginning; else the group stops there")
+    speed: float = _field(0.85, "how fast the group walks [m/s]", low=0.1, high=2.0)
+    width: float = _field(1.6, "of the way that its members take up [m]", low=0.0, high=20.0)
+    gap: float = _field(
+        0.8, "how close members like to be; 0.5 is a dense group [m]", low=0.4, high=3.0
+    )
+    wander: float = _field(1.0, "how much they change places; 0: each keeps his", low=0.0, high=4.0)
+    dawdle: float = _field(
+        0.5, "how often each stops for a moment to look at something [1/min]", low=0.0, high=20.0
+    )
+    stragglers: int = _field(0, "members who fall behind for a while", low=0, high=10)
+    leavers: int = _field(0, "members who walk off", low=0, high=10)
+    joiners: int = _field(0, "members who wait on the way and join", low=0, high=10)
+    strangers: int = _field(0, "people who come towards or across", low=0, high=30)
 
 
 @dataclass(frozen=True)
@@ -306,6 +352,7 @@ class Scene:
         odometry: What the robots say about their poses.
         visibility: Whom a robot sees.
         layout: What is added at random.
+        walk: How the group walks.
         tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
         tracks_window: First and last time of the recording to be used [s], and the x, y that
             become the map's origin [m].
@@ -324,6 +371,7 @@ class Scene:
     odometry: Odometry = Odometry()
     visibility: Visibility = Visibility()
     layout: Layout = Layout()
+    walk: Walk = Walk()
     tracks: str = ""
     tracks_window: tuple[float, ...] = ()
 
@@ -335,6 +383,7 @@ _SECTIONS: dict[str, type[Section]] = {
     "odometry": Odometry,
     "visibility": Visibility,
     "layout": Layout,
+    "walk": Walk,
 }
 _OTHERS = (
     "name", "seed", "description", "half", "furniture", "people", "robots", "head", "tracks",
@@ -391,6 +440,12 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
                         f"{kind}: path has {len(item.path)} numbers; wanted x0, y0, "
                         "x1, y1, ...: at least two points"
                     )
+        path = scene.walk.path
+        if len(path) % 2 or len(path) == 2:
+            raise ConfigError(
+                f"walk: path has {len(path)} numbers; wanted x0, y0, x1, y1, ...: at least two "
+                "points"
+            )
         if len(scene.tracks_window) not in (0, 4):
             raise ConfigError("tracks_window wants four numbers: first and last time, x, y")
     except (ConfigError, TypeError, ValueError) as err:

@@ -26,6 +26,7 @@ from mrs_tools.simulation.robots import robot_mesh
 from mrs_tools.simulation.rooms import footprint, furniture_mesh, room_mesh
 from mrs_tools.simulation.scene import Person, Robot, Scene
 from mrs_tools.simulation.textures import Atlas
+from mrs_tools.simulation.walks import Walked, walk_together
 
 ROOM = -1
 _ROBOT = -10
@@ -33,6 +34,8 @@ _ROBOT = -10
 _BODY_AREA = 0.57
 #: Height that distances to people are measured to [m].
 _CHEST = 1.0
+#: For so many instants the bodies are kept.
+_INSTANTS = 4
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,7 @@ class World:
         raw: Whether a robot gives raw images, by name.
         cameras: Each robot's cameras, by name.
         beliefs: What each robot says about its pose, by name.
+        has_group: Whether there is anybody of whom is known that he walks in a group.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -75,16 +79,35 @@ class World:
             [r.phase for r in scene.robots.values()], default=0.0
         )
         self._atlas = Atlas()
+        self._walked = self._walk()
         self._build_room()
         self._build_robots()
         self._build_people()
         self._casters: dict[tuple, Caster] = {}
+        self._meshes: dict[float, list[Mesh]] = {}
         self._exposure: dict[str, float] = {}
 
     def _rng(self, *what: int) -> np.random.Generator:
         return np.random.default_rng([self.scene.seed, *what])
 
     # --------------------------------------------------------------------- building ----
+
+    def _walk(self) -> Walked | None:
+        """The ways of a group and of the team that goes with it, if there is one."""
+        scene = self.scene
+        if not any(person.member for person in scene.people):
+            return None
+        people = {
+            k: self._person_track(person, k)
+            for k, person in enumerate(scene.people)
+            if not (person.member or person.walks)
+        }
+        robots = {
+            name: _robot_track(robot, self._duration)
+            for name, robot in scene.robots.items()
+            if not robot.post
+        }
+        return walk_together(scene, people, robots, self._duration, self._rng(11))
 
     def _build_room(self) -> None:
         scene, room = self.scene, self.scene.room
@@ -122,7 +145,8 @@ class World:
                 make_camera(camera, model, self.raw[name], scene.imaging, rng)
                 for camera, model in models.items()
             ]
-            track = _robot_track(robot, self._duration)
+            walked = self._walked.robots if self._walked else {}
+            track = walked.get(name) or _robot_track(robot, self._duration)
             self._robot_tracks[name] = track
             self.beliefs[name] = believe(track, scene.odometry, self._duration, self._rng(5, k))
             body = robot_mesh(robot, head, self._rng(6, k), self._atlas)
@@ -134,19 +158,30 @@ class World:
         self._tracks: list[Track] = []
         walkers = []
         for k, person in enumerate(people):
+            if self._walked and k in self._walked.people:
+                self._tracks.append(self._walked.people[k])
+                continue
             if person.walks:
                 goal = (person.goal[0], person.goal[1]) if person.goal else None
                 area = (person.area[0], person.area[1], person.area[2]) if person.area else None
                 walkers.append((k, Walker(person.x, person.y, person.speed, goal, area)))
             self._tracks.append(self._person_track(person, k))
-        recorded = []
+        recorded: list[Track] = []
+        self._groups = np.zeros(len(people), dtype=np.int32)
+        self.has_group = self._walked is not None
         if scene.tracks:
-            recorded = motion.read_tracks(
+            found = motion.read_tracks(
                 scene.tracks,
                 scene.tracks_window,
                 self._duration,
                 (scene.room.length, scene.room.width),
             )
+            recorded = list(found.values())
+            groups = motion.read_groups(scene.tracks)
+            self.has_group |= bool(groups)
+            # The number 1 is that of a group that the simulator walks.
+            numbers = [groups[one] + 1 if one in groups else 0 for one in found]
+            self._groups = np.concatenate([self._groups, np.array(numbers, dtype=np.int32)])
         if walkers:
             walking = {k for k, _ in walkers}
             others = [t for k, t in enumerate(self._tracks) if k not in walking]
@@ -207,6 +242,14 @@ class World:
     def person_places(self, time: float) -> list[Place]:
         """Where the people are."""
         return [track.at(time) for track in self._tracks]
+
+    def groups(self, time: float) -> NDArray:
+        """Number of each person's group at a time, 0 for none, int32, shape (people,)."""
+        found: NDArray = self._groups.copy()
+        if self._walked is not None:
+            members = self._walked.groups_at(time)
+            found[: len(members)] = members
+        return found
 
     def robot_place(self, name: str, time: float) -> Place:
         """Where a robot's base_link is."""
@@ -307,19 +350,28 @@ class World:
 
     def _caster(self, name: str, time: float) -> Caster:
         """Everything that a robot can see at a time; its own body is not."""
-        places = [(k, p) for k, p in enumerate(self.person_places(time)) if math.isfinite(p.x)]
         others = {n: self._robot_tracks[n].at(time) for n in self.names if n != name}
         key = (name, time)
         if key not in self._casters:
-            parts = [self._room]
-            for k, place in places:
-                person = self.people[k]
-                mesh = self._bodies[k].mesh(place, time, talking=person.pose == "talk")
-                parts.append(mesh.owned_by(k))
+            parts = [self._room, *self._people_meshes(time)]
             for other, place in others.items():
                 parts.append(self._robot_meshes[other].placed(place.x, place.y, place.yaw))
             self._casters = {key: Caster(merge(parts), self._atlas, self._light)}
         return self._casters[key]
+
+    def _people_meshes(self, time: float) -> list[Mesh]:
+        """The bodies at a time; kept for the robots that look at the same time."""
+        if time not in self._meshes:
+            while len(self._meshes) >= _INSTANTS:
+                self._meshes.pop(next(iter(self._meshes)))
+            self._meshes[time] = [
+                body.mesh(place, time, talking=person.pose == "talk").owned_by(k)
+                for k, (body, person, place) in enumerate(
+                    zip(self._bodies, self.people, self.person_places(time), strict=True)
+                )
+                if math.isfinite(place.x)
+            ]
+        return self._meshes[time]
 
     def _exposure_of(self, name: str) -> float:
         """Grey levels per light that give the head's first left image its mean."""

@@ -28,6 +28,7 @@ from mrs_tools.simulation.world import Frame, World
 
 PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
+GROUP_TOPIC = "/ground_truth/group"
 MAP_TOPIC = "/map"
 #: As map_server offers it: who comes late gets the last one, too.
 _MAP_QOS = Qos(
@@ -88,11 +89,19 @@ class Messages:
 
         std_msgs/Int32MultiArray; one dimension, labelled `people_pixels`.
         """
-        data = np.rint(pixels).astype(np.int32)
+        return self._of_people("people_pixels", np.rint(pixels).astype(np.int32))
+
+    def groups(self, world: World, index: int) -> Any:
+        """Which group each person belongs to in a frame (`World.groups`).
+
+        std_msgs/Int32MultiArray; one dimension, labelled `people_groups`.
+        """
+        return self._of_people("people_groups", world.groups(world.truth_time(index)))
+
+    def _of_people(self, label: str, data: NDArray) -> Any:
         dimension = self._make(
-            "std_msgs/msg/MultiArrayDimension", label="people_pixels", size=len(data),
-            stride=len(data),
-        )  # fmt: skip
+            "std_msgs/msg/MultiArrayDimension", label=label, size=len(data), stride=len(data)
+        )
         layout = self._make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
         return self._make("std_msgs/msg/Int32MultiArray", layout=layout, data=data)
 
@@ -131,7 +140,7 @@ class Messages:
         vector = "geometry_msgs/msg/Vector3"
         twist = self._make(
             "geometry_msgs/msg/Twist",
-            linear=self._make(vector, x=sample.velocity, y=0.0, z=0.0),
+            linear=self._make(vector, x=sample.velocity, y=sample.sideways, z=0.0),
             angular=self._make(vector, x=0.0, y=0.0, z=sample.turn_rate),
         )
         return self._make(
@@ -193,6 +202,8 @@ def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
             odometry_until(ns)
             bag.write(PEOPLE_TOPIC, ns, messages.people(world, index))
             bag.write(VISIBLE_TOPIC, ns, messages.visible(world.seen_pixels(seen)))
+            if world.has_group:
+                bag.write(GROUP_TOPIC, ns, messages.groups(world, index))
         odometry_until(math.inf)
 
 
