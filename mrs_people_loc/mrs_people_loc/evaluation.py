@@ -143,7 +143,7 @@ class Estimate:
         stamp_ns: Its stamp [ns].
         positions: Of the people [m], shape (n, 2).
         covariances: Of the positions [m^2], shape (n, 2, 2).
-        centre: Of the group [m], shape (2,); None: there is no group.
+        centre: Centre of gravity of all groups [m], shape (2,); None: there is none.
         ids: Of the people, int64, shape (n,); 0, and all of them if left out: not tracked.
         velocities: Of the people [m/s], shape (n, 2); NaN, and all of them if left out: unknown.
         coasting: Who of them is predicted, not seen, shape (n,); nobody if left out.
@@ -194,7 +194,8 @@ class Frame:
             covariance is none.
         ignored: Indices in the estimate of those that fit somebody who is not required.
         false: Indices in the estimate of those that fit nobody.
-        centre_error: Distance of the group's centres [m]; NaN: there is no group.
+        centre_error: Distance from `centre` to that of those who are required or were found all the
+            same [m]; NaN: there is no group.
     """
 
     stamp_ns: int
@@ -297,13 +298,15 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
         found, np.where(required[:, np.newaxis], true, np.nan), distance=distance
     )
     left = np.setdiff1d(np.arange(len(found)), one)
-    excused, _, _ = match(
+    excused, unasked, _ = match(
         found[left], np.where(required[:, np.newaxis], np.nan, true), distance=distance
     )
     ignored = left[excused]
     centre_error = math.nan
     if estimate.centre is not None and required.any():
-        centre_error = float(np.linalg.norm(estimate.centre - true[required].mean(axis=0)))
+        counted = required.copy()
+        counted[unasked] = True
+        centre_error = float(np.linalg.norm(estimate.centre - true[counted].mean(axis=0)))
     return Frame(
         stamp_ns=estimate.stamp_ns,
         estimate=index,

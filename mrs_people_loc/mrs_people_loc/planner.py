@@ -131,7 +131,8 @@ class Planner:
         if self._walls is not None:
             said = self._walls.log_odds(joined.xy, joined.covariance, config.masking)
             joined = dataclasses.replace(joined, score=joined.score + said)
-        who = expected.near(joined.xy, joined.covariance, tracking.gate)
+        nearby = {"gate": tracking.gate, "reach": tracking.max_distance}
+        who = expected.near(joined.xy, joined.covariance, **nearby)
         times.mark("joining")
         # First the clusters that may be people, then joined bodies, then all that is masked.
         label = np.full(len(fused), -1, dtype=np.intp)
@@ -154,7 +155,7 @@ class Planner:
         if len(expected):
             fewer = round(config.human.min_points * tracking.expected_points)
             weak = is_human(clusters, dataclasses.replace(config.human, min_points=max(1, fewer)))
-            human |= weak & (expected.near(clusters.centroid, clusters.scatter, tracking.gate) >= 0)
+            human |= weak & (expected.near(clusters.centroid, clusters.scatter, **nearby) >= 0)
         human[first:] = False
         said = np.where(who >= 0, tracking.expected_score, 0.0)
         likely = are_people(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.fusion import CELL_SIGMA_RANGE, ShortTermMap, sights
 from mrs_people_loc.geometry import Float
-from mrs_people_loc.neighbours import pairs_between
+from mrs_people_loc.neighbours import pairs_between, pairs_within
 from mrs_people_loc.poses import Pose
 
 Int = NDArray[np.intp]
@@ -28,6 +28,8 @@ Bool = NDArray[np.bool_]
 _MOST = 8
 #: Somebody who is expected is in the cluster of the nearest cell, no farther than this [m].
 _EXPECTED_WITHIN = 0.3
+#: ... and two people are no nearer to each other than this [m].
+_LEAST_APART = 0.25
 #: Rounds of the k-means.
 _ROUNDS = 8
 #: Standard deviation of what is spread evenly over a width of 1.
@@ -107,7 +109,8 @@ def split(
 def split_at(expected: Float, fused: ShortTermMap, cells: Int, label: Int, human: cfg.Human) -> Int:
     """Cuts clusters in which several people are expected: each cell goes to the nearest of them.
 
-    A cluster stays whole where a part would not have the height and the points of a person.
+    A cluster stays whole where a part would not have the height and the points of a person, or
+    where parts would be too near to each other for two.
 
     Args:
         expected: Places [m], shape (k, 2).
@@ -128,11 +131,16 @@ def split_at(expected: Float, fused: ShortTermMap, cells: Int, label: Int, human
     for number in clusters[counts > 1]:
         mine = np.flatnonzero(label == number)
         within = expected[whose[label[cell[at]] == number]]
-        part = np.hypot(*(fused.xy[cells[mine]][:, np.newaxis] - within).T).T.argmin(axis=1)
-        points = fused.cells.count[cells[mine]].astype(np.float64)
-        if len(np.unique(part)) < len(within) or not _are_tall_enough(
+        xy, points = fused.xy[cells[mine]], fused.cells.count[cells[mine]].astype(np.float64)
+        part = np.hypot(*(xy[:, np.newaxis] - within).T).T.argmin(axis=1)
+        held = np.bincount(part, minlength=len(within))
+        if not held.all() or not _are_tall_enough(
             part, fused.cells.top[cells[mine]], points, human
         ):
+            continue
+        # The halves of one person are nearer to each other than two people.
+        middles = np.stack([np.bincount(part, axis) for axis in xy.T], axis=1) / held[:, np.newaxis]
+        if len(pairs_within(middles, _LEAST_APART)[0]):
             continue
         label[mine[part > 0]] = fresh + part[part > 0] - 1
         fresh += len(within) - 1

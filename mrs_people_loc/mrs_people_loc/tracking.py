@@ -24,14 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.clustering import connected
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.people import Person
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
 #: Where nothing is known of a velocity, its standard deviation [m/s]: people stand or walk.
-_ANY_VELOCITY = 0.8
+ANY_VELOCITY = 0.8
 #: What is found says no more for a person than this.
 _LARGEST_SCORE = 8.0
 #: Standard deviation of the difference of two heights of one person [m].
@@ -64,25 +66,28 @@ class Expected:
         """How many they are."""
         return len(self.xy)
 
-    def near(self, xy: Float, covariance: Float, gate: float) -> Int:
+    def near(self, xy: Float, covariance: Float, *, gate: float, reach: float) -> Int:
         """Which of them something at a place may be, the nearest in sigmas; -1: none of them.
 
         Args:
             xy: Places [m], shape (m, 2).
             covariance: Of the places [m^2], shape (m, 2, 2).
-            gate: No farther than this [sigmas].
+            gate: No farther than this [sigmas],
+            reach: ... and this [m].
 
         Returns:
             Indices, shape (m,).
         """
         if not len(self) or not len(xy):
             return np.full(len(xy), -1, dtype=np.intp)
-        one, other = (i.reshape(-1) for i in np.indices((len(xy), len(self))))
+        one, other, _ = pairs_between(xy, self.xy, reach)
         offset = xy[one] - self.xy[other]
         squared = _squared(offset, covariance[one] + self.covariance[other])
-        squared = squared.reshape(len(xy), len(self))
-        nearest = squared.argmin(axis=1)
-        return np.where(squared.min(axis=1) <= gate**2, nearest, -1)
+        nearest = np.full(len(xy), -1, dtype=np.intp)
+        farthest_first = np.argsort(-squared, kind="stable")
+        farthest_first = farthest_first[squared[farthest_first] <= gate**2]
+        nearest[one[farthest_first]] = other[farthest_first]  # the last one stays
+        return nearest
 
 
 NOBODY = Expected(np.empty((0, 2)), np.empty((0, 2, 2)))
@@ -326,7 +331,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
     count = len(found.xy)
     covariance = np.zeros((count, 4, 4))
     covariance[:, :2, :2] = found.covariance
-    covariance[:, (2, 3), (2, 3)] = _ANY_VELOCITY**2
+    covariance[:, (2, 3), (2, 3)] = ANY_VELOCITY**2
     return _Tracks(
         id=np.zeros(count, dtype=np.intp),
         state=np.concatenate([found.xy, np.zeros((count, 2))], axis=1),
@@ -357,9 +362,7 @@ def _assign(
     """Which track was found as what: indices of both, of one length."""
     if not len(rows) or not len(free):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    (x, y), (found_x, found_y) = tracks.state[rows, :2].T, found.xy[free].T
-    away = np.maximum(np.abs(np.subtract.outer(x, found_x)), np.abs(np.subtract.outer(y, found_y)))
-    row, column = np.nonzero(away <= config.max_distance)
+    row, column, _ = pairs_between(tracks.state[rows, :2], found.xy[free], config.max_distance)
     one, other = rows[row], free[column]
     places, covariances = _looked_for(tracks, one, found.delay_s[other])
     measured = found.covariance[other]
@@ -372,14 +375,31 @@ def _assign(
         ((tracks.height[one] - found.height[other]) / _HEIGHT_SIGMA) ** 2, _HEIGHT_SAYS
     )
     # A pair is worth what it is better than no pair.
-    worth = np.zeros((len(rows), len(free)))
-    cost = np.minimum(cost - 2.0 * config.gate**2, 0.0)
-    worth[row, column] = np.where(squared <= config.gate**2, cost, 0.0)
-    from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+    worth = cost - 2.0 * config.gate**2
+    possible = np.flatnonzero((squared <= config.gate**2) & (worth < 0))
+    best = possible[_best(row[possible], column[possible], worth[possible], len(rows), len(free))]
+    return one[best], other[best]
 
-    row, column = linear_sum_assignment(worth)
-    kept = worth[row, column] < 0
-    return rows[row[kept]], free[column[kept]]
+
+def _best(row: Int, column: Int, worth: Float, rows: int, columns: int) -> Int:
+    """Which pairs to take, each row and column once, so that the sum of their worth is least.
+
+    Pairs that nothing links have nothing to do with each other: each knot is solved for itself.
+    """
+    knot = connected(row, rows + column, rows + columns)[row]
+    size = np.bincount(knot, minlength=rows)
+    taken = [np.flatnonzero(size[knot] == 1)]
+    for number in np.flatnonzero(size > 1):
+        from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+
+        mine = np.flatnonzero(knot == number)
+        (_, i), (_, j) = (np.unique(of[mine], return_inverse=True) for of in (row, column))
+        table = np.zeros((i.max() + 1, j.max() + 1))
+        table[i, j] = worth[mine]
+        chosen = np.zeros(table.shape, dtype=bool)
+        chosen[linear_sum_assignment(table)] = True
+        taken.append(mine[chosen[i, j]])
+    return np.concatenate(taken)
 
 
 def _update(

@@ -285,25 +285,20 @@ def command(
 
     Looks at every robot_node and planner_node in this ROS domain. Exit code 1 if there is an error.
     """
-    import rclpy
-    from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
-    from rclpy.signals import SignalHandlerOptions
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    context = Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("mrs_doctor", context=context, start_parameter_services=False)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        facts = look(node, duration, lambda: executor.spin_once(timeout_sec=0.1))
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown(context=context)
+    from mrs_tools.replay import node
+
+    with node("mrs_doctor") as made:
+        executor = SingleThreadedExecutor(context=made.context)
+        executor.add_node(made)
+        try:
+            facts = look(made, duration, lambda: executor.spin_once(timeout_sec=0.1))
+        finally:
+            executor.shutdown()
 
     console = Console(soft_wrap=True, highlight=False)
     settings = [f"{name}={os.environ[name]}" for name in _SETTINGS if os.environ.get(name)]

@@ -168,7 +168,7 @@ def estimate_of(people: People) -> Estimate:
         stamp_ns=people.stamp_ns,
         positions=np.array([p.position for p in persons]).reshape(-1, 2),
         covariances=np.array([p.covariance for p in persons]).reshape(-1, 2, 2),
-        centre=people.group.centre if people.group else None,
+        centre=_centre([(group.size, group.centre) for group in people.groups]),
         ids=np.array([p.id for p in persons], dtype=np.int64),
         velocities=np.array(velocities).reshape(-1, 2),
         coasting=np.array([p.coasting for p in persons], dtype=bool),
@@ -176,7 +176,7 @@ def estimate_of(people: People) -> Estimate:
 
 
 def read_estimate(message: Any) -> Estimate:
-    """The people of a mrs_people_msgs/People, as they are scored; of several groups the largest.
+    """The people of a mrs_people_msgs/People, as they are scored.
 
     Raises:
         ValueError: Two of them have one id.
@@ -188,17 +188,24 @@ def read_estimate(message: Any) -> Estimate:
     persons = message.persons
     poses = [person.pose for person in persons]
     velocities = [person.velocity.twist.linear for person in persons]
-    group = max(message.groups, key=lambda g: g.size, default=None)
     covariances = [np.reshape(pose.covariance, (6, 6))[:2, :2] for pose in poses]
     return Estimate(
         stamp_ns=stamp_ns_of(message.header.stamp),
         positions=np.array([place(pose) for pose in poses], dtype=np.float64).reshape(-1, 2),
         covariances=np.array(covariances, dtype=np.float64).reshape(-1, 2, 2),
-        centre=np.array(place(group.centre)) if group else None,
+        centre=_centre([(group.size, place(group.centre)) for group in message.groups]),
         ids=np.array([person.id for person in persons], dtype=np.int64),
         velocities=np.array([(v.x, v.y) for v in velocities], dtype=np.float64).reshape(-1, 2),
         coasting=np.array([person.coasting for person in persons], dtype=bool),
     )
+
+
+def _centre(groups: Sequence[tuple[int, Any]]) -> Float | None:
+    """Centre of gravity of groups, given their sizes and centres; None if there are none."""
+    if not any(size for size, _ in groups):
+        return None
+    sizes, centres = zip(*groups, strict=True)
+    return np.asarray(np.average(np.array(centres, dtype=np.float64), axis=0, weights=sizes))
 
 
 # ---------------------------------------------------------------------------------- what is there

@@ -165,41 +165,31 @@ def command(
 
     Where the output is no terminal, the table is printed once at the end.
     """
-    import rclpy
-    from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
-    from rclpy.signals import SignalHandlerOptions
     from rich.console import Console
     from rich.live import Live
 
     from mrs_tools.cli import stop_on_signals
+    from mrs_tools.replay import node
 
-    context = Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node(
-        "mrs_people",
-        context=context,
-        namespace=namespace,
-        parameter_overrides=[Parameter("use_sim_time", value=sim_time)],
-    )
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
     console = Console()
-    try:
-        live = LivePeople(node)
-        end = time.monotonic() + duration if duration else math.inf
-        screen = (
-            Live(live, console=console, refresh_per_second=5)
-            if console.is_terminal
-            else nullcontext()
-        )
-        with stop_on_signals() as stop, screen:
-            while not stop.is_set() and time.monotonic() < end:
-                executor.spin_once(timeout_sec=0.1)
-        if not console.is_terminal:
-            console.print(live)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown(context=context)
+    simulated = Parameter("use_sim_time", value=sim_time)
+    with node("mrs_people", namespace=namespace, parameter_overrides=[simulated]) as made:
+        executor = SingleThreadedExecutor(context=made.context)
+        executor.add_node(made)
+        try:
+            live = LivePeople(made)
+            end = time.monotonic() + duration if duration else math.inf
+            screen = (
+                Live(live, console=console, refresh_per_second=5)
+                if console.is_terminal
+                else nullcontext()
+            )
+            with stop_on_signals() as stop, screen:
+                while not stop.is_set() and time.monotonic() < end:
+                    executor.spin_once(timeout_sec=0.1)
+            if not console.is_terminal:
+                console.print(live)
+        finally:
+            executor.shutdown()

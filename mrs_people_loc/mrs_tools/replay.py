@@ -344,12 +344,13 @@ class _Pace:
 
 
 @contextmanager
-def node(name: str, context: Context | None = None) -> Iterator[Node]:
+def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node]:
     """A node of a tool: no parameters, no log topic, and signals stay the tool's own business.
 
     Args:
         name: Node name; the process id is added.
         context: The ROS context to use; None: one of its own, from the environment.
+        how: What else `rclpy.create_node` takes, such as a namespace.
 
     Yields:
         The node.
@@ -369,6 +370,7 @@ def node(name: str, context: Context | None = None) -> Iterator[Node]:
             use_global_arguments=False,
             enable_rosout=False,
             start_parameter_services=False,
+            **how,
         )
         try:
             yield made

@@ -108,6 +108,7 @@ def steps() -> list[Step]:
         Step("human test", default("bodies.human_test"), default("joining.min_score")),
         Step("from the surface to the axis", default("bodies.axis"), {}),
         Step("fragments of a person are that person", {}, default("joining.fragment_gate")),
+        Step("people are followed from interval to interval", {}, default("tracking.enabled")),
     ]
 
 
@@ -148,9 +149,17 @@ class Row:
 
     def report(self, *kinds: str) -> dict[str, Any]:
         """Figures over the scenes of some kinds; if none is named, over those of `SHORT`."""
-        chosen = [r for name, r in self.results.items() if self.kinds[name] in (kinds or SHORT)]
-        people: dict[str, Any] = Result.pooled(chosen).report()["people"]
+        people: dict[str, Any] = self._pooled(*kinds).report()["people"]
         return people
+
+    def tracks(self, *kinds: str) -> dict[str, Any]:
+        """Figures of who is who, likewise."""
+        return self._pooled(*kinds).tracks.report()
+
+    def _pooled(self, *kinds: str) -> Result:
+        return Result.pooled(
+            [r for name, r in self.results.items() if self.kinds[name] in (kinds or SHORT)]
+        )
 
 
 def run_suite(
@@ -207,19 +216,31 @@ def run_suite(
 # ---------------------------------------------------------------------------------------- tables
 
 _HEAD = ("recall", "precision", "mean [cm]", "p95 [cm]", "in 95 %")
+_TRACKS_HEAD = ("MOTA", "IDF1", "velocity [m/s]", "switches", "per person and minute")
+
+
+def _number(value: float | None, factor: float, digits: int) -> str:
+    return "-" if value is None else f"{value * factor:.{digits}f}"
 
 
 def _figures(people: Mapping[str, Any]) -> list[str]:
-    def number(value: float | None, factor: float, digits: int) -> str:
-        return "-" if value is None else f"{value * factor:.{digits}f}"
-
     error = people["error_m"]
     return [
-        number(people["recall"], 1, 3),
-        number(people["precision"], 1, 3),
-        number(error["mean"], 100, 1),
-        number(error["p95"], 100, 1),
-        number(people["coverage_95"], 1, 3),
+        _number(people["recall"], 1, 3),
+        _number(people["precision"], 1, 3),
+        _number(error["mean"], 100, 1),
+        _number(error["p95"], 100, 1),
+        _number(people["coverage_95"], 1, 3),
+    ]
+
+
+def _track_figures(tracks: Mapping[str, Any]) -> list[str]:
+    return [
+        _number(tracks["mota"], 1, 3),
+        _number(tracks["idf1"], 1, 3),
+        _number(tracks["velocity_error_mps"]["mean"], 1, 2),
+        _number(tracks["id_switches"], 1, 0),
+        _number(tracks["switches_per_person_minute"], 1, 2),
     ]
 
 
@@ -236,6 +257,14 @@ def markdown(rows: Sequence[Row], half: str) -> str:
             for row, file in ((first, "paper.yaml"), (last, "default.yaml"))
             for label, kinds in (("", ()), *((label, (kind,)) for label, kind in chosen))
             for report in (row.report(*kinds),)
+        ],
+    )
+    lines += ["", "## Who is who", "", "With default.yaml; velocity is its mean error.", ""]
+    lines += _table(
+        ("", *_TRACKS_HEAD),
+        [
+            [label, *_track_figures(last.tracks(*kinds))]
+            for label, kinds in (("standing and walking", ()), *((k, (k,)) for _, k in chosen))
         ],
     )
     if len(rows) > 2:
@@ -255,7 +284,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
         "",
     ]
     lines += _table(
-        ("scene", "people", *_HEAD),
+        ("scene", "people", *_HEAD, *_TRACKS_HEAD[:-1]),
         [
             [
                 name,
@@ -268,6 +297,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
                         strict=True,
                     )
                 ),
+                *_track_figures(result.tracks.report())[:-1],
             ]
             for name, result in last.results.items()
         ],

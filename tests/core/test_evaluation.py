@@ -257,7 +257,7 @@ def test_what_is_undefined_is_none():
 
 def test_unseen_people_are_not_required_and_finding_one_is_no_error():
     there = truth({0: [(0, 0), (2, 0), (4, 0)]}, visible=[[True, False, False]])
-    frames = score(there, [estimate(0, (0, 0.1), (2, 0.1), (6, 0), centre=(0.3, 0.4))])
+    frames = score(there, [estimate(0, (0, 0.1), (2, 0.1), (6, 0), centre=(1.3, 0.4))])
     (frame,) = frames
     assert frame.required.tolist() == [True, False, False]
     assert frame.ignored.tolist() == [1]
@@ -266,7 +266,7 @@ def test_unseen_people_are_not_required_and_finding_one_is_no_error():
     report = summary(frames)
     people = report["people"]
     assert (people["true"], people["found"], people["matched"]) == (1, 2, 1)
-    assert report["group"]["centre_error_m"]["mean"] == pytest.approx(0.5)  # from (0, 0)
+    assert report["group"]["centre_error_m"]["mean"] == pytest.approx(0.5)  # from (1, 0)
 
 
 def test_who_is_required_is_matched_before_who_is_not():

@@ -394,9 +394,9 @@ def test_who_may_be_whom():
     expected = Expected(np.array([(0.0, 0.0), (1.0, 0.0)]), np.tile(0.01 * np.eye(2), (2, 1, 1)))
     xy = np.array([(0.1, 0.0), (0.9, 0.1), (0.5, 3.0), (0.45, 0.0)])
     covariance = np.tile(0.01 * np.eye(2), (4, 1, 1))
-    assert expected.near(xy, covariance, 4.0).tolist() == [0, 1, -1, 0]
-    assert NOBODY.near(xy, covariance, 4.0).tolist() == [-1] * 4
-    assert expected.near(np.empty((0, 2)), np.empty((0, 2, 2)), 4.0).tolist() == []
+    assert expected.near(xy, covariance, gate=4.0, reach=1.0).tolist() == [0, 1, -1, 0]
+    assert NOBODY.near(xy, covariance, gate=4.0, reach=1.0).tolist() == [-1] * 4
+    assert expected.near(np.empty((0, 2)), np.empty((0, 2, 2)), gate=4.0, reach=1.0).tolist() == []
 
 
 def test_parameters_may_change_at_any_time():

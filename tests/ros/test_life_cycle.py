@@ -157,6 +157,7 @@ PLANNER_TOPICS = {
     "/people",
     "/people_poses",
     "/group_centroid",
+    "/events",
     "/short_term_map",
     "/markers",
 }

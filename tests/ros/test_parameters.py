@@ -191,7 +191,9 @@ def robot_process(bad_start: NodeProcess, team: Team) -> NodeProcess:
 
 @pytest.fixture(scope="module")
 def planner_process(robot_process: NodeProcess, team: Team) -> NodeProcess:
-    return team.start("planner_node", params={"robots": "[robot_a]"})
+    """One whose people are those of each interval: what a parameter changes shows at once."""
+    params = {"robots": "[robot_a]", "tracking.enabled": "false"}
+    return team.start("planner_node", params=params)
 
 
 @pytest.fixture(scope="module")

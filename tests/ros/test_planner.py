@@ -44,7 +44,9 @@ SOMEBODY = (2.0, 1.0)
 
 @pytest.fixture(scope="module")
 def planner(team: Team, peer: Peer) -> PlannerPeer:
-    params = {"robots": f"[{','.join(NAMES)}]", **PATIENT}
+    # Each interval stands for itself; test_tracking.py follows people.
+    memoryless = {"tracking.enabled": "false"}
+    params = {"robots": f"[{','.join(NAMES)}]", **PATIENT, **memoryless}
     process = team.start("planner_node", namespace="/team", params=params)
     made = PlannerPeer(peer, process, "/team/")
     peer.until_active(made.node)

@@ -105,6 +105,7 @@ def run(
         "interval.max_wait": "5.0",
         "interval.robot_timeout": "60.0",
         "interval.max_clock_offset": "5.0",  # stamps are those of the recording, moved to about now
+        "tracking.enabled": "false",  # whatever came before; test_tracking.py follows people
     }
     processes["planner"] = team.start("planner_node", files=files, params=patient)
     peer = Peer(domain)
@@ -262,14 +263,16 @@ def _stamp_in(message: Any) -> int:
 
 def _in_process(run: Run, message: Any) -> tuple[CorePeople, dict[str, Pose]]:
     """What the method makes of the scans that a message names, in this process."""
-    files = CONFIGS[run.name]
     scans, poses = [], {}
     for robot, named in messages.read_people_scans(message).items():
         (points,) = [m for m in run.points[robot] if stamp_of(m) == named.stamp_ns]
         scans.append(messages.read_scan(points, robot))
         poses[robot] = run.buffers[robot].at(named.stamp_ns, 250_000_000)
-    planner = Planner(load_team(*files).planner)
-    return planner.step(scans, poses, stamp_of(message)), poses
+    return _planner(run).step(scans, poses, stamp_of(message)), poses
+
+
+def _planner(run: Run) -> Planner:
+    return Planner(load_team(*CONFIGS[run.name]).planner.memoryless())
 
 
 def _xy(point: Any) -> tuple[float, float]:
@@ -364,8 +367,7 @@ def test_people_follow_from_the_named_poses(run: Run) -> None:
         for robot, pose in named.items():
             (points,) = [m for m in run.points[robot] if stamp_of(m) == pose.stamp_ns]
             scans.append(messages.read_scan(points, robot))
-        files = CONFIGS[run.name]
-        wanted = Planner(load_team(*files).planner).step(scans, named, stamp_of(message))
+        wanted = _planner(run).step(scans, named, stamp_of(message))
         got = [_xy(person.pose.pose.position) for person in message.persons]
         # A heading goes through a quaternion on its way: the last digit may differ.
         np.testing.assert_allclose(got, [p.position for p in wanted.persons], rtol=0, atol=1e-12)

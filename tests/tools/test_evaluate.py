@@ -118,7 +118,7 @@ def recorded(bag: Bag) -> None:
         bag.truth(ms, (0.001 * ms, 0), (0, 3), visible=(9, 0) if last else (9, 50))
     # 20 ms late; the first person walks at 1 m/s. That of 300 is missing.
     bag.people(20, (0.02, 0.1), (0, 3), centre={2: (0.01, 1.5)})
-    bag.people(120, (0.12, 0.2), (0, 3.3), centre={1: (9, 9), 2: (0.06, 1.7)})
+    bag.people(120, (0.12, 0.2), (0, 3.3), centre={1: (0.12, 0.2), 2: (0.03, 2.45)})
     bag.people(220, (0.22, 0.0), (5, 5))
     bag.people(420, (0.42, 0.0), (0, 3.1))
 
@@ -145,7 +145,7 @@ def test_recorded_people_are_scored_as_they_are(make_bag, tmp_path):
             },
             "coverage_95": pytest.approx(5 / 6),  # sigma is 0.1; 0.3 is outside
         },
-        # True centres (0.01, 1.5) and (0.06, 1.5); of two groups the larger counts.
+        # True centres (0.02, 1.5) and (0.12, 1.5); two groups by their sizes: (0.06, 1.7).
         "group": {"centre_error_m": {"mean": pytest.approx(0.1), "p95": pytest.approx(0.19)}},
         "tracks": NO_TRACKS,
         "stages": {},

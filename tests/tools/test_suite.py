@@ -10,6 +10,7 @@ import pytest
 
 from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team
 from mrs_people_loc.evaluation import Estimate, Truth, score
+from mrs_people_loc.track_scores import score_tracks
 
 pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 pytest.importorskip("typer", reason="the mrs command needs typer")
@@ -68,6 +69,7 @@ def test_the_steps_lead_from_the_paper_to_the_default() -> None:
     assert planner_config.joining == PlannerConfig().joining
     assert planner_config.masking == PlannerConfig().masking
     assert planner_config.splitting == PlannerConfig().splitting
+    assert planner_config.tracking == PlannerConfig().tracking
 
 
 # --------------------------------------------------------------------------------- rows ----
@@ -111,7 +113,38 @@ def test_tables_by_hand() -> None:
     assert cells_of(text, "paper.yaml, standing")[1:] == ["2", "0.000", "-", "-", "-", "-"]
     assert cells_of(text, "test_a")[1:5] == ["2", "1.000 (0.000)", "1.000 (-)", "4.0 (-)"]
     widths = {line.count("|") for line in text.splitlines() if line.startswith("| test")}
-    assert widths == {8}
+    assert widths == {12}
+    assert cells_of(text, "test_a")[7:] == ["-"] * 4  # nobody is followed
+
+
+def followed(*ids: int) -> Result:
+    """Somebody who stands is followed by these, at 10 Hz; they say that he goes at 0.3 m/s."""
+    place = np.zeros((1, 2))
+    stamps = [100_000_000 * k for k in range(len(ids))]
+    truth = Truth.build(stamps, [place] * len(ids))
+    estimates = [
+        Estimate(stamp, place, np.zeros((1, 2, 2)), ids=np.array([k]), velocities=place + (0.3, 0))
+        for stamp, k in zip(stamps, ids, strict=True)
+    ]
+    frames = score(truth, estimates)
+    return Result(frames=frames, tracks=score_tracks(truth, frames, estimates))
+
+
+def test_who_is_who_has_a_table_by_hand() -> None:
+    found = {"test_a": followed(1, 1, 1, 1), "test_b": followed(1, 2, 2, 2),
+             "test_c": followed(1, 1, 2, 2)}  # fmt: skip
+    kinds = {"test_a": suite.STANDING, "test_b": suite.WALKING, "test_c": suite.GROUP}
+    text = markdown([Row("printed", found, kinds), Row("ours", found, kinds)], "test")
+    (_, _, after) = text.partition("## Who is who")
+    rows = {label: cells_of(after, label)[1:] for label in
+            ("standing and walking", "standing", "walking", "walking group")}  # fmt: skip
+    assert rows == {
+        "standing and walking": ["0.875", "0.875", "0.30", "1", "75.00"],  # one in 0.8 s
+        "standing": ["1.000", "1.000", "0.30", "0", "0.00"],
+        "walking": ["0.750", "0.750", "0.30", "1", "150.00"],
+        "walking group": ["0.750", "0.500", "0.30", "1", "150.00"],
+    }
+    assert cells_of(text, "test_c")[7:] == rows["walking group"][:-1]
 
 
 def test_walks_have_rows_of_their_own_where_there_are_any() -> None:

@@ -1,0 +1,222 @@
+"""The planner follows people: ids, velocities and groups on the wire, over time as it comes."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from mrs_people_msgs.msg import People
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mrs_people_loc import messages
+from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.planner import Planner
+from ros.harness import Peer, Team
+from ros.planner_peer import PlannerPeer, PlayedRobot, pose_of
+from ros.recording import stamp_of
+
+NAMES = ("robot_a", "robot_b")
+PLACES = ((0.0, 0.0, 0.0), (6.0, 0.0, math.pi))
+#: However busy the machine, robots are waited for; stamps are the test's own.
+PATIENT = {
+    "interval.max_wait": "5.0",
+    "interval.robot_timeout": "60.0",
+    "interval.max_clock_offset": "5.0",
+}
+STEP_NS = 100_000_000
+
+
+class Walk:
+    """Sends scans of walkers, an interval every 0.1 s of their own time, and hears the people."""
+
+    def __init__(self, peer: Peer, planner: PlannerPeer) -> None:
+        self.planner = planner
+        self.robots = [
+            PlayedRobot(peer, name, place) for name, place in zip(NAMES, PLACES, strict=True)
+        ]
+        self.stamp_ns = time.time_ns()
+        self.sent: list[dict[str, Any]] = []
+        self.heard: list[People] = []
+
+    def step(self, *people: tuple[float, float], stamp_ns: int | None = None) -> People:
+        """One interval in which both robots see people at these places."""
+        self.stamp_ns = stamp_ns or self.stamp_ns + STEP_NS
+        scans = {robot.name: robot.scan(self.stamp_ns, *people) for robot in self.robots}
+        for robot in self.robots:
+            robot.send(self.stamp_ns, *people)
+        self.sent.append(scans)
+        self.heard.append(self.planner.people_at(self.stamp_ns))
+        return self.heard[-1]
+
+
+@pytest.fixture(scope="module")
+def events(peer: Peer) -> list[String]:
+    return peer.hear(String, "/events")
+
+
+@pytest.fixture(scope="module")
+def drawn(peer: Peer) -> list[MarkerArray]:
+    return peer.hear(MarkerArray, "/markers")
+
+
+@pytest.fixture(scope="module")
+def walk(team: Team, peer: Peer, events: list[String], drawn: list[MarkerArray]) -> Walk:
+    params = {"robots": f"[{','.join(NAMES)}]", **PATIENT}
+    process = team.start("planner_node", params=params)
+    made = Walk(peer, PlannerPeer(peer, process))
+    peer.until_active(made.planner.node)
+    # It must hear of nothing before it is heard: what it says depends on all that it was told.
+    topics = ("/people", "/events", "/markers")
+    peer.until(lambda: all(map(peer.node.count_publishers, topics)), f"nobody publishes {topics}")
+    # And the first scan must arrive: it does when poses do, for `points` was announced before.
+    for robot in made.robots:
+        robot.announce()
+    peer.until(lambda: poses_arrive(made), lambda: process.log)
+    made.stamp_ns = time.time_ns()
+    return made
+
+
+def poses_arrive(walk: Walk) -> bool:
+    for robot in walk.robots:
+        robot.send_pose(pose_of(walk.planner.now(), *robot.place))
+    walk.planner.peer.spin(0.1)
+    findings = walk.planner.peer.findings(walk.planner.node)
+    held = [findings.get(f"robot {name}") for name in NAMES]
+    return all(finding is not None and finding.count("poses_held") > 0 for finding in held)
+
+
+def ids(message: People) -> list[int]:
+    return [person.id for person in message.persons]
+
+
+def walkers(t: float) -> list[tuple[float, float]]:
+    """Two who walk to the left at 0.5 m/s, and one who stands."""
+    return [(2.0, 0.5 * t - 1.0), (2.8, 0.5 * t - 1.0), (3.6, 0.3)]
+
+
+@pytest.fixture(scope="module")
+def walked(walk: Walk) -> Walk:
+    for k in range(30):
+        walk.step(*walkers(k / 10))
+    for k in range(30, 36):  # the one who stands is hidden
+        walk.step(*walkers(k / 10)[:2])
+    for k in range(36, 40):
+        walk.step(*walkers(k / 10))
+    return walk
+
+
+def test_ids_stay_and_velocities_are_those_of_the_walkers(walked: Walk) -> None:
+    assert {tuple(ids(message)) for message in walked.heard[:40]} == {(1, 2, 3)}
+    message = walked.heard[29]
+    by_place = sorted(message.persons, key=lambda p: p.pose.pose.position.x)
+    speeds = [p.velocity.twist.linear for p in by_place]
+    for got, wanted in zip(speeds, (0.5, 0.5, 0.0), strict=True):
+        assert math.hypot(got.x, got.y - wanted) < 0.1
+        assert got.z == 0.0
+    for person in message.persons:
+        covariance = np.reshape(person.velocity.covariance, (6, 6))
+        assert 0 < covariance[0, 0] < 0.8**2
+        assert np.isnan(covariance[5, 5])
+        assert math.isnan(person.velocity.twist.angular.z)
+        assert person.age.sec + person.age.nanosec / 1e9 == pytest.approx(2.9)
+        assert not person.coasting
+        assert list(person.robots) == list(NAMES)
+
+
+def test_who_is_hidden_coasts(walked: Walk) -> None:
+    for k, message in enumerate(walked.heard[:40]):
+        hidden = [p for p in message.persons if p.coasting]
+        assert len(hidden) == (30 <= k < 36)
+        for person in hidden:
+            assert list(person.robots) == []
+            assert math.hypot(person.pose.pose.position.x - 3.6) < 0.2
+
+
+def test_one_group_that_walks(walked: Walk) -> None:
+    for message in walked.heard[:40]:
+        (group,) = message.groups
+        assert (group.id, group.size, list(group.members)) == (1, 3, [1, 2, 3])
+        assert list(group.stragglers) == []
+    velocity = walked.heard[29].groups[0].velocity.twist.linear
+    assert math.hypot(velocity.x, velocity.y - 1.0 / 3.0) < 0.1
+
+
+def test_the_planner_in_this_process_says_the_same(walked: Walk) -> None:
+    """Every field: it was told the same from the beginning."""
+    planner = Planner(PlannerConfig(robots=NAMES))
+    for sent, message in zip(walked.sent, walked.heard, strict=True):
+        scans = [messages.read_scan(cloud, robot) for robot, cloud in sent.items()]
+        poses = messages.read_people_scans(message)
+        wanted = planner.step(scans, poses, stamp_of(message))
+        assert ids(message) == [person.id for person in wanted.persons]
+        for got, person in zip(message.persons, wanted.persons, strict=True):
+            at, to = got.pose.pose.position, got.velocity.twist.linear
+            np.testing.assert_allclose((at.x, at.y), person.position, rtol=0, atol=1e-9)
+            np.testing.assert_allclose((to.x, to.y), person.velocity, rtol=0, atol=1e-9)
+            assert got.coasting == person.coasting
+        assert [group.id for group in message.groups] == [group.id for group in wanted.groups]
+
+
+def test_markers_show_velocities_trails_and_who_coasts(
+    walked: Walk, peer: Peer, drawn: list[MarkerArray]
+) -> None:
+    stamp_ns = stamp_of(walked.heard[33])
+    peer.until(
+        lambda: any(stamp_of(m.markers[0]) == stamp_ns for m in drawn), "markers of an interval"
+    )
+    markers = next(m for m in drawn if stamp_of(m.markers[0]) == stamp_ns).markers
+    of = {name: [m for m in markers if m.ns == name] for name in ("people", "velocities", "trails")}
+    assert [m.type for m in of["velocities"]] == [Marker.ARROW] * 3
+    assert [m.type for m in of["trails"]] == [Marker.LINE_STRIP] * 3
+    assert all(len(m.points) == 2 for m in of["velocities"])
+    assert all(len(m.points) == 34 for m in of["trails"])
+    pale = [m.color.a for m in of["people"]]
+    hidden = [p.coasting for p in walked.heard[33].persons]
+    assert [a == min(pale) for a in pale] == hidden
+    assert min(pale) < max(pale)
+
+
+def until_said(peer: Peer, events: list[String], wanted: str) -> None:
+    peer.until(lambda: any(wanted in e.data for e in events), lambda: f"{wanted}; got: {events}")
+
+
+def test_who_falls_behind_is_said(walked: Walk, peer: Peer, events: list[String]) -> None:
+    """The two walk on; the one who stands is a straggler, and no more when they come back."""
+    for k in range(40, 90):
+        message = walked.step(*walkers(k / 10))
+    (group,) = [g for g in message.groups if g.id == 1]
+    (straggler,) = group.stragglers
+    assert straggler not in group.members
+    assert group.straggling_for[0].sec >= 1
+    until_said(peer, events, f"person {straggler} has fallen behind or left group 1")
+    for k in range(90, 20, -1):
+        message = walked.step(*walkers(k / 10))
+    assert [(g.id, g.size, list(g.stragglers)) for g in message.groups] == [(1, 3, [])]
+    until_said(peer, events, f"person {straggler} is back with group 1")
+    assert all(set(ids(m)) <= {1, 2, 3} for m in walked.heard)
+
+
+def test_parameters_and_time_lose_nobody(walked: Walk) -> None:
+    """Another gate, memory off and on again, and stamps that begin again."""
+    peer, node = walked.planner.peer, walked.planner.node
+    places = walkers(2.0)
+    before = ids(walked.step(*places))
+    peer.must_set(node, tracking__gate=5.0)
+    assert ids(walked.step(*places)) == before
+    peer.must_set(node, tracking__enabled=False)
+    message = walked.step(*places)
+    assert ids(message) == [0, 0, 0]
+    assert [math.isnan(p.velocity.twist.linear.x) for p in message.persons] == [True] * 3
+    assert [(g.id, g.size) for g in message.groups] == [(0, 3)]
+    peer.must_set(node, tracking__enabled=True, tracking__gate=4.0)
+    assert ids(walked.step(*places)) == before
+
+
+def test_an_unusable_parameter_is_refused(walked: Walk) -> None:
+    (result,) = walked.planner.peer.set(walked.planner.node, tracking__gate=0.0)
+    assert not result.successful
+    assert "tracking.gate" in result.reason
