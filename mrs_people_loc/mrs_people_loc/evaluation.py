@@ -67,11 +67,14 @@ class Truth:
         stamps_ns: Stamps [ns], ascending, int64, shape (n,).
         positions: Of each person at each stamp [m], shape (n, m, 2); NaN: not there.
         visible: Whether a robot sees the person, shape (n, m).
+        groups: Number of the group that each person belongs to, 0: none, shape (n, m); None: the
+            truth does not say.
     """
 
     stamps_ns: NDArray[np.int64]
     positions: Float
     visible: Bool
+    groups: Int | None = None
 
     @classmethod
     def build(
@@ -79,6 +82,7 @@ class Truth:
         stamps_ns: Sequence[int],
         positions: Sequence[Float],
         visible: Sequence[Bool | None] | None = None,
+        groups: Sequence[NDArray[np.integer]] | None = None,
     ) -> Truth:
         """Puts messages together; of several with one stamp the last counts.
 
@@ -86,21 +90,27 @@ class Truth:
             stamps_ns: Stamps [ns], in any order.
             positions: At each stamp [m], shape (m, 2); m may differ, who is missing is not there.
             visible: At each stamp, shape (m,); None: everybody is.
+            groups: Numbers of their groups at each stamp, shape (m,); None: nothing is known.
         """
         given = visible if visible is not None else [None] * len(stamps_ns)
+        homes = groups if groups is not None else [np.empty(0, dtype=np.intp)] * len(stamps_ns)
         rows = {
-            stamp: (xy, seen) for stamp, xy, seen in zip(stamps_ns, positions, given, strict=True)
+            stamp: (xy, seen, home)
+            for stamp, xy, seen, home in zip(stamps_ns, positions, given, homes, strict=True)
         }
-        count = max((len(xy) for xy, _ in rows.values()), default=0)
+        count = max((len(xy) for xy, _, _ in rows.values()), default=0)
         stamps = sorted(rows)
         xys = np.full((len(rows), count, 2), np.nan)
         seens = np.ones((len(rows), count), dtype=bool)
+        numbers = np.zeros((len(rows), count), dtype=np.intp)
         for index, stamp in enumerate(stamps):
-            xy, seen = rows[stamp]
+            xy, seen, home = rows[stamp]
             xys[index, : len(xy)] = np.reshape(xy, (-1, 2))
+            numbers[index, : len(home)] = home
             if seen is not None:
                 seens[index, : len(seen)] = seen
-        return cls(np.array(stamps, dtype=np.int64), xys, seens)
+        belong = None if groups is None else numbers
+        return cls(np.array(stamps, dtype=np.int64), xys, seens, belong)
 
     def __len__(self) -> int:
         """Number of ground-truth messages."""
@@ -147,6 +157,7 @@ class Estimate:
         ids: Of the people, int64, shape (n,); 0, and all of them if left out: not tracked.
         velocities: Of the people [m/s], shape (n, 2); NaN, and all of them if left out: unknown.
         coasting: Who of them is predicted, not seen, shape (n,); nobody if left out.
+        stragglers: Ids of those who have fallen behind their groups or left them.
 
     Raises:
         ValueError: The arrays are not of one length, or somebody's id is somebody else's, too.
@@ -159,6 +170,7 @@ class Estimate:
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     velocities: Float = field(default_factory=lambda: np.empty((0, 2)))
     coasting: Bool = field(default_factory=lambda: np.empty(0, dtype=bool))
+    stragglers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.positions)

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.clustering import connected
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.joining import bounded
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.people import Person
 
@@ -105,6 +106,7 @@ class _Tracks:
         evidence: Mean log-odds of late of being a person.
         height: Mean height of late [m].
         age_s: Since it was first seen [s].
+        seen: Whether it is seen in this interval.
         unseen_s: Since it was last seen [s].
         seen_s: For how long it was seen, in all [s].
         last: What was last found of it.
@@ -117,6 +119,7 @@ class _Tracks:
     evidence: Float
     height: Float
     age_s: Float
+    seen: Bool
     unseen_s: Float
     seen_s: Float
     last: NDArray[np.object_]
@@ -172,7 +175,7 @@ class _Found:
         return cls(
             persons=each,
             xy=np.array([p.position for p in persons]).reshape(-1, 2),
-            covariance=np.array([p.covariance for p in persons]).reshape(-1, 2, 2),
+            covariance=bounded(np.array([p.covariance for p in persons]).reshape(-1, 2, 2)),
             score=np.minimum([p.score for p in persons], _LARGEST_SCORE).reshape(-1),
             delay_s=np.clip([(time_ns - p.stamp_ns) / 1e9 for p in persons], 0.0, _LONGEST_DELAY),
             height=np.array([p.height for p in persons]),
@@ -214,20 +217,19 @@ class Tracker:
 
         Args:
             persons: What was found, with log-odds and delays.
-            time_ns: Time of the interval [ns]; one that was there already changes nothing.
+            time_ns: Time of the interval [ns].
 
         Returns:
             Everybody who is followed, seen or not, by id.
         """
         if self._time_ns is not None and time_ns < self._time_ns:
             self.jumps_back += 1
-        if time_ns != self._time_ns:
-            dt_s = self._since(time_ns)
-            self._time_ns = time_ns
-            self._followed_s += dt_s
-            self._tracks.predict(dt_s, self.config.acceleration)
-            self._lost.predict(dt_s, self.config.acceleration)
-            self._take(_Found.of(persons, time_ns), dt_s)
+        dt_s = self._since(time_ns)
+        self._time_ns = time_ns
+        self._followed_s += dt_s
+        self._tracks.predict(dt_s, self.config.acceleration)
+        self._lost.predict(dt_s, self.config.acceleration)
+        self._take(_Found.of(persons, time_ns), dt_s)
         return self._persons()
 
     def _since(self, time_ns: int) -> float:
@@ -235,6 +237,7 @@ class Tracker:
 
     def _take(self, found: _Found, dt_s: float) -> None:
         config, tracks = self.config, self._tracks
+        tracks.seen[:] = False
         # First who is known, then who may become so.
         free = np.arange(len(found.xy))
         for known in (True, False):
@@ -242,11 +245,10 @@ class Tracker:
             one, other = _assign(tracks, rows, found, free, config)
             _update(tracks, one, found, other, config, dt_s)
             free = np.setdiff1d(free, other)
-        unseen = tracks.unseen_s > 0
         # Nobody is believed in unseen, or remembered, for longer than he was seen.
         coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
         limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
-        ended = unseen & (tracks.unseen_s > limit)
+        ended = ~tracks.seen & (tracks.unseen_s > limit)
         ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)
         gone = self._lost.and_(tracks.of(ended & (tracks.id > 0)))
         gone = gone.of(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
@@ -269,7 +271,7 @@ class Tracker:
         sure = tracks.evidence[rows] >= np.where(old, config.birth_score, config.sure_score)
         # In the beginning everybody is new; later on, hardly anybody appears out of nowhere.
         sure |= self._followed_s < config.start_time
-        for row in rows[sure & (tracks.unseen_s[rows] == 0)].tolist():
+        for row in rows[sure & tracks.seen[rows]].tolist():
             lost = self._who_was(row)
             if lost is None:
                 tracks.id[row] = self._next_id
@@ -277,6 +279,7 @@ class Tracker:
                 continue
             tracks.id[row] = self._lost.id[lost]
             tracks.age_s[row] = self._lost.age_s[lost]
+            tracks.seen_s[row] += self._lost.seen_s[lost]
             self._lost = self._lost.of(np.arange(len(self._lost)) != lost)
 
     def _who_was(self, row: int) -> int | None:
@@ -301,7 +304,7 @@ class Tracker:
         persons = []
         for index, row in enumerate(rows.tolist()):
             last: Person = tracks.last[row]
-            seen = tracks.unseen_s[row] == 0
+            seen = bool(tracks.seen[row])
             persons.append(
                 Person(
                     position=tracks.state[row, :2],
@@ -340,6 +343,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
         evidence=found.score.astype(np.float64),
         height=found.height.astype(np.float64),
         age_s=np.zeros(count),
+        seen=np.ones(count, dtype=bool),
         unseen_s=np.zeros(count),
         seen_s=np.zeros(count),
         last=found.persons,
@@ -423,6 +427,7 @@ def _update(
     tracks.noise[rows] += share * (found.covariance[index] - tracks.noise[rows])
     tracks.evidence[rows] += share * (found.score[index] - tracks.evidence[rows])
     tracks.height[rows] += share * (found.height[index] - tracks.height[rows])
+    tracks.seen[rows] = True
     tracks.unseen_s[rows] = 0.0
     tracks.seen_s[rows] += dt_s
     tracks.last[rows] = found.persons[index]

@@ -1,7 +1,7 @@
 """`mrs evaluate`: bags through the pipeline, scored against their ground truth.
 
-The rules of the score are at the top of `mrs_people_loc.evaluation` and, for who is who, of
-`mrs_people_loc.track_scores`. In Python:
+The rules of the score are at the top of `mrs_people_loc.evaluation`, for who is who of
+`mrs_people_loc.track_scores`, and for stragglers of `mrs_people_loc.straggler_scores`. In Python:
 
     result = evaluate_bag("scene.mcap", ["config/default.yaml"])
     result.report()["people"]["recall"]
@@ -23,8 +23,10 @@ import numpy as np
 import typer
 
 from mrs_people_loc import timing
+from mrs_people_loc.config import Groups, PlannerConfig
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import Estimate, Frame, Truth, percentile, ratio, score, summary
+from mrs_people_loc.straggler_scores import StragglerScores, score_stragglers
 from mrs_people_loc.track_scores import TrackScores, score_tracks
 from mrs_tools.bags import BagReader
 from mrs_tools.offline import (
@@ -53,6 +55,7 @@ class Result:
     Attributes:
         frames: One per ground-truth message.
         tracks: What the scores of identities and velocities are made of.
+        stragglers: What the scores of stragglers are made of.
         duration_s: From the first to the last message of the bag [s].
         counts: By robot, for each of its views the numbers named in `STAGES`.
         times_ms: By stage, what it took each time [ms]; `robot` and `planner` are what one view
@@ -64,6 +67,7 @@ class Result:
 
     frames: list[Frame] = field(default_factory=list)
     tracks: TrackScores = field(default_factory=TrackScores)
+    stragglers: StragglerScores = field(default_factory=StragglerScores)
     duration_s: float = 0.0
     counts: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     times_ms: dict[str, list[float]] = field(default_factory=dict)
@@ -81,6 +85,7 @@ class Result:
         for result in results:
             total.frames += result.frames
             total.tracks += result.tracks
+            total.stragglers += result.stragglers
             total.duration_s += result.duration_s
             for robot, rows in result.counts.items():
                 total.counts.setdefault(robot, []).extend(rows)
@@ -97,6 +102,7 @@ class Result:
             "people": scores["people"],
             "group": scores["group"],
             "tracks": self.tracks.report(),
+            "stragglers": self.stragglers.report(),
             "stages": {robot: _stage_means(rows) for robot, rows in sorted(self.counts.items())},
             "timing_ms": {
                 stage: {"median": percentile(times, 50), "p99": percentile(times, 99)}
@@ -142,23 +148,26 @@ def evaluate_bag(
     if isinstance(bag, BagRun):
         result = Result(truth=bag.truth(), duration_s=bag.duration_s)
         _run(bag, result, on_interval, on_progress)
-        return _scored(result)
+        return _scored(result, bag.team.planner.groups)
     with BagReader(bag) as reader:
         if recorded or (not robots_of(reader) and has_people(reader)):
             result = Result(truth=read_truth(reader), duration_s=reader.duration_s)
             topic, result.estimates = read_recorded(reader)
             result.notes.append(f"scored as recorded on {topic}")
-            return _scored(result)
+            return _scored(result, PlannerConfig().groups)
     run = BagRun(bag, configs, beside=beside, use_map=use_map)
     return evaluate_bag(run, on_interval=on_interval, on_progress=on_progress)
 
 
-def _scored(result: Result) -> Result:
+def _scored(result: Result, groups: Groups) -> Result:
     assert result.truth is not None
     if not len(result.truth):
         result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
     result.frames = score(result.truth, result.estimates)
     result.tracks = score_tracks(result.truth, result.frames, result.estimates)
+    result.stragglers = score_stragglers(
+        result.truth, result.frames, result.estimates, config=groups
+    )
     return result
 
 
@@ -375,6 +384,8 @@ def show(results: Mapping[str, Result], console: Console) -> None:
     console.print(_people_table(reports))
     if any(result.tracks.tracks for result in rows.values()):
         console.print(_tracks_table(reports))
+    if any(result.stragglers.observed_s for result in rows.values()):
+        console.print(_stragglers_table(reports))
     last = reports[next(reversed(reports))]
     if last["stages"]:
         console.print(_stages_table(last["stages"]))
@@ -434,6 +445,26 @@ def _tracks_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
             _number(tracks["fragments"], 1, 0),
             *(_number(tracks[key], 100, 1) for key in ("motp_m", "gospa")),
             *(_number(velocity[key], 100, 1) for key in ("mean", "p95")),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    table = _table("stragglers (delay of flags in s; false flags)")
+    table.add_column("bag", overflow="fold", min_width=8)
+    columns = ("true", "flagged", "in 1 s", "delay", "max", "unseen", "false", "minutes")
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, report in reports.items():
+        found = report["stragglers"]
+        table.add_row(
+            name,
+            *(_number(found[key], 1, 0) for key in ("true", "flagged")),
+            _number(found["within_1_s"], 1, 3),
+            *(_number(found["delay_s"][key], 1, 2) for key in ("mean", "max")),
+            *(_number(found[key], 1, 0) for key in ("unseen", "false")),
+            _number(found["minutes"], 1, 1),
             style="bold" if name == "total" else None,
         )
     return table

@@ -62,6 +62,7 @@ from mrs_tools.bags import BagReader
 
 TRUTH_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
+GROUP_TOPIC = "/ground_truth/group"
 MAP_TOPIC = "/map"
 PEOPLE_TYPE = "mrs_people_msgs/msg/People"
 
@@ -84,44 +85,56 @@ _INTEGER_ARRAYS = tuple(
 def read_truth(bag: BagReader) -> Truth:
     """Ground truth of a bag; without any messages where it has none.
 
-    `/ground_truth/people_poses` is a PoseArray in `map`. `/ground_truth/visible` is any array of
-    whole numbers of std_msgs, one number per person, 0: no robot sees that one. It has no stamp, so
-    each message of the first belongs to the message of the second that is nearest in bag time.
+    `/ground_truth/people_poses` is a PoseArray in `map`. `/ground_truth/visible` and
+    `/ground_truth/group` are any arrays of whole numbers of std_msgs, one number per person; 0: no
+    robot sees that one, he belongs to no group. They have no stamps, so each message of the first
+    belongs to those of the others that are nearest in bag time.
 
     Raises:
-        BagError: A topic has another type, or the two do not fit together.
+        BagError: A topic has another type, or they do not fit together.
     """
-    topics = [topic for topic in (TRUTH_TOPIC, VISIBLE_TOPIC) if topic in bag.topics]
-    for topic, types in ((TRUTH_TOPIC, ("geometry_msgs/msg/PoseArray",)),
-                         (VISIBLE_TOPIC, _INTEGER_ARRAYS)):  # fmt: skip
-        if topic in topics and bag.topics[topic].type not in types:
+    kinds = {
+        TRUTH_TOPIC: ("geometry_msgs/msg/PoseArray",),
+        VISIBLE_TOPIC: _INTEGER_ARRAYS,
+        GROUP_TOPIC: _INTEGER_ARRAYS,
+    }
+    topics = [topic for topic in kinds if topic in bag.topics]
+    for topic in topics:
+        if bag.topics[topic].type not in kinds[topic]:
             raise BagError(
-                f"{bag.path}: {topic} is {bag.topics[topic].type}; allowed: {', '.join(types)}"
+                f"{bag.path}: {topic} is {bag.topics[topic].type}; "
+                f"allowed: {', '.join(kinds[topic])}"
             )
     stamps: list[int] = []
     times: list[int] = []
     positions: list[Float] = []
-    seen_times: list[int] = []
-    seen: list[NDArray[np.bool_]] = []
+    numbers: dict[str, list[tuple[int, NDArray[np.integer]]]] = {VISIBLE_TOPIC: [], GROUP_TOPIC: []}
     for topic, time_ns, message in bag.decoded(topics) if topics else ():
-        if topic == VISIBLE_TOPIC:
-            seen_times.append(time_ns)
-            seen.append(np.asarray(message.data) > 0)
+        if topic != TRUTH_TOPIC:
+            numbers[topic].append((time_ns, np.asarray(message.data)))
             continue
         stamps.append(stamp_ns_of(message.header.stamp))
         times.append(time_ns)
         places = [(pose.position.x, pose.position.y) for pose in message.poses]
         positions.append(np.array(places, dtype=np.float64).reshape(-1, 2))
-    if not seen:
-        return Truth.build(stamps, positions)
-    nearest = [int(np.argmin(np.abs(np.array(seen_times) - time_ns))) for time_ns in times]
-    for index, xy in zip(nearest, positions, strict=True):
-        if len(seen[index]) != len(xy):
-            raise BagError(
-                f"{bag.path}: {VISIBLE_TOPIC} has {len(seen[index])} numbers for {len(xy)} people "
-                f"of {TRUTH_TOPIC}; wanted: one per person"
-            )
-    return Truth.build(stamps, positions, [seen[index] for index in nearest])
+
+    def nearest(topic: str) -> list[NDArray[np.integer]] | None:
+        given = numbers[topic]
+        if not given:
+            return None
+        given_ns = np.array([time_ns for time_ns, _ in given])
+        found = [given[int(np.argmin(np.abs(given_ns - time_ns)))][1] for time_ns in times]
+        for each, xy in zip(found, positions, strict=True):
+            if len(each) != len(xy):
+                raise BagError(
+                    f"{bag.path}: {topic} has {len(each)} numbers for {len(xy)} people of "
+                    f"{TRUTH_TOPIC}; wanted: one per person"
+                )
+        return found
+
+    visible = nearest(VISIBLE_TOPIC)
+    seen = None if visible is None else [each > 0 for each in visible]
+    return Truth.build(stamps, positions, seen, nearest(GROUP_TOPIC))
 
 
 def read_grid(bag: BagReader, map_frame: str) -> OccupancyGrid | None:
@@ -186,6 +199,7 @@ def estimate_of(people: People) -> Estimate:
         ids=np.array([p.id for p in persons], dtype=np.int64),
         velocities=np.array(velocities).reshape(-1, 2),
         coasting=np.array([p.coasting for p in persons], dtype=bool),
+        stragglers=tuple(sorted({one for group in people.groups for one in group.stragglers})),
     )
 
 
@@ -211,6 +225,7 @@ def read_estimate(message: Any) -> Estimate:
         ids=np.array([person.id for person in persons], dtype=np.int64),
         velocities=np.array([(v.x, v.y) for v in velocities], dtype=np.float64).reshape(-1, 2),
         coasting=np.array([person.coasting for person in persons], dtype=bool),
+        stragglers=tuple(sorted({int(i) for group in message.groups for i in group.stragglers})),
     )
 
 

@@ -156,6 +156,10 @@ class Row:
         """Figures of who is who, likewise."""
         return self._pooled(*kinds).tracks.report()
 
+    def stragglers(self, *kinds: str) -> dict[str, Any]:
+        """Figures of stragglers, likewise."""
+        return self._pooled(*kinds).stragglers.report()
+
     def _pooled(self, *kinds: str) -> Result:
         return Result.pooled(
             [r for name, r in self.results.items() if self.kinds[name] in (kinds or SHORT)]
@@ -244,6 +248,24 @@ def _track_figures(tracks: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _stragglers(found: Mapping[str, Any]) -> str:
+    """A sentence on the stragglers; "" if there are no groups in the truth."""
+    if found["minutes"] is None:
+        return ""
+    in_time = round((found["within_1_s"] or 0.0) * found["true"])
+    delay = found["delay_s"]
+    took = "" if not found["flagged"] else (
+        f", after {_number(delay['mean'], 1, 2)} s on average and {_number(delay['max'], 1, 2)} s "
+        "at most"
+    )  # fmt: skip
+    minutes = _number(found["minutes"], 1, 1)
+    return (
+        f"Stragglers of the walking groups: {found['flagged']} of {found['true']} flagged, "
+        f"{in_time} of them within 1 s of crossing the limit{took}; "
+        f"{found['false']} false flags in {minutes} minutes."
+    )
+
+
 def markdown(rows: Sequence[Row], half: str) -> str:
     """The results as tables in Markdown."""
     first, last = rows[0], rows[-1]
@@ -267,6 +289,8 @@ def markdown(rows: Sequence[Row], half: str) -> str:
             for label, kinds in (("standing and walking", ()), *((k, (k,)) for _, k in chosen))
         ],
     )
+    if sentence := _stragglers(last.stragglers(GROUP)):
+        lines += ["", sentence]
     if len(rows) > 2:
         lines += [
             "",

@@ -287,6 +287,16 @@ def test_who_is_hidden_for_long_ends_and_comes_back_as_himself():
     assert out[-1][0].age_s == pytest.approx(7.9)
 
 
+def test_who_has_just_come_back_and_is_hidden_again_is_remembered():
+    def ways(t):
+        hidden = 3.0 <= t < 5.45 or 5.75 < t < 6.45
+        return [(np.nan, np.nan) if hidden else (0.4 * t, 0.0)]
+
+    out = follow(tracker(coast_time=1.0, memory=5.0), ways, steps=80)
+    assert [len(people) for people in out[55:68]] == [0, 0, 1, *[1] * 7, 1, 1, 1]
+    assert {one.id for people in out for one in people} == {1}
+
+
 def test_who_comes_back_after_the_memory_or_from_elsewhere_is_somebody_else():
     late = follow(tracker(coast_time=1.0, memory=2.0), hidden_between(3.0, 5.5), steps=80)
     assert ids(late[-1]) == [2]
@@ -332,15 +342,31 @@ def test_state_is_bounded():
 # ------------------------------------------------------------------------------------ time ----
 
 
-def test_the_same_time_again_changes_nothing():
-    follower = tracker()
-    follow(follower, lambda t: [(t, 0.0)], steps=10)
-    before = follower.step([], 900 * MS)
-    again = follower.step([person(5, 5, at_ns=0)], 900 * MS)
-    assert ids(before) == ids(again) == [1]
-    np.testing.assert_array_equal(before[0].position, again[0].position)
-    assert not again[0].coasting
+def test_two_intervals_of_one_time():
+    """The scan of a robot that is late comes by itself: nobody gets older, nobody is lost."""
+    follower = tracker(start_time=0.0)
+    follow(follower, lambda t: [(1.0, 0.0), (3.0, 0.0)], steps=10)
+    before = follower.step([person(1, 0, at_ns=0), person(3, 0, at_ns=0)], 1000 * MS)
+    after = follower.step([person(3, 0, at_ns=0, robots=("b",))], 1000 * MS)
+    assert ids(before) == ids(after) == [1, 2]
+    assert [one.age_s for one in before] == [one.age_s for one in after]
+    assert [one.coasting for one in after] == [True, False]
+    assert [(one.robots, one.label) for one in after] == [((), -1), (("b",), 0)]
+    assert after[1].covariance[0, 0] < before[1].covariance[0, 0]
     assert follower.jumps_back == 0
+
+
+def test_who_is_surely_at_a_place_and_who_may_be_anywhere():
+    """One cell is a cluster without extent; poses may say that they know nothing."""
+    follower = tracker()
+    for k in range(5):
+        now = k * 100 * MS
+        sure = person(1, 0, at_ns=now, covariance=np.zeros((2, 2)))
+        unsure = person(5, 0, at_ns=now, covariance=np.full((2, 2), np.inf))
+        out = follower.step([sure, unsure], now)
+    assert ids(out) == [1, 2]
+    assert all(np.isfinite(one.covariance).all() for one in out)
+    assert not out[0].coasting
 
 
 @pytest.mark.parametrize("back_s", [0.1, 100.0])
@@ -356,6 +382,7 @@ def test_time_that_jumps_back_loses_nobody(back_s):
         now = start + k * 100 * MS
         out = follower.step([person(1, 1, at_ns=now), person(3, 1, at_ns=now)], now)
         assert ids(out) == [1, 2]
+        assert not any(one.coasting for one in out)
     assert follower.jumps_back == 1
     assert out[0].age_s == pytest.approx(before[0].age_s + 1.9)
 

@@ -57,12 +57,18 @@ class Bag:
             self.visible(ms, visible)
 
     def visible(self, ms: float, numbers: Iterable[int], kind: str = "Int32") -> None:
+        self._numbers("/ground_truth/visible", ms, numbers, kind)
+
+    def group(self, ms: float, numbers: Iterable[int]) -> None:
+        self._numbers("/ground_truth/group", ms, numbers, "Int32")
+
+    def _numbers(self, topic: str, ms: float, numbers: Iterable[int], kind: str) -> None:
         layout = self.make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
         dtype = np.dtype(kind.lower())
         message = self.make(
             f"std_msgs/msg/{kind}MultiArray", layout=layout, data=np.array([*numbers], dtype)
         )
-        self.write("/ground_truth/visible", ms, message)
+        self.write(topic, ms, message)
 
     def room(self, ms: float, length: float, width: float, frame: str = "map") -> None:
         """A map of a room around the origin, walls of 0.1 m around it."""
@@ -102,8 +108,9 @@ class Bag:
         ids: Sequence[int] | None = None,
         velocities: Sequence[tuple[float, float]] | None = None,
         coasting: Sequence[int] = (),
+        stragglers: Sequence[int] = (),
     ) -> None:
-        """People; `coasting` names ids."""
+        """People; `coasting` names ids, `stragglers` those of each group."""
         numbers = ids or [0] * len(people)
         twists = [self.twist(*v) for v in velocities or [(math.nan, math.nan)] * len(people)]
         persons = [
@@ -120,6 +127,7 @@ class Bag:
             )
             for number, xy, twist in zip(numbers, people, twists, strict=True)
         ]
+        duration = self.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
         groups = [
             self.make(
                 "mrs_people_msgs/msg/Group",
@@ -130,8 +138,8 @@ class Bag:
                 radius=1.0,
                 rms_spread=1.0,
                 members=np.zeros(0, np.uint32),
-                stragglers=np.zeros(0, np.uint32),
-                straggling_for=[],
+                stragglers=np.array(stragglers, np.uint32),
+                straggling_for=[duration for _ in stragglers],
             )
             for size, xy in (centre or {}).items()
         ]

@@ -40,6 +40,11 @@ NO_TRACKS = {
     ),
     "velocity_error_mps": {"mean": None, "p95": None},
 }  # fmt: skip
+#: The figures of stragglers where there is no group in the truth.
+NO_STRAGGLERS = {
+    **dict.fromkeys(["true", "flagged", "within_1_s", "unseen", "false", "minutes"]),
+    "delay_s": {"mean": None, "max": None},
+}
 
 
 @pytest.fixture
@@ -148,6 +153,7 @@ def test_recorded_people_are_scored_as_they_are(make_bag, tmp_path):
         # True centres (0.02, 1.5) and (0.12, 1.5); two groups by their sizes: (0.06, 1.7).
         "group": {"centre_error_m": {"mean": pytest.approx(0.1), "p95": pytest.approx(0.19)}},
         "tracks": NO_TRACKS,
+        "stragglers": NO_STRAGGLERS,
         "stages": {},
         "timing_ms": {},
     }
@@ -245,6 +251,71 @@ def test_who_is_who_is_scored(make_bag, tmp_path):
     assert lines[2].split()[1:] == figures
 
 
+def with_a_straggler(bag: Bag) -> None:
+    """Four people for 6 s at 10 Hz; the third crosses 2.5 m at 1.5 s and is flagged at 1.9 s.
+
+    The first, who is with the group, and the fourth, who has none, are flagged wrongly.
+    """
+    for k in range(60):
+        people = ((2, 0), (1, 0), (-1.0 - 0.1 * (k - 10) if k > 10 else 0.0, 0), (1, 1))
+        bag.truth(100 * k, *people)
+        bag.group(100 * k, (1, 1, 1, 0))
+        flags = [3] * (k >= 19) + [1] * (k == 40) + [4] * (k >= 50)
+        bag.people(100 * k, *people, ids=(1, 2, 3, 4), centre={4: (1, 0)}, stragglers=flags)
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_stragglers_are_scored(make_bag, tmp_path):
+    one, two = make_bag(with_a_straggler, "one"), make_bag(with_a_straggler, "two")
+    other = make_bag(tracked, "nobody")
+    file = tmp_path / "figures.json"
+    result = run_mrs("evaluate", one, two, other, "--json", file)
+    assert result.exit_code == 0, result.output
+    figures = json.loads(file.read_text())
+    assert figures["bags"]["nobody"]["stragglers"] == NO_STRAGGLERS
+    assert figures["bags"]["two"]["stragglers"] == {
+        "true": 1, "flagged": 1, "within_1_s": 1.0, "unseen": 0, "false": 2,
+        "minutes": pytest.approx(0.1),
+        "delay_s": {"mean": pytest.approx(0.4), "max": pytest.approx(0.4)},
+    }  # fmt: skip
+    total = figures["total"]["stragglers"]
+    assert (total["true"], total["flagged"], total["false"]) == (2, 2, 4)
+    (head,) = [line for line in result.output.splitlines() if line.startswith("stragglers (")]
+    rest = result.output[result.output.index(head) :].splitlines()
+    (line,) = [line for line in rest if line.startswith("total")]
+    assert line.split() == ["total", "2", "2", "1.000", "0.40", "0.40", "0", "4", "0.2"]
+    assert max(map(len, result.output.splitlines())) <= 80
+
+
+def test_true_groups_are_checked_and_belong_to_the_nearest_message(make_bag):
+    def fill(bag: Bag) -> None:
+        bag.group(-20, (0, 3))
+        bag.truth(0, (1, 2), (3, 4))
+        bag.group(90, (1, 2))
+        bag.truth(100, (1, 2), (3, 4))
+
+    with BagReader(make_bag(fill)) as bag:
+        found = read_truth(bag).groups
+    assert found is not None
+    assert found.tolist() == [[0, 3], [1, 2]]
+    with BagReader(make_bag(tracked_truth, "without")) as bag:
+        assert read_truth(bag).groups is None
+
+    def wrong(bag: Bag) -> None:
+        bag.truth(0, (1, 2), (3, 4))
+        bag.group(0, (1,))
+
+    with (
+        BagReader(make_bag(wrong, "wrong")) as bag,
+        pytest.raises(BagError, match="/ground_truth/group has 1 numbers for 2 people"),
+    ):
+        read_truth(bag)
+
+
+def tracked_truth(bag: Bag) -> None:
+    bag.truth(0, (1, 2), visible=(1,))
+
+
 @pytest.mark.usefixtures("our_messages")
 def test_recorded_people_with_one_id_are_refused(make_bag):
     path = make_bag(lambda bag: bag.people(0, (1, 2), (3, 4), (5, 6), (7, 8), ids=(0, 0, 5, 5)))
@@ -264,6 +335,10 @@ def test_who_is_who_is_taken_from_the_planner(make_bag):
     assert tracked.ids.tolist() == [3, 0]
     np.testing.assert_array_equal(tracked.velocities, [(1.0, 0.5), NOBODY])
     assert tracked.coasting.tolist() == [True, False]
+    assert tracked.stragglers == ()
+    group = dataclasses.replace(interval.people.groups[0], stragglers={7: 0.5, 3: 12.0})
+    parted = dataclasses.replace(interval.people, groups=(group, group))
+    assert estimate_of(parted).stragglers == (3, 7)
 
 
 # --------------------------------------------------------------------------------- planner only
@@ -730,9 +805,10 @@ def test_json_of_one_bag(tmp_path, formation):
     assert result.exit_code == 0, result.output
     figures = json.loads(file.read_text())
     assert list(figures) == [
-        "frames", "duration_s", "people", "group", "tracks", "stages", "timing_ms",
+        "frames", "duration_s", "people", "group", "tracks", "stragglers", "stages", "timing_ms",
     ]  # fmt: skip
     assert figures["tracks"] == NO_TRACKS
+    assert figures["stragglers"] == NO_STRAGGLERS
     assert "MOTA" not in result.output
     assert list(figures["people"]) == [
         "true", "found", "matched", "recall", "precision", "error_m", "coverage_95",

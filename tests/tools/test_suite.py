@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team
 from mrs_people_loc.evaluation import Estimate, Truth, score
+from mrs_people_loc.straggler_scores import StragglerScores
 from mrs_people_loc.track_scores import score_tracks
 
 pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
@@ -145,6 +148,24 @@ def test_who_is_who_has_a_table_by_hand() -> None:
         "walking group": ["0.750", "0.500", "0.30", "1", "150.00"],
     }
     assert cells_of(text, "test_c")[7:] == rows["walking group"][:-1]
+
+
+def test_stragglers_have_a_line() -> None:
+    def of(kind: str, **scores: Any) -> str:
+        found = {"test_a": dataclasses.replace(followed(1), stragglers=StragglerScores(**scores))}
+        row = Row("ours", found, {"test_a": kind})
+        return markdown([row, row], "test")
+
+    walked = {"true": 4, "false": 3, "observed_s": 90.0, "delays_s": np.array([0.5, 0.9, 1.9])}
+    assert (
+        "\nStragglers of the walking groups: 3 of 4 flagged, 2 of them within 1 s of crossing the "
+        "limit, after 1.10 s on average and 1.90 s at most; 3 false flags in 1.5 minutes.\n"
+    ) in of(suite.GROUP, **walked)
+    assert "0 of 0 flagged, 0 of them within 1 s of crossing the limit; 0 false flags" in of(
+        suite.GROUP, observed_s=60.0
+    )
+    assert "Stragglers" not in of(suite.GROUP)
+    assert "Stragglers" not in of(suite.WALKING, **walked)
 
 
 def test_walks_have_rows_of_their_own_where_there_are_any() -> None:
