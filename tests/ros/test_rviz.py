@@ -109,6 +109,8 @@ def test_channels_and_namespaces(config: Any) -> None:
     fields = {field.name for field in convert.short_term_map(result, "map").fields}
     for display in displays(config, "PointCloud2"):
         assert display["Channel Name"] in fields
-    drawn = {m.ns for m in convert.markers(result, "map", 3.0).markers if m.action == m.ADD}
+    trails = {result.persons[0].id: [(1.9, 0.0), (2.0, 0.0)]}
+    made = convert.markers(result, "map", 3.0, trails).markers
+    drawn = {m.ns for m in made if m.action == m.ADD}
     for display in displays(config, "MarkerArray"):
         assert display["Namespaces"] == dict.fromkeys(drawn, True)
