@@ -118,7 +118,7 @@ def test_a_weak_cluster_is_a_person_where_one_is_expected(plain):
 def test_a_weak_cluster_founds_nobody(plain):
     """Beside a person who is there it is no second one, however long it stays."""
     strong = [plain(k, (3.0, 0.0)) for k in range(10)]
-    cells = [plain(k, (3.0, 0.0), (3.0, 0.6)) for k in range(10, 40)]
+    cells = [plain(k, (3.0, 0.0), (3.38, 0.0)) for k in range(10, 40)]
     for scan in cells:
         scan.cells.count[len(BODY) :] = 4
     for people in run(planner(), [*strong, *cells]):
