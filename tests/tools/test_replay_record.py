@@ -55,7 +55,8 @@ def _own_domain():
     with own_domain() as number, pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(number))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        # As between machines; and shared memory loses messages for a process that gets no time.
+        # No shared memory, which loses messages for a process that gets no time; but for this
+        # range rmw_fastrtps adds it all the same.
         patch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         yield
 
