@@ -66,7 +66,7 @@ $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 
 # --- use ------------------------------------------------------------------------------------------
 
-demo: setup ## Simulated robots find people: the whole system on this machine
+demo: setup ## Simulated robots follow a walking group: the whole system on this machine
 	$(BIN)/mrs demo
 
 bench: setup ## Measure the speed

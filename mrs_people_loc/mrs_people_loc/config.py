@@ -674,7 +674,7 @@ class Tracking(Section):
         low=0.0, high=1.0,
     )  # fmt: skip
     max_tracks: int = _field(
-        250, "no more people than this are followed at a time", low=1, high=10_000
+        1000, "no more people than this are followed at a time", low=1, high=10_000
     )
 
 
@@ -717,6 +717,10 @@ class PlannerConfig(Section):
     human: Human = dataclasses.field(default_factory=Human)
     tracking: Tracking = dataclasses.field(default_factory=Tracking)
     groups: Groups = dataclasses.field(default_factory=Groups)
+
+    def memoryless(self) -> PlannerConfig:
+        """The same, but every interval stands for itself."""
+        return dataclasses.replace(self, tracking=dataclasses.replace(self.tracking, enabled=False))
 
     def _check_relations(self) -> None:
         for name in self.robots:

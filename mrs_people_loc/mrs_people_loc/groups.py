@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.clustering import connected
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.neighbours import pairs_within
 from mrs_people_loc.people import Group, Person, gather
 
 Bool = NDArray[np.bool_]
@@ -27,6 +28,8 @@ Bool = NDArray[np.bool_]
 _UNSEEN_SIGMAS = 2.0
 #: People whose velocities differ by more do not begin to walk together [m/s].
 _TOGETHER = 0.8
+#: Ids are below 2^32: two of them are one number.
+_HALF = 32
 #: An interval that comes later counts as if it came so long after the one before [s].
 _LONGEST_STEP = 1.0
 
@@ -66,9 +69,10 @@ class Groups:
         self._time_ns: int | None = None
         self._next_id = 1
         self._rosters: dict[int, _Roster] = {}
-        self._ids = np.empty(0, dtype=np.intp)
-        self._linked = np.empty((0, 0), dtype=bool)
-        self._doubt_s = np.empty((0, 0))
+        self._ids = np.empty(0, dtype=np.int64)
+        self._pairs = np.empty((0, 2), dtype=np.int64)
+        self._linked = np.empty(0, dtype=bool)
+        self._doubt_s = np.empty(0)
 
     def step(
         self, people: Sequence[Person], time_ns: int
@@ -76,7 +80,7 @@ class Groups:
         """Takes the people of an interval.
 
         Args:
-            people: Who is followed, by id.
+            people: Who is followed, in the order of their ids.
             time_ns: Time of the interval [ns]; where it jumps back, nothing gets older.
 
         Returns:
@@ -103,40 +107,48 @@ class Groups:
     # ---- links ----
 
     def _link(self, people: Sequence[Person], dt_s: float) -> None:
-        """Who is linked to whom by now."""
+        """Who is linked to whom by now; only pairs that are near each other or linked are held."""
         config = self.config
-        ids = np.array([person.id for person in people], dtype=np.intp)
-        count = len(ids)
-        linked, doubt_s = np.eye(count, dtype=bool), np.zeros((count, count))
-        _, old, new = np.intersect1d(self._ids, ids, assume_unique=True, return_indices=True)
-        linked[np.ix_(new, new)] = self._linked[np.ix_(old, old)]
-        doubt_s[np.ix_(new, new)] = self._doubt_s[np.ix_(old, old)]
-
+        ids = np.array([person.id for person in people], dtype=np.int64)
         xy = np.array([person.position for person in people]).reshape(-1, 2)
-        away = _apart(xy)
+        one, other, _ = pairs_within(xy, config.distance)
+        held = np.isin(self._pairs, ids).all(axis=1)
+        keys = np.concatenate([_key(self._pairs[held]), _key(ids[np.stack([one, other], axis=1)])])
+        keys, first = np.unique(keys, return_index=True)
+        known = first < np.count_nonzero(held)
+        linked, doubt_s = np.zeros(len(keys), dtype=bool), np.zeros(len(keys))
+        linked[known] = self._linked[held][first[known]]
+        doubt_s[known] = self._doubt_s[held][first[known]]
+        pairs = np.stack([keys >> _HALF, keys & ((1 << _HALF) - 1)], axis=1)
+        one, other = np.searchsorted(ids, pairs).T
+
+        away = np.hypot(*(xy[one] - xy[other]).T)
         unseen = np.array([person.coasting for person in people], dtype=bool)
         slack = np.array(
             [_UNSEEN_SIGMAS * _sigma(p.covariance) if p.coasting else 0.0 for p in people]
         )
-        apart = away - slack[:, np.newaxis] - slack > config.distance
+        apart = away - slack[one] - slack[other] > config.distance
         velocity = np.array(
             [p.velocity if p.velocity is not None else (np.nan, np.nan) for p in people]
         ).reshape(-1, 2)
-        together = (away < config.distance - config.margin) & ~(_apart(velocity) > _TOGETHER)
-        together &= ~unseen & ~unseen[:, np.newaxis]
+        faster = np.hypot(*(velocity[one] - velocity[other]).T) > _TOGETHER  # not of NaN
+        together = (away < config.distance - config.margin) & ~faster
+        together &= ~unseen[one] & ~unseen[other]
 
         # Who is held by the same group anyway, or is as new as the other one, is linked at once.
         homes = self._homes()
         home = np.array([homes.get(person.id, 0) for person in people], dtype=np.intp)
         young = np.array([person.age_s < config.join_time for person in people], dtype=bool)
-        at_once = (home == home[:, np.newaxis]) & (home > 0) & ~apart
-        at_once |= young & young[:, np.newaxis] & together
+        at_once = (home[one] == home[other]) & (home[one] > 0) & ~apart
+        at_once |= young[one] & young[other] & together
         doubt_s = np.where(np.where(linked, apart, together), doubt_s + dt_s, 0.0)
         changed = doubt_s >= np.where(linked, config.leave_time, config.join_time)
         changed &= doubt_s > 0
         linked = np.where(linked, ~changed, changed | at_once)
         doubt_s[changed | at_once] = 0.0
-        self._ids, self._linked, self._doubt_s = ids, linked, doubt_s
+        keep = linked | (doubt_s > 0)
+        self._ids, self._pairs = ids, pairs[keep]
+        self._linked, self._doubt_s = linked[keep], doubt_s[keep]
 
     def _homes(self) -> dict[int, int]:
         """By member, the group that holds him."""
@@ -149,9 +161,12 @@ class Groups:
 
     def _parts(self) -> list[list[int]]:
         """The ids of those that links hold together."""
-        one, other = np.nonzero(self._linked)
+        one, other = np.searchsorted(self._ids, self._pairs[self._linked]).T
         root = connected(one, other, len(self._ids))
-        return [self._ids[root == first].tolist() for first in np.unique(root)]
+        parts: dict[int, list[int]] = {}
+        for who, first in zip(self._ids.tolist(), root.tolist(), strict=True):
+            parts.setdefault(first, []).append(who)
+        return list(parts.values())
 
     # ---- rosters ----
 
@@ -260,10 +275,9 @@ def _people(members: Iterable[int]) -> str:
     return f"person {each[0]}" if len(each) == 1 else f"people {', '.join(each)}"
 
 
-def _apart(vectors: Float) -> Float:
-    """How far vectors are from each other, shape (n, n)."""
-    x, y = (np.subtract.outer(axis, axis) for axis in vectors.T)
-    return np.asarray(np.sqrt(x * x + y * y))
+def _key(pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """One number for each pair of ids."""
+    return np.asarray(pairs[:, 0] << _HALF | pairs[:, 1])
 
 
 def _sigma(covariance: Float) -> float:

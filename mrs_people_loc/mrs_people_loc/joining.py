@@ -94,11 +94,11 @@ def place_bodies(
         along = across = np.sqrt(along * across)
     seen_from = [poses[name] for name in fused.robots]
     covariance = covariance_of_places(xy, robot, seen_from, along=along, across=across)
-    covariance = _bounded(covariance)
+    covariance = bounded(covariance)
     return BodiesOnMap(of_cell, robot, xy, covariance, cells.score[first].astype(np.float64))
 
 
-def _bounded(covariance: Float) -> Float:
+def bounded(covariance: Float) -> Float:
     """Covariances with standard deviations between a least and a largest one, whatever came in."""
     largest = _LARGEST_SIGMA**2
     usable: Any = (np.abs(covariance) < _USABLE).all(axis=(1, 2))  # NaN compares false

@@ -18,6 +18,8 @@ from mrs_people_loc.geometry import Float
 
 Int = NDArray[np.intp]
 
+#: So many pairs are looked at faster than a tree is made.
+_FEW = 4096
 #: Points that are farther out are looked for here [m]; squares of it are still far from infinite.
 _FAR = 1e9
 
@@ -51,6 +53,9 @@ def pairs_between(xy: Float, others: Float, reach: float) -> tuple[Int, Int, Flo
     """
     if not len(xy) or not len(others):
         return _nobody()
+    if len(xy) * len(others) <= _FEW:
+        one, other = np.indices((len(xy), len(others))).reshape(2, -1)
+        return _near(xy, others, one, other, reach)
     pairs = _tree(xy).sparse_distance_matrix(
         _tree(others), _a_little_more(reach), output_type="ndarray"
     )

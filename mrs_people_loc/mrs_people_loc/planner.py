@@ -131,7 +131,8 @@ class Planner:
         if self._walls is not None:
             said = self._walls.log_odds(joined.xy, joined.covariance, config.masking)
             joined = dataclasses.replace(joined, score=joined.score + said)
-        who = expected.near(joined.xy, joined.covariance, tracking.gate)
+        nearby = {"gate": tracking.gate, "reach": tracking.max_distance}
+        who = expected.near(joined.xy, joined.covariance, **nearby)
         times.mark("joining")
         # First the clusters that may be people, then joined bodies, then all that is masked.
         label = np.full(len(fused), -1, dtype=np.intp)
@@ -150,12 +151,13 @@ class Planner:
         label[plain[masked]] = beyond + cluster(fused.xy[plain[masked]], distance=distance)
         times.mark("clustering")
         clusters = measure(fused, label)
-        human = is_human(clusters, config.human)
+        human = strong = is_human(clusters, config.human)
         if len(expected):
             fewer = round(config.human.min_points * tracking.expected_points)
             weak = is_human(clusters, dataclasses.replace(config.human, min_points=max(1, fewer)))
-            human |= weak & (expected.near(clusters.centroid, clusters.scatter, tracking.gate) >= 0)
-        human[first:] = False
+            near_one = expected.near(clusters.centroid, clusters.scatter, **nearby) >= 0
+            human = strong | (weak & near_one)
+        human = human & (np.arange(len(clusters)) < first)
         said = np.where(who >= 0, tracking.expected_score, 0.0)
         likely = are_people(
             dataclasses.replace(joined, score=joined.score + said),
@@ -170,7 +172,10 @@ class Planner:
         near, _, away = pairs_between(centroids, joined.xy[likely], config.joining.apart)
         alone[near[away < config.joining.apart]] = False
         human[human] = alone
-        persons += locate(fused, clusters, human, placed)
+        persons += tuple(
+            person if strong[person.label] else dataclasses.replace(person, score=0.0)
+            for person in locate(fused, clusters, human, placed)
+        )
         times.mark("people")
         if tracking.enabled:
             persons = self.tracker.step(persons, time_ns)

@@ -24,14 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.clustering import connected
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.joining import bounded
+from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.people import Person
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
 #: Where nothing is known of a velocity, its standard deviation [m/s]: people stand or walk.
-_ANY_VELOCITY = 0.8
+ANY_VELOCITY = 0.8
 #: What is found says no more for a person than this.
 _LARGEST_SCORE = 8.0
 #: Standard deviation of the difference of two heights of one person [m].
@@ -67,25 +70,28 @@ class Expected:
         """How many they are."""
         return len(self.xy)
 
-    def near(self, xy: Float, covariance: Float, gate: float) -> Int:
+    def near(self, xy: Float, covariance: Float, *, gate: float, reach: float) -> Int:
         """Which of them something at a place may be, the nearest in sigmas; -1: none of them.
 
         Args:
             xy: Places [m], shape (m, 2).
             covariance: Of the places [m^2], shape (m, 2, 2).
-            gate: No farther than this [sigmas].
+            gate: No farther than this [sigmas],
+            reach: ... and this [m].
 
         Returns:
             Indices, shape (m,).
         """
         if not len(self) or not len(xy):
             return np.full(len(xy), -1, dtype=np.intp)
-        one, other = (i.reshape(-1) for i in np.indices((len(xy), len(self))))
+        one, other, _ = pairs_between(xy, self.xy, reach)
         offset = xy[one] - self.xy[other]
         squared = _squared(offset, covariance[one] + self.covariance[other])
-        squared = squared.reshape(len(xy), len(self))
-        nearest = squared.argmin(axis=1)
-        return np.where(squared.min(axis=1) <= gate**2, nearest, -1)
+        nearest = np.full(len(xy), -1, dtype=np.intp)
+        farthest_first = np.argsort(-squared, kind="stable")
+        farthest_first = farthest_first[squared[farthest_first] <= gate**2]
+        nearest[one[farthest_first]] = other[farthest_first]  # the last one stays
+        return nearest
 
 
 NOBODY = Expected(np.empty((0, 2)), np.empty((0, 2, 2)))
@@ -103,6 +109,7 @@ class _Tracks:
         evidence: Mean log-odds of late of being a person.
         height: Mean height of late [m].
         age_s: Since it was first seen [s].
+        seen: Whether it is seen in this interval.
         unseen_s: Since it was last seen [s].
         seen_s: For how long it was seen, in all [s].
         last: What was last found of it.
@@ -115,6 +122,7 @@ class _Tracks:
     evidence: Float
     height: Float
     age_s: Float
+    seen: Bool
     unseen_s: Float
     seen_s: Float
     last: NDArray[np.object_]
@@ -170,7 +178,7 @@ class _Found:
         return cls(
             persons=each,
             xy=np.array([p.position for p in persons]).reshape(-1, 2),
-            covariance=np.array([p.covariance for p in persons]).reshape(-1, 2, 2),
+            covariance=bounded(np.array([p.covariance for p in persons]).reshape(-1, 2, 2)),
             score=np.minimum([p.score for p in persons], _LARGEST_SCORE).reshape(-1),
             delay_s=np.clip([(time_ns - p.stamp_ns) / 1e9 for p in persons], 0.0, _LONGEST_DELAY),
             height=np.array([p.height for p in persons]),
@@ -212,20 +220,19 @@ class Tracker:
 
         Args:
             persons: What was found, with log-odds and delays.
-            time_ns: Time of the interval [ns]; one that was there already changes nothing.
+            time_ns: Time of the interval [ns].
 
         Returns:
             Everybody who is followed, seen or not, by id.
         """
         if self._time_ns is not None and time_ns < self._time_ns:
             self.jumps_back += 1
-        if time_ns != self._time_ns:
-            dt_s = self._since(time_ns)
-            self._time_ns = time_ns
-            self._followed_s += dt_s
-            self._tracks.predict(dt_s, self.config.acceleration)
-            self._lost.predict(dt_s, self.config.acceleration)
-            self._take(_Found.of(persons, time_ns), dt_s)
+        dt_s = self._since(time_ns)
+        self._time_ns = time_ns
+        self._followed_s += dt_s
+        self._tracks.predict(dt_s, self.config.acceleration)
+        self._lost.predict(dt_s, self.config.acceleration)
+        self._take(_Found.of(persons, time_ns), dt_s)
         return self._persons()
 
     def _since(self, time_ns: int) -> float:
@@ -233,6 +240,7 @@ class Tracker:
 
     def _take(self, found: _Found, dt_s: float) -> None:
         config, tracks = self.config, self._tracks
+        tracks.seen[:] = False
         # First who is known, then who may become so.
         free = np.arange(len(found.xy))
         for known in (True, False):
@@ -240,11 +248,10 @@ class Tracker:
             one, other = _assign(tracks, rows, found, free, config)
             _update(tracks, one, found, other, config, dt_s)
             free = np.setdiff1d(free, other)
-        unseen = tracks.unseen_s > 0
         # Nobody is believed in unseen, or remembered, for longer than he was seen.
         coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
         limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
-        ended = unseen & (tracks.unseen_s > limit)
+        ended = ~tracks.seen & (tracks.unseen_s > limit)
         ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)
         gone = self._lost.and_(tracks.of(ended & (tracks.id > 0)))
         gone = gone.of(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
@@ -267,7 +274,7 @@ class Tracker:
         sure = tracks.evidence[rows] >= np.where(old, config.birth_score, config.sure_score)
         # In the beginning everybody is new; later on, hardly anybody appears out of nowhere.
         sure |= self._followed_s < config.start_time
-        for row in rows[sure & (tracks.unseen_s[rows] == 0)].tolist():
+        for row in rows[sure & tracks.seen[rows]].tolist():
             lost = self._who_was(row)
             if lost is None:
                 tracks.id[row] = self._next_id
@@ -300,7 +307,7 @@ class Tracker:
         persons = []
         for index, row in enumerate(rows.tolist()):
             last: Person = tracks.last[row]
-            seen = tracks.unseen_s[row] == 0
+            seen = bool(tracks.seen[row])
             persons.append(
                 Person(
                     position=tracks.state[row, :2],
@@ -330,7 +337,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
     count = len(found.xy)
     covariance = np.zeros((count, 4, 4))
     covariance[:, :2, :2] = found.covariance
-    covariance[:, (2, 3), (2, 3)] = _ANY_VELOCITY**2
+    covariance[:, (2, 3), (2, 3)] = ANY_VELOCITY**2
     return _Tracks(
         id=np.zeros(count, dtype=np.intp),
         state=np.concatenate([found.xy, np.zeros((count, 2))], axis=1),
@@ -339,6 +346,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
         evidence=found.score.astype(np.float64),
         height=found.height.astype(np.float64),
         age_s=np.zeros(count),
+        seen=np.ones(count, dtype=bool),
         unseen_s=np.zeros(count),
         seen_s=np.zeros(count),
         last=found.persons,
@@ -361,9 +369,7 @@ def _assign(
     """Which track was found as what: indices of both, of one length."""
     if not len(rows) or not len(free):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    (x, y), (found_x, found_y) = tracks.state[rows, :2].T, found.xy[free].T
-    away = np.maximum(np.abs(np.subtract.outer(x, found_x)), np.abs(np.subtract.outer(y, found_y)))
-    row, column = np.nonzero(away <= config.max_distance)
+    row, column, _ = pairs_between(tracks.state[rows, :2], found.xy[free], config.max_distance)
     one, other = rows[row], free[column]
     places, covariances = _looked_for(tracks, one, found.delay_s[other])
     measured = found.covariance[other]
@@ -378,14 +384,31 @@ def _assign(
         ((tracks.height[one] - found.height[other]) / _HEIGHT_SIGMA) ** 2, _HEIGHT_SAYS
     )
     # A pair is worth what it is better than no pair.
-    worth = np.zeros((len(rows), len(free)))
-    cost = np.minimum(cost - 2.0 * config.gate**2, 0.0)
-    worth[row, column] = np.where(squared <= config.gate**2, cost, 0.0)
-    from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+    worth = cost - 2.0 * config.gate**2
+    possible = np.flatnonzero((squared <= config.gate**2) & (worth < 0))
+    best = possible[_best(row[possible], column[possible], worth[possible], len(rows), len(free))]
+    return one[best], other[best]
 
-    row, column = linear_sum_assignment(worth)
-    kept = worth[row, column] < 0
-    return rows[row[kept]], free[column[kept]]
+
+def _best(row: Int, column: Int, worth: Float, rows: int, columns: int) -> Int:
+    """Which pairs to take, each row and column once, so that the sum of their worth is least.
+
+    Pairs that nothing links have nothing to do with each other: each knot is solved for itself.
+    """
+    knot = connected(row, rows + column, rows + columns)[row]
+    size = np.bincount(knot, minlength=rows)
+    taken = [np.flatnonzero(size[knot] == 1)]
+    for number in np.flatnonzero(size > 1):
+        from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+
+        mine = np.flatnonzero(knot == number)
+        (_, i), (_, j) = (np.unique(of[mine], return_inverse=True) for of in (row, column))
+        table = np.zeros((i.max() + 1, j.max() + 1))
+        table[i, j] = worth[mine]
+        chosen = np.zeros(table.shape, dtype=bool)
+        chosen[linear_sum_assignment(table)] = True
+        taken.append(mine[chosen[i, j]])
+    return np.concatenate(taken)
 
 
 def _update(
@@ -409,6 +432,7 @@ def _update(
     tracks.noise[rows] += share * (found.covariance[index] - tracks.noise[rows])
     tracks.evidence[rows] += share * (found.score[index] - tracks.evidence[rows])
     tracks.height[rows] += share * (found.height[index] - tracks.height[rows])
+    tracks.seen[rows] = True
     tracks.unseen_s[rows] = 0.0
     tracks.seen_s[rows] += dt_s
     tracks.last[rows] = found.persons[index]

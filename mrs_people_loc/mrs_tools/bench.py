@@ -49,6 +49,7 @@ from mrs_tools import bench_reference
 from mrs_tools.bags import BagReader
 from mrs_tools.bench_growth import LARGEST, growth_of, time_growth
 from mrs_tools.bench_scenes import PEOPLE, ROBOTS, drawn_scans
+from mrs_tools.bench_tracking import time_tracking
 from mrs_tools.demo import default_file
 from mrs_tools.offline import BagRun, View, robots_of
 
@@ -60,6 +61,10 @@ _BLOCK, _WARM_UP = 25, 3
 _BUSY = 0.15
 #: A head's two cameras of three.
 _PAIR_OF_THREE = "pair of three"
+#: Time between intervals, for who is followed [ns].
+_INTERVAL_NS = 100_000_000
+#: What the tracker may take, by number of people [ms].
+_TRACKER_MS = {10: 0.5, 200: 10.0}
 #: Intervals of the drawn scene, each with noise of its own.
 _DRAWN = 10
 
@@ -157,7 +162,11 @@ def run_bench(
         raise BenchError(f"two configurations have one name: {', '.join(names)}")
     with one_thread(), timing.processor_time(), tempfile.TemporaryDirectory() as folder:
         top = _top_cameras(bag, Path(folder))
-        runs = {path.name: BagRun(bag, [path, *top]) for path in configs}
+        # The references know one interval at a time.
+        runs = {
+            path.name: BagRun(bag, [path, *top], planner=lambda c: Planner(c.memoryless()))
+            for path in configs
+        }
         views, checked = _read_and_check(runs, on_step)
         heads = {name: heads_of(views[name], run.team.robots) for name, run in runs.items()}
         on_step(f"timing {frames} views of each head")
@@ -166,6 +175,7 @@ def run_bench(
         named = {path.name: path for path in configs}
         planner = time_planner(named, frames, on_step)
         growth = time_growth(named, robots, on_step=on_step)
+        tracking = time_tracking(frames, on_step)
     live = None
     if live_files is not None:
         from mrs_tools.bench_live import measure_live
@@ -179,6 +189,7 @@ def run_bench(
         "robot": robot,
         "planner": planner,
         "growth": growth,
+        "tracking": tracking,
         "live": live,
     }
     return {**report, "targets": [target.report() for target in targets(report)]}
@@ -202,6 +213,10 @@ def targets(report: Mapping[str, Any]) -> list[Target]:
             if ratio is not None:
                 what = f"planner per robot, {rows[-1]['robots']} robots : 4 robots"
                 found.append(Target(what, f"{name}, {floor}", ratio, 1.0, ""))
+    for row in report["tracking"]:
+        if row["people"] in _TRACKER_MS:
+            where, limit = f"{row['people']} people", _TRACKER_MS[row["people"]]
+            found.append(Target("tracker, one interval", where, row["tracker_ms"], limit, "ms"))
     live = report["live"]
     if live is not None:
         latency = live["latency_ms"]["newest"]["p99"]
@@ -449,17 +464,19 @@ def time_planner(
         config = next(iter(team.robots.values()))
         scenes[name] = [drawn_scans(config, seed) for seed in range(_DRAWN)]
         scans, poses = scenes[name][0]
-        people = planners[name].step(scans, poses, 0)
+        people = Planner(team.planner.memoryless()).step(scans, poses, 0)
         bench_reference.check_people(scans, people, team.planner)
         found[name] = people
     on_step(f"timing {frames} intervals")
     samples = {name: Samples() for name in configs}
+    now_ns = 0
     for turns in _blocks(frames):
         for name, planner in planners.items():
             for turn, counts in turns:
                 scans, poses = scenes[name][turn % _DRAWN]
+                now_ns += _INTERVAL_NS
                 began = timing.now_ns()
-                people = planner.step(scans, poses, 0)
+                people = planner.step(scans, poses, now_ns)
                 whole = (timing.now_ns() - began) / 1e6
                 if counts:
                     samples[name].add({**people.times_ms, "whole": whole})
@@ -500,6 +517,7 @@ def show(report: Mapping[str, Any], console: Console) -> None:
     console.print(_planner_table(report["planner"]))
     for table in _growth_tables(report["growth"]):
         console.print(table)
+    console.print(_tracking_table(report["tracking"]))
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
             console.print(table)
@@ -554,6 +572,13 @@ def _planner_table(planner: Mapping[str, Mapping[str, Any]]) -> Table:
     table.add_section()
     for row, key in (("cells", "cells"), ("clusters", "clusters"), ("people", "people_found")):
         table.add_row(row, *(str(figures[key]) for figures in planner.values()))
+    return table
+
+
+def _tracking_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    table = _table("\nfollowing people, one interval: median [ms]", "people", "tracker", "groups")
+    for row in rows:
+        table.add_row(str(row["people"]), f"{row['tracker_ms']:.2f}", f"{row['groups_ms']:.2f}")
     return table
 
 

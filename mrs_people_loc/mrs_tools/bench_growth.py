@@ -35,6 +35,8 @@ _PLAIN = 8
 _NOISES = 4
 #: Each size gets so many intervals, and the small ones so many more in a round that they are long.
 _ROUNDS, _PER_ROUND = 12, 16
+#: Time between intervals, for who is followed [ns].
+_INTERVAL_NS = 100_000_000
 
 _FLOORS: Mapping[str, Callable[[RobotConfig, int, int], Scene]] = {
     "rooms apart": partial(in_rooms, noises=_NOISES),
@@ -68,15 +70,15 @@ def time_growth(
     result: dict[str, dict[str, list[dict[str, Any]]]] = {}
     for name, path in configs.items():
         team = load_team(path, robots=("robot",))
-        planner, config = Planner(team.planner), team.robots["robot"]
+        alone, config = Planner(team.planner.memoryless()), team.robots["robot"]
         for floor, draw in _FLOORS.items():
             on_step(f"drawing {name}, {floor}, up to {sizes[-1]} robots")
             scenes = {n: [draw(config, n, noise) for noise in range(_NOISES)] for n in sizes}
-            found = {n: planner.step(*scenes[n][0], 0) for n in sizes}
+            found = {n: alone.step(*scenes[n][0], 0) for n in sizes}
             for n, people in found.items():
                 _check(floor, scenes[n][0], people, team.planner)
             on_step(f"timing {name}, {floor}, up to {sizes[-1]} robots")
-            took = _time(planner, scenes, rounds)
+            took = _time({n: Planner(team.planner) for n in sizes}, scenes, rounds)
             result.setdefault(name, {})[floor] = [
                 {
                     "robots": n,
@@ -98,15 +100,19 @@ def growth_of(rows: Sequence[Mapping[str, Any]]) -> float | None:
     return per_robot[largest] / per_robot[_ROOM] if largest > _ROOM else None
 
 
-def _time(planner: Planner, scenes: Mapping[int, Sequence[Scene]], rounds: int) -> dict[int, float]:
+def _time(
+    planners: Mapping[int, Planner], scenes: Mapping[int, Sequence[Scene]], rounds: int
+) -> dict[int, float]:
     """Median of an interval by number of robots [ms]."""
     took: dict[int, list[float]] = {n: [] for n in scenes}
+    time_ns = 0
     for turn in range(rounds):
         for n, drawn in scenes.items():
             for again in range(max(1, _PER_ROUND // n)):
                 scans, poses = drawn[(turn + again) % len(drawn)]
+                time_ns += _INTERVAL_NS
                 began = timing.now_ns()
-                planner.step(scans, poses, 0)
+                planners[n].step(scans, poses, time_ns)
                 took[n].append((timing.now_ns() - began) / 1e6)
     return {n: float(np.median(ms)) for n, ms in took.items()}
 
@@ -121,7 +127,7 @@ def _check(floor: str, scene: Scene, people: People, config: PlannerConfig) -> N
     for first in range(0, len(scans), _ROOM):
         of_room = scans[first : first + _ROOM]
         own = {scan.robot: poses[scan.robot] for scan in of_room}
-        alone += Planner(config).step(of_room, own, 0).persons
+        alone += Planner(config.memoryless()).step(of_room, own, 0).persons
     name = f"{len(scans)} robots in {floor}"
     same(f"{name}: number of people", len(people.persons), len(alone))
     together, alone = (

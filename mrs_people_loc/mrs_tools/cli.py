@@ -38,7 +38,7 @@ COMMANDS = {
     "suite": ("mrs_tools.suite:command", "Score the published suite, step by step."),
     "fit": ("mrs_tools.fit:command", "Fit the body model to bags with ground truth."),
     "calibrate": ("mrs_tools.calibrate:command", "Measure a head's mounting by the floor."),
-    "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag."),
+    "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag, or an animation."),
     "bench": ("mrs_tools.bench:command", "Measure speed, after comparing with plain loops."),
     "up": ("mrs_tools.up:command", "Start every node of a team on this machine."),
     "discovery-server": (
@@ -59,7 +59,7 @@ COMMANDS = {
 # What brings a module that may be missing.
 _INSTALL = {
     **dict.fromkeys(["rosbags", "rich"], "[tools]"),
-    "matplotlib": "[plots]",
+    **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
     "pypcd4": "[convert]",
     "embreex": "[sim]",
     **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),

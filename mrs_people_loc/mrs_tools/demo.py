@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import tempfile
 import threading
 import time
+from bisect import bisect_right
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,9 +25,19 @@ from mrs_people_loc.config import Team, load_team
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth, score, summary
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.masking import OccupancyGrid
 from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_loc.track_scores import score_tracks
+from mrs_tools.animation import animate, said, with_trails
 from mrs_tools.bags import BagReader
-from mrs_tools.offline import TRUTH_TOPIC, read_estimate, read_truth
+from mrs_tools.offline import (
+    TRUTH_TOPIC,
+    file_beside,
+    read_estimate,
+    read_grid,
+    read_people,
+    read_truth,
+)
 from mrs_tools.people import LivePeople
 from mrs_tools.plots import TopView, draw_top_view, seen_floor
 from mrs_tools.replay import Replayer
@@ -37,6 +51,12 @@ if TYPE_CHECKING:
 _START_S = 60.0
 #: What is still under way after the bag's end gets this long [s].
 _TAIL_S = 1.5
+#: A machine that is too slow for this share of the frames is said to be.
+_FEW = 0.05
+#: What is drawn of the cells, of which there may be none.
+_NO_CELLS = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4")]
+)
 
 
 def default_file(*parts: str) -> Path:
@@ -55,17 +75,25 @@ class Listener:
 
     Attributes:
         people: The `people` messages.
+        events: The `events`, with the ROS time at which they came [ns].
         maps: The `short_term_map` messages, by stamp [ns].
     """
 
     def __init__(self, node: Node) -> None:
         from mrs_people_msgs.msg import People
         from sensor_msgs.msg import PointCloud2
+        from std_msgs.msg import String
 
+        self._node = node
         self.people: list[Any] = []
+        self.events: list[tuple[int, str]] = []
         self.maps: dict[int, Any] = {}
         node.create_subscription(People, "people", self.people.append, 100)
+        node.create_subscription(String, "events", self._on_event, 100)
         node.create_subscription(PointCloud2, "short_term_map", self._on_map, 100)
+
+    def _on_event(self, message: Any) -> None:
+        self.events.append((self._node.get_clock().now().nanoseconds, message.data))
 
     def _on_map(self, message: Any) -> None:
         self.maps[stamp_ns_of(message.header.stamp)] = message
@@ -73,40 +101,53 @@ class Listener:
 
 def command(
     bag: Annotated[
-        Path | None, typer.Argument(help="A bag of a team. Default: bags/paper_formation.")
+        Path | None, typer.Argument(help="A bag of a team. Default: bags/walking_group.")
     ] = None,
     team: Annotated[
         list[Path] | None,
-        typer.Option("--team", "-t", help="Parameter file of its team. Default: config/team.yaml."),
+        typer.Option(
+            "--team",
+            "-t",
+            help="Parameter file of its team. Default: the one beside the bag; without one, "
+            "config/team.yaml.",
+        ),
     ] = None,
     rate: Annotated[float, typer.Option(min=0.01, help="Times as fast as recorded.")] = 1.0,
-    out: Annotated[Path, typer.Option("--out", "-o", help="The picture.")] = Path("demo.png"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="The picture; the animation goes beside it.")
+    ] = Path("demo.png"),
 ) -> None:
     """Replay a recorded team through its real processes and compare with the truth.
 
     Starts one robot_node per robot and the planner, replays the bag to them over DDS, shows the
-    people live, then prints who was found and how far off, and draws the last interval.
+    people live, then prints who was found and followed, how far off, and what happened to the
+    group. Draws one interval as a PNG and all of them as a GIF.
     """
     from rich.console import Console
 
     # A recorded team must not speak to robots on the network, nor hear them.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     console = Console(highlight=False, soft_wrap=True)
-    bag = bag or default_file("bags", "paper_formation")
-    files = team or [default_file("config", "team.yaml")]
+    bag = bag or default_file("bags", "walking_group")
+    beside = file_beside(bag)
+    files = team or [beside or default_file("config", "team.yaml")]
     config = load_team(*files)
-    truth, views = _read_bag(bag, config)
+    recorded = _read_bag(bag, config)
     listener = _run(bag, files, rate, console)
-    complete = [m for m in listener.people if len(m.scans) == len(config.robots)]
-    if not complete:
+    people = sorted(listener.people, key=_stamp_of)
+    if not any(len(message.scans) == len(config.robots) for message in people):
         raise PeopleLocError(
-            f"{len(listener.people)} intervals, none of them with scans of all robots: "
+            f"{len(people)} intervals, none of them with scans of all robots: "
             "is the machine too slow? Try --rate 0.5"
         )
-    _score(listener.people, truth, console)
-    last = max(complete, key=lambda m: stamp_ns_of(m.header.stamp))
-    draw_top_view(_top_view(last, listener, truth, views, config), out)
-    console.print(f"picture: {out}")
+    views = _views(people, listener, recorded, config)
+    _score(people, recorded.truth, console)
+    _tell(views, console)
+    _draw(views, len(config.robots), out, console)
+
+
+def _stamp_of(message: Any) -> int:
+    return stamp_ns_of(message.header.stamp)
 
 
 def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listener:
@@ -147,6 +188,7 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
                     while time.monotonic() < end and not stop.is_set() and not team.ended():
                         executor.spin_once(timeout_sec=0.05)
                         if playing.done():
+                            live.troubles_shown = False  # silence is none any more
                             end = min(end, time.monotonic() + _TAIL_S)
                 if team.ended():
                     stop.set()
@@ -186,8 +228,22 @@ def _ended(team: RunningTeam, log: Any) -> PeopleLocError:
     return PeopleLocError(f"ended by itself: {names}\n{log.read()}")
 
 
-def _read_bag(path: Path, config: Team) -> tuple[Truth, dict[str, Float]]:
-    """Ground truth, and what each robot's camera sees of the floor."""
+@dataclass(frozen=True)
+class _Recorded:
+    """What a bag itself tells.
+
+    Attributes:
+        truth: The ground truth.
+        grid: Walls and furniture; None: it says nothing of them.
+        borders: By robot, what its camera sees of the floor, in its base_link [m].
+    """
+
+    truth: Truth
+    grid: OccupancyGrid | None
+    borders: dict[str, Float]
+
+
+def _read_bag(path: Path, config: Team) -> _Recorded:
     infos: dict[str, CameraModel] = {}
     with BagReader(path) as bag:
         wanted = [t for t in bag.topics if t.endswith(("left/camera_info", "right/camera_info"))]
@@ -200,14 +256,14 @@ def _read_bag(path: Path, config: Team) -> tuple[Truth, dict[str, Float]]:
         for topic, _, message in bag.decoded(wanted):
             if topic not in infos:
                 infos[topic] = messages.read_camera_info(message)
-        truth = read_truth(bag)
-    views = {}
+        truth, grid = read_truth(bag), read_grid(bag, config.planner.map_frame)
+    borders = {}
     for robot, settings in config.robots.items():
         left, right = (infos[f"/{robot}/{camera}/camera_info"] for camera in ("left", "right"))
         camera = StereoCamera.from_models(left, right, mounting=settings.mounting)
         reach = settings.disparity
-        views[robot] = seen_floor(camera, reach.min_range, reach.max_range)
-    return truth, views
+        borders[robot] = seen_floor(camera, reach.min_range, reach.max_range)
+    return _Recorded(truth, grid, borders)
 
 
 def _score(people: list[Any], truth: Truth, console: Console) -> None:
@@ -217,65 +273,139 @@ def _score(people: list[Any], truth: Truth, console: Console) -> None:
     if not len(truth):
         console.print(f"the bag has no {TRUTH_TOPIC}: nothing to compare with")
         return
-    frames = score(truth, [read_estimate(message) for message in people])
+    estimates = [read_estimate(message) for message in people]
+    frames = score(truth, estimates)
     errors: defaultdict[int, list[float]] = defaultdict(list)
+    ids: defaultdict[int, list[int]] = defaultdict(list)
     expected: Counter[int] = Counter()
     for frame in frames:
         expected.update(np.flatnonzero(frame.required).tolist())
-        for which, distance in zip(frame.pairs[:, 1], frame.errors, strict=True):
+        for (found, which), distance in zip(frame.pairs, frame.errors, strict=True):
+            assert frame.estimate is not None
             errors[int(which)].append(float(distance))
+            who = int(estimates[frame.estimate].ids[found])
+            if who and who not in ids[int(which)]:
+                ids[int(which)].append(who)
     table = Table(title="against the ground truth", title_justify="left")
-    for column in ("person", r"true x, y \[m]", "found / expected", "mean error", "max error"):
+    for column in ("person", "id", "found / expected", "mean error", "max error"):
         table.add_column(column, justify="right")
     for index, count in sorted(expected.items()):
         own = errors[index]
-        x, y = truth.positions[-1][index]
         mean = f"{100 * np.mean(own):.1f} cm" if own else "-"
         most = f"{100 * max(own):.1f} cm" if own else "-"
-        table.add_row(str(index + 1), f"{x:.2f}, {y:.2f}", f"{len(own)} / {count}", mean, most)
+        names = ", ".join(map(str, ids[index])) or "-"
+        table.add_row(str(index + 1), names, f"{len(own)} / {count}", mean, most)
     console.print(table)
     report = summary(frames)["people"]
     if not report["matched"]:
         raise PeopleLocError(f"none of {report['true']} people was found")
-    mean = f"{100 * report['error_m']['mean']:.1f} cm" if report["matched"] else "-"
     console.print(
         f"found {report['matched']} of {report['true']} people in {len(frames)} frames of the "
-        f"ground truth, {report['found'] - report['matched']} false; mean error {mean} "
-        f"(a match is within {MATCH_DISTANCE:.2f} m)"
+        f"ground truth, {report['found'] - report['matched']} false; mean error "
+        f"{100 * report['error_m']['mean']:.1f} cm (a match is within {MATCH_DISTANCE:.2f} m)"
     )
+    late = sum(frame.estimate is None for frame in frames)
+    if late > _FEW * len(frames):
+        console.print(
+            f"the machine was too busy for {late} frames; --rate 0.5 gives it more time",
+            style="yellow",
+        )
+    tracks = score_tracks(truth, frames, estimates).report()
+    if tracks["id_switches"] is not None:
+        speed = tracks["velocity_error_mps"]["mean"]
+        console.print(
+            f"followed: {tracks['id_switches']} id switches, MOTA {tracks['mota']:.3f}, "
+            f"IDF1 {tracks['idf1']:.3f}"
+            + ("" if speed is None else f"; mean error of velocity {speed:.2f} m/s")
+        )
+
+
+def _tell(views: Sequence[TopView], console: Console) -> None:
+    """Prints what has happened to the groups."""
+    for view in views:
+        at_s = (view.stamp_ns - views[0].stamp_ns) / 1e9
+        for event in view.events:
+            console.print(f"after {at_s:4.1f} s: {event}")
+
+
+def _draw(views: Sequence[TopView], robots: int, out: Path, console: Console) -> None:
+    """Draws one interval and all of them.
+
+    The one has all robots, and as many people as there were. Of several it is the last; if
+    somebody fell behind, the one where he was farthest from his group.
+    """
+    whole = [view for view in with_trails(views) if len(view.robots) == robots]
+    most = max(len(view.people) for view in whole)
+    whole = [view for view in whole if len(view.people) == most]
+    shown = max(reversed(whole), key=_farthest_behind)
+    at_s = (shown.stamp_ns - views[0].stamp_ns) / 1e9
+    draw_top_view(dataclasses.replace(shown, title=f"after {at_s:.1f} s: {said(shown)}"), out)
+    console.print(f"picture: {out}")
+    film = out.with_suffix(".gif")
+    with console.status("drawing the animation"):
+        animate(views, film)
+    console.print(f"animation: {film}")
+
+
+def _farthest_behind(view: TopView) -> float:
+    """How far stragglers are from the centres of their groups [m]; 0: there is none."""
+    places = {person.id: person.position for person in view.people}
+    return max(
+        (
+            float(np.hypot(*(places[who] - group.centre)))
+            for group in view.groups
+            for who in group.stragglers
+            if who in places
+        ),
+        default=0.0,
+    )
+
+
+def _views(
+    people: Sequence[Any], listener: Listener, recorded: _Recorded, config: Team
+) -> list[TopView]:
+    """The map of each interval; each event is that of the last interval before it was heard."""
+    stamps_ns = [_stamp_of(message) for message in people]
+    events: defaultdict[int, list[str]] = defaultdict(list)
+    for heard_ns, event in listener.events:
+        events[max(0, bisect_right(stamps_ns, heard_ns) - 1)].append(event)
+    return [
+        _top_view(message, listener.maps.get(stamp_ns), recorded, config, events[index])
+        for index, (stamp_ns, message) in enumerate(zip(stamps_ns, people, strict=True))
+    ]
 
 
 def _top_view(
     message: Any,
-    listener: Listener,
-    truth: Truth,
-    views: dict[str, Float],
+    cells: Any,
+    recorded: _Recorded,
     config: Team,
+    events: Sequence[str],
 ) -> TopView:
-    stamp_ns = stamp_ns_of(message.header.stamp)
-    cells = listener.maps.get(stamp_ns)
     if cells is None:
-        raise PeopleLocError("the planner's short_term_map of the last interval did not arrive")
-    names = [f.name for f in cells.fields]
-    # Our own topic: every field has four bytes, floats first, whole numbers after them.
-    kinds = {7: "<f4", 6: "<u4", 5: "<i4"}
-    layout = np.dtype([(f.name, kinds[f.datatype]) for f in cells.fields])
-    records = np.frombuffer(cells.data, layout)
-    assert {"x", "y", "robot", "cluster", "person"} <= set(names)
-    sigmas = config.planner.human.circle_sigmas
-    people = read_estimate(message)
-    true, visible = truth.at(stamp_ns)
+        records = np.empty(0, _NO_CELLS)
+    else:
+        # Our own topic: every field has four bytes, floats first, whole numbers after them.
+        kinds = {7: "<f4", 6: "<u4", 5: "<i4"}
+        layout = np.dtype([(f.name, kinds[f.datatype]) for f in cells.fields])
+        records = np.frombuffer(cells.data, layout)
+    stamp_ns = _stamp_of(message)
+    people, groups = read_people(message)
+    true, visible = recorded.truth.at(stamp_ns)
     return TopView(
-        title=f"{len(people.positions)} people found by {len(message.scans)} robots",
+        title="",
+        stamp_ns=stamp_ns,
         xy=np.stack([records["x"], records["y"]], axis=1).astype(np.float64),
         robot=records["robot"],
         cluster=records["cluster"],
         person=records["person"],
         robots=messages.read_people_scans(message),
-        views=views,
-        people=people.positions,
-        radii=[sigmas * p.sigma for p in message.persons],
+        views=recorded.borders,
+        people=people,
+        groups=groups,
         truth=true,
+        circle_sigmas=config.planner.human.circle_sigmas,
         visible=visible,
-        circle_sigmas=sigmas,
+        events=events,
+        grid=recorded.grid,
     )

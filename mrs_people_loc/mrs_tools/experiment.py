@@ -226,7 +226,8 @@ class Recording:
     def of(cls, one: Draw, config: Path) -> Recording:
         """Runs a draw with a configuration."""
         intervals: list[Interval] = []
-        run = BagRun(one.bag, [config])
+        # The paper looks at each interval by itself.
+        run = BagRun(one.bag, [config], planner=lambda c: Planner(c.memoryless()))
         result = evaluate_bag(run, on_interval=intervals.append)
         assert result.truth is not None
         return cls(one, run.team, result.truth, intervals, result)
@@ -318,7 +319,7 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 def people_of(recording: Recording, robots: Sequence[str]) -> list[People]:
     """What the planner finds with the scans of some of the robots."""
-    planner, found = Planner(recording.team.planner), []
+    planner, found = Planner(recording.team.planner.memoryless()), []
     for interval in recording.intervals:
         scans = [scan for scan in interval.scans if scan.robot in robots]
         if scans:

@@ -3,7 +3,7 @@
 One interval is shown in every picture: `fig03` the images and their disparity, `fig04` what a
 robot ranges, from above and from the side, `fig07`, `fig13`, `fig14` and `fig15` what the stages
 leave of it on the common map, `fig16` the fused map, `fig17` its clusters and `fig18` the people.
-`stages` and `errors` are about the whole bag.
+`stages` and `errors` are about the whole bag. Or an animation of it, see `animation`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,12 @@ from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth
 from mrs_people_loc.fusion import map_from_robot
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.masking import OccupancyGrid
 from mrs_tools import plots
+from mrs_tools.animation import animate, check_is_gif
+from mrs_tools.bags import BagReader
 from mrs_tools.evaluate import OwnConfig, Result, evaluate_bag, progress_bar
-from mrs_tools.offline import BagRun, Interval
+from mrs_tools.offline import BagRun, Interval, read_grid
 from mrs_tools.plots import TopView
 
 if TYPE_CHECKING:
@@ -100,34 +103,50 @@ class _Chooser:
             self.best, self._rank = interval, rank
 
 
-def top_view(interval: Interval, run: BagRun, truth: Truth) -> TopView:
-    """The map of an interval."""
+def top_view(
+    interval: Interval,
+    run: BagRun,
+    truth: Truth,
+    grid: OccupancyGrid | None,
+    borders: dict[str, Float],
+) -> TopView:
+    """The map of an interval.
+
+    Args:
+        interval: The interval.
+        run: What it comes from.
+        truth: What is true.
+        grid: What is known of walls and furniture.
+        borders: By robot, what it sees of the floor, as far as that is known already; what is
+            not is added.
+    """
     people = interval.people
     label = people.clusters.label
     person_of = np.full(len(people.clusters), -1)
     for index, person in enumerate(people.persons):
-        person_of[person.label] = index
+        if person.label >= 0:
+            person_of[person.label] = index
     true, visible = truth.at(people.stamp_ns)
-    views = {}
     for name, view in interval.views.items():
-        reach = run.team.robots[name].disparity
-        views[name] = plots.seen_floor(view.camera, reach.min_range, reach.max_range)
-    sigmas = run.team.planner.human.circle_sigmas
+        if name not in borders:
+            reach = run.team.robots[name].disparity
+            borders[name] = plots.seen_floor(view.camera, reach.min_range, reach.max_range)
     return TopView(
         title="",
+        stamp_ns=people.stamp_ns,
         xy=people.fused.xy,
         robot=people.fused.robot,
         cluster=label,
         person=person_of[label],
         robots=people.poses,
-        views=views,
-        people=np.array([p.position for p in people.persons]).reshape(-1, 2),
-        radii=[sigmas * p.sigma for p in people.persons],
+        views={name: borders[name] for name in interval.views},
+        people=people.persons,
+        groups=people.groups,
         truth=true,
-        circle_sigmas=sigmas,
+        circle_sigmas=run.team.planner.human.circle_sigmas,
         visible=visible,
-        covariances=np.array([p.covariance for p in people.persons]).reshape(-1, 2, 2),
-        centre=people.group.centre if people.group else None,
+        events=people.events,
+        grid=grid,
         notes={
             number: f"{height:.1f} m, {points} points"
             for number, (height, points) in enumerate(
@@ -138,9 +157,8 @@ def top_view(interval: Interval, run: BagRun, truth: Truth) -> TopView:
     )
 
 
-def show(interval: Interval, run: BagRun, truth: Truth) -> Shown:
-    """What the pictures of an interval need."""
-    view = top_view(interval, run, truth)
+def show(interval: Interval, run: BagRun, view: TopView) -> Shown:
+    """What the pictures of an interval need, besides its map."""
     ahead = [border[:, 0] for border in view.views.values() if len(border)]
     ahead += [scan.cells.x.astype(np.float64) for scan in interval.scans]
     reach = np.concatenate([[0.0], *ahead])
@@ -216,6 +234,7 @@ def draw_stage(shown: Shown, which: str) -> Figure:
     grid = figure.subplots(2, len(stages), squeeze=False, height_ratios=[1.9, 1.0])
     colored = None
     for (name, stage), (above, side) in zip(stages.items(), grid.T, strict=True):
+        plots.draw_walls(above, shown.view)
         plots.draw_robots(above, shown.view, only=name)
         pose = shown.interval.people.poses[name]
         colored = _points(
@@ -237,6 +256,7 @@ def draw_map(shown: Shown, which: str) -> Figure:
     view = shown.view
     figure = _figure(1, 1, 1.1, panel=7.5)
     axes = figure.subplots()
+    plots.draw_walls(axes, view)
     plots.draw_robots(axes, view)
     people = f"{len(view.people)} " + ("person" if len(view.people) == 1 else "people")
     if which == "map":
@@ -248,7 +268,8 @@ def draw_map(shown: Shown, which: str) -> Figure:
         title = f"{len(set(view.cluster.tolist()))} clusters, {people}; grey: no person"
     else:
         axes.plot(*view.xy.T, "s", ms=2.4, color="0.78", zorder=1)
-        plots.draw_people(axes, view)
+        plots.draw_people(axes, view, ellipses=True)
+        plots.legend_of_people(axes, [view], ellipses=True)
         there = int(np.isfinite(view.truth).all(axis=1).sum())
         title = people + (f" found, {there} there" if len(view.truth) else " found")
     plots.draw_truth(axes, view)
@@ -349,15 +370,35 @@ def _legend(figure: Figure, axes: Axes) -> None:
 # ------------------------------------------------------------------------------------- command
 
 
-def figures_of(
+@dataclass(frozen=True)
+class Ran:
+    """A bag that was run, for its pictures.
+
+    Attributes:
+        run: How.
+        result: What it gave.
+        best: The interval that is shown.
+        view: Its map.
+        views: Maps of all intervals, if they were asked for.
+    """
+
+    run: BagRun
+    result: Result
+    best: Interval
+    view: TopView
+    views: Sequence[TopView]
+
+
+def run_bag(
     path: Path,
     configs: Sequence[Path] = (),
     *,
     beside: bool = True,
     at_s: float | None = None,
+    all_views: bool = False,
     on_progress: Callable[[float], None] | None = None,
-) -> tuple[dict[str, Figure], list[str]]:
-    """All figures of a bag.
+) -> Ran:
+    """Runs a bag, for its pictures.
 
     Args:
         path: The bag.
@@ -365,10 +406,8 @@ def figures_of(
         beside: Whether the bag's own parameter file is read, see `BagRun`.
         at_s: Which interval is shown: that nearest to so long after the bag's beginning, among
             those with the most robots; None: the middle.
+        all_views: Whether the maps of all intervals are kept, for `animation.animate`.
         on_progress: Called with how much of the bag is done, 0 to 1.
-
-    Returns:
-        Figures by name, and what a reader should know of them.
 
     Raises:
         PeopleLocError: The bag or a file cannot be used, or there is no interval.
@@ -376,12 +415,30 @@ def figures_of(
     run = BagRun(path, configs, beside=beside)
     offset_ns = (run.end_ns - run.start_ns) // 2 if at_s is None else round(at_s * 1e9)
     chooser = _Chooser(run.start_ns + offset_ns)
-    result = evaluate_bag(run, on_interval=chooser, on_progress=on_progress)
-    if chooser.best is None or result.truth is None:
+    truth = run.truth()
+    with BagReader(path) as bag:
+        grid = read_grid(bag, run.team.planner.map_frame)
+    views: list[TopView] = []
+    borders: dict[str, Float] = {}
+
+    def on_interval(interval: Interval) -> None:
+        chooser(interval)
+        if all_views:
+            views.append(top_view(interval, run, truth, grid, borders))
+
+    result = evaluate_bag(run, on_interval=on_interval, on_progress=on_progress)
+    if chooser.best is None:
         raise BagError(f"{path}: not one interval closed, there is nothing to draw")
-    shown = show(chooser.best, run, result.truth)
+    view = top_view(chooser.best, run, truth, grid, borders)
+    return Ran(run, result, chooser.best, view, views)
+
+
+def figures_of(ran: Ran) -> dict[str, Figure]:
+    """All figures of a bag, by name."""
+    result = ran.result
+    shown = show(ran.best, ran.run, ran.view)
     figures: dict[str, Figure] = {}
-    if chooser.best.views:
+    if ran.best.views:
         figures["fig03_images"] = draw_images(shown)
         figures["fig04_ranging"] = draw_ranging(shown)
         for number, stage in ((7, "raw"), (13, "zones"), (14, "noise")):
@@ -391,9 +448,9 @@ def figures_of(
         figures[f"fig{number}_{which}"] = draw_map(shown, which)
     if result.counts:
         figures["stages"] = draw_stages(result)
-    if len(result.truth):
+    if result.truth is not None and len(result.truth):
         figures["errors"] = draw_errors(result)
-    return figures, result.notes
+    return figures
 
 
 def figures_of_results(results: Mapping[str, Result]) -> dict[str, Figure]:
@@ -452,7 +509,12 @@ def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
 
 def command(
     bag: Annotated[Path, typer.Argument(help="A bag with our topics.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the pictures.")
+    ] = None,
+    animation: Annotated[
+        Path | None, typer.Option("--animation", "-a", help="GIF file for an animation.")
+    ] = None,
     config: Annotated[
         list[Path] | None,
         typer.Option("--config", "-c", help="Parameter file of the team; later ones win."),
@@ -463,28 +525,42 @@ def command(
     ] = None,
     own_config: OwnConfig = True,
 ) -> None:
-    """Draw the paper's figures from a bag, as PNG files.
+    """Draw the paper's figures from a bag, as PNG files, or an animation of all of it.
 
     Images with disparity, views of every stage from above and from the side, the fused map, its
-    clusters, the people; then what each stage keeps and a histogram of the errors.
+    clusters, the people; then what each stage keeps and a histogram of the errors. The animation
+    shows robots, people with their ids and ways, and groups, from above.
     """
     from rich.console import Console
 
+    if out is None and animation is None:
+        raise typer.BadParameter("what is to be drawn? --out FOLDER, --animation FILE, or both")
+    if animation is not None:
+        check_is_gif(animation)
     console = Console(highlight=False, soft_wrap=True)
     with progress_bar() as progress:
         task = progress.add_task(bag.name, total=1.0)
-        figures, notes = figures_of(
+        ran = run_bag(
             bag,
             config or [],
             beside=own_config,
             at_s=at,
+            all_views=animation is not None,
             on_progress=lambda p: progress.update(task, completed=p),
         )
-        task = progress.add_task("drawing", total=len(figures))
         files = []
-        for name, figure in figures.items():
-            files += save({name: figure}, out)
-            progress.advance(task)
-    for note in notes:
+        if out is not None:
+            figures = figures_of(ran)
+            task = progress.add_task("drawing", total=len(figures))
+            for name, figure in figures.items():
+                files += save({name: figure}, out)
+                progress.advance(task)
+        if animation is not None:
+            task = progress.add_task("animation", total=1.0)
+            animate(ran.views, animation, on_progress=lambda p: progress.update(task, completed=p))
+    for note in ran.result.notes:
         console.print(note, style="yellow", markup=False)
-    console.print(f"{len(files)} pictures in {out}: {', '.join(f.name for f in files)}")
+    if out is not None:
+        console.print(f"{len(files)} pictures in {out}: {', '.join(f.name for f in files)}")
+    if animation is not None:
+        console.print(f"animation: {animation}")

@@ -15,9 +15,11 @@ from. To try another method, hand over other classes than `RobotPipeline` and `P
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -49,7 +51,9 @@ from mrs_people_loc.evaluation import Estimate, Truth
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.interval import IntervalCollector
+from mrs_people_loc.masking import OccupancyGrid
 from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.poses import Pose, PoseIntake, static_pose
 from mrs_people_loc.robot import RobotPipeline, Stages
@@ -131,6 +135,16 @@ def read_truth(bag: BagReader) -> Truth:
     visible = nearest(VISIBLE_TOPIC)
     seen = None if visible is None else [each > 0 for each in visible]
     return Truth.build(stamps, positions, seen, nearest(GROUP_TOPIC))
+
+
+def read_grid(bag: BagReader, map_frame: str) -> OccupancyGrid | None:
+    """What a bag's `/map` says of walls and furniture; None: it has none, or none of any use."""
+    if MAP_TOPIC not in bag.topics or bag.topics[MAP_TOPIC].type != _GRID:
+        return None
+    for _, _, message in bag.decoded([MAP_TOPIC]):
+        with suppress(GridError):
+            return messages.read_occupancy_grid(message, map_frame)
+    return None
 
 
 # -------------------------------------------------------------------------------------- results
@@ -221,6 +235,59 @@ def _centre(groups: Sequence[tuple[int, Any]]) -> Float | None:
         return None
     sizes, centres = zip(*groups, strict=True)
     return np.asarray(np.average(np.array(centres, dtype=np.float64), axis=0, weights=sizes))
+
+
+def read_people(message: Any) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
+    """The people and groups of a mrs_people_msgs/People."""
+
+    def place(pose: Any) -> tuple[Float, Float]:
+        at = pose.pose.position
+        return np.array([at.x, at.y]), np.reshape(pose.covariance, (6, 6))[:2, :2]
+
+    def velocity(twist: Any) -> tuple[Float | None, Float | None]:
+        v = twist.twist.linear
+        if math.isnan(v.x) or math.isnan(v.y):
+            return None, None
+        return np.array([v.x, v.y]), np.reshape(twist.covariance, (6, 6))[:2, :2]
+
+    persons = tuple(
+        Person(
+            *place(person.pose),
+            height=person.height,
+            sigma=person.sigma,
+            robots=tuple(person.robots),
+            label=-1,
+            stamp_ns=stamp_ns_of(message.header.stamp),
+            id=person.id,
+            velocity=velocity(person.velocity)[0],
+            velocity_covariance=velocity(person.velocity)[1],
+            age_s=seconds_of(person.age),
+            coasting=person.coasting,
+        )
+        for person in message.persons
+    )
+    groups = tuple(
+        Group(
+            *place(group.centre),
+            radius=group.radius,
+            rms_spread=group.rms_spread,
+            size=group.size,
+            velocity=velocity(group.velocity)[0],
+            velocity_covariance=velocity(group.velocity)[1],
+            members=tuple(group.members),
+            id=group.id,
+            stragglers=dict(
+                zip(group.stragglers, map(seconds_of, group.straggling_for), strict=True)
+            ),
+        )
+        for group in message.groups
+    )
+    return persons, groups
+
+
+def seconds_of(duration: Any) -> float:
+    """A builtin_interfaces/Duration [s]."""
+    return float(duration.sec + duration.nanosec * 1e-9)
 
 
 # ---------------------------------------------------------------------------------- what is there

@@ -1,4 +1,4 @@
-"""`mrs people`: the people, robots, rates and ages of a running team, live in the terminal."""
+"""`mrs people`: people, groups, events, robots of a running team, live in the terminal."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mrs_people_loc.geometry import yaw_from_quaternion
+from mrs_people_loc.geometry import Float, yaw_from_quaternion
 from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_loc.people import Group as PeopleGroup
+from mrs_people_loc.people import Person
+from mrs_tools.offline import read_people
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Rates are taken over this long [s].
 _SPAN_S = 5.0
+#: So many events are shown, the latest.
+_EVENTS = 5
 
 
 class _Rate:
@@ -48,27 +53,36 @@ class LivePeople:
 
     Attributes:
         message: The last `people` message; None before the first.
+        troubles_shown: Whether it shows what nodes complain of.
     """
 
     def __init__(self, node: Node) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
         from mrs_people_msgs.msg import People
+        from std_msgs.msg import String
 
         self._node = node
         self.message: Any = None
+        self.troubles_shown = True
+        self._people: tuple[tuple[Person, ...], tuple[PeopleGroup, ...]] = (), ()
+        self._events: deque[tuple[float, str]] = deque(maxlen=_EVENTS)
         self._rate = _Rate()
         self._robots: dict[str, _Rate] = {}
         self._scans: dict[str, Any] = {}
         self._troubles: dict[str, tuple[float, str]] = {}
         node.create_subscription(People, "people", self._on_people, 10)
+        node.create_subscription(String, "events", self._on_event, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_people(self, message: Any) -> None:
-        self.message = message
+        self.message, self._people = message, read_people(message)
         self._rate.add()
         for scan in message.scans:
             self._robots.setdefault(scan.robot, _Rate()).add()
             self._scans[scan.robot] = scan
+
+    def _on_event(self, message: Any) -> None:
+        self._events.append((time.monotonic(), message.data))
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -89,35 +103,65 @@ class LivePeople:
         if self.message is None:
             wait = Text("waiting for people ... (is the planner running?)")
             return Group(wait, *self._trouble_lines())
-        return Group(self._people_table(), self._robot_table(), *self._trouble_lines())
+        return Group(
+            self._people_table(),
+            self._group_table(),
+            self._robot_table(),
+            *self._event_lines(),
+            *self._trouble_lines(),
+        )
 
     def _people_table(self) -> RenderableType:
         from rich.table import Table
 
-        message = self.message
-        title = f"{len(message.persons)} people, {self._rate.text()} Hz"
+        persons, _ = self._people
+        title = f"{len(persons)} people, {self._rate.text()} Hz"
         if self._rate.silent_s > 2.0:
             title += f", silent for {self._rate.silent_s:.0f} s"
         table = Table(title=title, title_justify="left")
-        for column in ("id", r"x \[m]", r"y \[m]", r"height \[m]", r"sigma \[m]"):
-            table.add_column(column, justify="right")
+        for column in ("id", "x [m]", "y [m]", "speed [m/s]", "height [m]", "age [s]"):
+            table.add_column(_head(column), justify="right")
         table.add_column("seen by")
-        for index, person in enumerate(message.persons):
-            at = person.pose.pose.position
+        for index, person in enumerate(persons):
+            x, y = person.position
             table.add_row(
                 str(person.id or f"({index + 1})"),
-                f"{at.x:.2f}",
-                f"{at.y:.2f}",
+                f"{x:.2f}",
+                f"{y:.2f}",
+                _speed(person.velocity),
                 f"{person.height:.2f}",
-                f"{person.sigma:.2f}",
-                ", ".join(person.robots) + (" (coasting)" if person.coasting else ""),
+                f"{person.age_s:.0f}",
+                "nobody (coasting)" if person.coasting else ", ".join(person.robots),
+                style="dim" if person.coasting else None,
             )
-        for group in message.groups:
-            at = group.centre.pose.position
-            radius = f"all within {group.radius:.2f} m"
-            table.add_section()
-            table.add_row("group", f"{at.x:.2f}", f"{at.y:.2f}", "", "", radius)
         return table
+
+    def _group_table(self) -> RenderableType:
+        from rich.table import Table
+
+        table = Table(title="groups", title_justify="left")
+        for column in ("id", "people", "x [m]", "y [m]", "speed [m/s]", "radius [m]"):
+            table.add_column(_head(column), justify="right")
+        table.add_column("stragglers")
+        for group in self._people[1]:
+            x, y = group.centre
+            away = ", ".join(f"{who} ({away_s:.0f} s)" for who, away_s in group.stragglers.items())
+            table.add_row(
+                str(group.id or "-"),
+                str(group.size),
+                f"{x:.2f}",
+                f"{y:.2f}",
+                _speed(group.velocity),
+                f"{group.radius:.2f}",
+                f"[bold red]{away}[/]" if away else "",
+            )
+        return table
+
+    def _event_lines(self) -> list[RenderableType]:
+        from rich.text import Text
+
+        now = time.monotonic()
+        return [Text(f"{now - when:4.0f} s ago: {event}") for when, event in self._events]
 
     def _robot_table(self) -> RenderableType:
         from rich.table import Table
@@ -146,8 +190,17 @@ class LivePeople:
         return [
             Text(f"{name}: {text}", style="yellow")
             for name, (when, text) in sorted(self._troubles.items())
-            if now - when < 3.0
+            if self.troubles_shown and now - when < 3.0
         ]
+
+
+def _head(column: str) -> str:
+    """The unit below the name, which keeps the column narrow."""
+    return column.replace(" [", "\n\\[")
+
+
+def _speed(velocity: Float | None) -> str:
+    return "-" if velocity is None else f"{math.hypot(*velocity):.2f}"
 
 
 def command(
@@ -161,7 +214,7 @@ def command(
         float, typer.Option("--duration", min=0.0, help="End after so long [s]; 0: at Ctrl-C.")
     ] = 0.0,
 ) -> None:
-    """Show people, robots, rates and ages of a running team, live in the terminal.
+    """Show people, groups, events, robots and rates of a running team, live in the terminal.
 
     Where the output is no terminal, the table is printed once at the end.
     """

@@ -115,6 +115,16 @@ def test_a_weak_cluster_is_a_person_where_one_is_expected(plain):
     assert seen(run(planner(tracking__enabled=False), [*strong, *weak])[-1]) == []
 
 
+def test_a_weak_cluster_founds_nobody(plain):
+    """Beside a person who is there it is no second one, however long it stays."""
+    strong = [plain(k, (3.0, 0.0)) for k in range(10)]
+    cells = [plain(k, (3.0, 0.0), (3.38, 0.0)) for k in range(10, 40)]
+    for scan in cells:
+        scan.cells.count[len(BODY) :] = 4
+    for people in run(planner(), [*strong, *cells]):
+        assert [person.id for person in people.persons] == [1]
+
+
 def test_a_doubtful_body_is_a_person_where_one_is_expected(bodies):
     strong = [bodies(k, (3.0, 0.0, 4.0)) for k in range(10)]
     doubtful = [bodies(k, (3.0, 0.0, -0.2), (3.0, 1.5, -0.2)) for k in range(10, 13)]

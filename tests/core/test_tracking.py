@@ -352,15 +352,31 @@ def test_state_is_bounded():
 # ------------------------------------------------------------------------------------ time ----
 
 
-def test_the_same_time_again_changes_nothing():
-    follower = tracker()
-    follow(follower, lambda t: [(t, 0.0)], steps=10)
-    before = follower.step([], 900 * MS)
-    again = follower.step([person(5, 5, at_ns=0)], 900 * MS)
-    assert ids(before) == ids(again) == [1]
-    np.testing.assert_array_equal(before[0].position, again[0].position)
-    assert not again[0].coasting
+def test_two_intervals_of_one_time():
+    """The scan of a robot that is late comes by itself: nobody gets older, nobody is lost."""
+    follower = tracker(start_time=0.0)
+    follow(follower, lambda t: [(1.0, 0.0), (3.0, 0.0)], steps=10)
+    before = follower.step([person(1, 0, at_ns=0), person(3, 0, at_ns=0)], 1000 * MS)
+    after = follower.step([person(3, 0, at_ns=0, robots=("b",))], 1000 * MS)
+    assert ids(before) == ids(after) == [1, 2]
+    assert [one.age_s for one in before] == [one.age_s for one in after]
+    assert [one.coasting for one in after] == [True, False]
+    assert [(one.robots, one.label) for one in after] == [((), -1), (("b",), 0)]
+    assert after[1].covariance[0, 0] < before[1].covariance[0, 0]
     assert follower.jumps_back == 0
+
+
+def test_who_is_surely_at_a_place_and_who_may_be_anywhere():
+    """One cell is a cluster without extent; poses may say that they know nothing."""
+    follower = tracker()
+    for k in range(5):
+        now = k * 100 * MS
+        sure = person(1, 0, at_ns=now, covariance=np.zeros((2, 2)))
+        unsure = person(5, 0, at_ns=now, covariance=np.full((2, 2), np.inf))
+        out = follower.step([sure, unsure], now)
+    assert ids(out) == [1, 2]
+    assert all(np.isfinite(one.covariance).all() for one in out)
+    assert not out[0].coasting
 
 
 @pytest.mark.parametrize("back_s", [0.1, 100.0])
@@ -376,6 +392,7 @@ def test_time_that_jumps_back_loses_nobody(back_s):
         now = start + k * 100 * MS
         out = follower.step([person(1, 1, at_ns=now), person(3, 1, at_ns=now)], now)
         assert ids(out) == [1, 2]
+        assert not any(one.coasting for one in out)
     assert follower.jumps_back == 1
     assert out[0].age_s == pytest.approx(before[0].age_s + 1.9)
 
@@ -414,9 +431,9 @@ def test_who_may_be_whom():
     expected = Expected(np.array([(0.0, 0.0), (1.0, 0.0)]), np.tile(0.01 * np.eye(2), (2, 1, 1)))
     xy = np.array([(0.1, 0.0), (0.9, 0.1), (0.5, 3.0), (0.45, 0.0)])
     covariance = np.tile(0.01 * np.eye(2), (4, 1, 1))
-    assert expected.near(xy, covariance, 4.0).tolist() == [0, 1, -1, 0]
-    assert NOBODY.near(xy, covariance, 4.0).tolist() == [-1] * 4
-    assert expected.near(np.empty((0, 2)), np.empty((0, 2, 2)), 4.0).tolist() == []
+    assert expected.near(xy, covariance, gate=4.0, reach=1.0).tolist() == [0, 1, -1, 0]
+    assert NOBODY.near(xy, covariance, gate=4.0, reach=1.0).tolist() == [-1] * 4
+    assert expected.near(np.empty((0, 2)), np.empty((0, 2, 2)), gate=4.0, reach=1.0).tolist() == []
 
 
 def test_parameters_may_change_at_any_time():

@@ -105,10 +105,11 @@ def test_channels_and_namespaces(config: Any) -> None:
     scan = messages.read_scan(cloud, "robot_a", "robot_a/base_link")
     result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
     assert len(result.persons) == 1
+    trails = {result.persons[0].id: [(1.8, 0.0), (2.0, 0.0)]}  # from the second interval on
 
     fields = {field.name for field in convert.short_term_map(result, "map").fields}
     for display in displays(config, "PointCloud2"):
         assert display["Channel Name"] in fields
-    drawn = {m.ns for m in convert.markers(result, "map", 3.0).markers if m.action == m.ADD}
+    drawn = {m.ns for m in convert.markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
     for display in displays(config, "MarkerArray"):
         assert display["Namespaces"] == dict.fromkeys(drawn, True)

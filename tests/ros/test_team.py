@@ -7,7 +7,6 @@ interpolated; that of the second is as recorded, so that the answer can be held 
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Iterator
@@ -26,7 +25,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mrs_people_loc import messages
-from mrs_people_loc.config import Tracking, load_team
+from mrs_people_loc.config import load_team
 from mrs_people_loc.evaluation import match
 from mrs_people_loc.planner import People as CorePeople
 from mrs_people_loc.planner import Planner
@@ -273,8 +272,7 @@ def _in_process(run: Run, message: Any) -> tuple[CorePeople, dict[str, Pose]]:
 
 
 def _planner(run: Run) -> Planner:
-    config = load_team(*CONFIGS[run.name]).planner
-    return Planner(dataclasses.replace(config, tracking=Tracking(enabled=False)))
+    return Planner(load_team(*CONFIGS[run.name]).planner.memoryless())
 
 
 def _xy(point: Any) -> tuple[float, float]:

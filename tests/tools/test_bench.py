@@ -63,7 +63,7 @@ def bag():
 
 @pytest.mark.parametrize("files", [[PAPER], [DEFAULT], [PAPER, TEAM]], ids=lambda f: f[-1].stem)
 def test_the_reference_equals_the_core_on_the_papers_formation(bag, files):
-    run = BagRun(bag, files)
+    run = BagRun(bag, files, planner=lambda c: Planner(c.memoryless()))
     intervals = list(run.intervals())[::7]
     assert len(intervals) == 3
     kinds = set()
@@ -220,7 +220,7 @@ def test_people_of_random_scans_equal_the_reference(seed, planner):
     if planner is not None:
         rng = np.random.default_rng(seed)
         scans = [with_bodies(scan, rng) for scan in scans]
-    check_people(scans, Planner(config).step(scans, poses, 0), config)
+    check_people(scans, Planner(config.memoryless()).step(scans, poses, 0), config)
 
 
 def test_the_reference_clusters_by_hand():
@@ -247,7 +247,7 @@ def test_the_reference_joins_by_hand():
         scan("b", [(1.9, 0.0, 5, 2.0)]),
     ]
     config = PlannerConfig()
-    people = Planner(config).step(scans, poses, 0)
+    people = Planner(config.memoryless()).step(scans, poses, 0)
     joined, robots = bench_bodies.joined_of(people.fused, poses, poses, config.joining, 0.25)
     assert robots == []
     assert [body.cells for body in joined] == [(0, 1, 3), (2,)]
@@ -259,7 +259,7 @@ def test_the_reference_joins_by_hand():
     assert person.robots == ("a", "b")
     # Where one robot stands, another sees that robot.
     poses["b"] = Pose(0, 4.0, 3.1, 0.0)
-    people = Planner(config).step(scans[:1], poses, 0)
+    people = Planner(config.memoryless()).step(scans[:1], poses, 0)
     _, robots = bench_bodies.joined_of(people.fused, poses, poses, config.joining, 0.25)
     assert robots == [(2,)]
 
@@ -315,9 +315,9 @@ def test_a_wrong_stage_is_noticed(bag, stage):
         (lambda p: _with_person(p, position=p.persons[0].position + 1e-6), "position"),
         (lambda p: _with_person(p, covariance=p.persons[0].covariance * 1.1), "covariance"),
         (lambda p: _with_person(p, robots=("robot_z",)), "robots"),
-        (lambda p: dataclasses.replace(p, group=None), "group"),
+        (lambda p: dataclasses.replace(p, groups=()), "group"),
         (lambda p: dataclasses.replace(
-            p, group=dataclasses.replace(p.group, radius=p.group.radius + 0.1)), "radius"),
+            p, groups=(dataclasses.replace(p.group, radius=p.group.radius + 0.1),)), "radius"),
         (lambda p: dataclasses.replace(
             p, fused=dataclasses.replace(p.fused, xy=p.fused.xy + 1e-3)), "map"),
     ],
@@ -327,7 +327,7 @@ def test_a_wrong_stage_is_noticed(bag, stage):
 def test_a_wrong_person_is_noticed(change, what, base):
     config = PlannerConfig()
     scans, poses = bench_scenes.drawn_scans(base, 0)
-    people = Planner(config).step(scans, poses, 0)
+    people = Planner(config.memoryless()).step(scans, poses, 0)
     check_people(scans, people, config)
     with pytest.raises(DiffersError, match=what):
         check_people(scans, change(people), config)
@@ -423,7 +423,7 @@ def _with_person(people, **changes):
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
 def test_the_drawn_scene_has_four_robots_and_ten_people(base):
     scans, poses = bench_scenes.drawn_scans(base, 0)
-    people = Planner(PlannerConfig()).step(scans, poses, 0)
+    people = Planner(PlannerConfig().memoryless()).step(scans, poses, 0)
     assert len(poses) == 4
     found = np.array([person.position for person in people.persons])
     assert len(found) == len(bench_scenes.PEOPLE) == 10
@@ -461,7 +461,7 @@ def test_rooms_that_lie_apart_must_not_change_each_other(monkeypatch):
 
 def test_on_one_floor_robots_also_see_people_of_other_rooms():
     scans, poses = bench_scenes.on_one_floor(BODIES, 8, 0)
-    people = Planner(PlannerConfig()).step(scans, poses, 0).persons
+    people = Planner(PlannerConfig().memoryless()).step(scans, poses, 0).persons
     # robot_0004 to 0007 are of the second room, which begins at x = 8 m.
     across = [
         p for p in people if p.position[0] < 7.0 and {"robot_0004", "robot_0006"} & {*p.robots}
@@ -505,7 +505,8 @@ def test_its_report_has_what_is_promised(bag, tmp_path):
     assert result.exit_code == 0, result.output
     report = json.loads(file.read_text())
     assert report.keys() == {
-        "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "live", "targets",
+        "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "tracking", "live",
+        "targets",
     }  # fmt: skip
     assert report["live"] is None
     assert report["equal_to_reference"]["views"] == 2 * 3 * 3
@@ -526,13 +527,16 @@ def test_its_report_has_what_is_promised(bag, tmp_path):
             assert all(0 <= s["median"] <= s["p99"] for s in stages.values())
         planner = report["planner"][name]
         assert (planner["robots"], planner["people"], planner["people_found"]) == (4, 10, 10)
-        assert set(planner["stages_ms"]) == {
-            "fusion", "masking", "joining", "clustering", "people", "whole",
-        }  # fmt: skip
+        stages = {"fusion", "masking", "joining", "clustering", "people", "whole"}
+        stages |= {"tracking", "groups"} if name == "default.yaml" else set()
+        assert set(planner["stages_ms"]) == stages
+    assert [row["people"] for row in report["tracking"]] == [10, 50, 200]
+    assert all(row["tracker_ms"] > 0 and row["groups_ms"] > 0 for row in report["tracking"])
     targets = report["targets"]
-    assert [t["limit"] for t in targets] == [1.0, 500.0, 2.0, 1.0, 1.0, 10.0, 3.0, 1.0, 1.0]
+    limits = [1.0, 500.0, 2.0, 1.0, 1.0, 10.0, 3.0, 1.0, 1.0, 0.5, 10.0]
+    assert [t["limit"] for t in targets] == limits
     files = [t["configuration"].partition(",")[0] for t in targets]
-    assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4
+    assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + ["10 people", "200 people"]
     assert "pair of three" in targets[5]["configuration"]
     rows = [line.split() for line in result.output.splitlines()]
     assert [row[-1] for row in rows if row[:1] == ["tops"]] == ["-"] * 3

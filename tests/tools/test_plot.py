@@ -20,7 +20,7 @@ from mrs_people_loc.config import Mounting
 from mrs_people_loc.poses import Pose
 from mrs_tools.bags import BagWriter
 from mrs_tools.cli import app
-from mrs_tools.figures import figures_of
+from mrs_tools.figures import figures_of, run_bag
 from mrs_tools.plots import TopView, draw_kept, seen_floor
 from tools.made_bag import Bag
 
@@ -33,8 +33,7 @@ MAPS = ["fig16_map", "fig17_clusters", "fig18_people"]
 
 @pytest.fixture(scope="module")
 def formation() -> dict[str, Any]:
-    figures, _ = figures_of(FORMATION, [PAPER])
-    return figures
+    return figures_of(run_bag(FORMATION, [PAPER]))
 
 
 def axes_by_label(figure: Any, label: str) -> list[Any]:
@@ -95,7 +94,7 @@ def test_titles_count(formation):
 
 def test_at_chooses_the_interval():
     def cells_of(at_s: float) -> np.ndarray:
-        figures, _ = figures_of(FORMATION, [PAPER], at_s=at_s)
+        figures = figures_of(run_bag(FORMATION, [PAPER], at_s=at_s))
         (axes,) = figures["fig16_map"].axes
         return np.concatenate(
             [line.get_xydata() for line in axes.lines if "cells of" in str(line.get_label())]
@@ -113,10 +112,11 @@ def test_a_bag_of_scans_gives_what_can_be_drawn(tmp_path):
         for ms in (0, 100, 200):
             bag.pose_topic("robot_a", ms, 0, 0)
             bag.points("robot_a", ms, (2, 1), (3, -1))
-    figures, notes = figures_of(path, [PAPER])
+    ran = run_bag(path, [PAPER])
+    figures = figures_of(ran)
     assert list(figures) == ["fig15_cells", *MAPS]
     assert figures["fig18_people"].axes[0].get_title() == "2 people found"
-    assert any("nothing to compare with" in note for note in notes)
+    assert any("nothing to compare with" in note for note in ran.result.notes)
 
 
 def test_command(tmp_path):
@@ -182,14 +182,15 @@ def test_a_head_that_looks_up_sees_no_floor():
 def test_bounds_hold_everything_and_nobody_who_is_not_there():
     view = TopView(
         title="",
+        stamp_ns=0,
         xy=np.array([[1.0, 1.0]]),
         robot=np.array([0]),
         cluster=np.array([0]),
         person=np.array([-1]),
         robots={"robot_a": Pose(0, 10.0, 0.0, math.pi)},
         views={"robot_a": np.array([[1.0, 0.0], [2.0, 0.5]])},
-        people=np.empty((0, 2)),
-        radii=[],
+        people=[],
+        groups=[],
         truth=np.array([[3.0, 7.0], [math.nan, math.nan]]),
     )
     assert view.bounds() == pytest.approx((0.5, 10.5, -1.0, 7.5))

@@ -21,6 +21,7 @@ from ros.harness import own_domain
 
 ROOT = Path(__file__).parents[2]
 TEAM = ROOT / "config" / "team.yaml"
+FORMATION = ROOT / "bags" / "paper_formation"
 
 
 @pytest.fixture
@@ -135,7 +136,7 @@ def test_the_demo_finds_everybody(tmp_path, environment):
     picture = tmp_path / "demo.png"
     for rate in (0.5, 0.2, 0.1):
         done = subprocess.run(
-            mrs("demo", "--rate", rate, "--out", picture),
+            mrs("demo", FORMATION, "--rate", rate, "--out", picture),
             env=environment,
             capture_output=True,
             text=True,
@@ -152,6 +153,33 @@ def test_the_demo_finds_everybody(tmp_path, environment):
     else:
         raise AssertionError(done.stdout)
     assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.with_suffix(".gif").read_bytes().startswith(b"GIF89a")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(420)
+def test_the_demo_follows_a_walking_group(tmp_path, environment):
+    """Likewise; one of them falls behind, and one joins."""
+    picture = tmp_path / "demo.png"
+    for rate in (0.5, 0.2, 0.1):
+        done = subprocess.run(
+            mrs("demo", "--rate", rate, "--out", picture),
+            env=environment,
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+        )
+        assert done.returncode == 0, done.stderr
+        if "the machine was too busy" not in done.stdout:
+            break
+    found = re.search(r"found (\d+) of (\d+) people", done.stdout)
+    assert found is not None, done.stdout
+    assert int(found[1]) > 0.9 * int(found[2]), done.stdout
+    assert re.search(r"followed: \d id switches, MOTA 0\.9", done.stdout), done.stdout
+    assert re.search(r"after +\d\.\d s: person \d+ has fallen behind", done.stdout), done.stdout
+    assert re.search(r"after .* s: person \d+ joins group \d", done.stdout), done.stdout
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.with_suffix(".gif").stat().st_size < 2_000_000
 
 
 def test_the_demo_says_what_the_bag_lacks(tmp_path, environment):
@@ -160,7 +188,11 @@ def test_the_demo_says_what_the_bag_lacks(tmp_path, environment):
         "/**/planner_node: {ros__parameters: {robots: [robot_z]}}\n",
     )
     done = subprocess.run(
-        mrs("demo", "--team", file), env=environment, capture_output=True, text=True, cwd=ROOT
+        mrs("demo", FORMATION, "--team", file),
+        env=environment,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
     )
     assert done.returncode == 1
     assert "has no camera_info of robot_z" in done.stderr

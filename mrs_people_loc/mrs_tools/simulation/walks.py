@@ -88,7 +88,7 @@ class Way:
             around = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum()
             rounds = math.ceil((length + 4 * self._EXTRA) / around)
             points = np.concatenate([*([points] * rounds), points[:1]])
-        dense = rounded(points, 81)
+        dense = rounded(points, 201)
         ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
         self.length = float(ways[-1])
         at = np.arange(0.0, self.length, self._GRAIN)
