@@ -49,6 +49,9 @@ _LARGEST_VARIANCE = 25.0
 _FASTEST = 2.0
 #: ... nor appears farther from where he was lost than this and what he walked [m].
 _REACH = 0.5
+#: What is found so near to where somebody is expected is him, however sure both are: no two bodies
+#: are so close [m].
+_BODY = 0.3
 
 
 @dataclass(frozen=True)
@@ -371,7 +374,9 @@ def _assign(
     places, covariances = _looked_for(tracks, one, found.delay_s[other])
     measured = found.covariance[other]
     total = covariances + measured
-    squared = _squared(found.xy[other] - places, total)
+    offset = found.xy[other] - places
+    squared = _squared(offset, total)
+    squared = np.where(np.hypot(*offset.T) <= _BODY, np.minimum(squared, config.gate**2), squared)
     # Besides the likelihood's determinant, against that of what was found: who is lost for long
     # may be anywhere, and must not take what is near to somebody else.
     cost = squared + np.log(_determinant(total) / _determinant(measured))

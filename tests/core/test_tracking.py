@@ -287,6 +287,16 @@ def test_who_is_hidden_for_long_ends_and_comes_back_as_himself():
     assert out[-1][0].age_s == pytest.approx(7.9)
 
 
+@pytest.mark.parametrize(("off", "who"), [(0.29, 1), (0.6, 2)])
+def test_what_is_found_within_a_body_of_somebody_is_him_however_sure_both_are(off, who):
+    follower = tracker()
+    for step in range(20):
+        follower.step([person(0, 0, at_ns=step * 100 * MS)], step * 100 * MS)
+    for step in range(20, 25):  # 0.3 m is more than four times sqrt(0.04^2 + 0.03^2) m
+        out = follower.step([person(off, 0, at_ns=step * 100 * MS, score=8.0)], step * 100 * MS)
+        assert out[-1].id == who
+
+
 def test_who_has_just_come_back_and_is_hidden_again_is_remembered():
     def ways(t):
         hidden = 3.0 <= t < 5.45 or 5.75 < t < 6.45
