@@ -628,18 +628,24 @@ class Tracking(Section):
     )  # fmt: skip
     max_distance: float = _field(1.0, "... and within this distance [m]", low=0.1, high=10.0)
     evidence_time: float = _field(
-        0.5, "log-odds of being a person are those of about so long [s]", low=0.01, high=60.0
+        0.5,
+        "log-odds of being a person, height and uncertainty are means over about so long [s]",
+        low=0.01,
+        high=60.0,
     )
     sure_score: float = _field(
-        6.0, "log-odds from which somebody new is a person at once", low=-20.0, high=50.0
+        6.0, "log-odds from which somebody new is a person at once", low=-20.0, high=8.0
     )
     birth_score: float = _field(
         1.0, "... and from which somebody is a person who is followed for tracking.birth_time",
-        low=-20.0, high=50.0,
+        low=-20.0, high=8.0,
     )  # fmt: skip
     birth_time: float = _field(0.2, "see tracking.birth_score [s]", low=0.0, high=10.0)
     start_time: float = _field(
-        0.35, "in the beginning, for so long, whoever is found is a person [s]", low=0.0, high=60.0
+        0.35,
+        "in the beginning, for so long, whoever is found and is no doubt is a person [s]",
+        low=0.0,
+        high=60.0,
     )
     doubt_score: float = _field(
         0.0, "log-odds from which somebody new is followed, as no person yet", low=-20.0, high=50.0
@@ -655,7 +661,7 @@ class Tracking(Section):
         low=0.0, high=1.0,
     )  # fmt: skip
     keep_score: float = _field(
-        -1.0, "who is a person stays one down to these log-odds", low=-20.0, high=50.0
+        -1.0, "who is a person stays one down to these log-odds", low=-20.0, high=8.0
     )
     coast_time: float = _field(
         1.0, "a person who is not seen is given up after this [s]", low=0.0, high=60.0
@@ -664,8 +670,8 @@ class Tracking(Section):
         0.5, "... and after this share of the time for which he was seen", low=0.0, high=1e3
     )
     memory: float = _field(
-        8.0, "who was given up, and is found again where he may have got to, has his id again, for "
-        "so long after he was seen [s]; 0: nobody has",
+        10.0, "who was given up, and is found again where he may have got to, has his id again, "
+        "for so long after he was seen, and no longer than he was seen [s]; 0: nobody has",
         low=0.0, high=600.0,
     )  # fmt: skip
     lasting_share: float = _field(
@@ -687,12 +693,18 @@ class Groups(Section):
         low=0.3, high=100.0,
     )  # fmt: skip
     margin: float = _field(
-        0.4, "who comes to a group, or back to it, is nearer by this [m]", low=0.0, high=100.0
+        0.4,
+        "who comes to a group, or back to it, is nearer than groups.distance by this [m]",
+        low=0.0,
+        high=100.0,
     )
-    leave_time: float = _field(0.5, "... farther for so long [s]", low=0.0, high=60.0)
-    join_time: float = _field(2.0, "... nearer for so long [s]", low=0.0, high=60.0)
+    leave_time: float = _field(0.5, "a straggler is farther for so long [s]", low=0.0, high=60.0)
+    join_time: float = _field(
+        2.0, "who comes to a group, or back to it, is near for so long [s]", low=0.0, high=60.0
+    )
     missing_time: float = _field(
-        10.0, "a member who has not been seen for so long is a straggler, too [s]",
+        6.0, "a member who has been given up for so long is a straggler, too [s]; less than "
+        "tracking.memory, so that he can come back",
         low=0.0, high=600.0,
     )  # fmt: skip
     forget_time: float = _field(

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.clustering import connected
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.neighbours import pairs_within
@@ -30,7 +31,8 @@ _UNSEEN_SIGMAS = 2.0
 _TOGETHER = 0.8
 #: Ids are below 2^32: two of them are one number.
 _HALF = 32
-#: An interval that comes later counts as if it came so long after the one before [s].
+#: An interval that comes later says nothing of the time between, except to stragglers: for the
+#: others it counts as if it came so long after the one before [s].
 _LONGEST_STEP = 1.0
 
 
@@ -48,9 +50,13 @@ class _Roster:
     unseen_s: dict[int, float] = field(default_factory=dict)
     away_s: dict[int, float] = field(default_factory=dict)
 
+    def all(self) -> tuple[dict[int, float], ...]:
+        """All that is known."""
+        return self.joined_s, self.unseen_s, self.away_s
+
     def drop(self, member: int) -> None:
         """Forgets a member."""
-        for each in (self.joined_s, self.unseen_s, self.away_s):
+        for each in self.all():
             each.pop(member, None)
 
 
@@ -86,10 +92,12 @@ class Groups:
         Returns:
             The groups, the largest first, and what has happened, in sentences.
         """
-        dt_s = 0.0 if self._time_ns is None else (time_ns - self._time_ns) / 1e9
-        dt_s = min(max(dt_s, 0.0), _LONGEST_STEP)
-        self._time_ns = time_ns
-        self._link(people, dt_s)
+        since_ns = 0 if self._time_ns is None else time_ns - self._time_ns
+        # Scans that came late by themselves are no other time.
+        if self._time_ns is None or not -RESET_NS <= since_ns < 0:
+            self._time_ns = time_ns
+        dt_s = max(since_ns, 0) / 1e9
+        self._link(people, min(dt_s, _LONGEST_STEP))
         parts = self._parts()
         events: list[str] = []
         names = self._names(parts, events)
@@ -112,7 +120,13 @@ class Groups:
         ids = np.array([person.id for person in people], dtype=np.int64)
         xy = np.array([person.position for person in people]).reshape(-1, 2)
         one, other, _ = pairs_within(xy, config.distance)
-        held = np.isin(self._pairs, ids).all(axis=1)
+        # Who is not followed at the moment goes on holding together those whom he held together.
+        there = np.isin(self._pairs, ids)
+        hidden = set(self._homes()) - set(ids.tolist())
+        kept = self._linked & ~there.all(axis=1)
+        kept &= (there | np.isin(self._pairs, list(hidden))).all(axis=1)
+        waiting = self._pairs[kept]
+        held = there.all(axis=1)
         keys = np.concatenate([_key(self._pairs[held]), _key(ids[np.stack([one, other], axis=1)])])
         keys, first = np.unique(keys, return_index=True)
         known = first < np.count_nonzero(held)
@@ -147,8 +161,10 @@ class Groups:
         linked = np.where(linked, ~changed, changed | at_once)
         doubt_s[changed | at_once] = 0.0
         keep = linked | (doubt_s > 0)
-        self._ids, self._pairs = ids, pairs[keep]
-        self._linked, self._doubt_s = linked[keep], doubt_s[keep]
+        self._ids = ids
+        self._pairs = np.concatenate([pairs[keep], waiting])
+        self._linked = np.concatenate([linked[keep], np.ones(len(waiting), dtype=bool)])
+        self._doubt_s = np.concatenate([doubt_s[keep], np.zeros(len(waiting))])
 
     def _homes(self) -> dict[int, int]:
         """By member, the group that holds him."""
@@ -161,8 +177,9 @@ class Groups:
 
     def _parts(self) -> list[list[int]]:
         """The ids of those that links hold together."""
-        one, other = np.searchsorted(self._ids, self._pairs[self._linked]).T
-        root = connected(one, other, len(self._ids))
+        everybody = np.union1d(self._ids, self._pairs)
+        one, other = np.searchsorted(everybody, self._pairs[self._linked]).T
+        root = connected(one, other, len(everybody))[np.searchsorted(everybody, self._ids)]
         parts: dict[int, list[int]] = {}
         for who, first in zip(self._ids.tolist(), root.tolist(), strict=True):
             parts.setdefault(first, []).append(who)
@@ -230,14 +247,17 @@ class Groups:
             roster.joined_s[member] = joined_s
         for former, members in merged.items():
             left = self._rosters.get(former, _Roster())
-            if len(members) > 1 and former and not set(left.joined_s) - set(left.away_s):
+            stay = set(left.joined_s) - set(left.away_s)
+            if former and stay.isdisjoint(self._ids.tolist()):
+                # Its stragglers, and who is not followed at the moment, come along.
+                for each in set(left.joined_s) - set(roster.joined_s):
+                    for mine, theirs in zip(roster.all(), left.all(), strict=True):
+                        if each in theirs:
+                            mine[each] = theirs[each]
+                for of in left.all():
+                    of.clear()
+            if former and len(members) > 1:
                 events.append(f"group {former} ({_people(members)}) merges into group {name}")
-                for straggler, away_s in left.away_s.items():
-                    if straggler not in roster.joined_s:
-                        roster.joined_s[straggler] = left.joined_s[straggler]
-                        roster.away_s[straggler] = away_s
-                left.joined_s.clear()
-                left.away_s.clear()
             else:
                 events += [f"{_people([member])} joins group {name}" for member in members]
 
@@ -258,7 +278,8 @@ class Groups:
             if elsewhere == 1:
                 events.append(f"{_people([member])} has fallen behind or left group {name}")
         else:
-            roster.unseen_s[member] = roster.unseen_s.get(member, 0.0) + dt_s
+            lately_s = min(dt_s, _LONGEST_STEP)
+            roster.unseen_s[member] = roster.unseen_s.get(member, 0.0) + lately_s
             unseen_s = roster.unseen_s[member]
             if unseen_s >= config.missing_time:
                 if alone or roster.joined_s[member] < config.join_time:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.clustering import connected
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.joining import bounded
@@ -193,8 +194,8 @@ class Tracker:
 
     Attributes:
         config: Likewise.
-        jumps_back: How often the time has jumped back.
-        turned_away: How many new people were not followed because there were too many.
+        jumps_back: How often the time has jumped back, by more than `RESET_NS`.
+        turned_away: How often somebody new was not followed because there were too many.
     """
 
     def __init__(self, config: cfg.Tracking) -> None:
@@ -213,30 +214,38 @@ class Tracker:
         if not len(known):
             return NOBODY
         known.predict(self._since(time_ns), self.config.acceleration)
-        return Expected(known.state[:, :2], known.covariance[:, :2, :2])
+        xy, velocity = known.state[:, :2], known.state[:, 2:]
+        return Expected(xy - self._late(time_ns) * velocity, known.covariance[:, :2, :2])
 
     def step(self, persons: Sequence[Person], time_ns: int) -> tuple[Person, ...]:
         """Takes what was found in an interval.
 
         Args:
             persons: What was found, with log-odds and delays.
-            time_ns: Time of the interval [ns].
+            time_ns: Time of the interval [ns]; a little older than the last one: scans that came
+                late by themselves.
 
         Returns:
             Everybody who is followed, seen or not, by id.
         """
-        if self._time_ns is not None and time_ns < self._time_ns:
+        dt_s, late_s = self._since(time_ns), self._late(time_ns)
+        if self._time_ns is not None and time_ns < self._time_ns and not late_s:
             self.jumps_back += 1
-        dt_s = self._since(time_ns)
-        self._time_ns = time_ns
+        if self._time_ns is None or not late_s:
+            self._time_ns = time_ns
         self._followed_s += dt_s
         self._tracks.predict(dt_s, self.config.acceleration)
         self._lost.predict(dt_s, self.config.acceleration)
-        self._take(_Found.of(persons, time_ns), dt_s)
-        return self._persons()
+        self._take(_Found.of(persons, self._time_ns), dt_s)
+        return self._persons(late_s)
 
     def _since(self, time_ns: int) -> float:
         return 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / 1e9)
+
+    def _late(self, time_ns: int) -> float:
+        """How much a time is before the last one [s]; 0 if it is not, or is another time."""
+        late_ns = 0 if self._time_ns is None else self._time_ns - time_ns
+        return late_ns / 1e9 if 0 < late_ns <= RESET_NS else 0.0
 
     def _take(self, found: _Found, dt_s: float) -> None:
         config, tracks = self.config, self._tracks
@@ -271,7 +280,8 @@ class Tracker:
         """Gives ids to tracks that are people by now: a new one, or that of somebody lost."""
         config, tracks = self.config, self._tracks
         old = tracks.age_s[rows] >= config.birth_time
-        sure = tracks.evidence[rows] >= np.where(old, config.birth_score, config.sure_score)
+        least = np.where(old, min(config.birth_score, config.sure_score), config.sure_score)
+        sure = tracks.evidence[rows] >= least
         # In the beginning everybody is new; later on, hardly anybody appears out of nowhere.
         sure |= self._followed_s < config.start_time
         for row in rows[sure & tracks.seen[rows]].tolist():
@@ -290,19 +300,25 @@ class Tracker:
         lost, tracks = self._lost, self._tracks
         if not len(lost):
             return None
-        offset = tracks.state[row, :2] - lost.state[:, :2]
-        squared = _squared(offset, lost.covariance[:, :2, :2] + tracks.covariance[row, :2, :2])
-        away = np.hypot(*offset.T)
-        squared[away > _REACH + _FASTEST * lost.unseen_s] = np.inf
-        best = int(squared.argmin())
-        return best if squared[best] <= self.config.gate**2 else None
+        here, velocity = tracks.state[row, :2], lost.state[:, 2:]
+        total = lost.covariance[:, :2, :2] + tracks.covariance[row, :2, :2]
+        squared = _squared(here - lost.state[:, :2], total)
+        seen_at = lost.state[:, :2] - lost.unseen_s[:, np.newaxis] * velocity
+        possible = squared <= self.config.gate**2
+        possible &= np.hypot(*(here - seen_at).T) <= _REACH + _FASTEST * lost.unseen_s
+        if not possible.any():
+            return None
+        cost = squared + np.log(_determinant(total)) + _height_cost(tracks.height[row], lost.height)
+        return int(np.where(possible, cost, np.inf).argmin())
 
-    def _persons(self) -> tuple[Person, ...]:
+    def _persons(self, late_s: float) -> tuple[Person, ...]:
+        """Everybody as he was so long before the tracker's time."""
         tracks = self._tracks
         rows = np.flatnonzero(tracks.id > 0)
         rows = rows[np.argsort(tracks.id[rows], kind="stable")]
         # Errors of what is found stay alike from interval to interval: no mean makes them small.
-        places = tracks.covariance[rows, :2, :2] + self.config.lasting_share * tracks.noise[rows]
+        unsure_of = tracks.covariance[rows, :2, :2] + self.config.lasting_share * tracks.noise[rows]
+        places = tracks.state[rows, :2] - late_s * tracks.state[rows, 2:]
         velocities, unsure = tracks.state[rows, 2:], tracks.covariance[rows, 2:, 2:]
         persons = []
         for index, row in enumerate(rows.tolist()):
@@ -310,8 +326,8 @@ class Tracker:
             seen = bool(tracks.seen[row])
             persons.append(
                 Person(
-                    position=tracks.state[row, :2],
-                    covariance=places[index],
+                    position=places[index],
+                    covariance=unsure_of[index],
                     height=float(tracks.height[row]),
                     sigma=last.sigma,
                     robots=last.robots if seen else (),
@@ -369,23 +385,24 @@ def _assign(
     """Which track was found as what: indices of both, of one length."""
     if not len(rows) or not len(free):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    row, column, _ = pairs_between(tracks.state[rows, :2], found.xy[free], config.max_distance)
+    reach = config.max_distance + _FASTEST * float(found.delay_s[free].max())
+    row, column, _ = pairs_between(tracks.state[rows, :2], found.xy[free], reach)
     one, other = rows[row], free[column]
     places, covariances = _looked_for(tracks, one, found.delay_s[other])
     measured = found.covariance[other]
     total = covariances + measured
     offset = found.xy[other] - places
     squared = _squared(offset, total)
-    squared = np.where(np.hypot(*offset.T) <= _BODY, np.minimum(squared, config.gate**2), squared)
+    away = np.hypot(*offset.T)
+    squared = np.where(away <= _BODY, np.minimum(squared, config.gate**2), squared)
     # Besides the likelihood's determinant, against that of what was found: who is lost for long
     # may be anywhere, and must not take what is near to somebody else.
     cost = squared + np.log(_determinant(total) / _determinant(measured))
-    cost += np.minimum(
-        ((tracks.height[one] - found.height[other]) / _HEIGHT_SIGMA) ** 2, _HEIGHT_SAYS
-    )
+    cost += _height_cost(tracks.height[one], found.height[other])
     # A pair is worth what it is better than no pair.
     worth = cost - 2.0 * config.gate**2
-    possible = np.flatnonzero((squared <= config.gate**2) & (worth < 0))
+    near = (squared <= config.gate**2) & (away <= config.max_distance)
+    possible = np.flatnonzero(near & (worth < 0))
     best = possible[_best(row[possible], column[possible], worth[possible], len(rows), len(free))]
     return one[best], other[best]
 
@@ -436,6 +453,11 @@ def _update(
     tracks.unseen_s[rows] = 0.0
     tracks.seen_s[rows] += dt_s
     tracks.last[rows] = found.persons[index]
+
+
+def _height_cost(one: Float, other: Float) -> Float:
+    squared = ((one - other) / _HEIGHT_SIGMA) ** 2
+    return np.asarray(np.fmin(squared, _HEIGHT_SAYS))  # also where a height is not known
 
 
 def _determinant(matrices: Float) -> Float:

@@ -51,8 +51,8 @@ _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _TICK_S, _DISCOVERY_S = 0.01, 0.2
 #: A robot that was discovered has left when nobody has published its topics for so long [s].
 _LEFT_S = 30.0
-#: What is drawn of where people were: so many seconds [ns], and no more places than this.
-_TRAIL_NS, _LONGEST_TRAIL = 10_000_000_000, 300
+#: What is drawn of where people were: so many seconds [ns], a place every now and then [ns].
+_TRAIL_NS, _TRAIL_STEP_NS = 10_000_000_000, 250_000_000
 #: A robot that delivers less than this share of the scans expected of it is reported.
 _LEAST_RATE = 0.5
 
@@ -233,7 +233,9 @@ class PlannerNode(ManagedNode):
         now_ns = result.stamp_ns
         for person in result.persons:
             if person.id:
-                way = self._trails.setdefault(person.id, deque(maxlen=_LONGEST_TRAIL))
+                way = self._trails.setdefault(person.id, deque())
+                if len(way) > 1 and way[-1][0] - way[-2][0] < _TRAIL_STEP_NS:
+                    way.pop()
                 way.append((now_ns, float(person.position[0]), float(person.position[1])))
         for who, way in list(self._trails.items()):
             while way and not 0 <= now_ns - way[0][0] <= _TRAIL_NS:

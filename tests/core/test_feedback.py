@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.fusion import fuse
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Scan
+from mrs_people_loc.splitting import split_at
 
 POSES = {"a": Pose(0, 0.0, 0.0, 0.0)}
 #: Cells of a body about its axis.
@@ -88,6 +90,19 @@ def test_a_cluster_of_which_a_part_is_no_person_stays_whole(plain):
     run(followed, towards(plain))
     last = followed.step([plain(26, (3.0, 0.0))], POSES, 26 * STEP_NS)
     assert len(last.clusters) == 1
+
+
+def test_a_cluster_of_which_a_part_is_too_low_stays_whole(make_cells):
+    """A bag as far from the person as another person would be, and low."""
+    cells = [(3.0 + dx, y + dy) for y in (-0.2, 0.2) for dx, dy in BODY]
+    top = [1.7] * len(BODY) + [0.6] * len(BODY)
+    scan = Scan("a", 0, make_cells(cells, top=top))
+    fused = fuse([scan], POSES)
+    everything, one = np.arange(len(cells)), np.zeros(len(cells), dtype=np.intp)
+    expected = np.array([(3.0, -0.2), (3.0, 0.2)])
+    assert not split_at(expected, fused, everything, one, cfg.Human()).any()
+    tall = fuse([Scan("a", 0, make_cells(cells, top=[1.7] * len(cells)))], POSES)
+    assert split_at(expected, tall, everything, one, cfg.Human()).any()
 
 
 def test_two_bodies_nearer_than_people_are_apart_are_two_where_two_are_expected(bodies):

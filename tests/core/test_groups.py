@@ -249,6 +249,19 @@ def test_who_was_lost_for_a_moment_is_still_a_member():
     assert run.events == []
 
 
+def test_who_is_hidden_goes_on_holding_others_together():
+    """The middle one of three, who are 2 m apart, is not followed for a while."""
+    run = Run(groups_with(missing_time=5.0))
+    run.go(standing(p1=(0, 0), p2=(2, 0), p3=(4, 0)), 4.0)
+    run.go(standing(p1=(0, 0), p3=(4, 0)), 4.0)
+    assert run.last == {1: (1, 3)}
+    run.go(standing(p1=(0, 0), p2=(2, 0), p3=(4, 0)), 1.0)
+    assert run.last == {1: (1, 2, 3)}
+    assert run.events == []
+    run.go(standing(p1=(0, 0), p3=(4, 0)), 8.0)  # he does not come back
+    assert len(run.out[-1]) == 2
+
+
 # ----------------------------------------------------------------------- splits and merges ----
 
 
@@ -278,6 +291,23 @@ def test_two_groups_become_one():
     run = Run().go(ways, 16.0)
     assert run.last == {1: (1, 2, 3, 6, 7)}
     assert run.events == ["group 2 (people 6, 7) merges into group 1"]
+
+
+def test_who_is_missing_comes_along_when_groups_merge():
+    def ways(t):
+        x = 8.0 - min(t, 10.0) * 0.6
+        return {1: (0, 0), 2: (0, 1), 3: (1, 0), 6: (x, 0), 7: (x, 1), 8: (x, 2)}
+
+    def hidden(t):
+        return {who: place for who, place in ways(t + 8.0).items() if who != 8}
+
+    run = Run(groups_with(missing_time=6.0)).go(ways, 8.0)
+    assert len(run.out[-1]) == 2
+    run.go(hidden, 10.0)
+    assert run.last == {1: (1, 2, 3, 6, 7)}
+    assert "group 2 (people 6, 7) merges into group 1" in run.events
+    assert run.events[-1] == "person 8 of group 1 has not been seen for 6 s"
+    assert list(run.out[-1][0].stragglers) == [8]
 
 
 def test_ids_of_groups_never_repeat():
