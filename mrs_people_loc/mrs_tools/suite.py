@@ -156,6 +156,11 @@ class Row:
         """Figures of who is who, likewise."""
         return self._pooled(*kinds).tracks.report()
 
+    def centre(self, *kinds: str) -> float | None:
+        """Mean error of the groups' centre of gravity [m], likewise."""
+        mean: float | None = self._pooled(*kinds).report()["group"]["centre_error_m"]["mean"]
+        return mean
+
     def stragglers(self, *kinds: str) -> dict[str, Any]:
         """Figures of stragglers, likewise."""
         return self._pooled(*kinds).stragglers.report()
@@ -281,11 +286,12 @@ def markdown(rows: Sequence[Row], half: str) -> str:
             for report in (row.report(*kinds),)
         ],
     )
-    lines += ["", "## Who is who", "", "With default.yaml; velocity is its mean error.", ""]
+    explained = "With default.yaml; velocity, and the groups' centre, are mean errors."
+    lines += ["", "## Who is who", "", explained, ""]
     lines += _table(
-        ("", *_TRACKS_HEAD),
+        ("", *_TRACKS_HEAD, "centre [cm]"),
         [
-            [label, *_track_figures(last.tracks(*kinds))]
+            [label, *_track_figures(last.tracks(*kinds)), _number(last.centre(*kinds), 100, 1)]
             for label, kinds in (("standing and walking", ()), *((k, (k,)) for _, k in chosen))
         ],
     )

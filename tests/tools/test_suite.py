@@ -139,7 +139,7 @@ def test_who_is_who_has_a_table_by_hand() -> None:
     kinds = {"test_a": suite.STANDING, "test_b": suite.WALKING, "test_c": suite.GROUP}
     text = markdown([Row("printed", found, kinds), Row("ours", found, kinds)], "test")
     (_, _, after) = text.partition("## Who is who")
-    rows = {label: cells_of(after, label)[1:] for label in
+    rows = {label: cells_of(after, label)[1:-1] for label in
             ("standing and walking", "standing", "walking", "walking group")}  # fmt: skip
     assert rows == {
         "standing and walking": ["0.875", "0.875", "0.30", "1", "75.00"],  # one in 0.8 s
