@@ -622,11 +622,26 @@ class Tracking(Section):
         "of n times it in n seconds [m/s]",
         low=0.01, high=10.0,
     )  # fmt: skip
+    any_velocity: float = _field(
+        0.8, "standard deviation of the velocity of somebody new: people stand or walk [m/s]",
+        low=0.01, high=10.0,
+    )  # fmt: skip
+    max_speed: float = _field(
+        2.0, "nobody walks faster while he is not seen [m/s]", low=0.1, high=20.0
+    )
     gate: float = _field(
         4.0, "what is found within so many sigmas of where somebody is expected may be him",
         low=0.5, high=20.0,
     )  # fmt: skip
     max_distance: float = _field(1.0, "... and within this distance [m]", low=0.1, high=10.0)
+    body: float = _field(
+        0.3, "... or within this, however sure both are: no two bodies are so close [m]",
+        low=0.0, high=2.0,
+    )  # fmt: skip
+    height_sigma: float = _field(
+        0.15, "standard deviation of the difference of two heights of one person [m]",
+        low=0.01, high=10.0,
+    )  # fmt: skip
     evidence_time: float = _field(
         0.5,
         "log-odds of being a person, height and uncertainty are means over about so long [s]",
@@ -698,6 +713,14 @@ class Groups(Section):
         low=0.0,
         high=100.0,
     )
+    speed: float = _field(
+        0.8, "... and walks with it: velocities differ by no more than this [m/s]",
+        low=0.0, high=20.0,
+    )  # fmt: skip
+    hidden_sigmas: float = _field(
+        2.0, "who is hidden may be nearer than he is expected, by so many sigmas",
+        low=0.0, high=20.0,
+    )  # fmt: skip
     leave_time: float = _field(0.5, "a straggler is farther for so long [s]", low=0.0, high=60.0)
     join_time: float = _field(
         2.0, "who comes to a group, or back to it, is near for so long [s]", low=0.0, high=60.0

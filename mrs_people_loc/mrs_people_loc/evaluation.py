@@ -154,6 +154,7 @@ class Estimate:
         positions: Of the people [m], shape (n, 2).
         covariances: Of the positions [m^2], shape (n, 2, 2).
         centre: Centre of gravity of all groups [m], shape (2,); None: there is none.
+        largest: That of the largest group.
         ids: Of the people, int64, shape (n,); 0, and all of them if left out: not tracked.
         velocities: Of the people [m/s], shape (n, 2); NaN, and all of them if left out: unknown.
         coasting: Who of them is predicted, not seen, shape (n,); nobody if left out.
@@ -167,6 +168,7 @@ class Estimate:
     positions: Float
     covariances: Float
     centre: Float | None = None
+    largest: Float | None = None
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     velocities: Float = field(default_factory=lambda: np.empty((0, 2)))
     coasting: Bool = field(default_factory=lambda: np.empty(0, dtype=bool))
@@ -206,8 +208,9 @@ class Frame:
             covariance is none.
         ignored: Indices in the estimate of those that fit somebody who is not required.
         false: Indices in the estimate of those that fit nobody.
-        centre_error: Distance from `centre` to that of those who are required or were found all the
-            same [m]; NaN: there is no group.
+        counted: Who is required, or was found all the same, shape (m,).
+        centre_error: Distance from `centre` to that of those who are counted [m]; NaN: there is no
+            group.
     """
 
     stamp_ns: int
@@ -219,6 +222,7 @@ class Frame:
     mahalanobis: Float
     ignored: Int
     false: Int
+    counted: Bool
     centre_error: float
 
     @property
@@ -287,16 +291,18 @@ def score(
 def _missed(stamp_ns: int, truth: Truth) -> Frame:
     true, visible = truth.at(stamp_ns)
     none = np.empty(0, dtype=np.intp)
+    required = np.isfinite(true).all(axis=1) & visible
     return Frame(
         stamp_ns=stamp_ns,
         estimate=None,
         true=true,
-        required=np.isfinite(true).all(axis=1) & visible,
+        required=required,
         pairs=np.empty((0, 2), dtype=np.intp),
         errors=np.empty(0),
         mahalanobis=np.empty(0),
         ignored=none,
         false=none,
+        counted=required,
         centre_error=math.nan,
     )
 
@@ -314,10 +320,10 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
         found[left], np.where(required[:, np.newaxis], np.nan, true), distance=distance
     )
     ignored = left[excused]
+    counted = required.copy()
+    counted[unasked] = True
     centre_error = math.nan
     if estimate.centre is not None and required.any():
-        counted = required.copy()
-        counted[unasked] = True
         centre_error = float(np.linalg.norm(estimate.centre - true[counted].mean(axis=0)))
     return Frame(
         stamp_ns=estimate.stamp_ns,
@@ -329,6 +335,7 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
         mahalanobis=_mahalanobis(found[one] - true[other], estimate.covariances[one]),
         ignored=ignored,
         false=np.setdiff1d(left, ignored),
+        counted=counted,
         centre_error=centre_error,
     )
 

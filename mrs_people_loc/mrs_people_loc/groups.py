@@ -25,10 +25,6 @@ from mrs_people_loc.people import Group, Person, gather
 
 Bool = NDArray[np.bool_]
 
-#: Who is predicted, not seen, may be nearer than he seems, by so many sigmas.
-_UNSEEN_SIGMAS = 2.0
-#: People whose velocities differ by more do not begin to walk together [m/s].
-_TOGETHER = 0.8
 #: Ids are below 2^32: two of them are one number.
 _HALF = 32
 #: An interval that comes later says nothing of the time between, except to stragglers: for the
@@ -139,13 +135,13 @@ class Groups:
         away = np.hypot(*(xy[one] - xy[other]).T)
         unseen = np.array([person.coasting for person in people], dtype=bool)
         slack = np.array(
-            [_UNSEEN_SIGMAS * _sigma(p.covariance) if p.coasting else 0.0 for p in people]
+            [config.hidden_sigmas * _sigma(p.covariance) if p.coasting else 0.0 for p in people]
         )
         apart = away - slack[one] - slack[other] > config.distance
         velocity = np.array(
             [p.velocity if p.velocity is not None else (np.nan, np.nan) for p in people]
         ).reshape(-1, 2)
-        faster = np.hypot(*(velocity[one] - velocity[other]).T) > _TOGETHER  # not of NaN
+        faster = np.hypot(*(velocity[one] - velocity[other]).T) > config.speed  # not of NaN
         together = (away < config.distance - config.margin) & ~faster
         together &= ~unseen[one] & ~unseen[other]
 

@@ -1,4 +1,4 @@
-"""Scoring stragglers: who was flagged in time, and who wrongly.
+"""Scoring stragglers: who was flagged in time, and who wrongly; and where the group is.
 
 The rules, besides those of `evaluation` and `track_scores`:
 
@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -251,6 +251,34 @@ def score_stragglers(
         observed_s=observed * interval_of(truth.stamps_ns.tolist()) * 1e-9,
         delays_s=np.array([delays[number] for number in seen if number in delays]),
     )
+
+
+def score_centres(
+    truth: Truth, frames: Sequence[Frame], estimates: Sequence[Estimate], *, config: cfg.Groups
+) -> list[Frame]:
+    """Frames with the error of the group's centre, where the truth has one group.
+
+    It is the distance from the centre of the largest group that was found to that of the members
+    who are with the group that goes on, and are required or were found all the same.
+
+    Args:
+        truth: The truth; without groups, or with several, the frames stay as they are.
+        frames: What `evaluation.score` made of it and of the estimates.
+        estimates: What was found.
+        config: The limits: `distance` counts.
+    """
+    if truth.groups is None or len(np.unique(truth.groups[truth.groups > 0])) != 1:
+        return list(frames)
+    _, _, onward = _standing(truth, config.distance)
+    result = []
+    for row, frame in enumerate(frames):
+        largest = None if frame.estimate is None else estimates[frame.estimate].largest
+        who = onward[row] & frame.counted
+        error = math.nan
+        if largest is not None and who.any():
+            error = float(np.linalg.norm(largest - frame.true[who].mean(axis=0)))
+        result.append(replace(frame, centre_error=error))
+    return result
 
 
 def _is_false(truth: Truth, row: int, stamp_ns: int, person: int, onward: Bool) -> bool:

@@ -34,25 +34,16 @@ from mrs_people_loc.people import Person
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
-#: Where nothing is known of a velocity, its standard deviation [m/s]: people stand or walk.
-ANY_VELOCITY = 0.8
 #: What is found says no more for a person than this.
 _LARGEST_SCORE = 8.0
-#: Standard deviation of the difference of two heights of one person [m].
-_HEIGHT_SIGMA = 0.15
-#: ... and a height says no more than this against a pair, as a squared Mahalanobis distance.
+#: A height says no more than this against a pair, as a squared Mahalanobis distance.
 _HEIGHT_SAYS = 4.0
 #: What was found is taken for no older than this [s].
 _LONGEST_DELAY = 1.0
 #: No variance of a place or a velocity grows beyond this [m^2, m^2/s^2].
 _LARGEST_VARIANCE = 25.0
-#: Nobody walks faster, while he is out of sight [m/s].
-_FASTEST = 2.0
-#: ... nor appears farther from where he was lost than this and what he walked [m].
+#: Nobody appears farther from where he was lost than this and what he may have walked [m].
 _REACH = 0.5
-#: What is found so near to where somebody is expected is him, however sure both are: no two bodies
-#: are so close [m].
-_BODY = 0.3
 
 
 @dataclass(frozen=True)
@@ -305,10 +296,14 @@ class Tracker:
         squared = _squared(here - lost.state[:, :2], total)
         seen_at = lost.state[:, :2] - lost.unseen_s[:, np.newaxis] * velocity
         possible = squared <= self.config.gate**2
-        possible &= np.hypot(*(here - seen_at).T) <= _REACH + _FASTEST * lost.unseen_s
+        possible &= np.hypot(*(here - seen_at).T) <= _REACH + self.config.max_speed * lost.unseen_s
         if not possible.any():
             return None
-        cost = squared + np.log(_determinant(total)) + _height_cost(tracks.height[row], lost.height)
+        cost = (
+            squared
+            + np.log(_determinant(total))
+            + _height_cost(tracks.height[row], lost.height, self.config)
+        )
         return int(np.where(possible, cost, np.inf).argmin())
 
     def _persons(self, late_s: float) -> tuple[Person, ...]:
@@ -353,7 +348,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
     count = len(found.xy)
     covariance = np.zeros((count, 4, 4))
     covariance[:, :2, :2] = found.covariance
-    covariance[:, (2, 3), (2, 3)] = ANY_VELOCITY**2
+    covariance[:, (2, 3), (2, 3)] = config.any_velocity**2
     return _Tracks(
         id=np.zeros(count, dtype=np.intp),
         state=np.concatenate([found.xy, np.zeros((count, 2))], axis=1),
@@ -385,7 +380,7 @@ def _assign(
     """Which track was found as what: indices of both, of one length."""
     if not len(rows) or not len(free):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    reach = config.max_distance + _FASTEST * float(found.delay_s[free].max())
+    reach = config.max_distance + config.max_speed * float(found.delay_s[free].max())
     row, column, _ = pairs_between(tracks.state[rows, :2], found.xy[free], reach)
     one, other = rows[row], free[column]
     places, covariances = _looked_for(tracks, one, found.delay_s[other])
@@ -394,11 +389,11 @@ def _assign(
     offset = found.xy[other] - places
     squared = _squared(offset, total)
     away = np.hypot(*offset.T)
-    squared = np.where(away <= _BODY, np.minimum(squared, config.gate**2), squared)
+    squared = np.where(away <= config.body, np.minimum(squared, config.gate**2), squared)
     # Besides the likelihood's determinant, against that of what was found: who is lost for long
     # may be anywhere, and must not take what is near to somebody else.
     cost = squared + np.log(_determinant(total) / _determinant(measured))
-    cost += _height_cost(tracks.height[one], found.height[other])
+    cost += _height_cost(tracks.height[one], found.height[other], config)
     # A pair is worth what it is better than no pair.
     worth = cost - 2.0 * config.gate**2
     near = (squared <= config.gate**2) & (away <= config.max_distance)
@@ -455,8 +450,8 @@ def _update(
     tracks.last[rows] = found.persons[index]
 
 
-def _height_cost(one: Float, other: Float) -> Float:
-    squared = ((one - other) / _HEIGHT_SIGMA) ** 2
+def _height_cost(one: Float, other: Float, config: cfg.Tracking) -> Float:
+    squared = ((one - other) / config.height_sigma) ** 2
     return np.asarray(np.fmin(squared, _HEIGHT_SAYS))  # also where a height is not known
 
 

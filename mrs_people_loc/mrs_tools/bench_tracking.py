@@ -11,7 +11,7 @@ from mrs_people_loc import timing
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.groups import Groups
 from mrs_people_loc.people import Person
-from mrs_people_loc.tracking import ANY_VELOCITY, Tracker
+from mrs_people_loc.tracking import Tracker
 from mrs_tools.bench_differs import near, same
 
 #: How many people, and how many intervals are run before the clock is looked at.
@@ -91,14 +91,14 @@ def _check(
     move = np.eye(4)
     move[0, 2] = move[1, 3] = t
     noise = np.kron(q * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]), np.eye(2))
-    look = np.eye(2, 4)
+    look, unknown = np.eye(2, 4), config.tracking.any_velocity**2
     same("number of people who are followed", len(people), len(told[0]))
     for who, person in enumerate(sorted(people, key=lambda one: one.label)):
         for step, found in enumerate(told):
             at, unsure = found[who].position, found[who].covariance
             if step == 0:
                 x = np.concatenate([at, np.zeros(2)])
-                p = np.diag([0.0, 0.0, ANY_VELOCITY**2, ANY_VELOCITY**2])
+                p = np.diag([0.0, 0.0, unknown, unknown])
                 p[:2, :2] = unsure
                 continue
             x, p = move @ x, move @ p @ move.T + noise

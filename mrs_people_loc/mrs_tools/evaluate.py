@@ -26,7 +26,7 @@ from mrs_people_loc import timing
 from mrs_people_loc.config import Groups, PlannerConfig
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import Estimate, Frame, Truth, percentile, ratio, score, summary
-from mrs_people_loc.straggler_scores import StragglerScores, score_stragglers
+from mrs_people_loc.straggler_scores import StragglerScores, score_centres, score_stragglers
 from mrs_people_loc.track_scores import TrackScores, score_tracks
 from mrs_tools.bags import BagReader
 from mrs_tools.offline import (
@@ -163,7 +163,8 @@ def _scored(result: Result, groups: Groups) -> Result:
     assert result.truth is not None
     if not len(result.truth):
         result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
-    result.frames = score(result.truth, result.estimates)
+    frames = score(result.truth, result.estimates)
+    result.frames = score_centres(result.truth, frames, result.estimates, config=groups)
     result.tracks = score_tracks(result.truth, result.frames, result.estimates)
     result.stragglers = score_stragglers(
         result.truth, result.frames, result.estimates, config=groups

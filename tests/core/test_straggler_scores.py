@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -13,6 +14,7 @@ from mrs_people_loc.straggler_scores import (
     Episode,
     StragglerScores,
     episodes,
+    score_centres,
     score_stragglers,
 )
 
@@ -283,3 +285,36 @@ def test_who_is_not_there_is_nobodys_neighbour():
     there = truth(ways, 40)
     assert episodes(there, config=GROUPS) == []
     assert false_flags(there, lambda k: [4] * (k >= 30)) == 0
+
+
+# --------------------------------------------------------------------------------- centre ----
+
+
+def centres(there: Truth, largest) -> list[float]:
+    """Errors of the group's centre, which is said to be at `largest(k)`."""
+    estimates = [
+        dataclasses.replace(one, centre=np.array(largest(k)), largest=np.array(largest(k)))
+        for k, one in enumerate(said(there, lambda k: ()))
+    ]
+    frames = score_centres(there, score(there, estimates), estimates, config=GROUPS)
+    return [round(frame.centre_error, 6) for frame in frames]
+
+
+def test_the_centre_is_that_of_those_who_go_on():
+    # The third is at -1 m at 1 s, 2 m from the second, and 2.6 m from him at 1.6 s.
+    there = truth(behind, 17)
+    errors = centres(there, lambda k: (1.0, 0.1))
+    assert errors[0] == pytest.approx(0.1)
+    assert errors[10] == pytest.approx(math.hypot(1.0 - 2.0 / 3.0, 0.1), abs=1e-6)
+    assert errors[16] == pytest.approx(math.hypot(0.5, 0.1), abs=1e-6)  # from (1.5, 0)
+
+
+def test_strangers_do_not_count_for_the_centre():
+    def ways(k):
+        return ((0, 0), (1, 0), (9, 0))
+
+    there = truth(ways, 3, groups=lambda k: (1, 1, 0))
+    assert centres(there, lambda k: (0.5, 0.2)) == [0.2] * 3
+    # Of several groups nobody says which one it is: all who are counted.
+    there = truth(ways, 3, groups=lambda k: (1, 1, 2))
+    assert centres(there, lambda k: (10 / 3, 0.2)) == [0.2] * 3
