@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -384,6 +384,20 @@ def summary(frames: Sequence[Frame]) -> dict[str, Any]:
             "centre_error_m": {"mean": _of(np.mean, centres), "p95": percentile(centres, 95)}
         },
     }
+
+
+def nothing() -> Float:
+    """No values yet."""
+    return np.empty(0)
+
+
+def sums_of(one: Any, two: Any) -> dict[str, Any]:
+    """Two scores of one dataclass added up, field by field; lists one after the other."""
+    sums: dict[str, Any] = {}
+    for name in (f.name for f in fields(one)):
+        mine, other = getattr(one, name), getattr(two, name)
+        sums[name] = np.concatenate([mine, other]) if isinstance(mine, np.ndarray) else mine + other
+    return sums
 
 
 def ratio(part: float, whole: float) -> float | None:

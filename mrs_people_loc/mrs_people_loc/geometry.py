@@ -70,3 +70,15 @@ def quaternion_from_rotation(rotation: Float) -> tuple[float, float, float, floa
     _, vectors = np.linalg.eigh(k / 3.0)
     x, y, z, w = vectors[:, -1] * (1.0 if vectors[3, -1] >= 0 else -1.0)
     return float(x), float(y), float(z), float(w)
+
+
+def squared_mahalanobis(offset: Float, covariance: Float) -> Float:
+    """Squared Mahalanobis lengths, shape (m,).
+
+    Args:
+        offset: Shape (m, 2) [m].
+        covariance: Symmetric, of full rank, shape (m, 2, 2) [m^2].
+    """
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    x, y = offset[:, 0], offset[:, 1]
+    return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))

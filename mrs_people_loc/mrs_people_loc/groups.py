@@ -10,7 +10,7 @@ has left it. Time is an argument.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -93,11 +93,12 @@ class Groups:
         if self._time_ns is None or not -RESET_NS <= since_ns < 0:
             self._time_ns = time_ns
         dt_s = max(since_ns, 0) / 1e9
-        self._link(people, min(dt_s, _LONGEST_STEP))
+        homes = self._homes()
+        self._link(people, homes, min(dt_s, _LONGEST_STEP))
         parts = self._parts()
         events: list[str] = []
-        names = self._names(parts, events)
-        self._call_roll(names, parts, dt_s, events)
+        names = self._names(parts, homes, events)
+        self._call_roll(names, parts, homes, dt_s, events)
         by_id = {person.id: person for person in people}
         groups = []
         for name, part in zip(names, parts, strict=True):
@@ -110,7 +111,7 @@ class Groups:
 
     # ---- links ----
 
-    def _link(self, people: Sequence[Person], dt_s: float) -> None:
+    def _link(self, people: Sequence[Person], homes: Mapping[int, int], dt_s: float) -> None:
         """Who is linked to whom by now; only pairs that are near each other or linked are held."""
         config = self.config
         ids = np.array([person.id for person in people], dtype=np.int64)
@@ -118,7 +119,7 @@ class Groups:
         one, other, _ = pairs_within(xy, config.distance)
         # Who is not followed at the moment goes on holding together those whom he held together.
         there = np.isin(self._pairs, ids)
-        hidden = set(self._homes()) - set(ids.tolist())
+        hidden = set(homes) - set(ids.tolist())
         kept = self._linked & ~there.all(axis=1)
         kept &= (there | np.isin(self._pairs, list(hidden))).all(axis=1)
         waiting = self._pairs[kept]
@@ -146,7 +147,6 @@ class Groups:
         together &= ~unseen[one] & ~unseen[other]
 
         # Who is held by the same group anyway, or is as new as the other one, is linked at once.
-        homes = self._homes()
         home = np.array([homes.get(person.id, 0) for person in people], dtype=np.intp)
         young = np.array([person.age_s < config.join_time for person in people], dtype=bool)
         at_once = (home[one] == home[other]) & (home[one] > 0) & ~apart
@@ -183,9 +183,10 @@ class Groups:
 
     # ---- rosters ----
 
-    def _names(self, parts: Sequence[Sequence[int]], events: list[str]) -> list[int]:
+    def _names(
+        self, parts: Sequence[Sequence[int]], homes: Mapping[int, int], events: list[str]
+    ) -> list[int]:
         """Which group each part is; those that are new get a roster."""
-        homes = self._homes()
         shared = []
         for index, part in enumerate(parts):
             for name in sorted({homes[m] for m in part if m in homes}):
@@ -208,10 +209,14 @@ class Groups:
         return [names[index] for index in range(len(parts))]
 
     def _call_roll(
-        self, names: Sequence[int], parts: Sequence[Sequence[int]], dt_s: float, events: list[str]
+        self,
+        names: Sequence[int],
+        parts: Sequence[Sequence[int]],
+        homes: Mapping[int, int],
+        dt_s: float,
+        events: list[str],
     ) -> None:
         """Brings the rosters up to date: who is there, who is not, and who is no more."""
-        homes = self._homes()
         for name, part in zip(names, parts, strict=True):
             self._take(name, part, homes, dt_s, events)
         where = {m: name for name, part in zip(names, parts, strict=True) for m in part}
@@ -223,7 +228,12 @@ class Groups:
                 del self._rosters[name]
 
     def _take(
-        self, name: int, part: Sequence[int], homes: dict[int, int], dt_s: float, events: list[str]
+        self,
+        name: int,
+        part: Sequence[int],
+        homes: Mapping[int, int],
+        dt_s: float,
+        events: list[str],
     ) -> None:
         """The people of a part are there: they are members of the group that it is."""
         roster = self._rosters[name]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.fusion import ShortTermMap, covariance_of_places
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.geometry import Float, squared_mahalanobis
 from mrs_people_loc.neighbours import pairs_within
 from mrs_people_loc.poses import Pose
 
@@ -143,7 +143,7 @@ def join(bodies: BodiesOnMap, used: Bool, config: cfg.Joining) -> Joined:
         return Joined(of_body, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
     xy, covariance, robot = bodies.xy[index], bodies.covariance[index], bodies.robot[index]
     one, other, away = pairs_within(xy, config.max_distance)
-    squared = _squared(xy[one] - xy[other], covariance[one] + covariance[other])
+    squared = squared_mahalanobis(xy[one] - xy[other], covariance[one] + covariance[other])
     possible = np.flatnonzero(
         (robot[one] != robot[other]) & (away < config.max_distance) & (squared < config.gate**2)
     )
@@ -180,13 +180,6 @@ def join(bodies: BodiesOnMap, used: Bool, config: cfg.Joining) -> Joined:
         covariance=joined_covariance,
         score=np.bincount(number, scores, minlength=len(found)).astype(np.float64),
     )
-
-
-def _squared(offset: Float, covariance: Float) -> Float:
-    """Squared Mahalanobis lengths; offset of shape (m, 2), covariance of shape (m, 2, 2)."""
-    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    x, y = offset[:, 0], offset[:, 1]
-    return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
 
 
 def _information(covariance: Float, xy: Float) -> Float:
@@ -268,7 +261,9 @@ def are_people(
         return np.empty(0, dtype=bool)
     one, other, away = pairs_within(joined.xy, max(config.apart, config.fragment_distance))
     covariance = joined.covariance
-    squared = _squared(joined.xy[one] - joined.xy[other], covariance[one] + covariance[other])
+    squared = squared_mahalanobis(
+        joined.xy[one] - joined.xy[other], covariance[one] + covariance[other]
+    )
     same = away < config.apart
     fragment = (squared < config.fragment_gate**2) & (away < config.fragment_distance)
     member = joined.of_body >= 0

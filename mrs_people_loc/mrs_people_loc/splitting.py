@@ -122,6 +122,8 @@ def split_at(expected: Float, fused: ShortTermMap, cells: Int, label: Int, human
     Returns:
         New labels, as those of `split`.
     """
+    if len(expected) < 2:
+        return label
     one, cell, away = pairs_between(expected, fused.xy[cells], _EXPECTED_WITHIN)
     nearest_first = np.argsort(away, kind="stable")
     one, cell = one[nearest_first], cell[nearest_first]

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,9 @@ from mrs_people_loc.evaluation import (
     Int,
     Truth,
     interval_of,
+    nothing,
     ratio,
+    sums_of,
 )
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.track_scores import follow
@@ -145,10 +147,6 @@ def _standing(truth: Truth, limit: float) -> tuple[Float, Int, Bool]:
     return nearest, largest, onward
 
 
-def _nothing() -> Float:
-    return np.empty(0)
-
-
 @dataclass(frozen=True)
 class StragglerScores:
     """What the scores of stragglers are made of: sums, which add up over recordings.
@@ -165,15 +163,11 @@ class StragglerScores:
     unseen: int = 0
     false: int = 0
     observed_s: float = 0.0
-    delays_s: Float = field(default_factory=_nothing)
+    delays_s: Float = field(default_factory=nothing)
 
     def __add__(self, other: StragglerScores) -> StragglerScores:
         """Those of two recordings."""
-        sums: dict[str, Any] = {}
-        for name in (f.name for f in fields(self)):
-            one, two = getattr(self, name), getattr(other, name)
-            sums[name] = np.concatenate([one, two]) if isinstance(one, np.ndarray) else one + two
-        return StragglerScores(**sums)
+        return StragglerScores(**sums_of(self, other))
 
     def report(self) -> dict[str, Any]:
         """`stragglers` as in the JSON of `mrs evaluate`; all None if nothing was observed."""

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -42,8 +42,10 @@ from mrs_people_loc.evaluation import (
     Truth,
     interval_of,
     match,
+    nothing,
     percentile,
     ratio,
+    sums_of,
 )
 from mrs_people_loc.geometry import Float
 
@@ -238,10 +240,6 @@ def _places_at(truth: Truth, stamps_ns: NDArray[np.int64], people: Int) -> Float
     return np.where(part == 0, one, one + part * (other - one))
 
 
-def _nothing() -> Float:
-    return np.empty(0)
-
-
 @dataclass(frozen=True)
 class TrackScores:
     """What the scores of tracks are made of: sums, which add up over recordings.
@@ -276,16 +274,12 @@ class TrackScores:
     idtp: int = 0
     person_s: float = 0.0
     gospa_m: float = 0.0
-    errors: Float = field(default_factory=_nothing)
-    velocity_errors: Float = field(default_factory=_nothing)
+    errors: Float = field(default_factory=nothing)
+    velocity_errors: Float = field(default_factory=nothing)
 
     def __add__(self, other: TrackScores) -> TrackScores:
         """Those of two recordings; people and identities of one are not those of the other."""
-        sums: dict[str, Any] = {}
-        for name in (f.name for f in fields(self)):
-            one, two = getattr(self, name), getattr(other, name)
-            sums[name] = np.concatenate([one, two]) if isinstance(one, np.ndarray) else one + two
-        return TrackScores(**sums)
+        return TrackScores(**sums_of(self, other))
 
     def report(self) -> dict[str, Any]:
         """`tracks` as in the JSON of `mrs evaluate`; all None if nothing has an identity."""
@@ -357,7 +351,7 @@ def score_tracks(
             gospa(f.positions[found], f.true[f.required], distance=distance)
             for f, found in zip(followed, kept, strict=True)
         ),
-        errors=np.concatenate([_nothing(), *(f.errors[f.counted] for f in followed)]),
+        errors=np.concatenate([nothing(), *(f.errors[f.counted] for f in followed)]),
         velocity_errors=_velocity_errors(truth, followed),
     )
 

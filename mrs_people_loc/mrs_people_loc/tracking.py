@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.clustering import connected
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.geometry import Float, squared_mahalanobis
 from mrs_people_loc.joining import bounded
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.people import Person
@@ -78,7 +78,7 @@ class Expected:
             return np.full(len(xy), -1, dtype=np.intp)
         one, other, _ = pairs_between(xy, self.xy, reach)
         offset = xy[one] - self.xy[other]
-        squared = _squared(offset, covariance[one] + self.covariance[other])
+        squared = squared_mahalanobis(offset, covariance[one] + self.covariance[other])
         nearest = np.full(len(xy), -1, dtype=np.intp)
         farthest_first = np.argsort(-squared, kind="stable")
         farthest_first = farthest_first[squared[farthest_first] <= gate**2]
@@ -293,7 +293,7 @@ class Tracker:
             return None
         here, velocity = tracks.state[row, :2], lost.state[:, 2:]
         total = lost.covariance[:, :2, :2] + tracks.covariance[row, :2, :2]
-        squared = _squared(here - lost.state[:, :2], total)
+        squared = squared_mahalanobis(here - lost.state[:, :2], total)
         seen_at = lost.state[:, :2] - lost.unseen_s[:, np.newaxis] * velocity
         possible = squared <= self.config.gate**2
         possible &= np.hypot(*(here - seen_at).T) <= _REACH + self.config.max_speed * lost.unseen_s
@@ -387,7 +387,7 @@ def _assign(
     measured = found.covariance[other]
     total = covariances + measured
     offset = found.xy[other] - places
-    squared = _squared(offset, total)
+    squared = squared_mahalanobis(offset, total)
     away = np.hypot(*offset.T)
     squared = np.where(away <= config.body, np.minimum(squared, config.gate**2), squared)
     # Besides the likelihood's determinant, against that of what was found: who is lost for long
@@ -457,10 +457,3 @@ def _height_cost(one: Float, other: Float, config: cfg.Tracking) -> Float:
 
 def _determinant(matrices: Float) -> Float:
     return np.asarray(matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0])
-
-
-def _squared(offset: Float, covariance: Float) -> Float:
-    """Squared Mahalanobis lengths; offset of shape (m, 2), covariance of shape (m, 2, 2)."""
-    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    x, y = offset[:, 0], offset[:, 1]
-    return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))

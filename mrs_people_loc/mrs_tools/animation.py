@@ -60,14 +60,12 @@ def with_trails(views: Sequence[TopView]) -> list[TopView]:
     result = []
     for view in views:
         since_ns = view.stamp_ns - round(TRAIL_S * 1e9)
+        trails = {}
         for person in view.people:
             if person.id:
-                ways.setdefault(person.id, []).append((view.stamp_ns, person.position))
-        trails = {
-            person.id: np.array([xy for ns, xy in ways.get(person.id, ()) if ns >= since_ns])
-            for person in view.people
-            if person.id
-        }
+                way = [*ways.get(person.id, ()), (view.stamp_ns, person.position)]
+                ways[person.id] = way = [(ns, xy) for ns, xy in way if ns >= since_ns]
+                trails[person.id] = np.array([xy for _, xy in way])
         result.append(dataclasses.replace(view, trails=trails))
     return result
 

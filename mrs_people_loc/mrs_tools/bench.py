@@ -48,7 +48,7 @@ from mrs_people_loc.robot import RobotPipeline
 from mrs_tools import bench_reference
 from mrs_tools.bags import BagReader
 from mrs_tools.bench_growth import LARGEST, growth_of, time_growth
-from mrs_tools.bench_scenes import PEOPLE, ROBOTS, drawn_scans
+from mrs_tools.bench_scenes import INTERVAL_NS, PEOPLE, ROBOTS, drawn_scans
 from mrs_tools.bench_tracking import time_tracking
 from mrs_tools.demo import default_file
 from mrs_tools.offline import BagRun, View, robots_of
@@ -61,8 +61,6 @@ _BLOCK, _WARM_UP = 25, 3
 _BUSY = 0.15
 #: A head's two cameras of three.
 _PAIR_OF_THREE = "pair of three"
-#: Time between intervals, for who is followed [ns].
-_INTERVAL_NS = 100_000_000
 #: What the tracker may take, by number of people [ms].
 _TRACKER_MS = {10: 0.5, 200: 10.0}
 #: Intervals of the drawn scene, each with noise of its own.
@@ -474,7 +472,7 @@ def time_planner(
         for name, planner in planners.items():
             for turn, counts in turns:
                 scans, poses = scenes[name][turn % _DRAWN]
-                now_ns += _INTERVAL_NS
+                now_ns += INTERVAL_NS
                 began = timing.now_ns()
                 people = planner.step(scans, poses, now_ns)
                 whole = (timing.now_ns() - began) / 1e6

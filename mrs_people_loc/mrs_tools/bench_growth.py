@@ -23,7 +23,7 @@ from mrs_people_loc.people import Person
 from mrs_people_loc.planner import People, Planner
 from mrs_tools import bench_reference
 from mrs_tools.bench_differs import same
-from mrs_tools.bench_scenes import ROBOTS, Scene, in_rooms, on_one_floor, people_of
+from mrs_tools.bench_scenes import INTERVAL_NS, ROBOTS, Scene, in_rooms, on_one_floor, people_of
 
 #: Robots of the largest team.
 LARGEST = 256
@@ -35,8 +35,6 @@ _PLAIN = 8
 _NOISES = 4
 #: Each size gets so many intervals, and the small ones so many more in a round that they are long.
 _ROUNDS, _PER_ROUND = 12, 16
-#: Time between intervals, for who is followed [ns].
-_INTERVAL_NS = 100_000_000
 
 _FLOORS: Mapping[str, Callable[[RobotConfig, int, int], Scene]] = {
     "rooms apart": partial(in_rooms, noises=_NOISES),
@@ -110,7 +108,7 @@ def _time(
         for n, drawn in scenes.items():
             for again in range(max(1, _PER_ROUND // n)):
                 scans, poses = drawn[(turn + again) % len(drawn)]
-                time_ns += _INTERVAL_NS
+                time_ns += INTERVAL_NS
                 began = timing.now_ns()
                 planners[n].step(scans, poses, time_ns)
                 took[n].append((timing.now_ns() - began) / 1e6)

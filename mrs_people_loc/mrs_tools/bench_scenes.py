@@ -31,6 +31,8 @@ Float = NDArray[np.float64]
 #: Scans of one interval, and the robots' poses by name.
 Scene = tuple[list[Scan], dict[str, Pose]]
 
+#: Time between intervals, for who is followed [ns].
+INTERVAL_NS = 100_000_000
 ROOM = (8.0, 7.0)
 ROBOTS = {
     "robot_a": (1.2, 1.2, 0.72),

@@ -13,11 +13,11 @@ from mrs_people_loc.groups import Groups
 from mrs_people_loc.people import Person
 from mrs_people_loc.tracking import Tracker
 from mrs_tools.bench_differs import near, same
+from mrs_tools.bench_scenes import INTERVAL_NS
 
 #: How many people, and how many intervals are run before the clock is looked at.
 SIZES = (10, 50, 200)
 _BEFORE = 20
-_STEP_NS = 100_000_000
 #: What is found of them is off by this [m], and so it says.
 _SIGMA = 0.04
 
@@ -46,7 +46,7 @@ def time_tracking(
         told: list[Sequence[Person]] = []
         took: dict[str, list[float]] = {"tracker": [], "groups": []}
         for step in range(_BEFORE + intervals):
-            now_ns, found = step * _STEP_NS, _found(count, step)
+            now_ns, found = step * INTERVAL_NS, _found(count, step)
             began = timing.now_ns()
             people = tracker.step(found, now_ns)
             between = timing.now_ns()
@@ -77,7 +77,7 @@ def _found(count: int, step: int) -> list[Person]:
             Person(
                 position=place + rng.normal(0.0, _SIGMA, 2), covariance=_SIGMA**2 * np.eye(2),
                 height=1.7, sigma=0.1, robots=("robot_a",), label=who, score=4.0,
-                stamp_ns=step * _STEP_NS,
+                stamp_ns=step * INTERVAL_NS,
             )
         )  # fmt: skip
     return people
@@ -87,7 +87,7 @@ def _check(
     told: Sequence[Sequence[Person]], people: Sequence[Person], config: PlannerConfig
 ) -> None:
     """The last step against a filter of each person, one matrix at a time."""
-    t, q = _STEP_NS / 1e9, config.tracking.acceleration**2
+    t, q = INTERVAL_NS / 1e9, config.tracking.acceleration**2
     move = np.eye(4)
     move[0, 2] = move[1, 3] = t
     noise = np.kron(q * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]), np.eye(2))

@@ -19,6 +19,12 @@ from ros.recording import set_stamp, stamp_of
 CELL = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("z_min", "<f4"), ("top", "<f4"), ("count", "<u4")]
 )
+#: Of a planner: however busy the machine, robots are waited for; stamps are the test's own.
+PATIENT = {
+    "interval.max_wait": "5.0",
+    "interval.robot_timeout": "60.0",
+    "interval.max_clock_offset": "5.0",
+}
 _DATATYPES = {"<f4": 7, "<f8": 8, "<u4": 6, "<i4": 5, "<u2": 4}
 
 

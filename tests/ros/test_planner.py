@@ -21,6 +21,7 @@ from sensor_msgs.msg import PointCloud
 from ros.harness import ERROR, OK, STALE, WARN, Finding, Peer, Team, holds
 from ros.planner_peer import (
     CELL,
+    PATIENT,
     PlannerPeer,
     PlayedRobot,
     cloud_of,
@@ -33,11 +34,6 @@ from ros.recording import stamp_of
 
 SECOND = 1_000_000_000
 NAMES = ["robot_a", "robot_b", "robot_c"]
-PATIENT = {
-    "interval.max_wait": "5.0",
-    "interval.robot_timeout": "60.0",
-    "interval.max_clock_offset": "5.0",  # stamps are made up here
-}
 PLACES = [(0.0, 0.0, 0.0), (4.0, 0.0, math.pi / 2), (2.0, 4.0, -2.0)]
 SOMEBODY = (2.0, 1.0)
 

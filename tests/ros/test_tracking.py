@@ -16,17 +16,11 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.planner import Planner
 from ros.harness import Peer, Team
-from ros.planner_peer import PlannerPeer, PlayedRobot, pose_of
+from ros.planner_peer import PATIENT, PlannerPeer, PlayedRobot, pose_of
 from ros.recording import stamp_of
 
 NAMES = ("robot_a", "robot_b")
 PLACES = ((0.0, 0.0, 0.0), (6.0, 0.0, math.pi))
-#: However busy the machine, robots are waited for; stamps are the test's own.
-PATIENT = {
-    "interval.max_wait": "5.0",
-    "interval.robot_timeout": "60.0",
-    "interval.max_clock_offset": "5.0",
-}
 STEP_NS = 100_000_000
 
 
