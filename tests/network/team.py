@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -194,6 +194,22 @@ class TeamOnHosts:
         """How long after a moment people that a robot sees are there [s]; waits for it."""
         heard = self.first(moment, lambda m: robot in m.seers, f"{robot} does not come back")
         return heard.at - moment
+
+    def until_seers(self, robots: set[str], what: str) -> None:
+        """Waits until these robots and no others see people, as `all_back` not in one interval."""
+
+        def seers() -> set[str]:
+            recent = self.since(time.monotonic() - 0.5)
+            return {robot for heard in recent for robot in heard.seers}
+
+        self.until(lambda: seers() == robots, what)
+
+    def all_back(self, robots: Iterable[str], moment: float) -> float:
+        """How long after a moment each of some robots has had people that it sees there [s].
+
+        Not in one interval: cameras that run by themselves may lie so that each closes without one.
+        """
+        return max(self.back(robot, moment) for robot in robots)
 
     def full_rate(self, seconds: float = 2.0) -> None:
         """Waits for a span in which nearly every scan of every robot was used."""

@@ -127,15 +127,15 @@ def test_planner_is_cut_off_for_3_s(team: TeamOnHosts, show: Show) -> None:
     team.until(lambda: not team.since(time.monotonic() - 1.0), "it still hears robots")
     mended = time.monotonic()
     team.hosts.partition()
-    took = team.first(mended, lambda m: m.seers == set(ROBOTS), "people do not come back").at
-    show(f"planner cut off for 3 s: people are back after {took - mended:.2f} s")
+    took = team.all_back(ROBOTS, mended)
+    show(f"planner cut off for 3 s: people are back after {took:.2f} s")
     team.full_rate()
 
 
 def test_a_robot_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> None:
     team.nodes[FAR].kill()
     team.nodes[FAR].wait()
-    team.first(time.monotonic(), lambda m: m.seers == OTHERS, "the others do not go on")
+    team.until_seers(OTHERS, "the others do not go on")
     moment = time.monotonic()
     team.start_robot()
     up = team.on_network(FAR)
@@ -153,7 +153,7 @@ def test_planner_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> N
     moment = time.monotonic()
     team.start_planner()
     up = team.on_network(PLANNER)
-    took = team.first(moment, lambda m: m.seers == set(ROBOTS), "no people").at - moment
+    took = team.all_back(ROBOTS, moment)
     show(
         f"planner_node killed: people of all robots {took:.2f} s after its start, "
         f"{moment + took - up:.2f} s after it was on the network"

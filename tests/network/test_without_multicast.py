@@ -58,7 +58,7 @@ def test_discovery_server(team: TeamOnHosts, show: Show, tmp_path: Path) -> None
     server.terminate()
     assert server.wait(20) == 0
     moment = time.monotonic()
-    team.first(moment + 1.0, lambda m: m.seers == set(ROBOTS), "the team does not go on")
+    team.all_back(ROBOTS, moment + 1.0)
     server = serve()
     team.full_rate()
     team.nodes[NEAR].kill()
@@ -82,9 +82,7 @@ def test_peers(team: TeamOnHosts, show: Show) -> None:
         team.play(robot)
     team.start_robot()
     team.start_camera()
-    moment = time.monotonic()
-    seen = {REAL, NEAR}
-    team.first(moment, lambda m: m.seers == seen, "the robots do not find the planner")
+    team.until_seers({REAL, NEAR}, "the robots do not find the planner")
 
     team.hosts.link(NEAR, up=False)
     team.first(time.monotonic(), lambda m: m.seers == {REAL}, "the other does not go on")
