@@ -39,7 +39,7 @@ _MAX_COORDINATE_M = 2.1e7
 _MAX_VARIANCE = 1e12
 #: More than any robot sends (`bodies.max_count`), and more than a planner has time for.
 _MAX_BODIES = 100
-_MAX_CELLS = 20_000
+_MAX_CELLS = 10_000
 #: base_link stands upright; a pose that leans by more is in some other frame [rad].
 _MAX_TILT = math.radians(30.0)
 

@@ -569,9 +569,9 @@ def test_more_than_any_robot_sends_is_refused():
     assert len(read(point_cloud(bodies[:100], BODY_FIELDS))) == 100
     with pytest.raises(ScanError, match="scan has 101 bodies; allowed: up to 100"):
         read(point_cloud(bodies, BODY_FIELDS))
-    assert len(read(point_cloud(CELLS * 10_000))) == 20_000
-    with pytest.raises(ScanError, match="scan has 20001 cells; allowed: up to 20000"):
-        read(point_cloud(CELLS * 10_000 + CELLS[:1]))
+    assert len(read(point_cloud(CELLS * 5_000))) == 10_000
+    with pytest.raises(ScanError, match="scan has 10001 cells; allowed: up to 10000"):
+        read(point_cloud(CELLS * 5_000 + CELLS[:1]))
 
 
 def test_the_greatest_count():
