@@ -32,6 +32,11 @@ _LARGEST_SIGMA = 100.0
 _USABLE = 1e12
 #: One robot says no more against a person than this.
 _LEAST_SCORE = -2.0
+#: In a square of this side [m] so many bodies take part, the likeliest: more than fifty robots see
+#: of two people who touch.
+_PLACE, _MOST_IN_PLACE = 0.5, 100
+#: So many pairs are looked at at once.
+_BLOCK = 50_000
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,8 @@ class Joined:
     """What the bodies of all robots are together, a struct of arrays of one length (m,).
 
     Attributes:
-        of_body: Which of them each body belongs to; -1: to none, it is a robot, shape (n,).
+        of_body: Which of them each body belongs to; -1: to none, it is a robot, or one too many
+            where it stands, shape (n,).
         xy: Place [m], shape (m, 2).
         covariance: Of the place [m^2], shape (m, 2, 2).
         score: Log-odds of being a person.
@@ -132,39 +138,46 @@ class Joined:
 def join(bodies: BodiesOnMap, used: Bool, config: cfg.Joining) -> Joined:
     """Joins bodies of different robots that are near each other, nearest first.
 
+    Where more than `_MOST_IN_PLACE` bodies are in one square, the likeliest take part.
+
     Args:
         bodies: The bodies.
         used: Which of them take part, shape (n,).
         config: Parameters.
     """
-    index = np.flatnonzero(used)
+    index = _likeliest_in_place(bodies, np.flatnonzero(used))
     of_body = np.full(len(bodies), -1, dtype=np.intp)
     if not len(index):
         return Joined(of_body, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
     xy, covariance, robot = bodies.xy[index], bodies.covariance[index], bodies.robot[index]
     one, other, away = pairs_within(xy, config.max_distance)
-    squared = squared_mahalanobis(xy[one] - xy[other], covariance[one] + covariance[other])
+    squared = _squared_between(xy, covariance, one, other)
     possible = np.flatnonzero(
         (robot[one] != robot[other]) & (away < config.max_distance) & (squared < config.gate**2)
     )
-    one, other = one[possible], other[possible]
-    nearest_first = np.lexsort((other, one, squared[possible]))
+    nearest_first = np.lexsort((other[possible], one[possible], squared[possible]))
 
     information = _information(covariance, xy)
     groups = [
         _Group([k], {of}, *numbers)
         for k, (of, numbers) in enumerate(zip(robot.tolist(), information.tolist(), strict=True))
     ]
-    for i, j in zip(one[nearest_first].tolist(), other[nearest_first].tolist(), strict=True):
-        a, b = groups[i], groups[j]
-        if a is b or not a.robots.isdisjoint(b.robots):
-            continue
-        # Where one of them has grown already, it is its place that counts.
-        if len(a.members) + len(b.members) > 2 and not a.is_near(b, config):
-            continue
-        a.take(b)
-        for member in b.members:
-            groups[member] = a
+    one, other = one[possible][nearest_first], other[possible][nearest_first]
+    for start in range(0, len(one), _BLOCK):
+        pairs = one[start : start + _BLOCK], other[start : start + _BLOCK]
+        if start:  # many are one, or have a robot in common, by now
+            apart = _may_be_joined(groups, *pairs)
+            pairs = pairs[0][apart], pairs[1][apart]
+        for i, j in zip(pairs[0].tolist(), pairs[1].tolist(), strict=True):
+            a, b = groups[i], groups[j]
+            if a is b or not a.robots.isdisjoint(b.robots):
+                continue
+            # Where one of them has grown already, it is its place that counts.
+            if len(a.members) + len(b.members) > 2 and not a.is_near(b, config):
+                continue
+            a.take(b)
+            for member in b.members:
+                groups[member] = a
     found = list(dict.fromkeys(groups))
     number = np.empty(len(index), dtype=np.intp)
     for k, group in enumerate(found):
@@ -180,6 +193,43 @@ def join(bodies: BodiesOnMap, used: Bool, config: cfg.Joining) -> Joined:
         covariance=joined_covariance,
         score=np.bincount(number, scores, minlength=len(found)).astype(np.float64),
     )
+
+
+def _likeliest_in_place(bodies: BodiesOnMap, index: Int) -> Int:
+    """Of some bodies, those that take part, in their order."""
+    if len(index) <= _MOST_IN_PLACE:
+        return index
+    squares = np.floor(bodies.xy[index] / _PLACE)
+    _, square, sizes = np.unique(squares, axis=0, return_inverse=True, return_counts=True)
+    if sizes.max() <= _MOST_IN_PLACE:
+        return index
+    square = square.reshape(-1)
+    likeliest_first = np.lexsort((-bodies.score[index], square))
+    rank = np.arange(len(index)) - (np.cumsum(sizes) - sizes)[square[likeliest_first]]
+    return index[np.sort(likeliest_first[rank < _MOST_IN_PLACE])]
+
+
+def _squared_between(xy: Float, covariance: Float, one: Int, other: Int) -> Float:
+    """Squared distances of pairs in standard deviations of both, shape (m,)."""
+    squared = np.empty(len(one))
+    for start in range(0, len(one), _BLOCK):
+        i, j = one[start : start + _BLOCK], other[start : start + _BLOCK]
+        squared[start : start + _BLOCK] = squared_mahalanobis(
+            xy[i] - xy[j], covariance[i] + covariance[j]
+        )
+    return squared
+
+
+def _may_be_joined(groups: list[_Group], one: Int, other: Int) -> Bool:
+    """Which pairs are not one yet and have no robot in common, shape (m,)."""
+    number = {id(group): k for k, group in enumerate(dict.fromkeys(groups))}
+    of_body = np.array([number[id(group)] for group in groups], dtype=np.intp)
+    robots = np.zeros((len(number), 1 + max(max(group.robots) for group in groups)), dtype=bool)
+    for group in dict.fromkeys(groups):
+        robots[number[id(group)], list(group.robots)] = True
+    bits = np.packbits(robots, axis=1)
+    i, j = of_body[one], of_body[other]
+    return np.asarray((i != j) & ~(bits[i] & bits[j]).any(axis=1))
 
 
 def _information(covariance: Float, xy: Float) -> Float:
@@ -260,10 +310,7 @@ def are_people(
     if not len(joined):
         return np.empty(0, dtype=bool)
     one, other, away = pairs_within(joined.xy, max(config.apart, config.fragment_distance))
-    covariance = joined.covariance
-    squared = squared_mahalanobis(
-        joined.xy[one] - joined.xy[other], covariance[one] + covariance[other]
-    )
+    squared = _squared_between(joined.xy, joined.covariance, one, other)
     same = away < config.apart
     fragment = (squared < config.fragment_gate**2) & (away < config.fragment_distance)
     member = joined.of_body >= 0

@@ -135,6 +135,11 @@ _FINEST, _COARSEST = 0.005, 1.0
 _INSIDE = 0.5
 #: Nearer than this to a wall or furniture is beside it: within arm's length [m].
 _BESIDE = 0.6
+#: Distances are needed up to this: the largest `wall_margin` [m].
+_NEEDED = 1.0
+#: They are computed tile by tile, of so many cells a side at least; of so many new cells at once at
+#: most, and so many are kept.
+_TILE, _CELLS_AT_ONCE, _CELLS_KEPT = 256, 2_000_000, 16_000_000
 #: Places about one, in standard deviations along the two axes of its covariance, and their weights.
 _STEPS = np.linspace(-2.4, 2.4, 9)
 _DRAWS: Float = np.stack(np.meshgrid(_STEPS, _STEPS), axis=-1).reshape(-1, 2)
@@ -187,10 +192,14 @@ class OccupancyGrid:
 
 
 class Walls:
-    """Where nobody can stand: how far it is to walls and furniture, everywhere on a grid.
+    """Where nobody can stand: how far it is to walls and furniture, wherever somebody asks.
 
     What is unknown just behind something occupied is taken for its inside: a range that is too long
     puts what was seen of a wall there.
+
+    Distances are computed where they are asked for, tile by tile, so a grid may be of a whole
+    factory: it is worked on where robots see something. Places of more tiles than can be computed
+    at once are answered from the next time on.
 
     Args:
         grid: The grid.
@@ -199,11 +208,44 @@ class Walls:
 
     def __init__(self, grid: OccupancyGrid, *, occupied_from: int) -> None:
         self._grid = grid
-        self._margin = math.ceil(_INSIDE / grid.resolution)
-        data = np.pad(grid.data, self._margin, constant_values=-1)
-        occupied: Bool = data >= occupied_from
+        self._occupied_from = occupied_from
+        self._border = math.ceil(_INSIDE / grid.resolution)
+        height, width = grid.data.shape
+        self._shape = height + 2 * self._border, width + 2 * self._border
+        # What is farther from a tile than this changes no distance up to `_NEEDED` in it.
+        self._around = math.ceil((_NEEDED + _INSIDE) / grid.resolution) + 1
+        self._side = min(max(_TILE, 2 * self._around), max(self._shape))
+        rows, columns = (-(-size // self._side) for size in self._shape)
+        self._slot = np.full((rows, columns), -1)  # of each tile, where it is kept
+        kept = max(1, min(rows * columns, _CELLS_KEPT // self._side**2))
+        self._kept = np.empty((kept, self._side, self._side), dtype=np.float32)
+        self._tile_in = np.full(kept, -1)  # of each slot, which tile is in it
+        self._next = 0
+
+    def _compute(self, tile: int) -> None:
+        """Computes a tile, in the place of the one that was computed first."""
+        row, column = (k * self._side for k in divmod(tile, self._slot.shape[1]))
+        top, left = max(row - self._around, 0), max(column - self._around, 0)
+        bottom = min(row + self._side + self._around, self._shape[0])
+        right = min(column + self._side + self._around, self._shape[1])
+        border, (height, width) = self._border, self._grid.data.shape
+        data = np.full((bottom - top, right - left), -1, dtype=np.int8)
+        on = self._grid.data[
+            max(top - border, 0) : max(min(bottom - border, height), 0),
+            max(left - border, 0) : max(min(right - border, width), 0),
+        ]
+        first = max(border - top, 0), max(border - left, 0)
+        data[first[0] : first[0] + on.shape[0], first[1] : first[1] + on.shape[1]] = on
+        occupied: Bool = data >= self._occupied_from
         inside: Bool = (data < 0) & (self._to_nearest(occupied) < _INSIDE)
-        self._distance = self._to_nearest(occupied | inside)
+        distance = self._to_nearest(occupied | inside)[
+            row - top : row - top + self._side, column - left : column - left + self._side
+        ]
+        slot, self._next = self._next, (self._next + 1) % len(self._kept)
+        if self._tile_in[slot] >= 0:
+            self._slot.flat[self._tile_in[slot]] = -1
+        self._slot.flat[tile], self._tile_in[slot] = slot, tile
+        self._kept[slot, : distance.shape[0], : distance.shape[1]] = distance
 
     def _to_nearest(self, occupied: Bool) -> NDArray[np.float32]:
         """Distance of each cell's centre to the border of the nearest occupied cell [m]."""
@@ -211,7 +253,7 @@ class Walls:
             return np.full(occupied.shape, np.inf, dtype=np.float32)
         import cv2  # here: most planners do without it, and are there sooner
 
-        free = np.where(occupied, 0, 1).astype(np.uint8)
+        free = (~occupied).view(np.uint8)
         cells = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         resolution = np.float32(self._grid.resolution)
         return np.asarray(np.maximum(cells - np.float32(0.5), 0) * resolution)
@@ -219,20 +261,32 @@ class Walls:
     def distance(self, xy: Float) -> Float:
         """Distance to the nearest wall or furniture [m], to half a cell; inf far off the grid.
 
+        Where it is more than 1 m it may be given as more than it is.
+
         Args:
             xy: Places in the common frame [m], shape (..., 2).
 
         Returns:
             Shape (...).
         """
-        grid = self._grid
+        grid, side = self._grid, self._side
         with np.errstate(over="ignore", invalid="ignore"):  # places as far away as float64 goes
             place = (xy - (grid.x, grid.y)) @ rotation_2d(grid.yaw) / grid.resolution
-            place += self._margin
-        height, width = self._distance.shape
+            place += self._border
+        height, width = self._shape
         on = np.asarray(((place >= 0) & (place < (width, height))).all(axis=-1))
         column, row = np.moveaxis(np.where(on[..., np.newaxis], place, 0).astype(np.intp), -1, 0)
-        return np.where(on, self._distance[row, column], np.inf).astype(np.float64)
+        slot = self._slot[row // side, column // side]
+        missing = on & (slot < 0)
+        if missing.any():
+            tile = (row // side) * self._slot.shape[1] + column // side
+            most = max(1, _CELLS_AT_ONCE // (side + 2 * self._around) ** 2)
+            for number in np.unique(tile[missing])[:most].tolist():
+                self._compute(number)
+            slot = self._slot[row // side, column // side]
+            on &= slot >= 0
+        found = self._kept[np.where(on, slot, 0), row % side, column % side]
+        return np.where(on, found, np.inf).astype(np.float64)
 
     def log_odds(self, xy: Float, covariance: Float, config: cfg.Masking) -> Float:
         """What the grid says for and against somebody being at a place, shape (n,).

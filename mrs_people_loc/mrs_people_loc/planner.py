@@ -144,10 +144,11 @@ class Planner:
             fused, possible, pieces, poses, config.splitting, config.human
         )
         first = int(label.max(initial=-1)) + 1
-        of_body = np.where(robots, len(joined) + np.cumsum(robots) - 1, joined.of_body)
+        none = joined.of_body < 0  # robots, and what is one too many in its place
+        of_body = np.where(none, len(joined) + np.cumsum(none) - 1, joined.of_body)
         of_bodies = bodies.of_cell >= 0
         label[of_bodies] = first + of_body[bodies.of_cell[of_bodies]]
-        beyond = first + len(joined) + int(robots.sum())
+        beyond = first + len(joined) + int(none.sum())
         label[plain[masked]] = beyond + cluster(fused.xy[plain[masked]], distance=distance)
         times.mark("clustering")
         clusters = measure(fused, label)

@@ -1,9 +1,11 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.clustering import cluster
+from mrs_people_loc.clustering import cluster, connected
 
 CELL = 0.05
 
@@ -106,3 +108,76 @@ def test_a_far_point_changes_nothing_for_the_others(far):
     labels = cluster(np.vstack([xy, far]), distance=0.15)
     assert labels[-1] not in labels[:-1]
     assert len(set(zip(labels[:-1], alone, strict=True))) == alone.max() + 1 == labels.max()
+
+
+# ------------------------------------------------------------------------------------- crowds ----
+
+
+def blobs(rng: np.random.Generator, count: int) -> np.ndarray:
+    middles = rng.uniform(0, 1.5, (count // 60, 2))
+    return middles[rng.integers(len(middles), size=count)] + rng.normal(0, 0.02, (count, 2))
+
+
+def rings(rng: np.random.Generator, count: int) -> np.ndarray:
+    """As far from each other as clusters just are not, or just are."""
+    angle, radius = rng.uniform(0, 6.3, count), 0.151 * rng.integers(1, 5, count)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def two_heaps(rng: np.random.Generator, count: int) -> np.ndarray:
+    points = rng.normal(0, 1e-3, (count, 2))
+    points[::2, 0] += rng.choice([0.149, 0.15, 0.151])
+    return points
+
+
+def on_a_fine_grid(rng: np.random.Generator, count: int) -> np.ndarray:
+    return rng.integers(-12, 12, (count, 2)) * 0.03 + 50.0
+
+
+def far_apart(rng: np.random.Generator, count: int) -> np.ndarray:
+    points = rng.uniform(0, 0.5, (count, 2))
+    points[: count // 2] += (1e6, -3e7)
+    points[-count // 4 :, 1] += np.arange(count // 4 + (count % 4 > 0)) * 7e4
+    return points
+
+
+SHAPES = [blobs, rings, two_heaps, on_a_fine_grid, far_apart]
+
+
+@pytest.mark.parametrize("make", SHAPES)
+@pytest.mark.parametrize("distance", [0.05, 0.15, 0.4])
+def test_crowds_against_all_pairs(make, distance):
+    for seed in range(4):
+        xy = make(np.random.default_rng(seed), 900)
+        xy = xy[np.lexsort((xy[:, 1], xy[:, 0]))]
+        near = ((xy[:, np.newaxis] - xy) ** 2).sum(axis=2) <= (distance + 1e-5) ** 2
+        one, other = np.nonzero(near)
+        root = connected(one, other, len(xy))
+        expected = np.unique(root, return_inverse=True)[1].reshape(-1)
+        np.testing.assert_array_equal(cluster(xy, distance=distance), expected)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.1, 1.0])
+def test_memory_grows_with_the_number_of_points_and_not_with_its_square(size):
+    """All of a scan's cells in one place: a list of all pairs would take gigabytes."""
+    xy = np.random.default_rng(1).uniform(0, size, (20_000, 2))
+    cluster(xy[:100], distance=0.15)  # loads SciPy
+    tracemalloc.start()
+    try:
+        assert cluster(xy, distance=0.15).max() == 0
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 50e6
+
+
+def test_far_points_that_are_far_from_each_other_are_not_compared_either():
+    xy = np.zeros((20_000, 2))
+    xy[10_001:, 1] = 1e6 + 5.0 * np.arange(9_999)
+    tracemalloc.start()
+    try:
+        assert cluster(xy, distance=0.15).max() == 9_999
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 50e6

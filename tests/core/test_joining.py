@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ from hypothesis import strategies as st
 
 from core import all_pairs
 from mrs_people_loc import config as cfg
+from mrs_people_loc import joining
+from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.fusion import fuse
 from mrs_people_loc.joining import (
     BodiesOnMap,
@@ -426,3 +429,57 @@ def test_a_crowd_is_joined_as_if_all_pairs_were_compared(seed):
         assert joined.score[k] == pytest.approx(score, abs=1e-12)
     people = are_people(joined, bodies, config)
     assert people.tolist() == all_pairs.people_among(groups, joined, bodies, config)
+
+
+@pytest.mark.parametrize("block", [1, 7, 100])
+def test_pairs_are_joined_block_by_block_as_they_are_at_once(block, monkeypatch):
+    for seed in range(5):
+        bodies = crowd(seed)
+        at_once = joined_of(bodies)
+        with monkeypatch.context() as patch:
+            patch.setattr(joining, "_BLOCK", block)
+            made = joined_of(bodies)
+        np.testing.assert_array_equal(made.of_body, at_once.of_body)
+        np.testing.assert_array_equal(made.xy, at_once.xy)
+        assert are_people(made, bodies, cfg.Joining()).any()
+
+
+def test_in_one_place_the_likeliest_take_part():
+    rng = np.random.default_rng(1)
+    places = rng.uniform(0.05, 0.45, (150, 2))
+    scores = rng.permutation(150) / 10.0
+    heap = [(k, xy, ROUND, score) for k, (xy, score) in enumerate(zip(places, scores, strict=True))]
+    bodies = bodies_of(*heap, (0, (5.0, 5.0), ROUND, -1.0))
+    joined = joined_of(bodies)
+    np.testing.assert_array_equal(joined.of_body[:150] >= 0, scores >= 5.0)
+    assert joined.of_body[150] >= 0  # elsewhere nothing is changed
+    assert joined_of(bodies_of(*heap[:100])).of_body.min() == 0
+
+
+@pytest.mark.parametrize("size", [0.6, 3.5])
+def test_fifty_robots_with_a_hundred_bodies_each_in_one_place(size):
+    """All pairs of them would take gigabytes, and ten seconds."""
+    rng = np.random.default_rng(2)
+    places = rng.uniform(0, size, (5000, 2))
+    bodies = bodies_of(*[(k % 50, xy, 0.3**2 * np.eye(2), 3.0) for k, xy in enumerate(places)])
+    joined_of(bodies_of((0, (0, 0), ROUND, 1.0), (1, (0, 0), ROUND, 1.0)))  # loads SciPy
+    tracemalloc.start()
+    try:
+        joined = joined_of(bodies)
+        people = are_people(joined, bodies, cfg.Joining())
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert people.any()
+    assert most < 100e6
+
+
+def test_what_takes_no_part_stays_on_the_map(make_cells):
+    heap = [(2 + 0.001 * k, 0.1, 3, k, 5.0 + k) for k in range(1, 101)]
+    scans = [scan_of(make_cells, robot, *heap) for robot in ("a", "b")]
+    poses = {robot: Pose(0, 0.0, 0.0, 0.0) for robot in ("a", "b")}
+    people = Planner(PlannerConfig()).step(scans, poses, 0)
+    assert len(people.fused) == 200
+    assert people.clusters.label.min() == 0
+    assert people.clusters.cells.sum() == 200
+    assert len(people.persons) == 1

@@ -1,10 +1,12 @@
 import dataclasses
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc import masking as module
 from mrs_people_loc.errors import GridError
 from mrs_people_loc.fusion import fuse
 from mrs_people_loc.masking import OccupancyGrid, Walls, are_masked, are_robots
@@ -251,6 +253,59 @@ def test_what_is_unknown_behind_a_wall_is_its_inside():
     # Unknown with no wall near it is nothing.
     unknown = np.full((20, 20), -1)
     assert Walls(grid_of(unknown), occupied_from=65).distance(np.array((1.0, 1.0))) == np.inf
+
+
+def large_floor(seed: int) -> np.ndarray:
+    """Of several tiles, with things in it, unknown parts and a free floor."""
+    rng = np.random.default_rng(seed)
+    data = np.where(rng.random((70, 61)) < 0.3, -1, 0).repeat(10, axis=0).repeat(10, axis=1)
+    data[rng.integers(0, 700, 150), rng.integers(0, 610, 150)] = 100
+    return data[: 700 - seed, : 610 - 2 * seed]
+
+
+@pytest.mark.parametrize("resolution", [0.03, 0.05, 0.1])
+def test_tile_by_tile_distances_are_those_of_the_whole_grid(resolution, monkeypatch):
+    for seed in range(3):
+        grid = dataclasses.replace(grid_of(large_floor(seed)), resolution=resolution)
+        rng = np.random.default_rng(seed)
+        size = np.array(grid.data.shape[::-1]) * resolution
+        places = rng.uniform(-0.6, size + 0.6, (20_000, 2))
+        in_tiles = Walls(grid, occupied_from=65).distance(places)
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "_TILE", 1000)
+            whole = Walls(grid, occupied_from=65).distance(places)
+        near = (whole <= 1.0) | (in_tiles <= 1.0)
+        assert near.sum() > 1000
+        np.testing.assert_allclose(in_tiles[near], whole[near], rtol=1e-6)
+
+
+def test_tiles_beyond_what_is_kept_are_computed_again(monkeypatch):
+    monkeypatch.setattr(module, "_CELLS_KEPT", 2 * 256**2)
+    grid = grid_of(large_floor(0))
+    walls, places = (
+        Walls(grid, occupied_from=65),
+        np.argwhere(grid.data == 100)[:, ::-1] * 0.1 + 0.05,
+    )
+    for place in np.concatenate([places, places]):
+        assert walls.distance(place) == 0.0
+
+
+def test_of_a_large_grid_only_what_is_asked_for_is_worked_on():
+    """600 x 600 m: as a whole it takes seconds and gigabytes."""
+    data = np.zeros((12_000, 12_000), dtype=np.int8)
+    data[::100, ::100] = 100
+    tracemalloc.start()
+    try:
+        walls = Walls(OccupancyGrid(0.05, 0.0, 0.0, 0.0, data), occupied_from=65)
+        assert walls.distance(np.array((10.01, 20.01))) == 0.0
+        # A robot that claims to see everything everywhere gets it bit by bit.
+        everywhere = np.random.default_rng(1).uniform(0, 600, (10_000, 2))
+        answered = np.isfinite(walls.distance(everywhere)).mean()
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert 0.0 < answered < 0.02
+    assert most < 150e6
 
 
 @pytest.mark.parametrize("far", [1e12, 1e300, 1.7e308])

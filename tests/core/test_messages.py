@@ -244,8 +244,8 @@ def test_a_robot_on_a_slope_has_a_heading(lean):
         ({"z": NAN}, "pose holds NaN or infinite"),
         ({"quaternion": (0, 0, 0, NAN)}, r"pose holds NaN .*orientation \(0, 0, 0, nan\)"),
         ({"quaternion": (0, -INF, 0, 1)}, r"pose holds NaN .*orientation \(0, -inf, 0, 1\)"),
-        ({"x": 1.01e8}, r"position is \(1\.01e\+08, 2\) m; wanted: within 1e\+08"),
-        ({"y": -1e308}, r"position is \(1, -1e\+308\) m; wanted: within 1e\+08"),
+        ({"x": 9e7}, r"position is \(9e\+07, 2\) m; wanted: within 2\.1e\+07"),
+        ({"y": -1e308}, r"position is \(1, -1e\+308\) m; wanted: within 2\.1e\+07"),
         ({"quaternion": (0, 0, 0, 0)}, "orientation has length 0; wanted: a quaternion of length"),
         ({"quaternion": (0, 0, 0.8, 0.8)}, "orientation has length 1.131; wanted"),
         ({"quaternion": (0, 0, 0, 0.98)}, "orientation has length 0.98; wanted"),
@@ -569,9 +569,9 @@ def test_more_than_any_robot_sends_is_refused():
     assert len(read(point_cloud(bodies[:100], BODY_FIELDS))) == 100
     with pytest.raises(ScanError, match="scan has 101 bodies; allowed: up to 100"):
         read(point_cloud(bodies, BODY_FIELDS))
-    assert len(read(point_cloud(CELLS * 10_000))) == 20_000
-    with pytest.raises(ScanError, match="scan has 20001 cells; allowed: up to 20000"):
-        read(point_cloud(CELLS * 10_000 + CELLS[:1]))
+    assert len(read(point_cloud(CELLS * 5_000))) == 10_000
+    with pytest.raises(ScanError, match="scan has 10001 cells; allowed: up to 10000"):
+        read(point_cloud(CELLS * 5_000 + CELLS[:1]))
 
 
 def test_the_greatest_count():
