@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib
 import math
 import os
+import re
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
@@ -130,8 +131,19 @@ class Replayer:
 
     def _announce(self, topic: Topic, named: bool) -> None:
         """Create the publisher of a topic, or note why not."""
+        from rclpy.exceptions import InvalidTopicNameException
+        from rclpy.validate_full_topic_name import validate_full_topic_name
+
         cls = message_class(topic.type)
         problem = f"its type {topic.type} is not installed"
+        try:
+            validate_full_topic_name(topic.name)
+        except InvalidTopicNameException:
+            cls = None
+            problem = (
+                "no ROS 2 name; allowed: / before each part, and parts of letters, digits and _ "
+                "that do not begin with a digit"
+            )
         if cls is not None:
             publisher = self._node.create_publisher(cls, topic.name, _offered_qos(topic))
             if self._same_definition(topic):
@@ -384,6 +396,8 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
 def message_class(msgtype: str) -> Any:
     """The class of an installed message type, None if it is not installed."""
     package, _, name = msgtype.partition("/msg/")
+    if not re.fullmatch("[a-z][a-z0-9_]*", package) or not re.fullmatch("[A-Z][A-Za-z0-9]*", name):
+        return None
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name, None)
     except ImportError:
