@@ -40,7 +40,8 @@ def reduce_noise(points: Float32, *, window: float, min_points: int) -> Float32:
     """Empties the noise windows that hold few points (eqs. 2-3).
 
     Window j holds D_j = {v : x_j <= v_x < x_j + window, y_j <= v_y < y_j + window}; windows tile
-    the ground plane from the robot's origin. D_j is kept if |D_j| >= min_points.
+    the ground plane from the robot's origin, and a point on a border belongs to the one with the
+    greater coordinates. D_j is kept if |D_j| >= min_points.
 
     Args:
         points: Shape (n, 3).
@@ -57,8 +58,9 @@ def reduce_noise(points: Float32, *, window: float, min_points: int) -> Float32:
 def quantize(points: Float32, *, cell: float) -> Cells:
     """Makes one point of every occupied cell of the ground plane: its centre (eqs. 4-5).
 
-    k = floor(h / cell) + 1 per axis, centre = (k - 1/2) * cell. Each cell also carries its number
-    of points and their lowest and highest z; `top` is set to the latter (see `measure_tops`).
+    k = floor(h / cell) + 1 per axis, centre = (k - 1/2) * cell; borders as in `reduce_noise`. Each
+    cell also carries its number of points and their lowest and highest z; `top` is set to the
+    latter (see `measure_tops`).
 
     Args:
         points: Shape (n, 3).

@@ -30,7 +30,8 @@ class Clusters:
         label: Of each cell of the map, shape (n,).
         centroid: Centre of gravity of the cells [m], shape (m, 2).
         scatter: Covariance of the cells about it, shape (m, 2, 2) [m^2].
-        sigma: Standard deviation of the distances from the centroid to the cells [m].
+        sigma: The paper's sigma_d [m]: standard deviation, about their mean and divided by their
+            number, of the distances from the centroid to the cells.
         width: Extent along the long principal axis [m].
         depth: Extent along the short principal axis, likewise [m].
         height: Highest top of its cells [m].
@@ -65,7 +66,7 @@ class Person:
         position: In the common frame [m], shape (2,).
         covariance: Of the position [m^2], shape (2, 2).
         height: Highest supported point over the floor [m].
-        sigma: Standard deviation of the distances from the position to the cells [m].
+        sigma: Of the cluster, see `Clusters` [m].
         robots: Names of the robots that saw the person.
         label: The cluster; -1: none, he is not seen.
         score: Log-odds that it is a person.

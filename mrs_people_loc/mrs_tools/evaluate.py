@@ -117,7 +117,7 @@ def _stage_means(rows: Sequence[tuple[float, ...]]) -> dict[str, float | None]:
         f"{stage}_kept": ratio(means[stage], means[before])
         for before, stage in pairwise(STAGES[1:])
     }
-    return {**means, **kept}
+    return {**means, **kept, "removed": means["raw"] - means["cells"]}
 
 
 def evaluate_bag(
@@ -472,9 +472,11 @@ def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
 
 
 def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
-    table = _table("stages: means per view, and the share kept of the stage before")
+    table = _table(
+        "stages: means per view, the share kept of the stage before, and what all of them remove"
+    )
     table.add_column("robot")
-    for column in ("valid pixels", "raw", "zones", "noise", "cells"):
+    for column in ("valid pixels", "raw", "zones", "noise", "cells", "removed"):
         table.add_column(column, justify="right", no_wrap=True)
     for robot, means in stages.items():
         table.add_row(
@@ -485,6 +487,7 @@ def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
                 f"{_number(means[s], 1, 0)} {_number(means[f'{s}_kept'], 100, 1):>5} %"
                 for s in ("zones", "noise", "cells")
             ),
+            _number(means["removed"], 1, 0),
         )
     return table
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 PAPER_CLUSTERS = {"person": 5, "false_person": 0, "too_low": 1, "too_small": 1, "too_large": 0}
 #: People whom the paper says that robots see (section 4.1; all: section 6.4).
 PAPER_SEEN = {"robot_b": 4, "robot_c": 4}
+#: Points that the stages remove of a view of Ra, at least (section 6.2).
+PAPER_REMOVED = {"robot_a": 15000}
 #: The paper's mean error [m].
 PAPER_ERROR_M = 0.05
 
@@ -55,6 +57,15 @@ def _of_stages(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f"{_percent(causes['zones']['formation']['of_all_pixels'])}; what the paper's raw set "
             "held is not printed.",
         )
+    for robot, least in PAPER_REMOVED.items():
+        points = report["points"]["formation"][robot]
+        if points["removed"] < least:
+            yield (
+                f"points removed of {robot}",
+                f"Of its {points['ranged']:.0f} pixels with a disparity {points['raw']:.0f} are in "
+                f"the working range and count as raw. Counting them all, "
+                f"{points['ranged'] - points['cells']:.0f} are removed (paper: over {least}).",
+            )
     single = report["retention"]["single_person"]["all"]["zones"]
     if abs(single - PAPER_KEPT["zones"]) > 0.03:
         where = causes["zones"]["single_person"]["where"]
@@ -186,7 +197,16 @@ def show(report: Mapping[str, Any], console: Console) -> None:
         f"each; paper's figures beside ours\n",
         markup=False,
     )
-    tables = (_stages_table, _cells_table, _clusters_table, _robots_table, _ways_table)
+    tables = (
+        _stages_table,
+        _points_table,
+        _cells_table,
+        _clusters_table,
+        _robots_table,
+        _ways_table,
+        _trials_table,
+        _poses_table,
+    )
     for table in tables:
         console.print(table(report))
         console.print()
@@ -223,6 +243,27 @@ def _stages_table(report: Mapping[str, Any]) -> Any:
     for stage, paper in PAPER_KEPT.items():
         ours = [formation["all"], *(formation[robot] for robot in robots), single["all"]]
         table.add_row(stage, f"{100 * paper:.0f}", *(f"{100 * kept[stage]:.1f}" for kept in ours))
+    return table
+
+
+def _points_table(report: Mapping[str, Any]) -> Any:
+    table = _table(
+        "points of a view: pixels with a disparity, those in the working range, what stages leave",
+        "robot",
+        "ranged",
+        "raw",
+        *PAPER_KEPT,
+        "removed of raw",
+        "paper",
+    )
+    for scene, robots in report["points"].items():
+        for robot, points in robots.items():
+            paper = PAPER_REMOVED.get(robot) if scene == "formation" else None
+            table.add_row(
+                robot if scene == "formation" else "one person at 2 m",
+                *(f"{count:.0f}" for count in points.values()),
+                "-" if paper is None else f"over {paper}",
+            )
     return table
 
 
@@ -311,6 +352,53 @@ def _ways_table(report: Mapping[str, Any]) -> Any:
             f"{way['planner_ms']['median']:.2f}",
         )
     return table
+
+
+def _trials_table(report: Mapping[str, Any]) -> Any:
+    table = _table(
+        "the formation with other values where the paper leaves a choice; shares in %",
+        "trial",
+        "pixels ranged",
+        *PAPER_KEPT,
+        "clusters",
+        "recall",
+        "false",
+        "error [cm]",
+    )
+    for row in report["trials"]:
+        table.add_row(
+            row["trial"],
+            *(f"{100 * row[key]:.1f}" for key in ("ranged", *PAPER_KEPT)),
+            f"{row['clusters']:.1f}",
+            *(f"{row[key]:.2f}" for key in ("recall", "false")),
+            _cm(row["error_m"]["mean"]),
+        )
+    return table
+
+
+def _poses_table(report: Mapping[str, Any]) -> Any:
+    rows = report["poses"]
+    table = _table(
+        f"the formation with poses that are wrong, by {' and by '.join(rows[0]['methods'])}",
+        "standard deviations",
+        *["recall", "precision", "error [cm]"] * len(rows[0]["methods"]),
+    )
+    for row in rows:
+        table.add_row(
+            f"{100 * row['position_m']:.0f} cm, {row['heading_deg']:g} degrees",
+            *(
+                text
+                for scores in row["methods"].values()
+                for text in (
+                    *("-" if scores[k] is None else f"{scores[k]:.2f}" for k in _SCORES),
+                    _cm(scores["error_m"]),
+                )
+            ),
+        )
+    return table
+
+
+_SCORES = ("recall", "precision")
 
 
 def _cm(metres: float | None) -> str:

@@ -238,25 +238,26 @@ def test_five_every_torso_is_in_a_person_and_nothing_else_is_one(five: list[View
 
 
 def test_five_are_five(five: list[View]) -> None:
-    # Measured: in all of 30 pairs. With other blocks (11 to 17 px) or 10 % less in a limit, the
+    # Measured: in all of 200 pairs. With other blocks (11 to 17 px) or 10 % less in a limit, the
     # two in the middle or the two at the left are one object in some pairs.
-    assert sum(len(view.people.persons) == 5 for view in five) >= 8
+    assert [len(view.people.persons) for view in five] == [5] * 10
 
 
 def test_five_single_people_are_where_their_torsos_are(five: list[View]) -> None:
-    # The torsos are surfaces, some 0.1 m in front of the axis; measured: 0.09 m in the mean.
+    # The torsos are surfaces, some 0.1 m in front of the axis. Measured in 200 pairs: 0.09 m in the
+    # mean and 0.10 m in the worst pair, 0.19 m at most, heights of 1.67 to 1.77 m.
     errors, heights = [], []
     for view in five:
         for person, torsos in zip(view.people.persons, _torsos_of(view), strict=True):
             heights.append(person.height)
             if len(torsos) == 1:
                 errors.append(np.hypot(*(person.position - torsos_in_map()[torsos[0]])))
-    assert len(errors) >= 40
-    assert np.mean(errors) < 0.12
-    assert np.max(errors) < 0.25
+    assert len(errors) == 50
+    assert np.mean(errors) < 0.105
+    assert np.max(errors) < 0.21
     # Their heads' tops are at 1.69 to 1.77 m in the Kinect's depth.
-    assert min(heights) > 1.60
-    assert max(heights) < 1.90
+    assert min(heights) > 1.65
+    assert max(heights) < 1.80
 
 
 def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
@@ -271,11 +272,14 @@ def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
         positions = np.array([person.position for person in view.people.persons])
         rows, _, away = match(positions, torsos_in_map(), distance=0.35)
         assert len(rows) == len(positions)  # nobody else
-        assert len(rows) >= 4
-        # The torsos are surfaces, some 0.1 m in front of the axis.
-        assert away.mean() < 0.20
+        assert len(rows) >= 3
+        # The torsos are surfaces, some 0.1 m in front of the axis; the worst of 200 pairs: 0.164 m.
+        assert away.mean() < 0.175
         found += len(rows)
-    assert found >= 42  # of 50; measured: 42 to 47
+    print(f"{found} of 50")
+    # In 200 pairs with other noise all five were found in 21, four in 175, three in 4: of ten pairs
+    # 40.9 with a standard deviation of 1.1. More than three of these below is not noise.
+    assert found >= 38
 
 
 def test_five_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Path) -> None:
@@ -289,7 +293,7 @@ def test_five_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Path) -> N
         positions = np.array([person.position for person in view.people.persons])
         rows, _, away = match(positions, torsos_in_map(), distance=0.35)
         assert len(rows) == len(positions) == 5
-        assert away.mean() < 0.13  # measured: 0.09
+        assert away.mean() < 0.11  # measured: 0.09, 0.099 in the worst of 200 pairs
         assert view.people.too_wide == 0
 
 

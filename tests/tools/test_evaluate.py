@@ -560,6 +560,8 @@ def test_formation_stages_are_means_per_view(formation):
         assert means["raw"] > means["zones"] > means["noise"] > means["cells"] > 50
         for stage, before in (("zones", "raw"), ("noise", "zones"), ("cells", "noise")):
             assert means[f"{stage}_kept"] == pytest.approx(means[stage] / means[before])
+        assert means["removed"] == pytest.approx(means["raw"] - means["cells"])
+    assert stages["robot_a"]["removed"] > 15000  # as the paper says of its Ra
     assert set(formation.report()["timing_ms"]) >= {"disparity", "robot", "clustering", "planner"}
     for times in formation.report()["timing_ms"].values():
         assert 0 <= times["median"] <= times["p99"]
@@ -815,6 +817,7 @@ def test_json_of_one_bag(tmp_path, formation):
     ]  # fmt: skip
     assert list(figures["stages"]["robot_a"]) == [
         "valid_pixels", "raw", "zones", "noise", "cells", "zones_kept", "noise_kept", "cells_kept",
+        "removed",
     ]  # fmt: skip
     assert same_figures(figures, formation.report())
     assert "paper_formation" in result.output
