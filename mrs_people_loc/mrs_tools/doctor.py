@@ -69,6 +69,8 @@ _STATES = {
 #: expressions, in the order of the data. "node" is the node itself.
 _SIGHT = ("node", r"\w+/image_\w+", r"\w+/camera_info", "pairs", "scan")
 _POSE = ("node", "odom|pose_in", "pose")
+#: Topics that come from where another does.
+_BESIDE = {"camera_info": r"image_\w+", "pose": "points"}
 #: Findings that say only that something does not come, or does not go on.
 _LACKS = {
     Code.NO_PUBLISHER,
@@ -200,7 +202,12 @@ def _entries(node: str, facts: Facts) -> Iterable[_Entry]:
     else:
         for subject, (level, said, values) in facts.reports[node].items():
             if level != OK:
-                yield _Entry(node, subject, level, said, _code(values))
+                code, advice = _code(values), ""
+                robot = subject.removesuffix("/points").removesuffix("/pose")
+                own = f"{node.removesuffix(PLANNER_NODE)}{robot}/{ROBOT_NODE}"
+                if code == Code.NO_PUBLISHER and robot != subject and own not in facts.nodes:
+                    advice = f"there is no {own}: start it, or see `robots` in the team's file"
+                yield _Entry(node, subject, level, said, code, advice)
 
 
 def _code(values: Mapping[str, str]) -> Code | None:
@@ -224,18 +231,20 @@ def _folded(entries: Sequence[_Entry]) -> Iterable[Check]:
 
 def _cause(entry: _Entry, entries: Sequence[_Entry]) -> _Entry:
     """The error that a finding follows from, in the end; itself if none."""
-    if entry.subject.endswith("/camera_info"):  # a camera that is silent altogether is one trouble
-        image = rf"{re.escape(entry.subject.removesuffix('camera_info'))}image_\w+"
-        for other in entries:
-            same = (other.node, other.code) == (entry.node, entry.code)
-            if same and entry.code in _LACKS and re.fullmatch(image, other.subject):
-                return other
     for pattern in _causes(entry):
         for other in entries:
             if re.fullmatch(pattern, f"{other.node}: {other.subject}"):
                 first = _cause(other, entries)
                 if first.level == ERROR:
                     return first
+    # A camera, or a robot, that is silent altogether is one trouble.
+    beside, _, last = entry.subject.rpartition("/")
+    if entry.code in _LACKS and last in _BESIDE:
+        for other in entries:
+            same = (other.node, other.code) == (entry.node, entry.code)
+            found = same and re.fullmatch(f"{re.escape(beside)}/{_BESIDE[last]}", other.subject)
+            if found and _cause(other, entries) is other:
+                return other
     return entry
 
 

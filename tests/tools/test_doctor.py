@@ -194,6 +194,31 @@ def test_a_camera_that_is_silent_altogether_is_one_trouble():
     assert len(told({**silent, "left/image_rect": entry(ERROR, Code.ALL_REFUSED)})) == 2
 
 
+def test_a_robot_that_is_not_there_is_one_trouble():
+    planner = {
+        "robot_c/points": entry(ERROR, Code.NO_PUBLISHER),
+        "robot_c/pose": entry(ERROR, Code.NO_PUBLISHER),
+        "robot robot_c": entry(STALE, Code.NO_SCAN),
+    }
+    (check,) = told(planner=planner)
+    assert check.subject == f"{PLANNER}: robot_c/points"
+    assert check.advice.startswith("there is no /robot_c/robot_node: start it")
+    assert len(check.follows) == 2
+
+
+def test_poses_do_not_follow_from_scans_that_have_a_cause_of_their_own():
+    """Images are refused, so there are no scans; that poses do not arrive is another matter."""
+    robot = {"left/image_rect": entry(ERROR, Code.ALL_REFUSED)}
+    planner = {
+        "robot_a/points": entry(ERROR, Code.NO_DATA),
+        "robot_a/pose": entry(ERROR, Code.NO_DATA),
+    }
+    assert subjects(told(robot, planner)) == [
+        f"{ROBOT}: left/image_rect",
+        f"{PLANNER}: robot_a/pose",
+    ]
+
+
 def test_an_error_is_never_under_what_is_none():
     checks = told({"scan": entry(STALE, Code.NO_SCAN)}, PLANNER_HEARS_NO_SCAN)
     assert [(check.subject, check.level) for check in checks] == [
