@@ -180,6 +180,13 @@ def test_grey_by_either_name(encoding):
     np.testing.assert_array_equal(messages.read_image(image(rows, encoding)), rows)
 
 
+def test_a_pose_without_a_stamp_is_refused():
+    message = odometry()
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    with pytest.raises(StampError, match="stamp is 0"):
+        messages.read_pose(message)
+
+
 def test_a_stamp_of_zero_is_none():
     message = SimpleNamespace(header=header())
     message.header.stamp.sec, message.header.stamp.nanosec = 0, 1
