@@ -200,8 +200,9 @@ def _entries(node: str, facts: Facts) -> Iterable[_Entry]:
             text += ", and does not answer"
         yield _Entry(node, "node", ERROR, text, advice=_NETWORK)
     else:
+        doubled = any(len(set(who)) > 1 for who in facts.people_from.values() if node in who)
         for subject, (level, said, values) in facts.reports[node].items():
-            if level != OK:
+            if level != OK and not (subject == "people" and doubled):  # that is said by itself
                 code, advice = _code(values), ""
                 robot = subject.removesuffix("/points").removesuffix("/pose")
                 own = f"{node.removesuffix(PLANNER_NODE)}{robot}/{ROBOT_NODE}"

@@ -280,6 +280,11 @@ def test_a_second_planner_whatever_its_name():
     (check,) = trouble(facts(people_from={"/people": ["/planner_node", "/planner_two"]}))
     assert (check.subject, check.level) == ("/people", ERROR)
     assert check.text == "2 nodes publish it: /planner_node, /planner_two"
+    (said_once,) = told(
+        planner={"people": (ERROR, "2 publishers on /people", {})},
+        people_from={"/people": ["/planner_node", "/planner_two"]},
+    )
+    assert said_once == check
     other = "/team/planner_node"
     (check,) = trouble(
         facts(
