@@ -213,6 +213,71 @@ def test_setup_names_all_that_is_missing_at_once(
     assert run.stdout.endswith(f"sudo apt-get install {packages}\n")
 
 
+#: Keys of rosdep that give packages of Ubuntu 24.04 (rosdep/python.yaml of ros/rosdistro at
+#: 8468e88), and ROS packages of Jazzy (jazzy/distribution.yaml there). Look a new one up before it
+#: goes here.
+SYSTEM_KEYS = {
+    "python3-matplotlib",
+    "python3-numpy",
+    "python3-opencv",
+    "python3-pytest",
+    "python3-rich",
+    "python3-scipy",
+    "python3-typer",
+    "python3-yaml",
+}
+JAZZY_KEYS = {
+    "ament_cmake",
+    "ament_index_python",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "launch",
+    "launch_ros",
+    "lifecycle_msgs",
+    "nav_msgs",
+    "rcl_interfaces",
+    "rclpy",
+    "ros2launch",
+    "rosgraph_msgs",
+    "rosidl_default_generators",
+    "rosidl_default_runtime",
+    "sensor_msgs",
+    "std_msgs",
+    "stereo_msgs",
+    "visualization_msgs",
+}
+
+
+def test_rosdep_knows_every_dependency_and_asks_pip_for_none() -> None:
+    """Ubuntu's Python takes nothing from pip: one such key would stop `rosdep install`."""
+    for package, folder in PACKAGES.items():
+        manifest = ET.parse(ROOT / folder / "package.xml").getroot()
+        keys = {str(each.text) for each in manifest if each.tag.endswith("depend")}
+        assert keys
+        assert keys <= SYSTEM_KEYS | JAZZY_KEYS | set(PACKAGES), package
+
+
+def test_camera_recipes_give_every_input_its_name() -> None:
+    """Each launch file of docs/cameras.md: what robot_node hears, each from a topic of its own."""
+    text = (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8")
+    recipes = re.findall(r"```xml\n(.*?)```", text, re.DOTALL)
+    assert len(recipes) == 3
+    for recipe in recipes:
+        launch = ET.fromstring(recipe)
+        remaps = {each.get("from"): each.get("to") for each in launch.iter("set_remap")}
+        sides, topics = ("left", "right"), ("image_rect", "camera_info")
+        wanted = {f"/robot_a/{side}/{topic}" for side in sides for topic in topics}
+        assert len(remaps) == len(wanted)
+        assert set(remaps.values()) == wanted
+        # Renamed is the driver alone: the group ends before our node.
+        (driver,) = launch.findall("group/include")
+        (ours,) = launch.findall("include")
+        assert "robot.launch.py" in str(ours.get("file"))
+        arguments = {each.get("name"): each.get("value") for each in driver.findall("arg")}
+        assert {"robot_a", "head"} <= set(arguments.values())
+
+
 # --- layers --------------------------------------------------------------------------------------
 
 

@@ -245,7 +245,7 @@ class Images(Section):
         120, "larger images are scaled down to fit this height [px]", low=24, high=4096
     )
     max_stamp_difference: float = _field(
-        0.0, "images whose stamps differ by up to this form a pair; 0: same stamp [s]",
+        0.005, "images whose stamps differ by up to this form a pair; 0: same stamp [s]",
         low=0.0, high=1.0,
     )  # fmt: skip
     queue_size: int = _field(8, "images per camera that wait for their pair", low=1, high=100)

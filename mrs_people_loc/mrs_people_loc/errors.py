@@ -19,6 +19,14 @@ class ImageError(PeopleLocError):
     """An image that cannot be used, or does not fit its calibration or its pair."""
 
 
+class UncalibratedError(ImageError):
+    """Images that are of no use while there is no calibration that fits."""
+
+
+class StampError(PeopleLocError):
+    """A message whose stamp is 0: its sender sets none."""
+
+
 class ScanError(PeopleLocError):
     """A scan (`points`) that cannot be used."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from mrs_people_loc import messages, timing
 from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import CameraError, ImageError
+from mrs_people_loc.errors import CameraError, ImageError, UncalibratedError
 from mrs_people_loc.images import Gray, ImagePreparer, Pairer, StereoImages
 from mrs_people_loc.robot import RobotPipeline, Stages
 
@@ -131,14 +131,16 @@ class Head:
         """Takes a sensor_msgs/Image and returns the view that it completes, or None.
 
         Raises:
-            ImageError: It cannot be used, does not fit its calibration or the other images, or is
-                of no use while there is no calibration.
+            ImageError: It cannot be used, or does not fit its calibration or the other images.
+            UncalibratedError: It is of no use while there is no calibration.
+            StampError: Its stamp is 0.
         """
+        stamp_ns = messages.read_stamp(message)
         image = messages.read_image(message)
         if camera in self._preparers:
             self._preparers[camera].check_size(image)
         received = _Received(message.header, message.encoding, image)
-        found = self.pairer.add(camera, messages.stamp_ns_of(message.header.stamp), received)
+        found = self.pairer.add(camera, stamp_ns, received)
         if found is None:
             return None
         if self.pipeline is not None:
@@ -147,7 +149,7 @@ class Head:
         if waited is not None:
             missing = ", ".join(c for c in self.cameras if c not in self._keys)
             why = f"no camera_info of {missing}" if missing else self._why_not
-            raise ImageError(f"images are not used: {why}")
+            raise UncalibratedError(f"images are not used: {why}")
         return None
 
     def _process(self, found: Mapping[str, tuple[int, _Received]]) -> View:

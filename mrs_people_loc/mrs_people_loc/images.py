@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,9 @@ from mrs_people_loc.errors import CameraError, ImageError
 Gray = NDArray[np.uint8]
 
 _T = TypeVar("_T")
+
+#: The time between images is the median of so many of their camera [frames].
+_PERIODS = 9
 
 
 @dataclass(frozen=True)
@@ -149,11 +153,13 @@ class Pairer(Generic[_T]):
     smallest_difference_ns: int | None = None
     _queues: dict[str, deque[tuple[int, _T]]] = field(default_factory=dict)
     _orders: dict[str, StampOrder] = field(default_factory=dict)
+    _periods: dict[str, deque[int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Makes the queues."""
         self._queues = {camera: deque() for camera in self.cameras}
         self._orders = {camera: StampOrder() for camera in self.cameras}
+        self._periods = {camera: deque(maxlen=_PERIODS) for camera in self.cameras}
 
     def reset(self) -> None:
         """Forgets what waits; the counts stay."""
@@ -185,11 +191,39 @@ class Pairer(Generic[_T]):
             self.reset()
             self._orders[camera].take(stamp_ns)
             self.resets += 1
+        elif newest_ns is not None:
+            self._periods[camera].append(stamp_ns - newest_ns)
         queue = self._queues[camera]
         queue.append((stamp_ns, item))
         if len(queue) > self.queue_size:
             self._drop(camera)
         return self._match(stamp_ns)
+
+    def why_unpaired(self) -> str:
+        """Why images find no pair, in words: what was seen, what is allowed, and what to do."""
+        nearest_ns = self.smallest_difference_ns
+        allowed = f"allowed by images.max_stamp_difference: {self.max_difference_ns / 1e9:g} s"
+        if nearest_ns is None:
+            return (
+                "smallest difference of stamps seen: no image of the other camera that can be "
+                f"used; {allowed}"
+            )
+        text = f"smallest difference of stamps seen: {nearest_ns / 1e9:.4f} s; {allowed}"
+        periods = [sorted(p)[len(p) // 2] for p in self._periods.values() if p]
+        if nearest_ns <= self.max_difference_ns or not periods:
+            return text
+        # Two cameras that run by themselves at one rate are never farther apart than that.
+        half_ns = max(periods) / 2
+        if nearest_ns <= 1.1 * half_ns:
+            enough = math.ceil(max(half_ns, nearest_ns) / 1e6) / 1e3
+            return (
+                f"{text}; trigger the cameras together, or, where nothing moves fast, set "
+                f"images.max_stamp_difference: {enough:g} (half of the time between images)"
+            )
+        return (
+            f"{text}; that is more than half of the {max(periods) / 1e9:.4f} s between images: the "
+            "cameras' stamps are of different clocks, or one of them is late by a constant"
+        )
 
     def _match(self, stamp_ns: int) -> Mapping[str, tuple[int, _T]] | None:
         first = self.cameras[0]

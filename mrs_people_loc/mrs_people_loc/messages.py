@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mrs_people_loc.camera import CameraModel
-from mrs_people_loc.errors import CameraError, GridError, ImageError, PoseError, ScanError
+from mrs_people_loc.errors import (
+    CameraError,
+    GridError,
+    ImageError,
+    PoseError,
+    ScanError,
+    StampError,
+)
 from mrs_people_loc.geometry import Float, yaw_from_quaternion
 from mrs_people_loc.masking import OccupancyGrid
 from mrs_people_loc.poses import Pose
@@ -24,8 +31,17 @@ if TYPE_CHECKING:
 
 Message = Any
 
-#: Image encodings that are read: channels, and the name of OpenCV's conversion to grey.
-ENCODINGS = {"mono8": (1, ""), "bgr8": (3, "COLOR_BGR2GRAY"), "rgb8": (3, "COLOR_RGB2GRAY")}
+#: Image encodings that are read: channels, and the name of OpenCV's conversion to grey. Those that
+#: name no colours are OpenCV's own, whose order is blue, green, red.
+ENCODINGS = {
+    "mono8": (1, ""),
+    "bgr8": (3, "COLOR_BGR2GRAY"),
+    "rgb8": (3, "COLOR_RGB2GRAY"),
+    "bgra8": (4, "COLOR_BGRA2GRAY"),
+    "rgba8": (4, "COLOR_RGBA2GRAY"),
+    "8UC1": (1, ""),
+    "8UC3": (3, "COLOR_BGR2GRAY"),
+}
 
 #: PointField's datatypes (sensor_msgs/PointField).
 _POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
@@ -47,6 +63,21 @@ _MAX_TILT = math.radians(30.0)
 def stamp_ns_of(stamp: Message) -> int:
     """Time of a builtin_interfaces/Time [ns]."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def read_stamp(message: Message) -> int:
+    """Time of a message of a sensor [ns].
+
+    Raises:
+        StampError: It is 0, which says that its sender sets none.
+    """
+    stamp_ns = stamp_ns_of(message.header.stamp)
+    if stamp_ns == 0:
+        raise StampError(
+            "stamp is 0: its sender sets none, and without stamps images find no pair and scans no "
+            "pose; let the driver set them (or, with use_sim_time, start /clock before it)"
+        )
+    return stamp_ns
 
 
 def read_camera_info(message: Message) -> CameraModel:
@@ -122,6 +153,7 @@ def read_pose(message: Message, base_frame: str | None = None) -> Pose:
     Raises:
         PoseError: It is the pose of something else, a value is not finite, the quaternion is none,
             or the robot does not stand.
+        StampError: Its stamp is 0.
     """
     child = getattr(message, "child_frame_id", "")  # only odometry has one
     if base_frame is not None and child:
@@ -131,7 +163,7 @@ def read_pose(message: Message, base_frame: str | None = None) -> Pose:
                 f"child_frame_id is {child!r}; wanted: {base_frame!r} "
                 "(or base_footprint; the robot's name may be left out)"
             )
-    return _pose(stamp_ns_of(message.header.stamp), message.pose)
+    return _pose(read_stamp(message), message.pose)
 
 
 def read_transform(message: Message, sigmas: tuple[float, ...] = ()) -> Pose:

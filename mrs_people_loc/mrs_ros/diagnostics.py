@@ -19,22 +19,24 @@ from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
 
 from mrs_people_loc.errors import PeopleLocError
-
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
+from mrs_people_loc.health import (
+    ERROR,
+    OK,
+    OLD_STAMP_S,
+    SILENCE_S,
+    STALE,
+    WARN,
+    Code,
+    Stream,
+    of_stream,
 )
+
+__all__ = ["ERROR", "OK", "OLD_STAMP_S", "SILENCE_S", "STALE", "WARN"]
 
 #: The same trouble is logged at most this often [s].
 LOG_PERIOD_S = 5.0
-#: A topic that is silent for longer is reported [s].
-SILENCE_S = 2.0
 #: What was dropped is a warning for so long [s].
 RECENT_S = 10.0
-#: Stamps that are this far from the clock are reported [s].
-OLD_STAMP_S = 5.0
 
 
 class Throttle:
@@ -88,12 +90,14 @@ class Finding:
         level: OK, WARN, ERROR or STALE.
         message: What is wrong, and what to do.
         values: Figures by name.
+        code: What is wrong, for tools; it is published as the value `code`. None: nothing is.
     """
 
     name: str
     level: bytes
     message: str
     values: Mapping[str, object] = field(default_factory=dict)
+    code: Code | None = None
 
 
 class Input:
@@ -110,6 +114,10 @@ class Input:
         qos: Quality of service that is asked for.
         once: One message that can be used is enough: silence after it is no fault, but nothing
             besides it is one.
+
+    Attributes:
+        instead: Relative name of a topic that may be published in place of this one, and what to do
+            then.
     """
 
     def __init__(
@@ -128,6 +136,9 @@ class Input:
         self.received = 0
         self.dropped: Counter[str] = Counter()
         self.last_error = ""
+        self.instead: tuple[str, str] | None = None
+        self._refused_in_a_row = 0
+        self._last_kind = ""
         self._node = node
         self._callback = callback
         self._message_type = message_type
@@ -177,14 +188,34 @@ class Input:
             "dropped": total,
             **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
         }
-        if self._once and not self._taken and total:
-            text = f"none of {total} can be used; last: {self.last_error}"
-            return Finding(self.topic, ERROR, text, values)
-        if silent > SILENCE_S and not (self._once and self._taken):
-            return Finding(self.topic, ERROR, self._silence(silent), values)
-        if self._losses.lately(total):
-            return Finding(self.topic, WARN, f"{total} dropped; last: {self.last_error}", values)
-        return Finding(self.topic, OK, "ok", values)
+        level, code, text = of_stream(self._stream(silent, total))
+        return Finding(self.topic, level, text, values, code)
+
+    def _stream(self, silent_s: float, refused: int) -> Stream:
+        node, name = self._node, self.subscription.topic_name
+        instead = None
+        if self.instead is not None:
+            other, remedy = self.instead
+            other = node.resolve_topic_name(other)
+            instead = (other, remedy) if node.count_publishers(other) else None
+        return Stream(
+            topic=name,
+            kind=_type_name(self._message_type),
+            silent_s=silent_s,
+            refused=refused,
+            refused_in_a_row=self._refused_in_a_row,
+            refused_lately=self._losses.lately(refused),
+            last_error=self.last_error,
+            last_kind=self._last_kind,
+            publishers=[
+                (f"{p.node_namespace.rstrip('/')}/{p.node_name}", p.topic_type)
+                for p in node.get_publishers_info_by_topic(name)
+            ],
+            incompatible=self._incompatible,
+            once=self._once,
+            taken=self._taken,
+            instead=instead,
+        )
 
     def drop(self, reason: str, text: str) -> None:
         """Counts and logs something that was dropped."""
@@ -200,8 +231,10 @@ class Input:
         self.received += 1
         try:
             self._callback(message)
-            self._taken = True
+            self._taken, self._refused_in_a_row = True, 0
         except PeopleLocError as err:
+            self._refused_in_a_row += 1
+            self._last_kind = type(err).__name__
             self.drop(type(err).__name__, str(err))
 
     def _on_incompatible(self, event: Any) -> None:
@@ -210,18 +243,6 @@ class Input:
             f"{self.subscription.topic_name}: a publisher offers incompatible QoS: "
             f"{self._incompatible}; its messages do not arrive"
         )
-
-    def _silence(self, silent: float) -> str:
-        name = self.subscription.topic_name
-        publishers = self._node.get_publishers_info_by_topic(name)
-        text = f"no data on {name} for {silent:.0f} s; publishers: {len(publishers)}"
-        if self._incompatible:
-            text += f"; incompatible QoS: {self._incompatible}"
-        own = _type_name(self._message_type)
-        others = sorted({p.topic_type for p in publishers} - {own})
-        if others:
-            text += f"; published as {', '.join(others)}, wanted: {own}"
-        return text
 
     def _now(self) -> float:
         return self._clock.now().nanoseconds / 1e9
@@ -260,29 +281,21 @@ class Reporter:
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         for finding in self._collect():
+            values = dict(finding.values)
+            if finding.code is not None:
+                values["code"] = finding.code
             message.status.append(
                 DiagnosticStatus(
                     level=finding.level,
                     name=f"{self._node.get_fully_qualified_name()}: {finding.name}",
                     message=finding.message,
                     hardware_id=self._hardware_id,
-                    values=[
-                        KeyValue(key=key, value=str(value)) for key, value in finding.values.items()
-                    ],
+                    values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
                 )
             )
             if finding.level == ERROR and self._log.lets_through(finding.name):
                 self._node.get_logger().warning(finding.message)
         self._publisher.publish(message)
-
-
-def stamp_hint(node: Node, stamp_ns: int) -> str:
-    """What to say of a stamp that is far from the node's clock; empty if it is not."""
-    ahead = (stamp_ns - node.get_clock().now().nanoseconds) / 1e9
-    if abs(ahead) <= OLD_STAMP_S:
-        return ""
-    where = "ahead of" if ahead > 0 else "behind"
-    return f"stamps are {abs(ahead):.1f} s {where} this machine's clock{recording_hint(node)}"
 
 
 def recording_hint(node: Node) -> str:

@@ -21,13 +21,14 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
+from mrs_people_loc.errors import PeopleLocError
+from mrs_tools.installing import how_to_install
+
 try:
     import typer
     from typer.core import TyperGroup
 except ModuleNotFoundError as err:
-    sys.exit(f"error: mrs needs {err.name}: pip install 'mrs-people-loc[tools]'")
-
-from mrs_people_loc.errors import PeopleLocError
+    sys.exit(f"error: mrs needs {err.name}: {how_to_install(str(err.name))}")
 
 # name: (module:function, what it does). The function may also be a typer.Typer of its own.
 COMMANDS = {
@@ -56,18 +57,6 @@ COMMANDS = {
     "convert": ("mrs_tools.convert:app", "Write foreign recordings as bags."),
 }
 
-# What brings a module that may be missing.
-_INSTALL = {
-    **dict.fromkeys(["rosbags", "rich"], "[tools]"),
-    **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
-    "pypcd4": "[convert]",
-    "embreex": "[sim]",
-    **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),
-    **dict.fromkeys(["diagnostic_msgs", "stereo_msgs", "visualization_msgs"], "[ros]"),
-    **dict.fromkeys(["builtin_interfaces", "lifecycle_msgs", "rosgraph_msgs"], "[ros]"),
-    "mrs_people_msgs": "make setup",
-}
-
 
 class _LazyGroup(TyperGroup):
     """Imports a subcommand when it runs, and turns errors into one line and an exit code."""
@@ -85,9 +74,9 @@ class _LazyGroup(TyperGroup):
             fail(str(err))
         except ImportError as err:
             module = (err.name or "").partition(".")[0]
-            if module not in _INSTALL:
+            if (how := how_to_install(module)) is None:
                 raise
-            fail(f"this needs {module}, which is not installed: {_how_to_install(module)}")
+            fail(f"this needs {module}, which is not installed: {how}")
 
 
 def _load(name: str) -> Any:
@@ -120,14 +109,6 @@ def _spell_optional(function: Callable[..., object] | None) -> None:
                 plain = typing.Union[typing.get_args(plain)]  # noqa: UP007
                 hints[name] = Annotated[(plain, *notes)]
     function.__annotations__ = hints
-
-
-def _how_to_install(module: str) -> str:
-    what = _INSTALL[module]
-    if what == "make setup":
-        return "run `make setup`, or source the workspace that has it"
-    install = f"pip install 'mrs-people-loc{what}'"
-    return f"source your ROS 2 installation, or {install}" if what == "[ros]" else install
 
 
 def fail(message: str) -> NoReturn:

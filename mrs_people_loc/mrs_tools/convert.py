@@ -25,6 +25,7 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import BagError, CameraError, ConfigError
 from mrs_people_loc.images import Gray
 from mrs_tools.bags import BagWriter, default_typestore
+from mrs_tools.installing import how_to_install
 
 Float = NDArray[np.float64]
 
@@ -504,7 +505,8 @@ def read_rgbd(file: Path) -> tuple[Gray, Float]:
     try:
         from pypcd4 import PointCloud  # needed by this converter alone
     except ImportError as err:
-        raise BagError("reading PCD files needs the package pypcd4: pip install pypcd4") from err
+        how = how_to_install("pypcd4")
+        raise BagError(f"reading PCD files needs pypcd4, which is not installed: {how}") from err
     if not file.is_file():
         raise BagError(f"{file} is no file")
     try:

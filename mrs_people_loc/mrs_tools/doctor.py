@@ -6,14 +6,16 @@ import os
 import re
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
+from mrs_people_loc.health import Code
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -22,36 +24,69 @@ OK, WARN, ERROR, STALE = "ok", "warning", "error", "waiting"
 _LEVELS = {b"\x00": OK, b"\x01": WARN, b"\x02": ERROR, b"\x03": STALE}
 _COLOURS = {OK: "green", WARN: "yellow", ERROR: "red", STALE: "yellow"}
 
-#: What to do about what the nodes report, where their own words do not say it; the first that fits.
-_ADVICE = (
-    (
-        r"publishers: 0",
-        "start what publishes it, or remap it: `ros2 topic list` shows what there is",
+_NETWORK = "it hangs, or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
+
+#: What to do about what the nodes report, by its code, where their own words do not say it.
+_ADVICE = {
+    Code.NO_PUBLISHER: "start what publishes it, or remap it: `ros2 topic list` shows what there "
+    "is; docs/cameras.md",
+    Code.NO_DATA: "it is announced, but nothing comes: its program stands still, or the network "
+    "lets only discovery pass (firewall, Wi-Fi): docs/network.md",
+    Code.WRONG_TYPE: "two programs mean different things by this name: remap one",
+    Code.WRONG_QOS: "let its publisher offer what is asked for; streams are asked for as best "
+    "effort, volatile",
+    Code.ALL_REFUSED: "none is used, for the reason that is said: mend their sender, or see "
+    "docs/cameras.md",
+    Code.SOME_REFUSED: "messages are refused for the reason that is said: mend their sender",
+    Code.NO_CALIBRATION: "publish camera_info beside the images: docs/cameras.md",
+    Code.NO_PAIR: "left and right must come, with stamps of one moment: docs/cameras.md",
+    Code.SCAN_SILENT: "its camera, its node or its network has stopped",
+    Code.LEFT_OUT_NO_POSE: "its poses come late or not at all: look at <robot>/pose, the load of "
+    "its computer, and the network",
+    Code.LEFT_OUT_TOO_OLD: "they come late: the network, the load of its computer, its clock",
+    Code.NO_POSE: "publish its pose, in the map, or set pose.map_from_odom",
+    Code.SLOW: "its computer or the network is too slow: see cpu, and *_ms",
+    **dict.fromkeys(
+        (Code.NO_VIEW, Code.NO_SCAN, Code.NO_ROBOT, Code.NO_INTERVAL), "wait, or see its inputs"
     ),
-    (r"published as", "two programs mean different things by this name: remap one"),
-    (
-        r"incompatible QoS",
-        "let its publisher offer what is asked for; streams are asked for as best effort, volatile",
+}
+
+#: What a node that is not at work says of itself, and how it is set to work.
+_STATES = {
+    "unconfigured": (
+        "hears and sends nothing: it was told to wait (autostart:=false), or could not be "
+        "configured, which its log says",
+        "ros2 lifecycle set {node} configure && ros2 lifecycle set {node} activate",
     ),
-    (
-        r"no data on \S+ for .*publishers: \d",
-        "it is announced, but nothing comes: its program stands still, or the network lets only "
-        "discovery pass (firewall, Wi-Fi): docs/network.md",
+    "inactive": ("hears and sends nothing until activated", "ros2 lifecycle set {node} activate"),
+    "finalized": (
+        "it was shut down, and hears and sends nothing",
+        "end its process; start it anew",
     ),
-    (r"found no pair", "trigger the cameras together, or raise images.max_stamp_difference"),
-    (r"dropped; last:", "messages are refused for the reason that is said: mend their sender"),
-    (
-        r"no pose near|scans but no pose",
-        "its poses come late or not at all: look at <robot>/pose, the load of its computer, and "
-        "the network",
-    ),
-    (r"older than the newest", "they come late: the network, the load of its computer, its clock"),
-    (r"no usable pose", "publish its pose, in the map, or set pose.map_from_odom"),
-    (r"scans per second; expected", "its computer or the network is too slow: see cpu, and *_ms"),
-    (r"its last scan is", "it has stopped, or is cut off"),
-    (r"no robot yet|no scan used yet|no interval yet|no scan yet", "wait, or see its inputs above"),
-    (r"inactive", "activate it: ros2 lifecycle set NODE activate"),
-)
+}
+
+#: What a scan, and a pose, need of the robot's node: subjects of its report, as regular
+#: expressions, in the order of the data. "node" is the node itself.
+_SIGHT = ("node", r"\w+/image_\w+", r"\w+/camera_info", "pairs", "scan")
+_POSE = ("node", "odom|pose_in", "pose")
+#: Topics that come from where another does.
+_BESIDE = {"camera_info": r"image_\w+", "pose": "points"}
+#: Findings that say only that something does not come, or does not go on.
+_LACKS = {
+    Code.NO_PUBLISHER,
+    Code.NO_DATA,
+    Code.NO_CALIBRATION,
+    Code.NO_PAIR,
+    Code.SOME_UNPAIRED,
+    Code.NO_VIEW,
+    Code.NO_SCAN,
+    Code.SCAN_SILENT,
+    Code.NO_POSE,
+    Code.LEFT_OUT_NO_POSE,
+    Code.TWO_PUBLISHERS,
+    Code.NO_ROBOT,
+    Code.NO_INTERVAL,
+}
 
 
 @dataclass(frozen=True)
@@ -63,12 +98,14 @@ class Check:
         level: ok, warning, error or waiting.
         text: What was found.
         advice: What to do; empty where the text says it, or nothing is to be done.
+        follows: What else was found that comes of this.
     """
 
     subject: str
     level: str
     text: str
     advice: str = ""
+    follows: tuple[Check, ...] = ()
 
 
 @dataclass
@@ -82,6 +119,10 @@ class Facts:
         mismatches: Topic, and why a publisher and a subscriber of it do not meet.
         has_clock: Whether somebody publishes `/clock`.
         sim_time: By node, whether it takes its time from `/clock`; None: it did not answer.
+        states: By node, its state in the life cycle; None: it did not answer.
+        people_from: By topic of `people`, who publishes it.
+        shared_robots: By robot's topic that more than one planner listens to, these planners.
+        viewers: Every `mrs people` that runs.
     """
 
     domain: int
@@ -90,38 +131,152 @@ class Facts:
     mismatches: list[tuple[str, str]] = field(default_factory=list)
     has_clock: bool = False
     sim_time: dict[str, bool | None] = field(default_factory=dict)
+    states: dict[str, str | None] = field(default_factory=dict)
+    people_from: dict[str, list[str]] = field(default_factory=dict)
+    shared_robots: dict[str, list[str]] = field(default_factory=dict)
+    viewers: list[str] = field(default_factory=list)
 
 
-def advice_for(text: str) -> str:
-    """What to do about a finding; empty if it says that itself."""
-    return next((advice for pattern, advice in _ADVICE if re.search(pattern, text)), "")
+@dataclass(frozen=True, eq=False)
+class _Entry:
+    """One finding of a node that is not well."""
+
+    node: str
+    subject: str
+    level: str
+    text: str
+    code: Code | None = None
+    advice: str = ""
+
+    @property
+    def is_of_robot(self) -> bool:
+        return self.node.endswith(f"/{ROBOT_NODE}")
+
+    def check(self, follows: Iterable[_Entry] = ()) -> Check:
+        subject = self.node if self.subject == "node" else f"{self.node}: {self.subject}"
+        advice = self.advice or (_ADVICE.get(self.code, "") if self.code else "")
+        return Check(subject, self.level, self.text, advice, tuple(e.check() for e in follows))
 
 
 def diagnose(facts: Facts) -> list[Check]:
-    """What is right and wrong with a team, the causes first."""
-    checks = [*_of_nodes(facts), *_of_time(facts)]
+    """What is right and wrong with a team: the causes first, and what follows from each with it."""
+    checks = [*_of_nodes(facts), *_of_time(facts), *_of_planners(facts)]
     checks += [
         Check(topic, ERROR, text, "let both ask for the same; docs/network.md has the table")
         for topic, text in facts.mismatches
     ]
-    for node in dict.fromkeys(facts.nodes):
-        if node not in facts.reports:
-            checks.append(
-                Check(
-                    node,
-                    ERROR,
-                    "is on the network, but reports nothing on /diagnostics",
-                    "it hangs, or the network lets only discovery pass: docs/network.md",
-                )
-            )
-            continue
-        report = facts.reports[node]
-        bad = [(name, *entry) for name, entry in report.items() if entry[0] != OK]
-        for name, level, text, _ in bad:
-            checks.append(Check(f"{node}: {name}", level, text, advice_for(text)))
-        if not bad:
-            checks.append(Check(node, OK, f"{len(report)} findings, all well"))
+    nodes = list(dict.fromkeys(facts.nodes))
+    entries = [entry for node in nodes for entry in _entries(node, facts)]
+    checks += _folded(sorted(entries, key=lambda entry: not entry.is_of_robot))
+    bad = {entry.node for entry in entries}
+    checks += [
+        Check(node, OK, f"{len(facts.reports[node])} findings, all well")
+        for node in nodes
+        if node not in bad
+    ]
+    if len(facts.viewers) > 1:
+        text = f"{len(facts.viewers)} run: {', '.join(facts.viewers)}"
+        checks.append(Check("mrs people", OK, text))
     return checks
+
+
+def _entries(node: str, facts: Facts) -> Iterable[_Entry]:
+    """What is not well with a node: the node itself, or what it reports."""
+    if node == f"/{ROBOT_NODE}":
+        yield _Entry(
+            node,
+            "node",
+            ERROR,
+            "is a robot without a namespace, which is a robot's name: no planner finds it",
+            advice="start it in one: ros2 run robot_node robot_node --ros-args -r __ns:=/robot_a",
+        )
+    state = facts.states.get(node)
+    if state in _STATES:
+        text, advice = _STATES[state]
+        yield _Entry(node, "node", ERROR, f"is {state}: {text}", advice=advice.format(node=node))
+    elif node not in facts.reports:
+        text = "is on the network, but reports nothing on /diagnostics"
+        if state is None:
+            text += ", and does not answer"
+        yield _Entry(node, "node", ERROR, text, advice=_NETWORK)
+    else:
+        doubled = any(len(set(who)) > 1 for who in facts.people_from.values() if node in who)
+        for subject, (level, said, values) in facts.reports[node].items():
+            if level != OK and not (subject == "people" and doubled):  # that is said by itself
+                code, advice = _code(values), ""
+                robot = subject.removesuffix("/points").removesuffix("/pose")
+                own = f"{node.removesuffix(PLANNER_NODE)}{robot}/{ROBOT_NODE}"
+                if code == Code.NO_PUBLISHER and robot != subject and own not in facts.nodes:
+                    advice = f"there is no {own}: start it, or see `robots` in the team's file"
+                yield _Entry(node, subject, level, said, code, advice)
+
+
+def _code(values: Mapping[str, str]) -> Code | None:
+    """The code of a finding; None where it has none that is known here."""
+    try:
+        return Code(values.get("code", ""))
+    except ValueError:
+        return None
+
+
+def _folded(entries: Sequence[_Entry]) -> Iterable[Check]:
+    """Entries as checks: those that follow from an error that is among them, under it."""
+    follows: dict[_Entry, list[_Entry]] = {entry: [] for entry in entries}
+    for entry in entries:
+        cause = _cause(entry, entries)
+        if cause is not entry:
+            follows[cause].append(entry)
+    under = {entry for those in follows.values() for entry in those}
+    return [entry.check(those) for entry, those in follows.items() if entry not in under]
+
+
+def _cause(entry: _Entry, entries: Sequence[_Entry]) -> _Entry:
+    """The error that a finding follows from, in the end; itself if none."""
+    for pattern in _causes(entry):
+        for other in entries:
+            if re.fullmatch(pattern, f"{other.node}: {other.subject}"):
+                first = _cause(other, entries)
+                if first.level == ERROR:
+                    return first
+    # A camera, or a robot, that is silent altogether is one trouble.
+    beside, _, last = entry.subject.rpartition("/")
+    if entry.code in _LACKS and last in _BESIDE:
+        for other in entries:
+            same = (other.node, other.code) == (entry.node, entry.code)
+            found = same and re.fullmatch(f"{re.escape(beside)}/{_BESIDE[last]}", other.subject)
+            if found and _cause(other, entries) is other:
+                return other
+    return entry
+
+
+def _causes(entry: _Entry) -> Iterable[str]:
+    """What a finding may follow from, the nearest to the sensor first, as regular expressions."""
+    if entry.code not in _LACKS:
+        return
+    node, subject = entry.node, entry.subject
+    if entry.is_of_robot:
+        if entry.code == Code.NO_CALIBRATION:
+            yield rf"{re.escape(node)}: \w+/camera_info"
+        elif subject in ("pairs", "scan", "head", "pose"):
+            chain = _POSE if subject == "pose" else _SIGHT
+            for pattern in takewhile(lambda each: each != subject, chain):
+                yield f"{re.escape(node)}: ({pattern})"
+        return
+    under, own = re.escape(node.removesuffix(PLANNER_NODE)), re.escape(node)
+    if subject == "intervals":
+        yield from (rf"{under}.+/{ROBOT_NODE}: ({pattern})" for pattern in _SIGHT)
+        yield rf"{under}{ROBOT_NODE}: node"
+        yield rf"{own}: (.*/(points|pose)|robot .*)"
+    elif subject.startswith("robot "):
+        robot = re.escape(subject.removeprefix("robot "))
+        yield f"{own}: {robot}/(points|pose)"
+        if entry.code != Code.TWO_PUBLISHERS:
+            chain = _POSE if entry.code == Code.NO_POSE else _SIGHT
+            yield from (f"{under}{robot}/{ROBOT_NODE}: ({pattern})" for pattern in chain)
+    elif entry.code != Code.TWO_PUBLISHERS:
+        robot, _, topic = subject.rpartition("/")
+        chain = _POSE if topic == "pose" else _SIGHT
+        yield from (f"{under}{re.escape(robot)}/{ROBOT_NODE}: ({pattern})" for pattern in chain)
 
 
 def _of_nodes(facts: Facts) -> Iterable[Check]:
@@ -164,7 +319,25 @@ def _of_time(facts: Facts) -> Iterable[Check]:
         )
 
 
+def _of_planners(facts: Facts) -> Iterable[Check]:
+    """More than one planner, under whatever names."""
+    advice = "end one, or give each team a namespace of its own"
+    for topic, names in sorted(facts.people_from.items()):
+        if len(set(names)) > 1:
+            text = f"{len(names)} nodes publish it: {', '.join(names)}"
+            yield Check(topic, ERROR, text, advice)
+    for planners in sorted({tuple(sorted(set(p))) for p in facts.shared_robots.values()}):
+        if len(planners) > 1:
+            robots = [t for t, p in facts.shared_robots.items() if set(p) == set(planners)]
+            text = f"{' and '.join(planners)} all listen to {', '.join(sorted(robots))}"
+            yield Check("planners", WARN, text, advice)
+
+
 _KINDS = (ROBOT_NODE, PLANNER_NODE)
+#: A node that does not answer within this, twice, does not answer [s].
+_ANSWER_S = 1.5
+_PEOPLE = "mrs_people_msgs/msg/People"
+_VIEWER = "mrs_people_"
 
 
 def look(node: Node, duration_s: float, spin: Any) -> Facts:
@@ -180,6 +353,9 @@ def look(node: Node, duration_s: float, spin: Any) -> Facts:
     facts = Facts(domain=node.context.get_domain_id(), nodes=[])
 
     def take(message: Any) -> None:
+        # A report is a whole: what is not in it any more is over.
+        for full_name in {status.name.partition(": ")[0] for status in message.status}:
+            facts.reports.pop(full_name, None)
         for status in message.status:
             full_name, _, subject = status.name.partition(": ")
             if full_name.rpartition("/")[2] in _KINDS:
@@ -196,8 +372,21 @@ def look(node: Node, duration_s: float, spin: Any) -> Facts:
     facts.nodes = sorted(f"{ns.rstrip('/')}/{name}" for name, ns in names if name in _KINDS)
     facts.has_clock = node.count_publishers("/clock") > 0
     facts.mismatches = list(_mismatches(node, names))
-    facts.sim_time = {full: _sim_time(node, full, spin) for full in dict.fromkeys(facts.nodes)}
+    facts.viewers = sorted(f"{ns.rstrip('/')}/{name}" for name, ns in names if _is_viewer(name))
+    for topic, types in node.get_topic_names_and_types():
+        if _PEOPLE in types:
+            facts.people_from[topic] = sorted(map(_name, node.get_publishers_info_by_topic(topic)))
+        elif topic.endswith("/points"):
+            heard = map(_name, node.get_subscriptions_info_by_topic(topic))
+            facts.shared_robots[topic] = [h for h in heard if h.endswith(f"/{PLANNER_NODE}")]
+    for full in dict.fromkeys(facts.nodes):
+        facts.states[full] = _state(node, full, spin)
+        facts.sim_time[full] = None if facts.states[full] is None else _sim_time(node, full, spin)
     return facts
+
+
+def _is_viewer(name: str) -> bool:
+    return name.removeprefix(_VIEWER).isdigit() and name.startswith(_VIEWER)
 
 
 def _mismatches(node: Node, names: Iterable[tuple[str, str]]) -> Iterable[tuple[str, str]]:
@@ -233,15 +422,35 @@ def _name(end: Any) -> str:
 def _sim_time(node: Node, full_name: str, spin: Any) -> bool | None:
     from rcl_interfaces.srv import GetParameters
 
-    client = node.create_client(GetParameters, f"{full_name}/get_parameters")
+    request = GetParameters.Request(names=["use_sim_time"])
+    answer = _ask(node, GetParameters, f"{full_name}/get_parameters", request, spin)
+    return bool(answer.values[0].bool_value) if answer is not None and answer.values else None
+
+
+def _state(node: Node, full_name: str, spin: Any) -> str | None:
+    """State of a node in its life cycle."""
+    from lifecycle_msgs.srv import GetState
+
+    answer = _ask(node, GetState, f"{full_name}/get_state", GetState.Request(), spin)
+    return None if answer is None else str(answer.current_state.label)
+
+
+def _ask(node: Node, kind: Any, service: str, request: Any, spin: Any) -> Any:
+    """Answer of a service; None if none comes. The first may get lost, so it is asked twice."""
+    client = node.create_client(kind, service)
     try:
-        end = time.monotonic() + 2.0
-        while not client.service_is_ready() and time.monotonic() < end:
-            spin()
-        answer = client.call_async(GetParameters.Request(names=["use_sim_time"]))
-        while not answer.done() and time.monotonic() < end:
-            spin()
-        return bool(answer.result().values[0].bool_value) if answer.done() else None
+        for _ in range(2):
+            end = time.monotonic() + _ANSWER_S
+            while not client.service_is_ready() and time.monotonic() < end:
+                spin()
+            if not client.service_is_ready():
+                continue
+            answer = client.call_async(request)
+            while not answer.done() and time.monotonic() < end:
+                spin()
+            if answer.done():
+                return answer.result()
+        return None
     finally:
         node.destroy_client(client)
 
@@ -313,6 +522,8 @@ def command(
         console.print(line.append(f": {check.text}"))
         if check.advice:
             console.print(Text(f"          -> {check.advice}"))
+        for one in check.follows:
+            console.print(Text(f"          so: {one.subject}: {one.text}", style="dim"))
     rows = figures(facts)
     if rows:
         table = Table()

@@ -451,12 +451,7 @@ class _Source:
     def nothing_said(self) -> str:
         """Why there was no scan, as far as it is known."""
         if self.has.images and self.head.pairer.unpaired:
-            nearest = self.head.pairer.smallest_difference_ns
-            seen = "no image of the other camera" if nearest is None else f"{nearest / 1e9:.4f} s"
-            return (
-                f"images found no pair; smallest difference of stamps seen: {seen}; allowed by "
-                f"images.max_stamp_difference: {self.config.images.max_stamp_difference:g} s"
-            )
+            return f"images found no pair; {self.head.pairer.why_unpaired()}"
         return "it has no camera_info" if self.has.images else "no message on points can be used"
 
     def no_pose(self) -> str:

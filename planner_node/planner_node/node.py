@@ -21,6 +21,7 @@ from mrs_people_loc import masking, messages
 from mrs_people_loc.agreement import Agreement
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError
+from mrs_people_loc.health import Code
 from mrs_people_loc.interval import Closed, IntervalCollector, say_offset
 from mrs_people_loc.planner import People, Planner
 from mrs_ros import convert
@@ -261,9 +262,11 @@ class PlannerNode(ManagedNode):
         result = self._result
         if not self._robots:
             wanted = "no robot yet: no namespace publishes both `points` and `pose`"
-            return Finding("intervals", STALE, wanted, {"intervals": 0})
+            return Finding("intervals", STALE, wanted, {"intervals": 0}, Code.NO_ROBOT)
         if result is None:
-            return Finding("intervals", STALE, "no interval yet", {"intervals": 0})
+            return Finding(
+                "intervals", STALE, "no interval yet", {"intervals": 0}, Code.NO_INTERVAL
+            )
         values: dict[str, object] = {
             "intervals": self._intervals,
             "robots": ", ".join(result.poses),
@@ -299,16 +302,17 @@ class PlannerNode(ManagedNode):
                 f"{publishers} publishers on {topic}: two robots share a name, rename one; "
                 "or one was killed some seconds ago"
             )
-            return Finding(name, ERROR, text, values)
+            return Finding(name, ERROR, text, values, Code.TWO_PUBLISHERS)
         offset_ns = state.clock.at(now_ns)
         if offset_ns is not None:
             values["clock_offset_s"] = f"{offset_ns / 1e9:.3f}"
         if state.used_ns is None:
-            return Finding(name, STALE, "no scan used yet", values)
+            return Finding(name, STALE, "no scan used yet", values, Code.NO_SCAN)
         age_s = (now_ns - state.used_ns) / 1e9
         values["age_s"] = f"{age_s:.3f}"
         if not len(state.poses):
-            return Finding(name, ERROR, f"scans but no pose on {robot}/pose", values)
+            text = f"scans but no pose on {robot}/pose"
+            return Finding(name, ERROR, text, values, Code.NO_POSE)
         astray_ns = self._collector.clocks_astray(now_ns).get(robot)
         allowed = f"allowed by interval.max_clock_offset: {self.config.interval.max_clock_offset:g}"
         if astray_ns is not None:
@@ -318,19 +322,22 @@ class PlannerNode(ManagedNode):
             )
             if astray_ns < 0:
                 text += ", or see what keeps its messages back so long"
-            return Finding(name, ERROR, text, values)
+            return Finding(name, ERROR, text, values, Code.CLOCK_ASTRAY)
+        # How old its last scan has become since it came says nothing of its clock.
+        silent_s = (now_ns - (state.heard_ns or now_ns)) / 1e9
+        if silent_s > OLD_STAMP_S:
+            return Finding(name, WARN, f"no scan for {silent_s:.1f} s", values, Code.SCAN_SILENT)
         if offset_ns and abs(offset_ns) > self.config.interval.max_clock_offset * 1e9:
             text = f"stamps are {say_offset(offset_ns)} this machine's clock; {allowed} s"
-            return Finding(name, WARN, text + recording_hint(self), values)
-        if age_s > OLD_STAMP_S:
-            return Finding(name, WARN, f"its last scan is {age_s:.1f} s old", values)
+            return Finding(name, WARN, text + recording_hint(self), values, Code.STAMPS_OFF)
         for reason, text in _LEFT_OUT.items():
             lost = state.dropped[reason]
             if self._losses.setdefault(f"{robot} {reason}", Growth()).lately(lost):
-                return Finding(name, WARN, f"{lost} scans left out: {text}", values)
+                code = Code(f"left_out_{reason}")
+                return Finding(name, WARN, f"{lost} scans left out: {text}", values, code)
         strange = self._strange_pose(robot)
         if strange:
-            return Finding(name, WARN, strange, values)
+            return Finding(name, WARN, strange, values, Code.STRANGE_POSE)
         misplaced = self._agreement.misplaced.get(robot)
         if misplaced is not None:
             move, turn = misplaced.move, math.degrees(misplaced.turn)
@@ -340,11 +347,11 @@ class PlannerNode(ManagedNode):
                 f"by {turn:.0f} degrees {misplaced.would_agree:.0%} would: check its pose "
                 "(localization, pose.map_from_odom) and the mounting of its head"
             )
-            return Finding(name, WARN, text, values)
+            return Finding(name, WARN, text, values, Code.MISPLACED)
         expected_hz = self._expected_rate_hz()
         if expected_hz > 1.0 and 0 < rate_hz < _LEAST_RATE * expected_hz:
             text = f"{rate_hz:.1f} scans per second; expected: {expected_hz:.1f}"
-            return Finding(name, WARN, text, values)
+            return Finding(name, WARN, text, values, Code.SLOW)
         return Finding(name, OK, "ok", values)
 
     def _strange_pose(self, robot: str) -> str:

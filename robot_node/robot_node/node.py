@@ -13,10 +13,11 @@ from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import CameraError, ConfigError
 from mrs_people_loc.floor import FloorWatch, in_words
 from mrs_people_loc.head import Head, View
+from mrs_people_loc.health import Code, of_scans
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.sight import SightWatch
 from mrs_ros import convert
-from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, stamp_hint
+from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, Growth, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import STREAM
 from robot_node import pose_source
@@ -43,7 +44,8 @@ class RobotNode(ManagedNode):
         self._head = Head(self.name_in_team, self.config)
         self._stages: Stages | None = None
         self._frames = 0
-        self._newest_ns = 0
+        self._unpaired = Growth()
+        self._scan_at_s = self._ahead_s = 0.0
         self._overhead_ms = 0.0
         self._sight = SightWatch(self.config.sight)
         self._floor: FloorWatch | None = None
@@ -59,7 +61,8 @@ class RobotNode(ManagedNode):
 
     def start(self) -> None:
         """Listens to images, calibration and poses."""
-        image = "image_rect" if self.config.images.rectified else "image_raw"
+        rectified = self.config.images.rectified
+        image, other = ("image_rect", "image_raw") if rectified else ("image_raw", "image_rect")
         for camera in self._head.cameras:
             self.listen(
                 CameraInfo,
@@ -67,7 +70,9 @@ class RobotNode(ManagedNode):
                 partial(self._on_camera_info, camera),
                 STREAM,
             )
-            self.listen(Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM)
+            heard = self.listen(Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM)
+            remedy = f"set images.rectified: {str(not rectified).lower()}"
+            heard.instead = (f"{camera}/{other}", remedy)
         self._pose.start()
 
     def stop(self) -> None:
@@ -128,7 +133,8 @@ class RobotNode(ManagedNode):
         self._overhead_ms = (time.perf_counter() - began) * 1e3
         self._stages = stages
         self._frames += 1
-        self._newest_ns = stages.scan.stamp_ns
+        self._scan_at_s = time.monotonic()
+        self._ahead_s = (stages.scan.stamp_ns - self.get_clock().now().nanoseconds) / 1e9
         self._watch(view)
 
     def _watch(self, view: View) -> None:
@@ -162,11 +168,11 @@ class RobotNode(ManagedNode):
         """Whether the head sees anything."""
         sight = self._sight
         if not sight.values:
-            return Finding("head", STALE, "no view yet")
+            return Finding("head", STALE, "no view yet", code=Code.NO_VIEW)
         values = {name: f"{value:.2f}" for name, value in sight.values.items()}
         if sight.trouble:
             text = f"the head is blind: {sight.trouble}; check lens caps, light and exposure"
-            return Finding("head", WARN, text, values)
+            return Finding("head", WARN, text, values, Code.BLIND)
         return Finding("head", OK, "ok", values)
 
     def _mounting_finding(self) -> Finding:
@@ -185,7 +191,7 @@ class RobotNode(ManagedNode):
                 f"the head has moved: by the floor {seen}; configured: {configured}; run "
                 f"`mrs calibrate --robot {self.name_in_team}`"
             )
-            return Finding("mounting", WARN, text, values)
+            return Finding("mounting", WARN, text, values, Code.HEAD_MOVED)
         if floor is None:
             why = watch.why_not or "too few looks yet"
             return Finding("mounting", OK, f"not enough floor in view to tell: {why}", values)
@@ -194,23 +200,18 @@ class RobotNode(ManagedNode):
     def _pairing_finding(self) -> Finding:
         pairer = self._head.pairer
         values = {"unpaired": pairer.unpaired, "stamp_resets": pairer.resets}
-        if pairer.unpaired:
-            nearest = pairer.smallest_difference_ns
-            seen = "no image of the other camera" if nearest is None else f"{nearest / 1e9:.4f} s"
-            text = (
-                f"{pairer.unpaired} images found no pair; smallest difference of stamps seen: "
-                f"{seen}; allowed by images.max_stamp_difference: "
-                f"{pairer.max_difference_ns / 1e9:g} s"
-            )
+        lately = self._unpaired.lately(pairer.unpaired)
+        if pairer.unpaired and (lately or not self._frames):
+            text = f"{pairer.unpaired} images found no pair; {pairer.why_unpaired()}"
             if not self._frames:
-                return Finding("pairs", ERROR, text, values)
-            return Finding("pairs", WARN, text, values)
+                return Finding("pairs", ERROR, text, values, Code.NO_PAIR)
+            return Finding("pairs", WARN, text, values, Code.SOME_UNPAIRED)
         return Finding("pairs", OK, "ok", values)
 
     def _scan_finding(self) -> Finding:
         stages = self._stages
         if stages is None:
-            return Finding("scan", STALE, "no scan yet", {"frames": 0})
+            return Finding("scan", STALE, "no scan yet", {"frames": 0}, Code.NO_SCAN)
         valid = float(np.isfinite(stages.disparity).mean())
         values: dict[str, object] = {
             "frames": self._frames,
@@ -222,5 +223,6 @@ class RobotNode(ManagedNode):
             "publish_ms": f"{self._overhead_ms:.2f}",
             **{f"{stage}_ms": f"{ms:.2f}" for stage, ms in stages.times_ms.items()},
         }
-        hint = stamp_hint(self, self._newest_ns)
-        return Finding("scan", WARN if hint else OK, hint or "ok", values)
+        silent_s = time.monotonic() - self._scan_at_s
+        level, code, text = of_scans(silent_s, self._ahead_s, recording_hint(self))
+        return Finding("scan", level, text, values, code)

@@ -15,6 +15,7 @@ from mrs_people_loc import messages
 from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import PoseInput, RobotConfig
 from mrs_people_loc.errors import PoseError
+from mrs_people_loc.health import Code
 from mrs_people_loc.poses import Pose, PoseIntake, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.diagnostics import ERROR, OK, SILENCE_S, Finding
@@ -124,10 +125,11 @@ class PoseSource:
     def finding(self) -> Finding:
         """How it is, for `/diagnostics`."""
         if self._error:
-            return Finding("pose", ERROR, self._error)
+            return Finding("pose", ERROR, self._error, code=Code.NO_POSE)
         pose = self._last
         if pose is None:
-            return Finding("pose", ERROR, f"no usable pose on {self._config.pose.source} yet")
+            text = f"no usable pose on {self._config.pose.source} yet"
+            return Finding("pose", ERROR, text, code=Code.NO_POSE)
         values = {"x": f"{pose.x:.3f}", "y": f"{pose.y:.3f}", "yaw": f"{pose.yaw:.3f}"}
         return Finding("pose", OK, "ok", values)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import CameraError, ImageError
+from mrs_people_loc.errors import CameraError, ImageError, StampError
 from mrs_people_loc.head import Head
 
 PIXELS = np.random.default_rng(0).integers(0, 255, (120, 160), dtype=np.uint8)
@@ -67,6 +67,15 @@ def test_encodings_must_not_differ(infos):
     with pytest.raises(ImageError, match="right image is 'bgr8'; wanted as left: 'mono8'"):
         take(head, 1, right="bgr8")
     assert take(head, 2, left="bgr8", right="bgr8") is not None
+
+
+def test_images_without_stamps_are_refused_at_once(infos):
+    """Not only the second one, as one that is not newer: then one scan would be of no time."""
+    head = calibrated(infos)
+    for camera in ("left", "right"):
+        with pytest.raises(StampError, match="its sender sets none"):
+            head.take_image(camera, image(0, camera=camera))
+    assert take(head, 1) is not None
 
 
 def test_a_parameter_mends_what_a_parameter_broke(infos):

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc.camera import CameraModel
+from mrs_people_loc.config import Images
 from mrs_people_loc.errors import CameraError, ImageError
 from mrs_people_loc.geometry import rotation_from_rpy
 from mrs_people_loc.images import ImagePreparer, Pairer, StereoImages
@@ -250,6 +251,55 @@ def test_how_near_unpaired_images_were_is_said():
     pairer.reset()
     assert pairer.smallest_difference_ns is None
     assert pairer.unpaired == 4
+
+
+DEFAULT_NS = round(Images().max_stamp_difference * 1e9)
+
+
+@pytest.mark.parametrize("rate_hz", [5, 30, 60, 100])
+def test_by_default_pairs_are_of_one_exposure(rate_hz):
+    """Drivers stamp left and right by themselves, images get lost, and none takes its neighbour."""
+    rng = np.random.default_rng(rate_hz)
+    pairer = Pairer(TWO, max_difference_ns=DEFAULT_NS)
+    sets, lost = [], 0
+    for frame in range(200):
+        sent = {c: 1000 + 1000 / rate_hz * frame + rng.uniform(0, 0.8) for c in TWO}
+        missing = TWO[frame % 2] if rng.random() < 0.1 else None
+        lost += missing is not None
+        sets += feed(pairer, *((c, stamp) for c, stamp in sent.items() if c != missing))
+    assert len(sets) == 200 - lost
+    assert 0 < lost < 50
+    assert all(abs(found["left"] - found["right"]) < 0.9 for found in sets)
+
+
+def test_cameras_that_run_by_themselves_are_told_what_to_set():
+    """Half a frame apart at 30 Hz; with what is said, each image has its pair."""
+    arrivals = [(c, 1000 + 33.0 * k + (0 if c == "left" else 16.0)) for k in range(20) for c in TWO]
+    pairer = Pairer(TWO, max_difference_ns=DEFAULT_NS)
+    assert feed(pairer, *arrivals) == []
+    why = pairer.why_unpaired()
+    assert why == (
+        "smallest difference of stamps seen: 0.0160 s; allowed by images.max_stamp_difference: "
+        "0.005 s; trigger the cameras together, or, where nothing moves fast, set "
+        "images.max_stamp_difference: 0.017 (half of the time between images)"
+    )
+    assert len(feed(Pairer(TWO, max_difference_ns=17 * MS), *arrivals)) == 20
+
+
+def test_stamps_that_are_too_far_apart_for_any_frames_are_of_different_clocks():
+    pairer = Pairer(TWO, max_difference_ns=DEFAULT_NS, queue_size=2)
+    for k in range(6):
+        feed(pairer, ("left", 1000 + 33.0 * k), ("right", 6000 + 33.0 * k))
+    assert pairer.why_unpaired().endswith(
+        "of different clocks, or one of them is late by a constant"
+    )
+    assert "0.0330 s between images" in pairer.why_unpaired()
+
+
+def test_of_one_camera_alone_no_difference_is_said():
+    pairer = Pairer(TWO, queue_size=1)
+    feed(pairer, ("left", 0), ("left", 100))
+    assert "no image of the other camera that can be used" in pairer.why_unpaired()
 
 
 def test_a_reset_forgets_what_waits():

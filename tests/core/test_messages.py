@@ -17,6 +17,7 @@ from mrs_people_loc.errors import (
     PeopleLocError,
     PoseError,
     ScanError,
+    StampError,
 )
 from mrs_people_loc.geometry import quaternion_from_rotation, rotation_from_rpy
 from mrs_people_loc.images import ImagePreparer, StereoImages
@@ -133,7 +134,7 @@ def image(rows, encoding="mono8", **changes) -> SimpleNamespace:
     values = {
         "header": header(),
         "height": rows.shape[0],
-        "width": rows.shape[1] // (3 if encoding in ("rgb8", "bgr8") else 1),
+        "width": rows.shape[1] // messages.ENCODINGS.get(encoding, (1, ""))[0],
         "encoding": encoding,
         "is_bigendian": 0,
         "step": rows.shape[1],
@@ -155,11 +156,44 @@ def test_padded_rows():
     np.testing.assert_array_equal(messages.read_image(padded), [[29, 150]])
 
 
-@pytest.mark.parametrize(("encoding", "grey"), [("rgb8", [76, 150, 29]), ("bgr8", [29, 150, 76])])
+@pytest.mark.parametrize(
+    ("encoding", "grey"),
+    [
+        ("rgb8", [76, 150, 29]),
+        ("rgba8", [76, 150, 29]),
+        ("bgr8", [29, 150, 76]),
+        ("bgra8", [29, 150, 76]),
+        ("8UC3", [29, 150, 76]),  # as OpenCV has it
+    ],
+)
 def test_colours_become_grey(encoding, grey):
-    # Red, green, blue weigh 0.299, 0.587, 0.114.
-    pixels = [[255, 0, 0, 0, 255, 0, 0, 0, 255]]
-    np.testing.assert_array_equal(messages.read_image(image(pixels, encoding)), [grey])
+    # Red, green, blue weigh 0.299, 0.587, 0.114; alpha does not count.
+    alphas = [[200], [0], [255]] if encoding.endswith("a8") else [[], [], []]
+    pixels = [[*row, *alpha] for row, alpha in zip(255 * np.eye(3, dtype=int), alphas, strict=True)]
+    rows = [np.concatenate(pixels)]
+    np.testing.assert_array_equal(messages.read_image(image(rows, encoding)), [grey])
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "8UC1"])
+def test_grey_by_either_name(encoding):
+    rows = [[1, 2, 3], [4, 5, 6]]
+    np.testing.assert_array_equal(messages.read_image(image(rows, encoding)), rows)
+
+
+def test_a_pose_without_a_stamp_is_refused():
+    message = odometry()
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    with pytest.raises(StampError, match="stamp is 0"):
+        messages.read_pose(message)
+
+
+def test_a_stamp_of_zero_is_none():
+    message = SimpleNamespace(header=header())
+    message.header.stamp.sec, message.header.stamp.nanosec = 0, 1
+    assert messages.read_stamp(message) == 1
+    message.header.stamp.nanosec = 0
+    with pytest.raises(StampError, match=r"stamp is 0: its sender sets none.*use_sim_time"):
+        messages.read_stamp(message)
 
 
 @pytest.mark.parametrize("make", [bytes, bytearray, lambda data: np.frombuffer(data, np.uint8)])
@@ -179,6 +213,10 @@ def test_image_data_in_any_buffer(make):
         ({"height": 0, "data": b""}, "image is 3x0; wanted: more than 0x0"),
         ({"step": 2}, "step is 2 bytes; wanted for mono8 at width 3: at least 3"),
         ({"encoding": "rgb8", "width": 3}, "step is 3 bytes; wanted for rgb8 at width 3: at lea"),
+        (
+            {"encoding": "bgra8", "width": 3},
+            "step is 3 bytes; wanted for bgra8 at width 3: at least 12",
+        ),
         ({"data": b"12345"}, r"data has 5 bytes; wanted: step \* height = 6"),
         ({"data": b"1234567"}, r"data has 7 bytes; wanted: step \* height = 6"),
         ({"data": b""}, r"data has 0 bytes; wanted: step \* height = 6"),
@@ -659,7 +697,7 @@ def only_our_errors(function, *arguments):
 
 
 @given(
-    encoding=st.sampled_from(["mono8", "rgb8", "bgr8", "mono16"]) | st.text(max_size=5),
+    encoding=st.sampled_from([*messages.ENCODINGS, "mono16"]) | st.text(max_size=5),
     height=small | uint32,
     width=small | uint32,
     padding=st.integers(-2, 2),
@@ -667,7 +705,7 @@ def only_our_errors(function, *arguments):
     whole=st.booleans(),
 )
 def test_any_image(encoding, height, width, padding, data, whole):
-    step = max(0, width * (1 if encoding == "mono8" else 3) + padding)
+    step = max(0, width * messages.ENCODINGS.get(encoding, (1, ""))[0] + padding)
     if whole and step * height <= 1000:
         data = (data + bytes(1000))[: step * height]
     message = SimpleNamespace(

@@ -92,7 +92,7 @@ def _image(
     encoding: str = "mono8", width: int = WIDTH, height: int = HEIGHT, shift: int = 0
 ) -> Any:
     """A random texture; one that is shifted by -1 is 3 px (1 px in colour) to the left."""
-    step = width * (1 if encoding == "mono8" else 3)
+    step = width * messages.ENCODINGS.get(encoding, (3, ""))[0]
     rows = np.random.default_rng(1).integers(0, 256, (height, step), np.uint8)
     data = np.roll(rows, 3 * shift, axis=1).reshape(-1)
     return _make(

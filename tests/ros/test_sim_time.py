@@ -142,7 +142,7 @@ def test_ages_are_in_sim_time(
     # Sixteen seconds later they are old by /clock, and it is said.
     clock.to(clock.now + 16 * SECOND)
     finding = planner.until_finding("robot robot_a", lambda f: f.level == WARN)
-    assert finding.message == "its last scan is 16.2 s old"
+    assert finding.message == "no scan for 16.2 s"
 
 
 def test_clock_that_is_set_back_stops_nothing(

@@ -1,14 +1,16 @@
 """The `mrs` command as a whole."""
 
 import importlib
+import sys
 import types
 import typing
+from pathlib import Path
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
-from mrs_tools import cli
+from mrs_tools import cli, installing
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
@@ -36,3 +38,43 @@ def test_typer_0_9_understands_each_command(name: str) -> None:
     assert len(annotated) > 1
     for hint in annotated:
         assert not isinstance(typing.get_args(hint)[0], types.UnionType), hint
+
+
+@pytest.mark.parametrize(
+    ("module", "in_a_venv", "in_the_system"),
+    [
+        ("rich", "pip install 'mrs-people-loc[tools]'", "sudo apt install python3-rich"),
+        ("PIL", "pip install 'mrs-people-loc[plots]'", "sudo apt install python3-pil"),
+        (
+            "rosbags",
+            "pip install 'mrs-people-loc[tools]'",
+            "python3 -m venv --system-site-packages ~/mrs && ~/mrs/bin/pip install rosbags, then "
+            "`~/mrs/bin/python -m mrs_tools` in place of `mrs`",
+        ),
+        (
+            "rclpy",
+            "source your ROS 2 installation, or pip install 'mrs-people-loc[ros]'",
+            "source your ROS 2 installation, or run `make setup`",
+        ),
+        ("mrs_people_msgs", *["run `make setup`, or source the workspace that has it"] * 2),
+        ("a_bug", None, None),
+    ],
+)
+def test_no_pip_where_the_system_forbids_it(
+    module: str, in_a_venv: str, in_the_system: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(installing, "_pip_is_refused", lambda: False)
+    assert installing.how_to_install(module) == in_a_venv
+    monkeypatch.setattr(installing, "_pip_is_refused", lambda: True)
+    assert installing.how_to_install(module) == in_the_system
+
+
+def test_what_forbids_pip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PEP 668: a marker beside the standard library, and no virtual environment."""
+    monkeypatch.setattr(installing.sysconfig, "get_path", lambda _: str(tmp_path))
+    monkeypatch.setattr(sys, "base_prefix", sys.prefix)
+    assert not installing._pip_is_refused()
+    (tmp_path / "EXTERNALLY-MANAGED").touch()
+    assert installing._pip_is_refused()
+    monkeypatch.setattr(sys, "base_prefix", "/usr-of-another")
+    assert not installing._pip_is_refused()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mrs_tools.doctor import ERROR, OK, STALE, WARN, Check, Facts, advice_for, diagnose, figures
+from mrs_people_loc.health import Code
+from mrs_tools.doctor import ERROR, OK, STALE, WARN, Check, Facts, diagnose, figures
 
 ROBOT, PLANNER = "/robot_a/robot_node", "/planner_node"
 WELL = {"state": (OK, "active", {"cpu_percent": "12"})}
@@ -56,35 +57,260 @@ def test_a_node_that_says_nothing():
     assert "reports nothing" in check.text
 
 
+# --- what nodes report ----------------------------------------------------------------------------
+
+
+def entry(level, code, text="text") -> tuple:
+    return (level, text, {"code": str(code), "figure": "1"})
+
+
+def told(robot=None, planner=None, **changes) -> list[Check]:
+    """What is made of the reports of a robot and of its planner."""
+    reports = {ROBOT: {**WELL, **(robot or {})}, PLANNER: {**WELL, **(planner or {})}}
+    return trouble(facts(**{"reports": reports, **changes}))
+
+
+def subjects(checks) -> list[str]:
+    return [check.subject for check in checks]
+
+
 def test_what_nodes_report_is_passed_on_with_advice():
     text = "no data on /robot_a/odom for 7 s; publishers: 0"
-    report = {**WELL, "odom": (ERROR, text, {}), "pairs": (WARN, "3 images found no pair; ...", {})}
-    odom, pairs = trouble(facts(reports={PLANNER: WELL, ROBOT: report}))
+    odom, pairs = told({"odom": entry(ERROR, Code.NO_PUBLISHER, text), "pairs": (WARN, "3", {})})
     assert (odom.subject, odom.level, odom.text) == (f"{ROBOT}: odom", ERROR, text)
     assert odom.advice.startswith("start what publishes it")
-    assert (pairs.level, "max_stamp_difference" in pairs.advice) == (WARN, True)
+    assert (pairs.level, pairs.advice) == (WARN, "")  # of a node that gives no codes
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted"),
+    ("code", "wanted"),
     [
-        ("no data on /a/points for 5 s; publishers: 0", "start what"),
-        ("no data on /a/points for 5 s; publishers: 1", "firewall"),
-        ("no data on /a/x for 5 s; publishers: 1; incompatible QoS: RELIABILITY", "offer"),
-        ("no data on /a/x for 5 s; publishers: 1; published as A, wanted: B", "remap one"),
-        ("2 scans left out: no pose near their stamps", "poses"),
-        ("2 scans left out: older than the newest by more than interval.max_scan_age", "late"),
-        ("5 dropped; last: width is 0", "sender"),
-        ("no usable pose on odom yet", "map_from_odom"),
-        ("3.0 scans per second; expected: 15.0", "too slow"),
-        ("inactive: hears and sends nothing until activated", "lifecycle"),
-        ("its clock is 3 s ahead of the others': ... synchronize the clocks", ""),
+        (Code.NO_PUBLISHER, "start what"),
+        (Code.NO_DATA, "firewall"),
+        (Code.WRONG_QOS, "offer"),
+        (Code.WRONG_TYPE, "remap one"),
+        (Code.LEFT_OUT_NO_POSE, "poses"),
+        (Code.LEFT_OUT_TOO_OLD, "late"),
+        (Code.ALL_REFUSED, "sender"),
+        (Code.SOME_REFUSED, "sender"),
+        (Code.NO_POSE, "map_from_odom"),
+        (Code.NO_PAIR, "docs/cameras.md"),
+        (Code.SLOW, "too slow"),
+        (Code.CLOCK_ASTRAY, ""),  # it says itself what to do
+        (Code.NO_STAMPS, ""),
+        (Code.OTHER_IMAGES, ""),
+        (Code.TWO_PUBLISHERS, ""),
     ],
 )
-def test_advice(text, wanted):
-    advice = advice_for(text)
-    assert wanted in advice
-    assert bool(advice) == bool(wanted)
+def test_advice_goes_by_the_code_and_not_by_the_words(code, wanted):
+    (check,) = told({"left/image_rect": entry(ERROR, code)})
+    assert wanted in check.advice
+    assert bool(check.advice) == bool(wanted)
+
+
+# --- causes, and what follows from them -----------------------------------------------------------
+
+PLANNER_HEARS_NO_SCAN = {
+    "intervals": entry(STALE, Code.NO_INTERVAL),
+    "robot_a/points": entry(ERROR, Code.NO_DATA),
+    "robot robot_a": entry(STALE, Code.NO_SCAN),
+}
+ROBOT_HAS_NO_SCAN = {
+    "pairs": entry(ERROR, Code.NO_PAIR),
+    "head": entry(STALE, Code.NO_VIEW),
+    "scan": entry(STALE, Code.NO_SCAN),
+}
+
+
+@pytest.mark.parametrize(
+    ("subject", "code"),
+    [
+        ("left/image_rect", Code.ALL_REFUSED),
+        ("right/image_rect", Code.NO_STAMPS),
+        ("left/image_rect", Code.OTHER_IMAGES),
+        ("right/camera_info", Code.ALL_REFUSED),
+        ("left/image_rect", Code.NO_DATA),
+    ],
+)
+def test_what_follows_from_images_that_are_not_used_stands_under_that(subject, code):
+    """And not on top: a planner without data, and what to do about networks."""
+    (check,) = told({**ROBOT_HAS_NO_SCAN, subject: entry(ERROR, code)}, PLANNER_HEARS_NO_SCAN)
+    assert (check.subject, check.level) == (f"{ROBOT}: {subject}", ERROR)
+    assert set(subjects(check.follows)) == {
+        *(f"{ROBOT}: {each}" for each in ROBOT_HAS_NO_SCAN),
+        *(f"{PLANNER}: {each}" for each in PLANNER_HEARS_NO_SCAN),
+    }
+
+
+def test_a_network_that_passes_no_data_is_an_error_of_its_own():
+    """The robot scans; what the planner lacks does not follow from anything there."""
+    (points,) = told(planner=PLANNER_HEARS_NO_SCAN)
+    assert (points.subject, points.level) == (f"{PLANNER}: robot_a/points", ERROR)
+    assert "firewall" in points.advice
+    assert len(points.follows) == 2
+
+
+def test_of_two_robots_each_has_its_own_trouble():
+    robot_b = "/robot_b/robot_node"
+    reports = {
+        ROBOT: {**WELL, "left/image_rect": entry(ERROR, Code.ALL_REFUSED)},
+        robot_b: WELL,
+        PLANNER: {**WELL, "robot_b/points": entry(ERROR, Code.NO_DATA)},
+    }
+    checks = trouble(facts(nodes=[PLANNER, ROBOT, robot_b], reports=reports))
+    assert subjects(checks) == [f"{ROBOT}: left/image_rect", f"{PLANNER}: robot_b/points"]
+    assert not any(check.follows for check in checks)
+
+
+def test_what_is_missing_of_a_pose_follows_from_odometry_and_not_from_images():
+    robot = {
+        "left/image_rect": entry(ERROR, Code.ALL_REFUSED),
+        "odom": entry(ERROR, Code.NO_PUBLISHER),
+        "pose": entry(ERROR, Code.NO_POSE),
+    }
+    planner = {"robot_a/pose": entry(ERROR, Code.NO_DATA)}
+    images, odom = told(robot, planner)
+    assert (images.subject, images.follows) == (f"{ROBOT}: left/image_rect", ())
+    assert subjects(odom.follows) == [f"{ROBOT}: pose", f"{PLANNER}: robot_a/pose"]
+
+
+def test_images_without_calibration_follow_from_that():
+    robot = {
+        "right/camera_info": entry(ERROR, Code.NO_PUBLISHER),
+        "right/image_rect": entry(ERROR, Code.NO_CALIBRATION),
+    }
+    (check,) = told(robot)
+    assert check.subject == f"{ROBOT}: right/camera_info"
+    assert subjects(check.follows) == [f"{ROBOT}: right/image_rect"]
+
+
+def test_a_camera_that_is_silent_altogether_is_one_trouble():
+    silent = dict.fromkeys(("left/camera_info", "left/image_rect"), entry(ERROR, Code.NO_DATA))
+    (check,) = told(silent)
+    assert check.subject == f"{ROBOT}: left/image_rect"
+    assert subjects(check.follows) == [f"{ROBOT}: left/camera_info"]
+    other = {**silent, "right/camera_info": entry(ERROR, Code.NO_DATA)}
+    assert len(told(other)) == 2
+    assert len(told({**silent, "left/image_rect": entry(ERROR, Code.ALL_REFUSED)})) == 2
+
+
+def test_a_robot_that_is_not_there_is_one_trouble():
+    planner = {
+        "robot_c/points": entry(ERROR, Code.NO_PUBLISHER),
+        "robot_c/pose": entry(ERROR, Code.NO_PUBLISHER),
+        "robot robot_c": entry(STALE, Code.NO_SCAN),
+    }
+    (check,) = told(planner=planner)
+    assert check.subject == f"{PLANNER}: robot_c/points"
+    assert check.advice.startswith("there is no /robot_c/robot_node: start it")
+    assert len(check.follows) == 2
+
+
+def test_poses_do_not_follow_from_scans_that_have_a_cause_of_their_own():
+    """Images are refused, so there are no scans; that poses do not arrive is another matter."""
+    robot = {"left/image_rect": entry(ERROR, Code.ALL_REFUSED)}
+    planner = {
+        "robot_a/points": entry(ERROR, Code.NO_DATA),
+        "robot_a/pose": entry(ERROR, Code.NO_DATA),
+    }
+    assert subjects(told(robot, planner)) == [
+        f"{ROBOT}: left/image_rect",
+        f"{PLANNER}: robot_a/pose",
+    ]
+
+
+def test_an_error_is_never_under_what_is_none():
+    checks = told({"scan": entry(STALE, Code.NO_SCAN)}, PLANNER_HEARS_NO_SCAN)
+    assert [(check.subject, check.level) for check in checks] == [
+        (f"{ROBOT}: scan", STALE),
+        (f"{PLANNER}: robot_a/points", ERROR),
+    ]
+
+
+# --- the life cycle -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("state", "advice"),
+    [
+        (
+            "unconfigured",
+            f"ros2 lifecycle set {ROBOT} configure && ros2 lifecycle set {ROBOT} activate",
+        ),
+        ("inactive", f"ros2 lifecycle set {ROBOT} activate"),
+        ("finalized", "start it anew"),
+    ],
+)
+@pytest.mark.parametrize("reported", [True, False])
+def test_a_node_that_is_not_at_work_does_not_hang(state, advice, reported):
+    reports = {PLANNER: {**WELL, **PLANNER_HEARS_NO_SCAN}}
+    if reported:  # before it was stopped
+        reports[ROBOT] = {"odom": entry(ERROR, Code.NO_PUBLISHER)}
+    states = {PLANNER: "active", ROBOT: state}
+    (check,) = trouble(facts(reports=reports, states=states))
+    assert (check.subject, check.level) == (ROBOT, ERROR)
+    assert check.text.startswith(f"is {state}: ")
+    assert advice in check.advice
+    assert "hang" not in check.text + check.advice
+    assert len(check.follows) == len(PLANNER_HEARS_NO_SCAN)
+
+
+def test_a_node_that_answers_or_does_not():
+    for state, text in [("active", "/diagnostics"), (None, ", and does not answer")]:
+        (check,) = trouble(facts(reports={PLANNER: WELL}, states={PLANNER: "active", ROBOT: state}))
+        assert check.text.endswith(text)
+        assert "it hangs" in check.advice
+
+
+# --- who should not be there ----------------------------------------------------------------------
+
+
+def test_a_robot_without_a_namespace():
+    lone = "/robot_node"
+    planner = {"intervals": entry(STALE, Code.NO_ROBOT)}
+    reports = {PLANNER: {**WELL, **planner}, lone: WELL}
+    (check,) = trouble(facts(nodes=[PLANNER, lone], reports=reports))
+    assert (check.subject, check.level) == (lone, ERROR)
+    assert "without a namespace" in check.text
+    assert "__ns:=/robot_a" in check.advice
+    assert subjects(check.follows) == [f"{PLANNER}: intervals"]
+
+
+def test_a_second_planner_whatever_its_name():
+    (check,) = trouble(facts(people_from={"/people": ["/planner_node", "/planner_two"]}))
+    assert (check.subject, check.level) == ("/people", ERROR)
+    assert check.text == "2 nodes publish it: /planner_node, /planner_two"
+    (said_once,) = told(
+        planner={"people": (ERROR, "2 publishers on /people", {})},
+        people_from={"/people": ["/planner_node", "/planner_two"]},
+    )
+    assert said_once == check
+    other = "/team/planner_node"
+    (check,) = trouble(
+        facts(
+            nodes=[PLANNER, ROBOT, other],
+            reports={PLANNER: WELL, ROBOT: WELL, other: WELL},
+            people_from={"/people": [PLANNER], "/team/people": [other]},
+            shared_robots={"/team/robot_a/points": [PLANNER, other], "/robot_b/points": [PLANNER]},
+        )
+    )
+    assert (check.subject, check.level) == ("planners", WARN)
+    assert f"{PLANNER} and {other} all listen to /team/robot_a/points" == check.text
+
+
+def test_two_planners_of_one_name_are_said_once():
+    names = {"/people": [PLANNER, PLANNER]}
+    (check,) = trouble(facts(nodes=[PLANNER, PLANNER, ROBOT], people_from=names))
+    assert check.text == "2 nodes have this name"
+
+
+def test_a_second_mrs_people_is_named_and_is_no_fault():
+    given = facts(viewers=["/mrs_people_1", "/mrs_people_2"])
+    assert trouble(given) == []
+    assert diagnose(given)[-1].text == "2 run: /mrs_people_1, /mrs_people_2"
+
+
+# --- time, and the rest ---------------------------------------------------------------------------
 
 
 def test_clocks_of_recordings():
