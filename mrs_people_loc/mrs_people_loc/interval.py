@@ -58,6 +58,7 @@ class RobotState:
         heard_ns: When its last scan arrived [ns]; for a robot that is known to take part and was
             not heard yet, when the first scan of any robot did.
         dropped: Scans that were not used, by reason: superseded, too_old, no_pose, clock_offset.
+        taken_ns: When the last scan arrived that was not refused [ns].
         order: Of its scans' stamps.
         clock: Its clock against the planner's.
     """
@@ -67,6 +68,7 @@ class RobotState:
     ahead_ns: int = 0
     used_ns: int | None = None
     heard_ns: int | None = None
+    taken_ns: int | None = None
     dropped: Counter[str] = field(default_factory=Counter)
     order: StampOrder = field(default_factory=StampOrder)
     clock: ClockOffset = field(default_factory=ClockOffset)
@@ -81,14 +83,15 @@ class RobotState:
         self.poses.clear()
         self.order.begin_anew()
         self.clock.begin_anew()
-        self.pending = self.used_ns = None
+        self.pending = self.used_ns = self.taken_ns = None
 
 
 class IntervalCollector:
     """Gathers scans and poses until an interval closes.
 
-    Where the time that it is given jumps back by more than `RESET_NS` (a bag that loops), it begins
-    anew.
+    Where time jumps back by more than `RESET_NS`, as where a bag loops, it begins anew: where the
+    time that it is given does, or the stamps of every robot that is heard. One robot whose stamps
+    jump back alone has a clock that is wrong: its scans are too old.
 
     Args:
         config: When it closes.
@@ -103,6 +106,13 @@ class IntervalCollector:
         self._opened_ns: int | None = None
         self._now_ns: int | None = None
         self._awaited: RobotState | None = None
+        self._closed_ns: int | None = None  # the newest interval's time
+
+    def begin_anew(self) -> None:
+        """Forgets everything but the robots and the counts: the time jumped back."""
+        self._opened_ns = self._closed_ns = None
+        for state in self.robots.values():
+            state.begin_anew()
 
     def robot(self, name: str) -> RobotState:
         """The state of a robot, which is made when it is first asked for."""
@@ -145,6 +155,7 @@ class IntervalCollector:
         if state.pending is not None:
             state.dropped["superseded"] += 1
         state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns
+        state.taken_ns = now_ns
         if self._opened_ns is None:
             self._opened_ns = now_ns
 
@@ -195,14 +206,14 @@ class IntervalCollector:
         if back_ns <= 0:
             return
         if back_ns > RESET_NS:
-            self._opened_ns = None
-            for state in self.robots.values():
-                state.begin_anew()
+            self.begin_anew()
         elif self._opened_ns is not None:
             self._opened_ns = min(self._opened_ns, now_ns)
         for state in self.robots.values():
             if state.heard_ns is not None:
                 state.heard_ns = min(state.heard_ns, now_ns)
+            if state.taken_ns is not None:
+                state.taken_ns = min(state.taken_ns, now_ns)
 
     def _awaits(self, now_ns: int) -> bool:
         """Whether a live robot is not ready; the one last waited for is looked at first."""
@@ -215,6 +226,25 @@ class IntervalCollector:
         if self._awaited is None or not awaited(self._awaited):
             self._awaited = next(filter(awaited, self.robots.values()), None)
         return self._awaited is not None
+
+    def _follow_jump(self, off_ns: Mapping[str, int], now_ns: int) -> None:
+        """Begins anew where the stamps of all who are heard and agree have jumped back."""
+        if self._closed_ns is None:
+            return
+        earliest_ns = now_ns - self.config.robot_timeout * 1e9
+        jumped, silent = False, []
+        for name, state in self.robots.items():
+            if state.taken_ns is None or state.taken_ns < earliest_ns:
+                silent.append(state)  # since before the others jumped
+            elif name not in off_ns:
+                assert state.order.newest_ns is not None
+                if self._closed_ns - state.order.newest_ns <= RESET_NS:
+                    return
+                jumped = True
+        if jumped:
+            self._closed_ns = None
+            for state in silent:
+                state.begin_anew()
 
     def _take(self, now_ns: int) -> Closed:
         pending: dict[str, Scan] = {}
@@ -241,7 +271,10 @@ class IntervalCollector:
                 pending[name] = scan
                 # A clock that is a little ahead does not make the others' scans old.
                 newest_ns = max(newest_ns, scan.stamp_ns - max(state.ahead_ns - right_ns, 0))
-        max_age_ns = self.config.max_scan_age * 1e9
+        self._follow_jump(off_ns, now_ns)
+        # No interval is older than the last one by more than the scans of one interval may differ.
+        newest_ns = max(newest_ns, self._closed_ns or 0)
+        max_age_ns = min(self.config.max_scan_age * 1e9, RESET_NS)
         max_pose_age_ns = round(self.config.max_pose_age * 1e9)
         scans: list[Scan] = []
         poses: dict[str, Pose] = {}
@@ -263,6 +296,8 @@ class IntervalCollector:
                 continue
             scans.append(scan)
         time_ns = max((scan.stamp_ns for scan in scans), default=last_ns)
+        if scans:
+            self._closed_ns = max(time_ns, self._closed_ns or 0)
         others = {
             name: state.poses.nearest(time_ns + off_ns.get(name, 0), max_pose_age_ns)
             for name, state in self.robots.items()
