@@ -225,6 +225,7 @@ class Recorder:
                 self.skipped[name] = problem
                 return
             self._bag.add_topic(name, msgtype, [_recorded(o.qos_profile) for o in offers])
+            self.sizes[name] = 0
         self._fits[name] = fit
         self._subscriptions[name] = self._node.create_subscription(
             message_class(msgtype), name, lambda _: None, fit.profile(), raw=True
@@ -244,7 +245,7 @@ class Recorder:
                     arrived.append((info["received_timestamp"] or time.time_ns(), name, data))
         for time_ns, name, data in sorted(arrived, key=lambda message: message[0]):
             self._bag.write_raw(name, time_ns, data)
-            self.sizes[name] = self.sizes.get(name, 0) + len(data)
+            self.sizes[name] += len(data)
 
     def close(self) -> None:
         """Write the index; the bag is complete then.

@@ -50,6 +50,8 @@ _PROGRESS_EVERY_NS = 100_000_000
 # Before topics are announced others are looked for, until none has come for so long, or at most for
 # so long; and while the bag plays, every so often.
 _ALONE_S, _LOOK_S, _LOOK_AGAIN_S = 0.5, 5.0, 0.5
+# What publishes is known a moment before its node's name is.
+_NAMES_S = 0.3
 # Many publish these, each of them frames of its own.
 _SHARED = ("/tf", "/tf_static")
 # Messages kept for subscribers that are slow or, for transient-local topics, late.
@@ -177,15 +179,22 @@ class Replayer:
         own = int(topic in self._publishers or (topic == "/clock" and self._clock is not None))
         if topic in _SHARED or self._node.count_publishers(topic) <= own:
             return ""
-        names = {
-            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-            for info in self._node.get_publishers_info_by_topic(topic)
-            if info.node_name != self._node.get_name()
-        }
-        return f"{', '.join(sorted(names))} publishes it" if names else ""
+        end = time.monotonic() + _NAMES_S
+        while True:
+            names = {
+                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                for info in self._node.get_publishers_info_by_topic(topic)
+                if info.node_name != self._node.get_name()
+            }
+            unknown = any("_UNKNOWN_" in name for name in names)
+            if not unknown or time.monotonic() > end:
+                break
+            time.sleep(0.02)
+        who = "another node" if unknown else ", ".join(sorted(names))
+        return f"{who} publishes it" if names else ""
 
-    def _leave_to_others(self, on_left_out: Callable[[str, str], None] | None) -> None:
-        """Publish no more what somebody else has begun to publish."""
+    def _leave_to_others(self, on_left_out: Callable[[str, str], None] | None = None) -> None:
+        """Publish no more what somebody else publishes, too."""
         now = time.monotonic()
         if now - self._looked_s < _LOOK_AGAIN_S:
             return
@@ -194,7 +203,7 @@ class Replayer:
             others = self._others(topic)
             if not others:
                 continue
-            self.skipped[topic] = f"{others} now"
+            self.skipped[topic] = others
             if topic in self._publishers:
                 self._node.destroy_publisher(self._publishers.pop(topic))
             elif self._clock is not None:
@@ -232,7 +241,7 @@ class Replayer:
         """Give subscribers time to be discovered, so that they get the first messages.
 
         Returns once there is a subscriber and their number has been the same for a second, or when
-        the time is up.
+        the time is up. Topics that somebody else turns out to publish are left out.
 
         Args:
             timeout_s: The longest to wait, seconds.
@@ -245,6 +254,7 @@ class Replayer:
         now = time.monotonic()
         end, changed, before = now + timeout_s, now, dict[str, int]()
         while True:
+            self._leave_to_others()
             matched = {t: p.get_subscription_count() for t, p in self._publishers.items()}
             now = time.monotonic()
             if matched != before:
@@ -523,8 +533,6 @@ def command(
         def left_out(topic: str, why: str) -> None:
             note(f"{topic} is left out: {why}")
 
-        for topic, why in player.skipped.items():
-            left_out(topic, why)
         if player.is_old:
             note(
                 f"the bag is from {time.strftime('%F', time.gmtime(player.bag.start_ns * 1e-9))}: "
@@ -532,12 +540,14 @@ def command(
                 "the nodes with use_sim_time:=true"
             )
         matched = player.wait_for_subscribers(wait, stop)
+        for topic, why in player.skipped.items():
+            left_out(topic, why)
         for topic in player.mismatched():
             note(f"a subscriber of {topic} gets nothing: its quality of service does not fit")
         if not any(matched.values()) and not stop.is_set():
             note("nobody listens yet (same ROS_DOMAIN_ID?)")
         with ProgressBar(
-            TextColumn("{task.fields[label]}"),
+            TextColumn("{task.fields[label]}", markup=False),
             BarColumn(),
             TextColumn("{task.completed:.1f} / {task.total:.1f} s"),
             console=console,

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mrs_people_msgs.msg import People
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from mrs_tools.bags import BagWriter
+from mrs_tools.bags import BagReader, BagWriter
 from ros.harness import DEADLINE_S, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, pose_of
 from ros.recording import stamp_of
@@ -57,6 +60,17 @@ def passes(heard: list[People]) -> list[list[People]]:
     return found
 
 
+@contextlib.contextmanager
+def mrs(*args: object, **how: Any) -> Iterator[subprocess.Popen[str]]:
+    """The command as a process, which is no more at the end."""
+    command = [sys.executable, "-m", "mrs_tools", *map(str, args)]
+    with subprocess.Popen(command, text=True, **how) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 @pytest.mark.parametrize("clock", [True, False], ids=["clock", "no clock"])
 def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool) -> None:
     """Everybody is new in each pass, from its first interval on; ids and group ids go on."""
@@ -64,8 +78,7 @@ def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool
     planner = PlannerPeer(peer, team.start("planner_node", params=params))
     events = peer.hear(String, "/events")
     peer.until_active(planner.node)
-    command = [sys.executable, "-m", "mrs_tools", "replay", str(bag), "--loop", "--rate", "8"]
-    with subprocess.Popen([*command, *(["--clock"] if clock else [])]) as replay:
+    with mrs("replay", bag, "--loop", "--rate", 8, *(["--clock"] if clock else [])) as replay:
         peer.until(lambda: len(passes(planner.people)) > 11, lambda: planner.process.log)
         replay.send_signal(signal.SIGINT)
         assert replay.wait(DEADLINE_S) == 0
@@ -86,3 +99,36 @@ def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool
     assert said == {"the time jumped back: everybody is new"}
     planner.process.stop()
     assert planner.process.log.count("starting anew") == len(passes(planner.people)) - 1
+
+
+def test_what_was_recorded_is_replayed_onto_live_nodes_and_doubles_nothing(
+    team: Team, peer: Peer, bag: Path, tmp_path: Path
+) -> None:
+    """README's own pair: record, without naming topics, and replay."""
+    params = {"robots": f"[{', '.join(ROBOTS)}]", "use_sim_time": "true"}
+    planner = PlannerPeer(peer, team.start("planner_node", params=params))
+    peer.until_active(planner.node)
+    out = tmp_path / "out.mcap"
+    with mrs("record", out) as recorder:
+        peer.until(lambda: peer.node.count_subscribers("/markers"), "nobody records")
+        with mrs("replay", bag, "--clock", "--rate", 4) as replay:
+            peer.until(lambda: replay.poll() is not None, "replay does not end")
+        peer.spin(1.0)
+        recorder.send_signal(signal.SIGINT)
+        assert recorder.wait(DEADLINE_S) == 0
+    with BagReader(out) as recorded:
+        assert recorded.topics["/people"].count > STEPS / 2
+        assert recorded.topics["/robot_a/points"].count == STEPS
+    planner.people.clear()
+    with mrs("replay", out, stderr=subprocess.PIPE) as replay:
+        _, said = replay.communicate(timeout=DEADLINE_S)
+    assert replay.returncode == 0, said
+    for topic in ("/people", "/people_poses", "/diagnostics"):
+        assert f"note: {topic} is left out: /planner_node publishes it" in said
+    assert "/robot_a/points" not in said
+    peer.spin(1.0)
+    stamps = [stamp_of(message) for message in planner.people]
+    assert len(stamps) > STEPS / 2
+    assert stamps == sorted(set(stamps))
+    planner.process.stop()
+    assert "share a name" not in planner.process.log
