@@ -491,7 +491,11 @@ class Interval(Section):
         low=0.0, high=5.0,
     )  # fmt: skip
     robot_timeout: float = _field(
-        2.0, "a robot that is silent for longer is not waited for [s]", low=0.1, high=60.0
+        2.0,
+        "a robot that is silent for longer is not waited for, and what is seen where it "
+        "was is not taken for it [s]",
+        low=0.1,
+        high=60.0,
     )
     max_clock_offset: float = _field(
         0.2, "a robot whose clock differs by more from that of the robot nearest to the planner's "

@@ -2,11 +2,14 @@
 
 An interval closes when every live robot has delivered a scan newer than the one last used and the
 poses to place it, or `max_wait` after the first of those scans, whichever comes first. A scan is
-used once. Time is an argument everywhere, so that live nodes and tests do the same.
+used once. What is older than the newest, of this interval or of the last one, by more than
+`max_scan_age` is not used: it would put people back to where they were. Time is an argument
+everywhere, so that live nodes and tests do the same.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -28,10 +31,12 @@ class Closed:
     Attributes:
         scans: One per robot that takes part.
         poses: By robot, its pose at its scan's stamp.
-        time_ns: Stamp of the newest scan [ns].
+        time_ns: Stamp of the newest scan [ns], of this interval or of the last one: it never goes
+            back, unless time itself does.
         left_out: By robot, why its scan takes no part.
         others: By robot whose scan takes no part, its pose at `time_ns`, or the one nearest to it
-            that is known: it may be in view of those that do.
+            within `robot_timeout`: it may be in view of those that do. Where a robot is whose poses
+            are older is not known.
     """
 
     scans: tuple[Scan, ...]
@@ -55,10 +60,10 @@ class RobotState:
         pending: Its scan that waits for the interval to close.
         ahead_ns: What the stamp of that scan was ahead of the planner's clock by on arrival [ns].
         used_ns: Stamp of the scan last used or left out [ns].
+        seen_ns: Stamp of the scan last used, less what its clock is ahead [ns].
         heard_ns: When its last scan arrived [ns]; for a robot that is known to take part and was
             not heard yet, when the first scan of any robot did.
         dropped: Scans that were not used, by reason: superseded, too_old, no_pose, clock_offset.
-        taken_ns: When the last scan arrived that was not refused [ns].
         order: Of its scans' stamps.
         clock: Its clock against the planner's.
     """
@@ -67,8 +72,8 @@ class RobotState:
     pending: Scan | None = None
     ahead_ns: int = 0
     used_ns: int | None = None
+    seen_ns: int | None = None
     heard_ns: int | None = None
-    taken_ns: int | None = None
     dropped: Counter[str] = field(default_factory=Counter)
     order: StampOrder = field(default_factory=StampOrder)
     clock: ClockOffset = field(default_factory=ClockOffset)
@@ -83,7 +88,7 @@ class RobotState:
         self.poses.clear()
         self.order.begin_anew()
         self.clock.begin_anew()
-        self.pending = self.used_ns = self.taken_ns = None
+        self.pending = self.used_ns = self.seen_ns = None
 
 
 class IntervalCollector:
@@ -105,12 +110,12 @@ class IntervalCollector:
         self._began = False
         self._opened_ns: int | None = None
         self._now_ns: int | None = None
+        self._last_ns = 0  # time of the last interval
         self._awaited: RobotState | None = None
-        self._closed_ns: int | None = None  # the newest interval's time
 
     def begin_anew(self) -> None:
         """Forgets everything but the robots and the counts: the time jumped back."""
-        self._opened_ns = self._closed_ns = None
+        self._opened_ns = None
         for state in self.robots.values():
             state.begin_anew()
 
@@ -152,11 +157,14 @@ class IntervalCollector:
             raise ScanError(f"stamp is {scan.stamp_ns} ns; wanted: newer than {newest} ns")
         if order is Order.ANEW:
             state.clock.add(scan.stamp_ns, now_ns, anew=True)
+            state.seen_ns = None
         if state.pending is not None:
             state.dropped["superseded"] += 1
         state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns
-        state.taken_ns = now_ns
-        if self._opened_ns is None:
+        # What is too old is counted with the next interval, and makes none by itself.
+        last_ns = self._last_seen_ns(now_ns)
+        is_old = last_ns is not None and last_ns - scan.stamp_ns > self._max_age_ns
+        if self._opened_ns is None and not is_old:
             self._opened_ns = now_ns
 
     def close(self, now_ns: int) -> Closed | None:
@@ -195,9 +203,40 @@ class IntervalCollector:
             or (right_ns - offset > allowed_ns and self.robots[name].clock.is_settled(now_ns))
         }
 
+    def apart_m(self, name: str) -> float | None:
+        """How far a robot's last pose is from the nearest other robot's [m]; None: it is alone."""
+        places = {other: state.poses.newest for other, state in self.robots.items()}
+        mine = places.pop(name, None)
+        if mine is None:
+            return None
+        away = (math.hypot(mine.x - o.x, mine.y - o.y) for o in places.values() if o is not None)
+        return min(away, default=None)
+
     @property
     def _allowed_offset_ns(self) -> int:
         return round(self.config.max_clock_offset * 1e9)
+
+    @property
+    def _max_age_ns(self) -> int:
+        return round(self.config.max_scan_age * 1e9)
+
+    def _last_seen_ns(self, now_ns: int) -> int | None:
+        """When the newest scan was made that live robots have had a part with; None: none was.
+
+        A robot whose stamps have jumped back has had none since, so where those of all have (a
+        recording that loops) there is none. One that is late, while others go on, is just late.
+        """
+        timeout_ns = self.config.robot_timeout * 1e9
+        return max(
+            (
+                state.seen_ns
+                for state in self.robots.values()
+                if state.seen_ns is not None
+                and state.heard_ns is not None
+                and now_ns - state.heard_ns <= timeout_ns
+            ),
+            default=None,
+        )
 
     def _at(self, now_ns: int) -> None:
         """Follows the time, where it is set back, too."""
@@ -212,8 +251,6 @@ class IntervalCollector:
         for state in self.robots.values():
             if state.heard_ns is not None:
                 state.heard_ns = min(state.heard_ns, now_ns)
-            if state.taken_ns is not None:
-                state.taken_ns = min(state.taken_ns, now_ns)
 
     def _awaits(self, now_ns: int) -> bool:
         """Whether a live robot is not ready; the one last waited for is looked at first."""
@@ -227,25 +264,6 @@ class IntervalCollector:
             self._awaited = next(filter(awaited, self.robots.values()), None)
         return self._awaited is not None
 
-    def _follow_jump(self, off_ns: Mapping[str, int], now_ns: int) -> None:
-        """Begins anew where the stamps of all who are heard and agree have jumped back."""
-        if self._closed_ns is None:
-            return
-        earliest_ns = now_ns - self.config.robot_timeout * 1e9
-        jumped, silent = False, []
-        for name, state in self.robots.items():
-            if state.taken_ns is None or state.taken_ns < earliest_ns:
-                silent.append(state)  # since before the others jumped
-            elif name not in off_ns:
-                assert state.order.newest_ns is not None
-                if self._closed_ns - state.order.newest_ns <= RESET_NS:
-                    return
-                jumped = True
-        if jumped:
-            self._closed_ns = None
-            for state in silent:
-                state.begin_anew()
-
     def _take(self, now_ns: int) -> Closed:
         pending: dict[str, Scan] = {}
         left_out: dict[str, str] = {}
@@ -255,14 +273,16 @@ class IntervalCollector:
             if state.pending is not None:
                 offsets[name] = max(offsets.get(name, state.ahead_ns), state.ahead_ns)
         off_ns, right_ns = self._astray(offsets, now_ns), right_offset(offsets.values())
-        newest_ns = last_ns = 0
+        stamp_ns = 0
+        made_ns: dict[str, int] = {}  # by robot, when its scan was made by the right clock
         for name, state in self.robots.items():
             if state.pending is None:
                 continue
             scan, state.pending = state.pending, None
-            state.used_ns = last_ns = scan.stamp_ns
+            state.used_ns = stamp_ns = scan.stamp_ns
             if name in off_ns:
                 state.dropped["clock_offset"] += 1
+                state.seen_ns = None  # nor do the stamps count of what was used before
                 left_out[name] = (
                     f"its clock is {say_offset(off_ns[name])} the others'; "
                     f"allowed: {self.config.max_clock_offset:g} s"
@@ -270,18 +290,16 @@ class IntervalCollector:
             else:
                 pending[name] = scan
                 # A clock that is a little ahead does not make the others' scans old.
-                newest_ns = max(newest_ns, scan.stamp_ns - max(state.ahead_ns - right_ns, 0))
-        self._follow_jump(off_ns, now_ns)
-        # No interval is older than the last one by more than the scans of one interval may differ.
-        newest_ns = max(newest_ns, self._closed_ns or 0)
-        max_age_ns = min(self.config.max_scan_age * 1e9, RESET_NS)
+                made_ns[name] = scan.stamp_ns - max(state.ahead_ns - right_ns, 0)
+        seen_ns = self._last_seen_ns(now_ns)
+        newest_ns = max(*made_ns.values(), seen_ns or 0, 0)
         max_pose_age_ns = round(self.config.max_pose_age * 1e9)
         scans: list[Scan] = []
         poses: dict[str, Pose] = {}
         for name, scan in pending.items():
             state = self.robots[name]
             age_ns = newest_ns - scan.stamp_ns
-            if age_ns > max_age_ns:
+            if age_ns > self._max_age_ns:
                 state.dropped["too_old"] += 1
                 left_out[name] = (
                     f"scan is {age_ns / 1e9:.3f} s older than the newest; "
@@ -295,16 +313,34 @@ class IntervalCollector:
                 left_out[name] = str(err)
                 continue
             scans.append(scan)
-        time_ns = max((scan.stamp_ns for scan in scans), default=last_ns)
+            state.seen_ns = made_ns[name]
+        time_ns = max((scan.stamp_ns for scan in scans), default=stamp_ns)
         if scans:
-            self._closed_ns = max(time_ns, self._closed_ns or 0)
-        others = {
-            name: state.poses.nearest(time_ns + off_ns.get(name, 0), max_pose_age_ns)
-            for name, state in self.robots.items()
-            if name not in poses and len(state.poses)
-        }
+            if seen_ns is not None and 0 < self._last_ns - time_ns <= RESET_NS:
+                time_ns = self._last_ns
+            elif self._last_ns - time_ns > RESET_NS:  # where the others were is of another time
+                for name in self.robots.keys() - poses.keys():
+                    self.robots[name].poses.clear()
+            self._last_ns = time_ns
+        others = {}
+        for name, state in self.robots.items():
+            if name not in poses:
+                pose = self._standing(state, time_ns + off_ns.get(name, 0))
+                if pose is not None:
+                    others[name] = pose
         self._forget(now_ns)
         return Closed(tuple(scans), poses, time_ns, left_out, others)
+
+    def _standing(self, state: RobotState, time_ns: int) -> Pose | None:
+        """Where a robot without a scan is; None where nobody knows."""
+        try:
+            return state.poses.near(
+                time_ns,
+                round(self.config.max_pose_age * 1e9),
+                round(self.config.robot_timeout * 1e9),
+            )
+        except PoseError:
+            return None
 
     def _forget(self, now_ns: int) -> None:
         """Ends what is known of robots that nobody named, and that are silent for long."""

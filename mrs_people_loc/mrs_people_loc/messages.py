@@ -32,8 +32,9 @@ _POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 
 
 #: A quaternion's length may differ from 1 by this much (float32 sources round).
 _QUATERNION_TOLERANCE = 1e-2
-#: Greatest coordinate of a pose [m]: any in the world, also where it counts from the equator.
-_MAX_COORDINATE_M = 1e8
+#: Greatest coordinate of a pose [m]: any in the world, also where it counts from the equator: half
+#: the way round it is 20,040 km.
+_MAX_COORDINATE_M = 2.1e7
 #: A greater variance than this [m^2, rad^2] says "unknown" (as DBL_MAX does), as this one does.
 _MAX_VARIANCE = 1e12
 #: More than any robot sends (`bodies.max_count`), and more than a planner has time for.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -13,6 +14,13 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.clocks import RESET_NS, Order, StampOrder
 from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
+
+#: How fast a robot whose speed is not known may drive and turn, as standard deviations of x, y
+#: [m/s] and yaw [rad/s], and by how much a known speed may change in a second [m/s^2, rad/s^2].
+_SPEEDS: Float = np.array([1.0, 1.0, 1.0])
+_CHANGES: Float = np.array([1.0, 1.0, 1.0])
+#: A pose jumps where it is farther from the one before than this [m] and this speed [m/s] explain.
+_JUMP_M, _FASTEST = 1.0, 3.0
 
 
 def _no_uncertainty() -> Float:
@@ -78,14 +86,19 @@ class PoseBuffer:
 
     Attributes:
         span_ns: Poses older than the newest by more are forgotten [ns].
+        jumps: How often a pose was farther from the one before than a robot drives, so far.
+        last_jump: From where to where it was last.
     """
 
     span_ns: int = 5_000_000_000
+    jumps: int = 0
+    last_jump: tuple[Pose, Pose] | None = None
     _stamps: list[int] = field(default_factory=list)
     _poses: list[Pose] = field(default_factory=list)
     _order: StampOrder = field(default_factory=StampOrder)
 
-    #: The speed past a pose is that over this last stretch before it [ns].
+    #: The speed past a pose is that over this last stretch before it [ns]. Poses that are no
+    #: farther apart leave no gap: in half of it `_CHANGES` make a millimetre.
     _SPEED_SPAN_NS = 100_000_000
 
     def __len__(self) -> int:
@@ -96,6 +109,11 @@ class PoseBuffer:
     def newest_ns(self) -> int | None:
         """Stamp of the newest pose [ns]; None: there is none."""
         return self._stamps[-1] if self._stamps else None
+
+    @property
+    def newest(self) -> Pose | None:
+        """The newest pose; None: there is none."""
+        return self._poses[-1] if self._poses else None
 
     @property
     def resets(self) -> int:
@@ -114,7 +132,7 @@ class PoseBuffer:
         Raises:
             PoseError: A pose of this stamp is there already, or it comes later than `RESET_NS`.
         """
-        newest_ns = self._order.newest_ns
+        newest_ns, newest = self._order.newest_ns, self.newest
         order = self._order.take(pose.stamp_ns)
         if order is Order.ANEW:
             self._stamps.clear()
@@ -129,6 +147,9 @@ class PoseBuffer:
         index = bisect.bisect_left(self._stamps, pose.stamp_ns)
         if index < len(self._stamps) and self._stamps[index] == pose.stamp_ns:
             raise PoseError(f"stamp {pose.stamp_ns} ns is repeated; wanted: one pose per stamp")
+        if order is Order.NEWER and newest is not None and _is_jump(newest, pose):
+            self.jumps += 1
+            self.last_jump = newest, pose
         self._stamps.insert(index, pose.stamp_ns)
         self._poses.insert(index, pose)
         first = bisect.bisect_left(self._stamps, self._stamps[-1] - self.span_ns)
@@ -140,10 +161,18 @@ class PoseBuffer:
         return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
 
     def at(self, stamp_ns: int, max_age_ns: int) -> Pose:
-        """The pose at a time: interpolated, or past the last one near it carried on at its speed.
+        """The pose at a time: interpolated, or beyond the nearest one carried on at its speed.
 
-        Position and covariance are interpolated linearly, the heading along the shorter arc. A
-        pose that is carried on gets, in each variance, the square of the distance it was carried.
+        Position and covariance are interpolated linearly, the heading along the shorter arc.
+        Each variance gets the square of what may have happened where no pose says:
+
+        - between poses that are t1 and t2 away and more than 100 ms apart, a t1 t2 / 2: so far is
+          the straight way off where the speed changes by a in a second;
+        - t beyond the last pose before a gap or the first one after it, the way that it was carried
+          and a t^2 / 2, where another pose within 100 ms tells the speed;
+        - v t, where none does, and the pose stays where it is.
+
+        v is 1 m/s and 1 rad/s, a is 1 m/s^2 and 1 rad/s^2.
 
         Args:
             stamp_ns: Time [ns].
@@ -167,32 +196,62 @@ class PoseBuffer:
                 f"allowed: {max_age_ns / 1e9:g} s"
             )
         if len(near) == 2:
-            return _between(near[0], near[1], stamp_ns)
-        if near[0] is after:
-            return dataclasses.replace(near[0], stamp_ns=stamp_ns)
+            made = _between(near[0], near[1], stamp_ns)
+            if near[1].stamp_ns - near[0].stamp_ns <= self._SPEED_SPAN_NS:
+                return made
+            s1, s2 = (abs(pose.stamp_ns - stamp_ns) / 1e9 for pose in near)
+            return _less_sure(made, 0.5 * s1 * s2 * _CHANGES)
         return self._carried_on(near[0], stamp_ns)
 
-    def nearest(self, stamp_ns: int, max_age_ns: int) -> Pose:
-        """The pose at a time as `at` gives it, or the one nearest to it, however far.
+    def near(self, stamp_ns: int, max_age_ns: int, max_distance_ns: int) -> Pose:
+        """The pose at a time as `at` gives it, or the one nearest to it, less sure by v t.
+
+        Args:
+            stamp_ns: Time [ns].
+            max_age_ns: As for `at`.
+            max_distance_ns: The nearest is no farther from the time than this [ns].
 
         Raises:
-            PoseError: There is none.
+            PoseError: No pose is so near.
         """
         try:
             return self.at(stamp_ns, max_age_ns)
         except PoseError:
             if not self._poses:
                 raise
-        return min(self._poses, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
+        nearest = min(self._poses, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
+        away_ns = abs(nearest.stamp_ns - stamp_ns)
+        if away_ns > max_distance_ns:
+            raise PoseError(
+                f"the nearest pose is {away_ns / 1e9:.3f} s away; "
+                f"allowed: {max_distance_ns / 1e9:g} s"
+            )
+        return _less_sure(dataclasses.replace(nearest, stamp_ns=stamp_ns), away_ns / 1e9 * _SPEEDS)
 
-    def _carried_on(self, last: Pose, stamp_ns: int) -> Pose:
-        index = bisect.bisect_left(self._stamps, last.stamp_ns - self._SPEED_SPAN_NS)
-        earlier = self._poses[index]
-        if earlier is last:
-            return dataclasses.replace(last, stamp_ns=stamp_ns)
-        ahead = _between(earlier, last, stamp_ns)
-        moved = np.array([ahead.x - last.x, ahead.y - last.y, wrap_angle(ahead.yaw - last.yaw)])
-        return dataclasses.replace(ahead, covariance=last.covariance + np.diag(moved**2))
+    def _carried_on(self, end: Pose, stamp_ns: int) -> Pose:
+        """A pose that a gap follows, or is before, at a time in that gap."""
+        seconds = abs(stamp_ns - end.stamp_ns) / 1e9
+        if stamp_ns > end.stamp_ns:
+            index = bisect.bisect_left(self._stamps, end.stamp_ns - self._SPEED_SPAN_NS)
+        else:
+            index = bisect.bisect_right(self._stamps, end.stamp_ns + self._SPEED_SPAN_NS) - 1
+        other = self._poses[index]
+        if other is end:
+            return _less_sure(dataclasses.replace(end, stamp_ns=stamp_ns), seconds * _SPEEDS)
+        made = _between(other, end, stamp_ns)
+        carried = np.array([made.x - end.x, made.y - end.y, wrap_angle(made.yaw - end.yaw)])
+        return _less_sure(made, carried, 0.5 * seconds**2 * _CHANGES)
+
+
+def _less_sure(pose: Pose, *sigmas: Float) -> Pose:
+    """A pose with more variance of x, y and yaw: the squares of these [m, m, rad]."""
+    more = np.diag(np.sum(np.square(sigmas), axis=0))
+    return dataclasses.replace(pose, covariance=pose.covariance + more)
+
+
+def _is_jump(one: Pose, other: Pose) -> bool:
+    seconds = (other.stamp_ns - one.stamp_ns) / 1e9
+    return math.hypot(other.x - one.x, other.y - one.y) > _JUMP_M + _FASTEST * seconds
 
 
 def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:

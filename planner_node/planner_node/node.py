@@ -56,7 +56,8 @@ _LEFT_S = 30.0
 _TRAIL_NS, _TRAIL_STEP_NS = 10_000_000_000, 250_000_000
 #: A robot that delivers less than this share of the scans expected of it is reported.
 _LEAST_RATE = 0.5
-
+#: Robots of one team that are farther apart [m] are not where their poses say.
+_FAR_APART_M = 1000.0
 
 #: Why scans are left out lately.
 _LEFT_OUT = {
@@ -172,13 +173,13 @@ class PlannerNode(ManagedNode):
         )
 
     def _let_go(self) -> None:
-        """Listens no more to robots that have left; where they were last is still known."""
+        """Listens no more to robots that have left."""
         for robot in list(self._robots):
             heard = [self.inputs[f"{robot}/{topic}"] for topic in ("points", "pose")]
             if all(one.silent_s > _LEFT_S and not one.publishers for one in heard):
                 self.get_logger().info(f"{robot} has left")
                 self._robots.remove(robot)
-                for reason in _LEFT_OUT:
+                for reason in (*_LEFT_OUT, "jumps"):
                     self._losses.pop(f"{robot} {reason}", None)
                 for one in heard:
                     self.end(one)
@@ -300,6 +301,7 @@ class PlannerNode(ManagedNode):
             "pose_hz": f"{self.inputs[f'{robot}/pose'].rate_hz:.1f}",
             "poses_held": len(state.poses),
             "stamp_resets": state.order.resets + state.poses.resets,
+            "pose_jumps": state.poses.jumps,
             **{f"dropped.{reason}": count for reason, count in state.dropped.items()},
         }
         topic = self.resolve_topic_name(f"{robot}/points")
@@ -338,6 +340,9 @@ class PlannerNode(ManagedNode):
             lost = state.dropped[reason]
             if self._losses.setdefault(f"{robot} {reason}", Growth()).lately(lost):
                 return Finding(name, WARN, f"{lost} scans left out: {text}", values)
+        strange = self._strange_pose(robot)
+        if strange:
+            return Finding(name, WARN, strange, values)
         misplaced = self._agreement.misplaced.get(robot)
         if misplaced is not None:
             move, turn = misplaced.move, math.degrees(misplaced.turn)
@@ -353,6 +358,27 @@ class PlannerNode(ManagedNode):
             text = f"{rate_hz:.1f} scans per second; expected: {expected_hz:.1f}"
             return Finding(name, WARN, text, values)
         return Finding(name, OK, "ok", values)
+
+    def _strange_pose(self, robot: str) -> str:
+        """What is strange about a robot's poses, in words; empty: nothing."""
+        poses = self._collector.robot(robot).poses
+        lately = self._losses.setdefault(f"{robot} jumps", Growth()).lately(poses.jumps)
+        apart_m, newest = self._collector.apart_m(robot), poses.newest
+        if apart_m is not None and newest is not None and apart_m > _FAR_APART_M:
+            return (
+                f"its pose is ({newest.x:.2f}, {newest.y:.2f}) m, {apart_m / 1e3:.1f} km from the "
+                f"nearest other robot: is it in {self.config.map_frame}, the frame of the others?"
+            )
+        if lately and poses.last_jump is not None:
+            one, other = poses.last_jump
+            seconds = (other.stamp_ns - one.stamp_ns) / 1e9
+            return (
+                f"its pose jumped from ({one.x:.2f}, {one.y:.2f}) m to "
+                f"({other.x:.2f}, {other.y:.2f}) m in {seconds:.2f} s "
+                f"({poses.jumps} jumps so far): "
+                "its localization was lost or put right, or something else publishes its pose, too"
+            )
+        return ""
 
     def _expected_rate_hz(self) -> float:
         """Scans per second that are expected of each robot."""

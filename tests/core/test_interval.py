@@ -150,6 +150,132 @@ def test_a_scan_that_is_too_old_is_left_out(age, used):
     assert team.close(2500) is None  # it is used up
 
 
+def test_a_scan_that_is_older_than_the_last_interval_is_left_out():
+    """It comes by itself: no newer one is in its interval."""
+    team = live_team(*THREE)
+    for robot in THREE:
+        team.scan(robot, 5000)
+    assert len(team.close(5000)) == 3
+    for now in range(5200, 7000, 200):
+        for robot in ("robot_a", "robot_c"):
+            team.scan(robot, now)
+        assert team.close(now + 100) == {"robot_a": now, "robot_c": now}
+    # 4 s ago it was stopped, and what it had in its hands comes first.
+    team.scan("robot_b", 5200, now=6900)
+    assert team.close(6900) is None
+    assert team.close(7099) is None  # it makes no interval by itself
+    for robot in ("robot_a", "robot_c"):
+        team.scan(robot, 7100)
+    assert team.close(7100) == {"robot_a": 7100, "robot_c": 7100}
+    assert dict(team.closed.left_out) == {
+        "robot_b": "scan is 1.900 s older than the newest; allowed: 0.25 s"
+    }
+    assert team.dropped("robot_b") == {"too_old": 1}
+    team.scan("robot_b", 7110)
+    assert team.close(7210) == {"robot_b": 7110}
+
+
+def seen(team: Team, *, late: dict[str, float], until: float, phase: float = 0.0) -> list[dict]:
+    """Intervals of a team at 5 Hz, whose robots' messages are late from 3000 on [ms].
+
+    Poses come as late as scans. robot_b's camera is `phase` behind the others'.
+    """
+    arrivals = []
+    for robot in team.collector.robots:
+        begin = 1000 + (phase if robot == "robot_b" else 0)
+        for k in range(int((until - begin) / 200)):
+            stamp = begin + 200 * k
+            delay = 5 + (late.get(robot, 0) if stamp >= 3000 else 0)
+            arrivals.append((stamp + delay, robot, stamp))
+    intervals, order = [], sorted(arrivals)
+    for now in range(1000, int(until), 5):
+        while order and order[0][0] <= now:
+            at, robot, stamp = order.pop(0)
+            pose = Pose(round((stamp + 1) * MS), 0.0, 0.0, 0.0)
+            team.collector.add_pose(robot, pose, round(at * MS))
+            team.scan(robot, stamp, now=at)
+        used = team.close(now)
+        if used:
+            intervals.append({"now": now, "time": team.closed.time_ns / MS, **used})
+    return intervals
+
+
+@pytest.mark.parametrize("late", [3200, 3250])
+def test_messages_that_are_suddenly_late_put_nobody_back(late):
+    team = Team(known=THREE)
+    intervals = seen(team, late={"robot_b": late}, until=20_000)
+    times = [each["time"] for each in intervals]
+    assert times == sorted(times)
+    assert all(each["time"] - min(each[r] for r in THREE if r in each) <= 250 for each in intervals)
+    assert not any("robot_b" in each for each in intervals if each["now"] > 3000 + 250)
+    others = [each for each in intervals if each["now"] > 6500]
+    assert len(others) == pytest.approx(5 * 13.5, abs=2)
+    assert all({"robot_a", "robot_c"} < each.keys() for each in others)  # and they wait for nobody
+    dropped = team.dropped("robot_b")
+    assert dropped["too_old"] > 10
+    assert dropped["clock_offset"] > 10  # after ten seconds it is its clock that is behind
+
+
+@pytest.mark.parametrize("phase", [0, 50, 100, 150])
+@pytest.mark.parametrize(("late", "used"), [(200, 1.0), (205, 0.0)])
+def test_the_greatest_delay_that_works(late, used, phase):
+    """As docs/network.md has it: interval.max_clock_offset."""
+    team = Team(known=THREE)
+    intervals = seen(team, late={"robot_b": late}, until=30_000, phase=phase)
+    late_ones = [each for each in intervals if 15_000 <= each["now"] < 29_000]
+    assert sum("robot_b" in each for each in late_ones) == pytest.approx(70 * used, abs=2)
+    times = [each["time"] for each in intervals]
+    assert times == sorted(times)
+
+
+def test_the_time_of_an_interval_of_late_scans_is_that_of_the_last_one():
+    team = live_team("robot_a", "robot_b")
+    team.scan("robot_a", 2000)
+    assert team.close(2100) == {"robot_a": 2000}
+    team.scan("robot_b", 1900, now=2110)
+    assert team.close(2210) == {"robot_b": 1900}
+    assert team.closed.time_ns == 2000 * MS
+    assert team.closed.poses["robot_b"].stamp_ns == 1900 * MS
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_where_the_stamps_of_all_jump_back_intervals_begin_anew(together):
+    """A recording that loops, or robots that are set back one after the other."""
+    team = Team(known=THREE)
+    times = []
+    for now in range(200_000, 212_000, 200):
+        for number, robot in enumerate(THREE):
+            again = 204_000 + (0 if together else 1000 * number)
+            stamp = now - (4000 if now >= again else 0)
+            with contextlib.suppress(ScanError, PoseError):
+                team.collector.add_pose(robot, Pose(stamp * MS, 0.0, 0.0, 0.0), now * MS)
+            with contextlib.suppress(ScanError):
+                team.scan(robot, stamp, now=now)
+        used = team.close(now) or team.close(now + 100)
+        if used:
+            times.append(team.closed.time_ns / MS)
+    back = [k for k in range(1, len(times)) if times[k] < times[k - 1]]
+    assert len(back) == 1
+    assert times[-1] == 211_800 - 4000
+    assert used == dict.fromkeys(THREE, 207_800)
+
+
+def test_who_was_right_only_by_being_alone_makes_no_other_scan_old():
+    """The first robot's clock is an hour ahead; the second one's is right."""
+    team = Team()
+    hour = 3_600_000
+    for now in range(10_000, 16_000, 200):
+        for robot, ahead in (("robot_b", hour), ("robot_a", 0)):
+            if robot == "robot_b" or now >= 13_000:
+                stamp = (now + ahead) * MS
+                team.collector.add_pose(robot, Pose(stamp, 0.0, 0.0, 0.0), now * MS)
+                team.scan(robot, now + ahead, now=now)
+        used = team.close(now)
+        if now > 13_200:
+            assert used == {"robot_a": now}
+            assert team.closed.time_ns == now * MS
+
+
 def test_a_scan_without_poses_is_waited_for_and_then_left_out():
     team = Team("robot_a")
     team.scan("robot_b", 1000)
@@ -323,7 +449,7 @@ def test_where_the_stamps_of_all_jump_back_the_team_begins_anew():
         assert team.close(now + 100)
     assert team.closed.others["robot_c"].x == 9.0
     stamps_jump(team, 5000, "robot_a", at=9100)
-    assert team.close(9400) == {}  # not all of them, so far
+    assert not team.close(9400)  # not all of them, so far
     stamps_jump(team, 5000, "robot_b", at=9100)
     team.scan("robot_a", 4400, now=9400)
     assert team.close(9400) == {"robot_a": 4400, "robot_b": 4300}
@@ -487,15 +613,23 @@ def test_one_stamp_that_is_wrong_harms_nobody():
         assert team.dropped("robot_a")["clock_offset"] == 1
 
 
-def test_where_a_robot_was_last_is_known_when_it_falls_silent():
-    """It was killed, and stands in view of the others."""
-    team = Team()
-    team.pose("robot_b", 1000, x=7.0)
-    for now in (1000, 1500, 60_000):
+def test_where_a_robot_was_last_is_known_for_a_moment_and_less_and_less_surely():
+    """It was killed, or drives on unheard: in a while anybody may stand where it was."""
+    team = Team(known=["robot_b"])
+    for at in (900, 1000):
+        team.pose("robot_b", at, x=7.0)
+    for now, sigma in ((1000.0, 0.0), (1200.0, 0.5 * 0.2**2), (1500.0, 0.5), (3000.0, 2.0)):
         team.scan("robot_a", now)
         team.pose("robot_a", now)
         assert team.close(now + 100) == {"robot_a": now}
-        assert team.closed.others["robot_b"].x == 7.0
+        last = team.closed.others["robot_b"]
+        assert (last.x, last.stamp_ns) == (pytest.approx(7.0), now * MS)
+        assert last.covariance[0, 0] == pytest.approx(sigma**2)
+    for now in (3000.001, 60_000, 700_000):
+        team.scan("robot_a", now)
+        team.pose("robot_a", now)
+        assert team.close(now + 100) == {"robot_a": now}
+        assert team.closed.all_poses.keys() == {"robot_a"}
 
 
 def test_a_robot_that_is_silent_for_ten_minutes_is_forgotten():

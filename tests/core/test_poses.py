@@ -198,30 +198,80 @@ def test_past_the_newest_it_is_carried_on():
     )
     at = poses.at(550 * MS, 50 * MS)
     assert_same_place(at, pose(0, 0.3, -0.15, 0.075))
-    # The square of the way that it was carried is added.
-    np.testing.assert_allclose(
-        at.covariance, covariance + np.diag([0.1**2, 0.05**2, 0.025**2]), atol=1e-12
-    )
+    # The square of the way that it was carried is added, and what a change of speed makes.
+    moved = np.diag([0.1**2, 0.05**2, 0.025**2]) + np.eye(3) * (0.05**2 / 2) ** 2
+    np.testing.assert_allclose(at.covariance, covariance + moved, atol=1e-12)
 
 
 def test_carried_on_over_pi():
     at = buffer(pose(0, yaw=PI - 0.2), pose(100, yaw=PI - 0.1)).at(300 * MS, SECOND)
     assert at.yaw == pytest.approx(-PI + 0.1)
-    np.testing.assert_allclose(at.covariance, np.diag([0, 0, 0.2**2]), atol=1e-12)
+    np.testing.assert_allclose(at.covariance, np.diag([0, 0, 0.2**2]) + np.eye(3) * 0.02**2)
 
 
-def test_one_pose_stays():
+@pytest.mark.parametrize("at_ms", [50, 150])
+def test_one_pose_stays_and_may_have_moved(at_ms):
     only = pose(100, 1.0, 2.0, 3.0, np.eye(3))
-    for at_ms in (50, 150):
-        at = buffer(only).at(at_ms * MS, 50 * MS)
-        assert_same_place(at, only)
-        np.testing.assert_array_equal(at.covariance, only.covariance)
-        assert at.stamp_ns == at_ms * MS
+    at = buffer(only).at(at_ms * MS, 50 * MS)
+    assert_same_place(at, only)
+    np.testing.assert_allclose(at.covariance, np.eye(3) * (1.0 + 0.05**2))
+    assert at.stamp_ns == at_ms * MS
 
 
-def test_before_the_oldest_it_is_the_oldest():
+def test_before_the_first_after_a_gap_it_is_carried_back():
     at = buffer(pose(100, 1.0), pose(200, 2.0)).at(60 * MS, 50 * MS)
-    assert (at.x, at.stamp_ns) == (1.0, 60 * MS)
+    assert at.x == pytest.approx(0.6)
+    assert at.stamp_ns == 60 * MS
+    np.testing.assert_allclose(
+        at.covariance, np.diag([0.4**2, 0, 0]) + np.eye(3) * (0.04**2 / 2) ** 2
+    )
+
+
+def test_between_poses_far_apart_it_is_less_sure():
+    poses = buffer(pose(0), pose(100), pose(600))
+    np.testing.assert_array_equal(poses.at(50 * MS, SECOND).covariance, EXACT)  # no gap
+    at = poses.at(200 * MS, SECOND)
+    np.testing.assert_allclose(at.covariance, np.eye(3) * (0.5 * 0.1 * 0.4) ** 2)
+
+
+@pytest.mark.parametrize("alone", [True, False], ids=["one pose after the gap", "two"])
+@pytest.mark.parametrize("after", [True, False], ids=["after the gap", "before"])
+@given(
+    speed=st.floats(-1, 1),
+    turn=st.floats(-1, 1),
+    change=st.floats(-1, 1),
+    away_ms=st.integers(1, 250),
+)
+def test_across_a_gap_the_truth_is_within_what_is_stated(
+    alone, after, speed, turn, change, away_ms
+):
+    """A robot at up to 1 m/s and 1 rad/s, which may change, whose poses say 1 cm and 0.01 rad."""
+
+    def true(t_ms: float) -> Pose:
+        t, sign = t_ms / 1000, 1.0 if after else -1.0
+        x = sign * speed * t + 0.5 * change * min(t, 0) ** 2
+        return pose(sign * t_ms, x, 0.0, sign * turn * t, np.eye(3) * 0.01**2)
+
+    poses = buffer(
+        *sorted([true(t) for t in ((0,) if alone else (0, 50))], key=lambda p: p.stamp_ns)
+    )
+    truth = true(-away_ms)
+    at = poses.at(truth.stamp_ns, 250 * MS)
+    off = np.array([at.x - truth.x, at.y - truth.y, wrap_angle(at.yaw - truth.yaw)])
+    assert (np.abs(off) <= 1.2 * np.sqrt(np.diag(at.covariance)) + 1e-12).all()
+
+
+def test_the_nearest_is_worth_what_its_age_leaves_of_it():
+    poses = buffer(pose(0), pose(1000, 1.0, 2.0, 3.0, np.eye(3) * 0.01))
+    at = poses.near(2500 * MS, 250 * MS, 2000 * MS)
+    assert_same_place(at, pose(0, 1.0, 2.0, 3.0))
+    assert at.stamp_ns == 2500 * MS
+    np.testing.assert_allclose(at.covariance, np.eye(3) * (0.01 + 1.5**2))
+    assert_same_place(poses.near(1000 * MS, 0, 0), poses.at(1000 * MS, 0))
+    with pytest.raises(PoseError, match=r"the nearest pose is 2\.001 s away; allowed: 2 s"):
+        poses.near(3001 * MS, 250 * MS, 2000 * MS)
+    with pytest.raises(PoseError, match="no pose has arrived"):
+        PoseBuffer().near(0, 0, SECOND)
 
 
 # --------------------------------------------------------------------------- too far ----
@@ -252,11 +302,13 @@ def test_the_nearest_pose_must_be_near(at_ms, nearest):
 def test_a_pose_on_the_far_side_of_a_gap_is_not_used():
     before = [pose(0, 0.0), pose(100, 0.1, covariance=np.eye(3))]
     poses = buffer(*before, pose(3900, 39.0), pose(4000, 50.0))
-    assert_same_place(poses.at(3800 * MS, 250 * MS), pose(0, 39.0))
+    assert_same_place(poses.at(3800 * MS, 250 * MS), pose(0, 28.0))
     # After 100 ms it is carried on as if nothing had come later.
     at = poses.at(200 * MS, 250 * MS)
     assert_same_place(at, pose(0, 0.2))
-    np.testing.assert_allclose(at.covariance, np.eye(3) + np.diag([0.1**2, 0, 0]))
+    np.testing.assert_allclose(
+        at.covariance, np.eye(3) * (1.0 + (0.1**2 / 2) ** 2) + np.diag([0.1**2, 0, 0])
+    )
 
 
 def test_only_poses_that_are_near_are_used():
@@ -313,6 +365,20 @@ def test_stamps_that_jump_back_begin_anew():
     assert (len(poses), poses.resets, poses.newest_ns) == (1, 1, 3200 * MS)
     poses.add(pose(5000, 6.0))
     assert poses.at(5000 * MS, 0).x == 6.0
+
+
+def test_jumps_are_counted():
+    poses = buffer(pose(0), pose(100, 0.2), pose(200, 1.4), pose(300, 2.6))
+    assert (poses.jumps, poses.last_jump) == (0, None)  # 1.3 m in 0.1 s: a robot, or nearly one
+    before, after = pose(400, 2.8), pose(500, 2.8, -1.31)
+    for each in (before, after):
+        poses.add(each)
+    assert (poses.jumps, poses.last_jump) == (1, (before, after))
+    poses.add(pose(450, 9.0))  # late: it says nothing of now
+    poses.add(pose(20_500, 60.0))  # a long gap
+    assert poses.jumps == 1
+    poses.add(pose(20_600, 9e7))
+    assert poses.jumps == 2
 
 
 def test_clearing():

@@ -337,6 +337,46 @@ def test_scan_that_is_too_old_is_left_out(
     assert places(planner.people_at(stamp_ns)) == [SOMEBODY, (3.0, 3.0)]
 
 
+def test_scan_that_is_older_than_the_last_interval_is_left_out(
+    planner: PlannerPeer, robots: list[PlayedRobot], live: Callable[..., None]
+) -> None:
+    """It comes by itself: people do not go back to where they were."""
+    live(interval__max_wait=0.05)
+    _still_works(planner, robots)
+    before = planner.peer.next_findings(planner.node)[planner.node]["robot robot_b"]
+    held_back_ns = planner.now()
+    planner.peer.spin(0.5)
+    stamp_ns = planner.now()
+    robots[0].send(stamp_ns, SOMEBODY)
+    assert robots_in(planner.people_at(stamp_ns)) == ["robot_a"]
+    heard, taken = len(planner.people), planner.taking("robot_b/points")
+    robots[1].send(held_back_ns, (3.0, 3.0))
+    taken()
+    stamp_ns = planner.now()
+    robots[2].send(stamp_ns, SOMEBODY)
+    assert robots_in(planner.people_at(stamp_ns)) == ["robot_c"]
+    assert len(planner.people) == heard + 1
+    count = before.count("dropped.too_old") + 1
+    planner.until_finding("robot robot_b", lambda f: f.count("dropped.too_old") == count)
+    live(interval__max_wait=5.0)
+    _still_works(planner, robots)
+
+
+def test_a_pose_that_jumps_or_is_far_away_is_named(
+    planner: PlannerPeer, robots: list[PlayedRobot]
+) -> None:
+    _still_works(planner, robots)
+    robots[0].send_pose(pose_of(planner.now(), 5000.0, 0.0, 0.0))
+    far = r"its pose is \(5000\.00, 0\.00\) m, 5\.0 km from the nearest other robot: is it in map"
+    finding = planner.until_finding("robot robot_a", lambda f: holds(f.message, [far]))
+    assert finding.level == WARN
+    _still_works(planner, robots)
+    jump = r"its pose jumped from \(5000\.00, 0\.00\) m to \(0\.00, 0\.00\) m in \d+\.\d\d s"
+    after = planner.until_finding("robot robot_a", lambda f: holds(f.message, [jump]))
+    assert after.level == WARN
+    assert after.count("pose_jumps") == finding.count("pose_jumps") + 1
+
+
 def test_scan_without_a_pose_near_it_is_left_out(
     planner: PlannerPeer, robots: list[PlayedRobot], live: Callable[..., None]
 ) -> None:
