@@ -11,6 +11,10 @@ names the file, what is wrong and what to do.
         out.write("/chatter", time_ns, String("hello"))     # a message of `bag.typestore`
 
 A bag is a folder with `metadata.yaml`, as `ros2 bag` makes it, or one `.mcap` or `.db3` file.
+
+What is written has checksums, of messages and index, and what has some is compared with them; so
+damage to such a bag never passes for data. SQLite bags (`.db3`) have none: there it is noticed
+where SQLite's own structure, or a message's, is broken, and a changed pixel is not.
 """
 
 from __future__ import annotations
@@ -35,11 +39,12 @@ from rosbags.interfaces import (
     Nodetype,
     Qos,
 )
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from mrs_people_loc.errors import BagError
+from mrs_tools.bag_checks import CheckedReader, CheckedWriter, check_definitions
 
 OUR_MESSAGES = tuple(f"mrs_people_msgs/msg/{n}" for n in ("People", "Person", "Group", "RobotScan"))
 
@@ -169,7 +174,7 @@ class BagReader:
         self.path = Path(path)
         try:
             _check_is_bag(self.path)
-            self._reader = Reader(self.path)
+            self._reader = CheckedReader(self.path)
             self._reader.open()
         except BagError:
             raise
@@ -186,6 +191,12 @@ class BagReader:
 
     def _read_index(self) -> None:
         self._connections: list[Connection] = list(self._reader.connections)
+        for c in self._connections:
+            for text in (c.topic, c.msgtype, c.digest, c.msgdef.data):
+                if not isinstance(text, str):  # SQLite and YAML have values of all types everywhere
+                    raise _damaged(
+                        self.path, f"topic {c.topic!r} has {text!r} where a text belongs"
+                    )
         self.message_count: int = self._reader.message_count
         self.start_ns: int = self._reader.start_time
         self.end_ns: int = self._reader.end_time - 1
@@ -248,15 +259,20 @@ class BagReader:
         connections = [c for c in self._connections if c.topic in chosen]
         source = self._reader.messages(connections)
         count = 0
+        data: Any
         while True:
             try:
                 connection, time_ns, data = next(source)
             except StopIteration:
                 break
+            except BagError:
+                raise
             except Exception as err:
                 raise _damaged(self.path, err) from err
+            if not (isinstance(data, bytes) and isinstance(time_ns, int)):
+                raise _damaged(self.path, f"a message on {connection.topic} is no message")
             count += 1
-            yield RawMessage(connection.topic, connection.msgtype, time_ns, bytes(data))
+            yield RawMessage(connection.topic, connection.msgtype, time_ns, data)
         # Some damage makes the library read less than there is, and say nothing.
         if sum(c.msgcount for c in self._connections) == self.message_count:
             expected = sum(c.msgcount for c in connections)
@@ -313,6 +329,7 @@ class BagReader:
                 elif c.msgdef.format == MessageDefinitionFormat.IDL:
                     for text in _idl_parts(c.msgdef.data):
                         own.update(get_types_from_idl(text))
+            check_definitions(own)
             types = {c.msgtype for c in self._connections}
             if not types <= own.keys():
                 own = {**default_typestore().fielddefs, **own}
@@ -513,7 +530,9 @@ class BagWriter:
             )
         # The library makes NAME/NAME.mcap and writes that name into both files.
         name = self.path.stem if self.path.suffix == ".mcap" else self.path.name
-        self._writer = Writer(self._part / name, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer = CheckedWriter(
+            self._part / name, version=9, storage_plugin=StoragePlugin.MCAP
+        )
         try:
             self._writer.open()
             self._held = lock(self._part)

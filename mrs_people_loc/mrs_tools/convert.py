@@ -41,6 +41,11 @@ PCL_FLOOR_NORMAL = (0.002, -0.9973, -0.0737)
 #: Torsos (x, z) in its optical frame [m], read from its depth: surfaces, not the bodies' axes.
 PCL_TORSOS_M = ((-0.90, 1.97), (-0.55, 2.30), (0.03, 2.75), (0.46, 2.50), (0.77, 1.80))
 
+#: Depths beyond these are none [m].
+_NEAREST_M, _FARTHEST_M = 0.05, 1000.0
+#: What is read of a PCD file at most: bytes per line of its header, numbers per point, bytes.
+_MAX_PCD_LINE, _MAX_PCD_VALUES, _MAX_PCD_BYTES = 1000, 100, 256 << 20
+
 
 # ---------------------------------------------------------------------------- writing ----
 
@@ -193,6 +198,13 @@ def convert_oak(
     count = 0
     with _Videos(folder / "left.mp4", folder / "right.mp4") as videos:
         period_ns = 1e9 / videos.rate_hz
+        for video, model in zip(videos.sizes, (left, right), strict=True):
+            calibrated = (model.width * reduce, model.height * reduce)
+            if video != calibrated:
+                raise BagError(
+                    f"{folder}: the images are {video[0]}x{video[1]}; calib.json is of "
+                    f"{calibrated[0]}x{calibrated[1]}"
+                )
         wanted = _indices(frames, len(videos))
         if not wanted:
             raise BagError(f"{folder}: no frame is left of the {len(videos)} in the videos")
@@ -230,7 +242,7 @@ def read_oak_calibration(path: Path, reduce: int = 1) -> tuple[CameraModel, Came
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, RecursionError) as err:  # RecursionError: lists in lists in lists
         raise BagError(f"{path} cannot be read: {err}") from err
     try:
         sockets = document["stereoRectificationData"]
@@ -242,7 +254,7 @@ def read_oak_calibration(path: Path, reduce: int = 1) -> tuple[CameraModel, Came
         rotation = np.array(extrinsics["rotationMatrix"], dtype=np.float64).reshape(3, 3)
         translation = np.array([[extrinsics["translation"][axis] * _CM] for axis in "xyz"])
         to_socket = extrinsics["toCameraSocket"]
-    except (KeyError, TypeError, ValueError) as err:
+    except (KeyError, TypeError, ValueError, OverflowError) as err:
         raise CameraError(f"{path} is not an OAK calibration: {err!r}") from err
     if to_socket != sockets["rightCameraSocket"] or size != right_size:
         raise CameraError(f"{path}: the left camera's extrinsics do not lead to the right camera")
@@ -252,9 +264,12 @@ def read_oak_calibration(path: Path, reduce: int = 1) -> tuple[CameraModel, Came
             f"{path}: the right camera is {-translation[0, 0]:g} m to the right of the left one; "
             "allowed: more than 0 (are the sockets swapped?)"
         )
-    r1, r2, p1, p2, *_ = cv2.stereoRectify(
-        k1, d1, k2, d2, size, rotation, translation, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
-    )
+    try:
+        r1, r2, p1, p2, *_ = cv2.stereoRectify(
+            k1, d1, k2, d2, size, rotation, translation, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
+        )
+    except cv2.error as err:
+        raise CameraError(f"{path}: the pair cannot be rectified: {err.err}") from err
     models = []
     for k, d, r, p in ((k1, d1, r1, p1), (k2, d2, r2, p2)):
         model = CameraModel(
@@ -273,7 +288,10 @@ def read_oak_calibration(path: Path, reduce: int = 1) -> tuple[CameraModel, Came
 def _oak_intrinsics(camera: Mapping[str, Any]) -> tuple[Float, Float, tuple[int, int]]:
     k = np.array(camera["intrinsicMatrix"], dtype=np.float64).reshape(3, 3)
     d = np.array(camera["distortionCoeff"], dtype=np.float64).reshape(14)
-    return k, d, (int(camera["width"]), int(camera["height"]))
+    width, height = int(camera["width"]), int(camera["height"])
+    # Checks all of it, before OpenCV computes with it.
+    CameraModel(width, height, k, tuple(d), np.eye(3), np.column_stack([k, np.zeros(3)]))
+    return k, d, (width, height)
 
 
 def _reduced(model: CameraModel, reduce: int) -> CameraModel:
@@ -308,6 +326,9 @@ class _Videos:
                 f"at {rates[0]:g} and {rates[1]:g} Hz"
             )
         self._count, self.rate_hz = counts[0], rates[0]
+        sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        #: Width and height of the images [px], left and right.
+        self.sizes = [tuple(int(c.get(side)) for side in sides) for c in self._captures]
 
     def __len__(self) -> int:
         return self._count
@@ -487,21 +508,60 @@ def read_rgbd(file: Path) -> tuple[Gray, Float]:
     if not file.is_file():
         raise BagError(f"{file} is no file")
     try:
+        _check_pcd_size(file)
         cloud = PointCloud.from_path(file)
+    except BagError:
+        raise
     except Exception as err:  # pypcd4 raises whatever its parsing stumbles on
-        raise BagError(f"{file} cannot be read as a PCD file: {err}") from err
-    color = next((name for name in ("rgba", "rgb") if name in cloud.fields), None)
-    shape = (int(cloud.metadata.height), int(cloud.metadata.width))
-    if color is None or "z" not in cloud.fields or shape[0] < 2:
+        reason = " ".join(str(err).split())
+        raise BagError(f"{file} cannot be read as a PCD file: {reason}") from err
+    about, points = cloud.metadata, cloud.pc_data
+    names = points.dtype.names or ()
+    color = next((name for name in ("rgba", "rgb") if name in names), None)
+    shape = (int(about.height), int(about.width))
+    if color is None or "z" not in names or shape[0] < 2 or shape[1] < 2:
         raise BagError(
-            f"{file} has fields {', '.join(cloud.fields)} and {shape[1]}x{shape[0]} points; "
+            f"{file} has fields {', '.join(names)} and {shape[1]}x{shape[0]} points; "
             "wanted: an organised cloud with x, y, z and rgb or rgba"
         )
-    depth = cloud.pc_data["z"].astype(np.float64).reshape(shape)
-    packed = np.ascontiguousarray(cloud.pc_data[color]).view(np.uint32).reshape(shape)
+    color_bytes = points.dtype[color].itemsize
+    if points.shape != (shape[0] * shape[1],) or color_bytes != 4:
+        raise BagError(
+            f"{file} has {points.size} points with colours of {color_bytes} bytes; "
+            f"wanted: {shape[1]}x{shape[0]} points, 4 bytes"
+        )
+    depth = points["z"].astype(np.float64).reshape(shape)
+    packed = np.ascontiguousarray(points[color]).view(np.uint32).reshape(shape)
     bgr = np.stack([(packed >> shift) & 255 for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
-    depth[~(depth > 0)] = np.nan
+    with np.errstate(invalid="ignore"):
+        depth[~((depth >= _NEAREST_M) & (depth <= _FARTHEST_M))] = np.nan
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY).astype(np.uint8), depth
+
+
+def _check_pcd_size(file: Path) -> None:
+    """Raise if a PCD file's header says more than is read; pypcd4 would allocate it all."""
+    from pypcd4 import MetaData
+
+    with file.open("rb") as stream:
+        lines: list[str] = []
+        while not (lines and lines[-1].startswith("DATA")):
+            line = stream.readline(_MAX_PCD_LINE)
+            if not line or len(line) == _MAX_PCD_LINE:
+                raise BagError(f"{file} cannot be read as a PCD file: its header has no end")
+            if not line.startswith(b"#") and line.strip():
+                lines.append(line.decode().strip())
+        about = MetaData.parse_header(lines)
+        if len(lines) > 10 or not len(about.fields) == len(about.count) == len(about.size):
+            raise BagError(f"{file} cannot be read as a PCD file: its header is no header")
+        asked = about.points * sum(s * c for s, c in zip(about.size, about.count, strict=True))
+        if about.data.value.startswith("binary") and about.data.value != "binary":
+            asked = max(asked, *np.frombuffer(stream.read(8), "<u4").astype(int))
+    values = sum(about.count)
+    if asked > _MAX_PCD_BYTES or values > _MAX_PCD_VALUES:
+        raise BagError(
+            f"{file} has {values} values per point, {about.points} points, {asked} bytes; "
+            f"allowed: {_MAX_PCD_VALUES} values per point, {_MAX_PCD_BYTES} bytes"
+        )
 
 
 def fill_depth(depth: Float) -> Float:

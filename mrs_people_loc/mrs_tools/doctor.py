@@ -262,7 +262,11 @@ def figures(facts: Facts) -> list[list[str]]:
             robot = subject.removeprefix("robot ")
             own = facts.reports.get(f"{node.removesuffix(PLANNER_NODE)}{robot}/{ROBOT_NODE}", {})
             state, scan = (own.get(name, ("", "", {}))[2] for name in ("state", "scan"))
-            stages = [float(ms) for name, ms in scan.items() if name.endswith("_ms")]
+            stages = [
+                float(ms)
+                for name, ms in scan.items()
+                if name.endswith("_ms") and re.fullmatch(r"\d+(\.\d+)?", ms, re.ASCII)
+            ]
             rows.append(
                 [
                     robot,

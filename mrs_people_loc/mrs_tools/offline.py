@@ -240,7 +240,11 @@ def _centre(groups: Sequence[tuple[int, Any]]) -> Float | None:
 
 
 def read_people(message: Any) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
-    """The people and groups of a mrs_people_msgs/People."""
+    """The people and groups of a mrs_people_msgs/People.
+
+    Raises:
+        ValueError: A group does not say of each straggler for how long.
+    """
 
     def place(pose: Any) -> tuple[Float, Float]:
         at = pose.pose.position
@@ -252,6 +256,12 @@ def read_people(message: Any) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
             return None, None
         return np.array([v.x, v.y]), np.reshape(twist.covariance, (6, 6))[:2, :2]
 
+    for group in message.groups:
+        if len(group.stragglers) != len(group.straggling_for):
+            raise ValueError(
+                f"group {group.id} has {len(group.stragglers)} stragglers and "
+                f"{len(group.straggling_for)} times of straggling; wanted: as many"
+            )
     persons = tuple(
         Person(
             *place(person.pose),

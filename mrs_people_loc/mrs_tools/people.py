@@ -75,7 +75,12 @@ class LivePeople:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_people(self, message: Any) -> None:
-        self.message, self._people = message, read_people(message)
+        try:
+            self._people = read_people(message)
+        except ValueError as err:  # somebody else's: it is no reason to end
+            self._troubles["people"] = (time.monotonic(), f"a message is refused: {err}")
+            return
+        self.message = message
         self._rate.add()
         for scan in message.scans:
             self._robots.setdefault(scan.robot, _Rate()).add()
@@ -113,6 +118,7 @@ class LivePeople:
 
     def _people_table(self) -> RenderableType:
         from rich.table import Table
+        from rich.text import Text  # names from outside are no markup
 
         persons, _ = self._people
         title = f"{len(persons)} people, {self._rate.text()} Hz"
@@ -131,7 +137,7 @@ class LivePeople:
                 _speed(person.velocity),
                 f"{person.height:.2f}",
                 f"{person.age_s:.0f}",
-                "nobody (coasting)" if person.coasting else ", ".join(person.robots),
+                Text("nobody (coasting)" if person.coasting else ", ".join(person.robots)),
                 style="dim" if person.coasting else None,
             )
         return table
@@ -165,6 +171,7 @@ class LivePeople:
 
     def _robot_table(self) -> RenderableType:
         from rich.table import Table
+        from rich.text import Text
 
         table = Table(title="robots", title_justify="left")
         table.add_column("robot")
@@ -174,7 +181,7 @@ class LivePeople:
             scan = self._scans[robot]
             at, q = scan.pose.pose.position, scan.pose.pose.orientation
             table.add_row(
-                robot,
+                Text(robot),
                 self._robots[robot].text(),
                 f"{self.age_s(scan.stamp) * 1e3:.0f}",
                 f"{at.x:.2f}",

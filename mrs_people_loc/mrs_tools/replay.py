@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib
 import math
 import os
+import re
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
@@ -148,9 +149,19 @@ class Replayer:
 
     def _announce(self, topic: Topic, named: bool) -> None:
         """Create the publisher of a topic, or note why not."""
+        from rclpy.exceptions import InvalidTopicNameException
+        from rclpy.validate_full_topic_name import validate_full_topic_name
+
         cls = message_class(topic.type)
         problem = f"its type {topic.type} is not installed"
-        others = self._others(topic.name)
+        try:
+            validate_full_topic_name(topic.name)
+            others = self._others(topic.name)
+        except InvalidTopicNameException:
+            others = (
+                "no ROS 2 name; allowed: / before each part, and parts of letters, digits and _ "
+                "that do not begin with a digit"
+            )
         if others:
             problem = others
         elif cls is not None:
@@ -169,7 +180,8 @@ class Replayer:
         end = time.monotonic() + _LOOK_S
         before, changed = -1, time.monotonic()
         while (now := time.monotonic()) < min(end, changed + _ALONE_S):
-            count = sum(map(self._node.count_publishers, self.bag.topics))
+            names = [name for name, _ in self._node.get_topic_names_and_types()]
+            count = sum(map(self._node.count_publishers, names))
             if count != before:
                 before, changed = count, now
             time.sleep(0.02)
@@ -461,6 +473,8 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
 def message_class(msgtype: str) -> Any:
     """The class of an installed message type, None if it is not installed."""
     package, _, name = msgtype.partition("/msg/")
+    if not re.fullmatch("[a-z][a-z0-9_]*", package) or not re.fullmatch("[A-Z][A-Za-z0-9]*", name):
+        return None
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name, None)
     except ImportError:

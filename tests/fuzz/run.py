@@ -27,7 +27,19 @@ MEMORY = 4 << 30
 TIMEOUT_S = 20
 
 with atheris.instrument_imports(
-    include=["mrs_people_loc", "mrs_tools.bags", "mrs_tools.offline", "rosbags.rosbag2", "yaml"]
+    include=[
+        "mrs_people_loc",
+        "mrs_tools.bag_checks",
+        "mrs_tools.bags",
+        "mrs_tools.convert",
+        "mrs_tools.doctor",
+        "mrs_tools.offline",
+        "mrs_tools.people",
+        "mrs_tools.simulation",
+        "rosbags.rosbag2",
+        "pypcd4",
+        "yaml",
+    ]
 ):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     from fuzz.targets import TARGETS, Target

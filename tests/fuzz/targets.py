@@ -7,25 +7,36 @@ right. Messages come as they do on the wire (CDR), so that lengths and numbers o
 from __future__ import annotations
 
 import contextlib
+import io
+import json
+import struct
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import rich.console
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
+from mrs_people_loc.interval import IntervalCollector
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.poses import Pose, PoseBuffer, PoseIntake
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_tools.bags import BagReader, BagWriter, default_typestore
+from mrs_tools.convert import read_oak_calibration, read_rgbd
+from mrs_tools.doctor import Facts, diagnose, figures
 from mrs_tools.offline import read_estimate, read_truth, robots_of
+from mrs_tools.people import LivePeople
+from mrs_tools.simulation.layouts import expand
+from mrs_tools.simulation.scene import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 STAMP_NS = 1_700_000_000_000_000_000
@@ -292,24 +303,272 @@ def take_people(data: bytes) -> None:
         read_estimate(message)
 
 
-def _people() -> bytes:
+def _people(stragglers: int = 0, words: str = "") -> bytes:
     time, duration = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
     scan = _make("mrs_people_msgs/msg/RobotScan", robot="robot_a",
                  stamp=_make(time, sec=1, nanosec=2), pose=_pose())  # fmt: skip
     person = _make(
         "mrs_people_msgs/msg/Person", id=0, pose=_pose(), velocity=_twist(), height=1.7, sigma=0.1,
-        robots=["robot_a"], age=_make(duration, sec=0, nanosec=0), coasting=False,
+        robots=["robot_a" + words], age=_make(duration, sec=0, nanosec=0), coasting=False,
     )  # fmt: skip
     group = _make(
         "mrs_people_msgs/msg/Group", id=0, size=1, centre=_pose(), velocity=_twist(), radius=1.0,
-        rms_spread=1.0, members=np.zeros(0, np.uint32), stragglers=np.zeros(0, np.uint32),
-        straggling_for=[],
+        rms_spread=1.0, members=np.zeros(0, np.uint32),
+        stragglers=np.arange(stragglers, dtype=np.uint32),
+        straggling_for=[_make(duration, sec=3, nanosec=0)] * stragglers,
     )  # fmt: skip
     said = _make(PEOPLE, header=_header(), scans=[scan], persons=[person], groups=[group])
     return _encoded(PEOPLE, said)
 
 
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+class _Ear:
+    """A node, as far as `LivePeople` needs one: what it listens to, by type."""
+
+    def __init__(self) -> None:
+        self.callbacks: dict[str, Callable[[Any], None]] = {}
+
+    def create_subscription(
+        self, kind: Any, _topic: str, callback: Callable[[Any], None], _qos: Any
+    ) -> None:
+        self.callbacks[kind.__name__] = callback
+
+    def get_clock(self) -> Any:
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=STAMP_NS))
+
+
+def take_shown(data: bytes) -> None:
+    """What `mrs people` shows of a people message or of diagnostics (by the first byte)."""
+    kind = PEOPLE if data[:1] == b"p" else DIAGNOSTICS
+    message = _decoded(kind, data[1:])
+    if message is None:
+        return
+    if kind == DIAGNOSTICS:
+        _as_rclpy(message)
+    ear: Any = _Ear()
+    live = LivePeople(ear)
+    for one in (_decoded(PEOPLE, _people()), message, message):
+        ear.callbacks[one.__msgtype__.rpartition("/")[2]](one)
+    rich.console.Console(file=io.StringIO(), width=100).print(live)
+
+
+def take_diagnosed(data: bytes) -> None:
+    """What `mrs doctor` makes of diagnostics."""
+    message = _decoded(DIAGNOSTICS, data)
+    if message is None:
+        return
+    facts = Facts(0, ["/planner_node", "/robot_a/robot_node"])
+    for status in message.status:
+        values = {entry.key: entry.value for entry in status.values}
+        node, _, subject = status.name.partition(": ")
+        facts.reports.setdefault(node, {})[subject] = ("warning", status.message, values)
+    diagnose(facts)
+    figures(facts)
+
+
+def _as_rclpy(message: Any) -> None:
+    """rclpy has bytes where rosbags has numbers."""
+    for status in message.status:
+        object.__setattr__(status, "level", bytes([int(status.level) & 255]))
+
+
+def _diagnostics() -> bytes:
+    reports = {
+        "/planner_node: robot robot_a": {"scan_hz": "5.0", "age_s": "0.1"},
+        "/robot_a/robot_node: scan": {"disparity_ms": "4.0"},
+        "/robot_a/robot_node: state": {"cpu_percent": "50"},
+    }
+    status = [
+        _make(
+            "diagnostic_msgs/msg/DiagnosticStatus", level=1, name=name, message="found no pair",
+            hardware_id="",
+            values=[_make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in said.items()],
+        )
+        for name, said in reports.items()
+    ]  # fmt: skip
+    return _encoded(DIAGNOSTICS, _make(DIAGNOSTICS, header=_header(), status=status))
+
+
+# ------------------------------------------------------------------------------------ over time
+
+_CELLS = struct.Struct("<HBBbb")
+
+
+def take_full_scan(data: bytes) -> None:
+    """A scan as large as any may be: six bytes each say where so many cells are, and how close."""
+    parts = [_CELLS.unpack_from(data, at) for at in range(0, len(data) - 5, 6)]
+    left, places, bodies = 20_000, [], []
+    for number, (count, spread, of_body, x, y) in enumerate(parts):
+        count = min(count, left)
+        left -= count
+        rng = np.random.default_rng([count, spread, number])
+        size = 0.01 * spread**2 / 50  # from one point to 13 m
+        middle = np.array([x, y]) / 10
+        places.append(middle + rng.uniform(-size, size, (count, 2)))
+        bodies.append(np.full(count, of_body % 120))
+    cells = np.zeros(20_000 - left, BODY_DTYPE)
+    if not cells.size:
+        return
+    cells["x"], cells["y"] = np.concatenate(places).T
+    cells["z"], cells["z_min"], cells["top"], cells["count"] = 1.3, 0.3, 1.7, 20
+    cells["body"], cells["score"] = np.concatenate(bodies), 3.0
+    cells["sigma_range"], cells["sigma_across"] = 0.1, 0.05
+    message = _points(bodies=True)
+    message.width = len(cells)
+    message.row_step = cells.nbytes
+    message.data = np.frombuffer(cells.tobytes(), np.uint8)
+    scan = messages.read_scan(message, "robot_a")
+    pose = Pose(scan.stamp_ns, 1.0, 2.0, 0.5, 0.01 * np.eye(3))
+    Planner(PlannerConfig()).step([scan], {"robot_a": pose}, scan.stamp_ns)
+
+
+def _full_scans() -> list[bytes]:
+    spread_out = b"".join(_CELLS.pack(500, 30, 0, 4 * n - 60, 5 * n % 70) for n in range(30))
+    of_bodies = b"".join(_CELLS.pack(60, 20, n, 2 * n - 60, 7 * n % 90) for n in range(1, 60))
+    return [spread_out, of_bodies]
+
+
+_EVENT = struct.Struct("<BBhhhb")
+#: What the numbers of an event are multiplied by: time [s], the stamp's delay [s], place [m].
+_SCALES = (0.02, 0.3, 50.0)
+
+
+def take_sequence(data: bytes) -> None:
+    """Poses, scans and grids of three robots over time, by nine bytes each.
+
+    The first byte says of which robot, which of these, and on what scale the time that has gone by,
+    the delay and the place are: near what is usual, or far from it.
+    """
+    collector = IntervalCollector(PlannerConfig().interval, ["robot_a"])
+    planner = Planner(PlannerConfig())
+    now_ns = STAMP_NS
+    for at in range(0, len(data) - _EVENT.size + 1, _EVENT.size):
+        which, scales, step, late, x, y = _EVENT.unpack_from(data, at)
+        by_time, by_delay, by_place = (10 ** (scales >> k & 3) for k in (0, 2, 4))
+        now_ns = max(0, now_ns + round(step * by_time * 1e6))
+        stamp_ns = max(0, now_ns - round(late * by_delay * 1e5))
+        robot = f"robot_{'abc'[which % 3]}"
+        place = (0.001 * x * by_place, 0.05 * y)
+        with contextlib.suppress(PeopleLocError):
+            if which & 32:
+                message = _odometry("map", f"{robot}/base_link")
+                message.pose = _pose(*place, yaw=0.1 * y)
+                message.header.stamp = _stamp(stamp_ns)
+                collector.add_pose(robot, messages.read_pose(message), now_ns)
+            else:
+                cloud = _points(bodies=bool(which & 16), count=which & 15)
+                cloud.header.frame_id = f"{robot}/base_link"
+                cloud.header.stamp = _stamp(stamp_ns)
+                collector.add_scan(messages.read_scan(cloud, robot), now_ns)
+        closed = collector.close(now_ns)
+        if closed is None or not closed.scans:
+            continue
+        people = planner.step(closed.scans, closed.all_poses, closed.time_ns)
+        for person in people.persons:
+            assert np.isfinite(person.position).all(), person
+            assert np.isfinite(person.covariance).all(), person
+        ids = [person.id for person in people.persons]
+        assert len(set(ids)) == len(ids), ids
+        known = {*ids, *(who for group in people.groups for who in group.stragglers)}
+        assert known == set(ids), (known, ids)
+        collector.clocks_astray(now_ns)
+
+
+def _stamp(stamp_ns: int) -> Any:
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return _make("builtin_interfaces/msg/Time", sec=sec & 0x7FFFFFFF, nanosec=nanosec)
+
+
+def _sequences() -> list[bytes]:
+    """Two robots that stand, and see the same; one that drives."""
+    both = [
+        event
+        for step in range(30)
+        for robot in (0, 1)
+        for event in (
+            _EVENT.pack(32 | robot + 30, 0, 50, 10, 10 * step * robot, robot),
+            _EVENT.pack(12 | (16 if robot else 0), 0, 50, 60, 0, 0),
+        )
+    ]
+    return [b"".join(both)]
+
+
 # ---------------------------------------------------------------------------------------- files
+
+
+def take_oak(data: bytes) -> None:
+    """The calibration of an OAK-D."""
+    path = _folder() / "calib.json"
+    path.write_bytes(data)
+    read_oak_calibration(path)
+
+
+def _oak() -> list[bytes]:
+    def camera(focal: float) -> dict[str, Any]:
+        return {
+            "intrinsicMatrix": [[focal, 0, 63.5], [0, focal, 39.5], [0, 0, 1]],
+            "distortionCoeff": [-0.2, 0.05] + [0.0] * 12, "width": 128, "height": 80,
+        }  # fmt: skip
+
+    extrinsics = {
+        "rotationMatrix": np.eye(3).tolist(),
+        "translation": {"x": -7.5, "y": 0.2, "z": -0.1},
+        "toCameraSocket": 2,
+    }
+    document = {
+        "cameraData": [[1, {**camera(63.0), "extrinsics": extrinsics}], [2, camera(66.0)]],
+        "stereoRectificationData": {"leftCameraSocket": 1, "rightCameraSocket": 2},
+    }
+    return [json.dumps(document).encode()]
+
+
+def take_pcd(data: bytes) -> None:
+    """A cloud of points with colours."""
+    path = _folder() / "frame.pcd"
+    path.write_bytes(data)
+    read_rgbd(path)
+
+
+def _pcds() -> list[bytes]:
+    header = (
+        b"VERSION 0.7\nFIELDS x y z rgba\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 4\n"
+        b"HEIGHT 3\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 12\nDATA "
+    )
+    points = np.zeros(12, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgba", "<u4")])
+    points["z"], points["rgba"] = np.arange(12), 0x646464
+    lines = "".join(f"1 1 {z} 6579300\n" for z in range(12)).encode()
+    return [header + b"ascii\n" + lines, header + b"binary\n" + points.tobytes()]
+
+
+def take_scene(data: bytes) -> None:
+    """A scene that is to be drawn, up to where everything in it has its place."""
+    path = _folder() / "scene.yaml"
+    path.write_bytes(data)
+    expand(load_scene(path))
+
+
+_SCENES = (
+    """\
+name: two_people
+seed: 7
+timing: {frames: 5, rate: 10.0}
+room: {length: 8.0, width: 7.0}
+furniture: [{kind: table, x: 2.6, y: 1.3}]
+people:
+  - {x: 3.0, y: 3.5, yaw: 0.0}
+  - {path: [1.0, 1.0, 5.0, 2.0], speed: 1.1}
+robots:
+  robot_a: {x: 6.3, y: 3.5, yaw: 3.14, head: {pitch: 0.3, height: 1.5}}
+head: {baseline: 0.10}
+imaging: {noise: 2.0}
+odometry: {mode: exact}
+layout: {people: 4, robots: 2, furniture: 3, clutter: 2}
+""",
+    "layout: {people: 5, robots: 3, activity: group}\nwalk: {gap: 0.6}\nroom: {length: 20.0}\n",
+    "layout: {people: 5, robots: 3, activity: tour, heads: mixed}\n",
+)
 
 
 @lru_cache(maxsize=1)
@@ -451,7 +710,16 @@ TARGETS: Mapping[str, Target] = {
         take_scan, lambda: [_encoded(POINTS, _points(b)) for b in (False, True)], 2_000, 2_000
     ),
     "grid": Target(take_grid, lambda: [_grid()], 3_000, 300),
-    "people": Target(take_people, lambda: [_people()], 3_000, 3_000),
+    "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
+    "shown": Target(
+        take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
+    ),
+    "diagnosed": Target(take_diagnosed, lambda: [_diagnostics()], 3_000, 3_000),
+    "full_scan": Target(take_full_scan, _full_scans, 600, 20),
+    "sequence": Target(take_sequence, _sequences, 2_000, 40),
+    "oak": Target(take_oak, _oak, 3_000, 500),
+    "pcd": Target(take_pcd, _pcds, 2_000, 1_000),
+    "scene": Target(take_scene, lambda: [text.encode() for text in _SCENES], 2_000, 100),
     "team": Target(take_team, lambda: [text.encode() for text in _TEAMS], 1_000, 300),
     "mcap": Target(take_mcap, lambda: _bag_seeds("mcap"), 60_000, 100),
     "sqlite": Target(take_sqlite, lambda: _bag_seeds("sqlite3"), 60_000, 30),

@@ -1,12 +1,19 @@
 """Bags: what is written is read, by us and by others; whatever is wrong is a BagError."""
 
+import contextlib
+import functools
 import os
 import random
+import re
 import shutil
+import sqlite3
 import sys
+import tracemalloc
+import zlib
 from pathlib import Path
 from typing import Any
 
+import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 import yaml
@@ -23,6 +30,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 import mrs_tools.bags
 from mrs_people_loc.errors import BagError
+from mrs_tools import bag_checks
+from mrs_tools.bag_checks import zstd
 from mrs_tools.bags import (
     OUR_MESSAGES,
     BagReader,
@@ -67,21 +76,26 @@ def image(step):
     )
 
 
-def write_sample(path):
+def write_sample(path, words=1):
     """Ten texts and ten images, taking turns every 100 ms."""
     with BagWriter(path) as bag:
         for step in range(10):
-            bag.write("/talk", START_NS + step * 200_000_000, text("word " * step))
+            bag.write("/talk", START_NS + step * 200_000_000, text("word " * step * words))
             bag.write("/eye/image", START_NS + step * 200_000_000 + 100_000_000, image(step))
     return path
 
 
-def write_foreign(path, plugin, compression=CompressionMode.NONE):
-    """The sample as another program writes it: with rosbags itself."""
-    source = write_sample(path.with_name("source.mcap"))
+def write_foreign(
+    path, plugin, compression=CompressionMode.NONE, *, words=1, chunks=None, indexed=True
+):
+    """The sample as another program writes it: with rosbags itself, or nearly."""
+    source = write_sample(path.with_name("source.mcap"), words)
     writer = Writer(path, version=9, storage_plugin=plugin)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with BagReader(source) as bag, writer:
+        if chunks:
+            storage: Any = writer.storage
+            storage.compression, storage.compressor = chunks
         connections = {
             t.name: writer.add_connection(t.name, t.type, typestore=bag.typestore)
             for t in bag.topics.values()
@@ -89,6 +103,10 @@ def write_foreign(path, plugin, compression=CompressionMode.NONE):
         for m in bag.messages():
             writer.write(connections[m.topic], m.time_ns, m.data)
     source.unlink()
+    if not indexed:
+        file = path / f"{path.name}.mcap"
+        data = file.read_bytes()
+        file.write_bytes(data[:-28] + bytes(16) + data[-12:])
     return path
 
 
@@ -301,6 +319,170 @@ def test_flipped_bytes(sample):
                 refused += 1
         file.write_bytes(whole)
     assert refused > 10
+
+
+def all_of(bag):
+    with BagReader(bag) as reader:
+        return reader.topics, list(reader.messages())
+
+
+def test_no_damage_to_a_bag_of_ours_changes_what_is_read(tmp_path):
+    """One bit, or 5,000 zeros, anywhere in a file: an error, or it was where nothing is read."""
+    chance = random.Random(3)
+    file = tmp_path / "b.mcap"
+    with BagWriter(file) as bag:
+        for step in range(200):
+            bag.write("/talk", START_NS + step, text(f"{step} " * 4000))
+    whole = file.read_bytes()
+    assert len(whole) > 2_000_000  # several chunks
+    expected = all_of(file)
+    refused = 0
+    for trial in range(60):
+        broken = bytearray(whole)
+        # the last bytes are the index, of which there is little
+        at = chance.randrange(len(whole)) if trial % 2 else len(whole) - 1 - 70 * trial
+        if trial % 4 < 2:
+            broken[at] ^= 1 << chance.randrange(8)
+        else:
+            broken[at : at + 5000] = bytes(len(broken[at : at + 5000]))
+        file.write_bytes(broken)
+        try:
+            read = all_of(file)
+        except BagError:
+            refused += 1
+        else:
+            assert read == expected
+    assert refused >= 50
+
+
+def test_checksum_that_is_lost_with_what_it_is_of(tmp_path):
+    """Of rosbags' own files no chunk has one; where others have, a 0 is damage."""
+    file = tmp_path / "b.mcap"
+    with BagWriter(file) as bag:
+        for step in range(200):
+            bag.write("/talk", START_NS + step, text(f"{step} " * 4000))
+    broken = bytearray(file.read_bytes())
+    at = broken.index(b"\x06", 30)  # the first chunk's opcode
+    broken[at + 9 + 24 : at + 9 + 28] = bytes(4)
+    file.write_bytes(broken)
+    assert "lost their checksums" in error_of(file)
+
+
+def test_chunks_in_lz4(tmp_path):
+    sample = write_foreign(
+        tmp_path / "sample", StoragePlugin.MCAP, chunks=("lz4", lz4.frame.compress)
+    )
+    assert len(all_of(sample)[1]) == 20
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value", "hint"),
+    [
+        ("messages", "data", "text", "on /talk is no message"),
+        ("messages", "timestamp", "today", "damaged"),
+        ("topics", "type_description_hash", 5, "5 where a text belongs"),
+        ("topics", "type_description_hash", None, "None where a text belongs"),
+        ("topics", "name", b"/talk", "where a text belongs"),
+        ("message_definitions", "encoded_message_definition", 7, "damaged"),
+    ],
+)
+def test_values_of_other_types_in_sqlite(tmp_path, table, column, value, hint):
+    """SQLite takes any value in any column."""
+    file = write_foreign(tmp_path / "sample", StoragePlugin.SQLITE3) / "sample.db3"
+    with contextlib.closing(sqlite3.connect(file)) as database, database:
+        database.execute("PRAGMA ignore_check_constraints = ON")
+        made = database.execute(
+            "SELECT sql FROM sqlite_master WHERE name = ?", (table,)
+        ).fetchone()[0]
+        loose = re.sub(r"(TEXT|BLOB) NOT NULL", "", made)
+        rows = database.execute(f"SELECT * FROM {table}").fetchall()
+        database.execute(f"DROP TABLE {table}")
+        database.execute(loose)
+        database.executemany(f"INSERT INTO {table} VALUES ({','.join('?' * len(rows[0]))})", rows)
+        database.execute(f"UPDATE {table} SET {column} = ?", (value,))
+    assert hint in error_of(file)
+
+
+# ------------------------------------------------------------------------------------- bounds
+
+
+@pytest.fixture
+def small_limit(monkeypatch):
+    """256 MiB would take a while to write."""
+    monkeypatch.setattr(bag_checks, "MAX_BYTES", 1_000_000)
+    monkeypatch.setattr(bag_checks, "MAX_GROWTH", 2)
+
+
+def streamed(data):
+    """zstd as a program writes it that does not know the length in advance."""
+    compressor = zstd.ZstdCompressor()
+    return compressor.compress(data) + compressor.flush()
+
+
+@pytest.mark.parametrize(
+    ("name", "compress"),
+    [("zstd", zstd.compress), ("zstd", streamed), ("lz4", lz4.frame.compress)],
+)
+@pytest.mark.parametrize("indexed", [True, False])
+def test_chunks_that_grow_too_much(tmp_path, small_limit, name, compress, indexed):
+    write = functools.partial(write_foreign, plugin=StoragePlugin.MCAP, indexed=indexed)
+    assert len(all_of(write(tmp_path / "good", chunks=(name, compress)))[1]) == 20
+    long = write(tmp_path / "long", chunks=(name, compress), words=300_000)
+    assert re.search(r"the chunk at byte \d+ grows to \d+ bytes; allowed: 1000000", error_of(long))
+    lying = write(tmp_path / "lying", chunks=(name, lambda _: compress(bytes(100_000_000))))
+    tracemalloc.start()
+    assert "but has others" in error_of(lying)
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
+
+
+def test_compression_that_nobody_reads(tmp_path):
+    bag = write_foreign(tmp_path / "bag", StoragePlugin.MCAP, chunks=("zip", zlib.compress))
+    assert "compression is b'zip'; wanted: zstd, lz4 or none" in error_of(bag)
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_message_that_grows_too_much(tmp_path, small_limit, plugin):
+    write = functools.partial(write_foreign, plugin=plugin, compression=CompressionMode.MESSAGE)
+    assert len(all_of(write(tmp_path / "good"))[1]) == 20
+    message = error_of(write(tmp_path / "long", words=300_000))
+    assert "a message on /talk grows to more than 1000000 bytes, which are allowed" in message
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_file_that_grows_too_much(tmp_path, small_limit, plugin):
+    write = functools.partial(write_foreign, plugin=plugin, compression=CompressionMode.FILE)
+    assert len(all_of(write(tmp_path / "good"))[1]) == 20
+    message = error_of(write(tmp_path / "long", words=300_000))
+    assert ".zstd: grows to more than 1000000 bytes, which are allowed" in message
+
+
+@pytest.mark.parametrize(
+    ("definition", "parts"),
+    [
+        ("string[300000] x", 300_000),
+        ("Inner[200] x\n" + "=" * 80 + "\nMSG: odd_msgs/Inner\nstring[200] x", 40_000),
+        ("Odd[] x", bag_checks.MAX_PARTS + 1),
+    ],
+)
+def test_definition_of_too_many_parts(tmp_path, definition, parts):
+    """Some 30 bytes took 5 GB."""
+    with Writer(tmp_path / "b", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        c = writer.add_connection("/odd", "odd_msgs/msg/Odd", msgdef=definition, rihs01="RIHS01_0")
+        writer.write(c, START_NS, b"\x00\x01\x00\x00\x00")
+    message = error_of(tmp_path / "b")
+    assert f"message type odd_msgs/msg/Odd has {parts} parts" in message
+    assert "allowed: 10000" in message
+
+
+def test_arrays_of_numbers_may_be_long(tmp_path):
+    with Writer(tmp_path / "b", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        c = writer.add_connection(
+            "/long", "odd_msgs/msg/Long", msgdef="uint8[300000] x", rihs01="RIHS01_0"
+        )
+        writer.write(c, START_NS, b"\x00\x01\x00\x00" + bytes(300_000))
+    with BagReader(tmp_path / "b") as bag:
+        assert next(bag.decoded())[2].x.size == 300_000
 
 
 # ------------------------------------------------------------------------------------- writing
@@ -533,3 +715,11 @@ def test_manifest_says_what_is_in_the_bag(name):
         truth = entry["ground_truth"]
         for _, _, poses in bag.decoded([truth["topic"]]):
             assert len(poses.poses) == truth["people"]
+
+
+def test_bags_of_ours_have_checksums(tmp_path):
+    """A changed byte of an image, which nothing else would tell."""
+    for name in manifest():
+        whole = (BAGS / name / f"{name}.mcap").read_bytes()
+        (tmp_path / f"{name}.mcap").write_bytes(whole[:1_000_000] + b"?" + whole[1_000_001:])
+        assert "damaged (Chunk checksum mismatch" in error_of(tmp_path / f"{name}.mcap")

@@ -192,6 +192,35 @@ def test_oak_calibration_that_is_no_json_is_refused(tmp_path: Path) -> None:
             read_oak_calibration(tmp_path / name)
 
 
+def test_oak_calibration_that_is_nested_without_end_is_refused(tmp_path: Path) -> None:
+    for text in ("[" * 200_000, '{"a":' * 200_000):
+        (tmp_path / "calib.json").write_text(text, encoding="utf-8")
+        with pytest.raises(BagError, match=r"calib\.json cannot be read: .*recursion"):
+            read_oak_calibration(tmp_path / "calib.json")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "hint"),
+    [
+        ("width", 10**9, "image size is 1000000000x80; allowed: .* up to 8192x8192"),
+        ("width", math.inf, "is not an OAK calibration"),
+        ("height", 0, "image size is 128x0"),
+        ("intrinsicMatrix", [[NAN] * 3] * 3, "k holds NaN"),
+        ("intrinsicMatrix", [[0] * 3] * 3, "focal length"),
+        ("intrinsicMatrix", [[10**400] * 3] * 3, "is not an OAK calibration"),
+        ("distortionCoeff", [math.inf] * 14, "d holds NaN or infinite"),
+    ],
+)
+def test_oak_numbers_that_no_camera_has_are_refused(
+    tmp_path: Path, key: str, value: object, hint: str
+) -> None:
+    document = _calibration()
+    document["cameraData"][0][1][key] = value
+    document["cameraData"][1][1][key] = value
+    with pytest.raises(CameraError, match=hint):
+        read_oak_calibration(_write_json(tmp_path / "calib.json", document))
+
+
 @pytest.mark.parametrize("reduce", [0, 3, 256])
 def test_oak_reduce_must_divide_the_size(calibration: Path, reduce: int) -> None:
     with pytest.raises(ConfigError, match=f"reduce is {reduce}; allowed: a divisor of 128 and 80"):
@@ -474,7 +503,49 @@ def test_pcl_refuses_files(tmp_path: Path) -> None:
         convert_pcl(empty, tmp_path / "out")
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "hint"),
+    [
+        ("COUNT 1 1 1 1", "COUNT 1 1 1 1000000000", "1000000003 values per point, 768 points"),
+        (
+            "POINTS 768\nDATA ascii",
+            "POINTS 99999999999\nDATA binary",
+            "1599999999984 bytes; allowed",
+        ),
+        (
+            "DATA ascii\n",
+            "DATA binary_compressed\n\n\0\0\0\xff\xff\xff\xff",
+            "4294967295 bytes; all",
+        ),
+        ("WIDTH 64", "WIDTH 63", "768 points with colours of 4 bytes; wanted: 63x12 points"),
+        ("SIZE 4 4 4 4", "SIZE 4 4 4 8", "colours of 8 bytes"),
+        ("DATA ascii\n", "", "cannot be read as a PCD file"),
+        ("VERSION", "VERSION" + 2000 * " ", "its header has no end"),
+        ("COUNT 1 1 1 1", "COUNT 1 1 1", "its header is no header"),
+        ("FIELDS x y z rgba", "FIELDS x y\nPOINTS", "cannot be read as a PCD file"),
+    ],
+)
+def test_pcl_refuses_headers_that_ask_for_too_much(
+    pcd: Path, old: str, new: str, hint: str
+) -> None:
+    data = pcd.read_bytes()
+    assert old.encode() in data
+    pcd.write_bytes(data.replace(old.encode(), new.encode("latin-1")))
+    with pytest.raises(BagError, match=hint) as caught:
+        read_rgbd(pcd)
+    assert "\n" not in str(caught.value)
+
+
 # ---------------------------------------------------------------------------- command line ----
+
+
+def test_oak_refuses_videos_of_another_size(recording: Path, tmp_path: Path) -> None:
+    document = _calibration()
+    for _, camera in document["cameraData"]:
+        camera.update(width=8192, height=8192)
+    _write_json(recording / "calib.json", document)
+    with pytest.raises(BagError, match="the images are 128x80; calib.json is of 8192x8192"):
+        convert_oak(recording, tmp_path / "bag")
 
 
 def test_command_line(recording: Path, tmp_path: Path) -> None:

@@ -111,3 +111,10 @@ def test_figures_of_robots():
         ["robot_a", "9.8", "0.05", "-0.01", "12", "3.0"],
         ["robot_b", "0.0", "-", "-", "-", "-"],
     ]
+
+
+def test_figures_that_are_no_numbers_are_left_out():
+    """Everybody may publish on /diagnostics."""
+    robot = {**WELL, "scan": (OK, "ok", {"disparity_ms": "2.5", "publish_ms": "soon"})}
+    planner = {"robot robot_a": (OK, "ok", {})}
+    assert figures(facts(reports={PLANNER: planner, ROBOT: robot}))[0][-1] == "2.5"

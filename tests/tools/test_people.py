@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from types import SimpleNamespace
@@ -142,3 +143,26 @@ def test_the_latest_events(live):
     assert [re.sub(r"^\d+ s ago: ", "", line) for line in told] == [
         f"person {number} joins group 1" for number in range(2, 7)
     ]
+
+
+def test_names_are_no_markup(live):
+    table, heard = live
+    message = message_of(dataclasses.replace(WALKS, robots=("robot_a[/b]", "[red]b")))
+    message.scans[0].robot = "[/]"
+    heard["people"](message)
+    rows = shown(table)
+    assert any("robot_a[/b], [red]b" in row for row in rows)
+    assert any(row[:1] == ["[/]"] for row in rows)
+
+
+def test_message_that_contradicts_itself_is_refused_and_the_last_one_stays(live):
+    table, heard = live
+    heard["people"](message_of(WALKS))
+    other = message_of(COASTS, groups=(GROUP,))
+    other.groups[0].straggling_for.pop()
+    heard["people"](other)
+    rows = shown(table)
+    assert any(row[:1] == ["3"] for row in rows)
+    assert not any(row[:1] == ["8"] for row in rows)
+    (refusal,) = (row for row in rows if "refused" in row[0])
+    assert "group 2 has 2 stragglers and 1 times of straggling; wanted: as many" in refusal[0]

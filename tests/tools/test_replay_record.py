@@ -436,6 +436,23 @@ def odd_bag(path, definition, msgtype="odd_msgs/msg/Odd"):
     return path
 
 
+@pytest.mark.parametrize("name", ["/robot-a/odom", "odom", "/", "/1st", "/a//b", "/ä", ""])
+def test_topic_whose_name_ros_does_not_allow(ros, tmp_path, name):
+    with BagWriter(tmp_path / "b") as bag:
+        for topic in (name, "/talk"):
+            bag.add_topic(topic, "std_msgs/msg/String")
+            bag.write_raw(topic, START_NS, serialize_message(String(data="a")))
+    with Replayer(tmp_path / "b") as player:
+        assert player.skipped.keys() == {name}
+        assert "no ROS 2 name; allowed: / before each part" in player.skipped[name]
+        assert player.play().counts == {"/talk": 1}
+
+
+@pytest.mark.parametrize("msgtype", ["", "/msg/Odd", "..x/msg/Odd", "std_msgs/msg/__doc__", "os"])
+def test_types_that_are_none_are_not_installed(msgtype):
+    assert message_class(msgtype) is None
+
+
 @pytest.mark.parametrize(
     ("msgtype", "why"),
     [
