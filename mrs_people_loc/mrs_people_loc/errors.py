@@ -43,6 +43,10 @@ class BagError(PeopleLocError):
     """A recording that cannot be read or written."""
 
 
+class StampError(PeopleLocError):
+    """A message of another time."""
+
+
 class FloorError(PeopleLocError):
     """There is not enough floor in view to measure a mounting."""
 

@@ -4,7 +4,8 @@ Two people are linked once they have walked near each other for a while, and no 
 been farther apart for a while; a group is what links hold together. Of the groups that share
 members with an earlier one, that with the most is the same group and keeps its id. A member who is
 no longer held is a straggler of his group until he is back, or has been away for so long that he
-has left it. Time is an argument.
+has left it. Time is an argument; where it jumps back by more than `clocks.RESET_NS`, all groups are
+new, and their ids go on.
 """
 
 from __future__ import annotations
@@ -68,8 +69,12 @@ class Groups:
 
     def __init__(self, config: cfg.Groups) -> None:
         self.config = config
-        self._time_ns: int | None = None
         self._next_id = 1
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forgets all groups: the time jumped back. Ids go on."""
+        self._time_ns: int | None = None
         self._rosters: dict[int, _Roster] = {}
         self._ids = np.empty(0, dtype=np.int64)
         self._pairs = np.empty((0, 2), dtype=np.int64)
@@ -83,14 +88,17 @@ class Groups:
 
         Args:
             people: Who is followed, in the order of their ids.
-            time_ns: Time of the interval [ns]; where it jumps back, nothing gets older.
+            time_ns: Time of the interval [ns]; a little older than the last one: nothing gets
+                older; older by more than `RESET_NS`: all groups are new.
 
         Returns:
             The groups, the largest first, and what has happened, in sentences.
         """
+        if self._time_ns is not None and self._time_ns - time_ns > RESET_NS:
+            self.begin_anew()
         since_ns = 0 if self._time_ns is None else time_ns - self._time_ns
         # Scans that came late by themselves are no other time.
-        if self._time_ns is None or not -RESET_NS <= since_ns < 0:
+        if self._time_ns is None or since_ns >= 0:
             self._time_ns = time_ns
         dt_s = max(since_ns, 0) / 1e9
         homes = self._homes()

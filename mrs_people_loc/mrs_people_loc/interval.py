@@ -94,8 +94,9 @@ class RobotState:
 class IntervalCollector:
     """Gathers scans and poses until an interval closes.
 
-    Where the time that it is given jumps back by more than `RESET_NS` (a bag that loops), it begins
-    anew.
+    Where time jumps back by more than `RESET_NS`, as where a bag loops, it begins anew: where the
+    time that it is given does, or the stamps of every robot that is heard. One robot whose stamps
+    jump back alone has a clock that is wrong: its scans are too old.
 
     Args:
         config: When it closes.
@@ -111,6 +112,12 @@ class IntervalCollector:
         self._now_ns: int | None = None
         self._last_ns = 0  # time of the last interval
         self._awaited: RobotState | None = None
+
+    def begin_anew(self) -> None:
+        """Forgets everything but the robots and the counts: the time jumped back."""
+        self._opened_ns = None
+        for state in self.robots.values():
+            state.begin_anew()
 
     def robot(self, name: str) -> RobotState:
         """The state of a robot, which is made when it is first asked for."""
@@ -238,9 +245,7 @@ class IntervalCollector:
         if back_ns <= 0:
             return
         if back_ns > RESET_NS:
-            self._opened_ns = None
-            for state in self.robots.values():
-                state.begin_anew()
+            self.begin_anew()
         elif self._opened_ns is not None:
             self._opened_ns = min(self._opened_ns, now_ns)
         for state in self.robots.values():
@@ -313,6 +318,9 @@ class IntervalCollector:
         if scans:
             if seen_ns is not None and 0 < self._last_ns - time_ns <= RESET_NS:
                 time_ns = self._last_ns
+            elif self._last_ns - time_ns > RESET_NS:  # where the others were is of another time
+                for name in self.robots.keys() - poses.keys():
+                    self.robots[name].poses.clear()
             self._last_ns = time_ns
         others = {}
         for name, state in self.robots.items():

@@ -85,6 +85,11 @@ class Planner:
         self.groups = Groups(config.groups)
         self._walls: Walls | None = None
 
+    def begin_anew(self) -> None:
+        """Forgets everybody: the time jumped back. Ids of people and groups go on."""
+        self.tracker.begin_anew()
+        self.groups.begin_anew()
+
     def take_grid(self, grid: OccupancyGrid | None) -> None:
         """Takes what is known of walls and furniture, for the intervals that follow.
 
@@ -101,7 +106,8 @@ class Planner:
             scans: At most one per robot.
             poses: By robot, its pose in the common frame at its scan's stamp; also of robots
                 without a scan, which others may see.
-            time_ns: Time of the interval [ns].
+            time_ns: Time of the interval [ns]. Where it is older than the last one by more than
+                `clocks.RESET_NS`, everybody is new.
 
         Raises:
             ScanError: A robot has two scans.

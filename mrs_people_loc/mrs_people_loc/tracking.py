@@ -11,7 +11,8 @@ once, and the sum would say so. A track becomes a person when it has enough of i
 not seen, and ends when the evidence has gone or the time is out. Who has ended is remembered for a
 while and may come back under the same id.
 
-Time is an argument. Where it jumps back, tracks stay where they are and go on from there.
+Time is an argument. Where it jumps back by more than `clocks.RESET_NS`, everybody is new, and ids
+go on.
 """
 
 from __future__ import annotations
@@ -199,8 +200,17 @@ class Tracker:
         self._tracks = _begun(_Found.of((), 0), config)
         self._lost = self._tracks
 
+    def begin_anew(self) -> None:
+        """Forgets everybody: the time jumped back. Ids go on, so that none means two people."""
+        self.jumps_back += 1
+        self._time_ns = None
+        self._followed_s = 0.0
+        self._tracks = self._lost = _begun(_Found.of((), 0), self.config)
+
     def expect(self, time_ns: int) -> Expected:
         """Where the people who are followed will be at a time [ns]; the tracker stays as it is."""
+        if self._is_another(time_ns):
+            return NOBODY
         known = self._tracks.of(self._tracks.id > 0)
         if not len(known):
             return NOBODY
@@ -214,14 +224,14 @@ class Tracker:
         Args:
             persons: What was found, with log-odds and delays.
             time_ns: Time of the interval [ns]; a little older than the last one: scans that came
-                late by themselves.
+                late by themselves; older by more than `RESET_NS`: everybody is new.
 
         Returns:
             Everybody who is followed, seen or not, by id.
         """
+        if self._is_another(time_ns):
+            self.begin_anew()
         dt_s, late_s = self._since(time_ns), self._late(time_ns)
-        if self._time_ns is not None and time_ns < self._time_ns and not late_s:
-            self.jumps_back += 1
         if self._time_ns is None or not late_s:
             self._time_ns = time_ns
         self._followed_s += dt_s
@@ -234,9 +244,12 @@ class Tracker:
         return 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / 1e9)
 
     def _late(self, time_ns: int) -> float:
-        """How much a time is before the last one [s]; 0 if it is not, or is another time."""
-        late_ns = 0 if self._time_ns is None else self._time_ns - time_ns
-        return late_ns / 1e9 if 0 < late_ns <= RESET_NS else 0.0
+        """How much a time is before the last one [s]; 0 if it is not."""
+        return 0.0 if self._time_ns is None else max(0.0, (self._time_ns - time_ns) / 1e9)
+
+    def _is_another(self, time_ns: int) -> bool:
+        """Whether time has jumped back."""
+        return self._time_ns is not None and self._time_ns - time_ns > RESET_NS
 
     def _take(self, found: _Found, dt_s: float) -> None:
         config, tracks = self.config, self._tracks

@@ -21,7 +21,8 @@ from rclpy.qos import QoSProfile
 
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import Parameter, Section
-from mrs_people_loc.errors import ConfigError, PeopleLocError
+from mrs_people_loc.errors import ConfigError, PeopleLocError, StampError
+from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
 from mrs_ros.network import use_shipped_profile
@@ -56,6 +57,7 @@ class ManagedNode(LifecycleNode):
         self._reporter: Reporter | None = None
         self._use = ProcessUse()
         self._configured = self._active = False
+        self._ended_ns = 0  # where /clock was when it jumped back
         self._node_config = NodeConfig(
             self, config_type, may_restructure=lambda: not self._configured, changed=self.changed
         )
@@ -116,7 +118,13 @@ class ManagedNode(LifecycleNode):
         once: bool = False,
     ) -> Input:
         """Subscribes to a topic until the node stops (see `Input`)."""
-        made = Input(self, message_type, topic, callback, qos, once=once)
+
+        def take(message: Any) -> None:
+            if not once:
+                self._check_is_of_now(message)
+            callback(message)
+
+        made = Input(self, message_type, topic, take, qos, once=once)
         self.inputs[topic] = made
         return made
 
@@ -210,9 +218,26 @@ class ManagedNode(LifecycleNode):
         return result
 
     def _on_jump(self, jump: Any) -> None:
+        self._ended_ns = self._now_ns() - jump.delta.nanoseconds
         if self._active:
             self.get_logger().warning("the time jumped back; starting anew")
             self.jumped_back()
+
+    def _check_is_of_now(self, message: Any) -> None:
+        """Refuses what was under way when /clock jumped back: it would be of the future now.
+
+        Raises:
+            StampError: It is.
+        """
+        if self._ended_ns:
+            stamp_ns, earliest_ns = stamp_ns_of(message.header.stamp), self._now_ns() + RESET_NS
+            if earliest_ns >= self._ended_ns + RESET_NS:
+                self._ended_ns = 0
+            elif earliest_ns < stamp_ns <= self._ended_ns + RESET_NS:
+                raise StampError(f"stamp is {stamp_ns} ns, of before the time jumped back")
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
 
     def _findings(self) -> list[Finding]:
         if not self._active:

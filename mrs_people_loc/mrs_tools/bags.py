@@ -19,8 +19,10 @@ where SQLite's own structure, or a message's, is broken, and a changed pixel is 
 
 from __future__ import annotations
 
+import fcntl
 import fnmatch
 import os
+import shlex
 import shutil
 import sys
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -381,7 +383,11 @@ class BagReader:
 
 def _check_is_bag(path: Path) -> None:
     """Raise if what lies at a path can be no bag, with the reason a person can act on."""
+    if path.suffix == ".part" and path.is_dir():
+        raise BagError(_unfinished(path.with_suffix("")))
     if not path.exists():
+        if part_of(path).is_dir():
+            raise BagError(_unfinished(path))
         raise BagError(f"{path}: there is no such bag")
     if path.is_dir():
         if (path / "metadata.yaml").exists():
@@ -453,11 +459,47 @@ def _reason(err: BaseException) -> str:
 # -------------------------------------------------------------------------------------- writing
 
 
+def part_of(path: Path) -> Path:
+    """Where a bag lies while it is written."""
+    return path.with_name(path.name + ".part")
+
+
+def lock(part: Path) -> int:
+    """Claim a bag that is being written, for as long as this process lives.
+
+    Args:
+        part: As `part_of` says.
+
+    Returns:
+        A file descriptor, which gives it up when it is closed.
+
+    Raises:
+        BagError: Another process writes it.
+    """
+    held = os.open(part, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(held)
+        raise BagError(f"{part}: is being written at the moment. End the recorder first") from None
+    return held
+
+
+def _unfinished(path: Path) -> str:
+    """What to say of a bag that was never closed."""
+    return (
+        f"{path}: this bag is still being written, or its recorder was killed; what there is lies "
+        f"in {part_of(path)}. If it was killed, make a bag of that with "
+        f"`mrs record --recover {shlex.quote(str(path))}`"
+    )
+
+
 class BagWriter:
     """A bag (mcap) that is being written; use it as a context manager.
 
     The bag appears under its name when it is closed: what is there is complete. Until then it
-    lies beside it in `<name>.part`. An exception inside the `with` block removes it.
+    lies beside it in `<name>.part`. An exception inside the `with` block removes it; what a process
+    leaves that is killed, up to its last `flush`, becomes a bag with `recovery.recover`.
 
     Attributes:
         path: Where the bag will be.
@@ -474,14 +516,18 @@ class BagWriter:
             BagError: It exists already or cannot be written.
         """
         self.path = Path(path)
-        self._part = self.path.with_name(self.path.name + ".part")
+        self._part = part_of(self.path)
         self.counts: dict[str, int] = {}
         self._connections: dict[str, Connection] = {}
         if self.path.suffix in (".db3", ".bag"):
             raise BagError(f"{self.path}: only mcap is written. Name it {self.path.stem}.mcap")
-        for taken in (self.path, self._part):
-            if taken.exists():
-                raise BagError(f"{taken}: exists already. Give another name, or remove it first")
+        if self.path.exists():
+            raise BagError(f"{self.path}: exists already. Give another name, or remove it first")
+        if self._part.exists():
+            raise BagError(
+                f"{self._part}: exists already. {_unfinished(self.path)}; or remove it, or give "
+                "another name"
+            )
         # The library makes NAME/NAME.mcap and writes that name into both files.
         name = self.path.stem if self.path.suffix == ".mcap" else self.path.name
         self._writer = CheckedWriter(
@@ -489,6 +535,7 @@ class BagWriter:
         )
         try:
             self._writer.open()
+            self._held = lock(self._part)
         except OSError as err:
             raise self._failed(err) from err
 
@@ -572,6 +619,20 @@ class BagWriter:
             ) from err
         self.write_raw(topic, time_ns, data)
 
+    def flush(self) -> None:
+        """Hand all messages so far to the system: they outlive this process, however it ends.
+
+        Raises:
+            BagError: The disk does not take it.
+        """
+        storage: Any = self._writer.storage
+        try:
+            if storage.chunk.msgs:
+                storage.close_chunk()
+            storage.bio.flush()
+        except OSError as err:
+            raise self._failed(err) from err
+
     def close(self) -> None:
         """Write the index and put the bag in its place.
 
@@ -590,11 +651,14 @@ class BagWriter:
             shutil.rmtree(self._part)
         except OSError as err:
             raise self._failed(err) from err
+        finally:
+            os.close(self._held)
 
     def abort(self) -> None:
         """Drop the bag: nothing of it stays."""
         self._writer.abort()
         shutil.rmtree(self._part, ignore_errors=True)
+        os.close(self._held)
 
     def _failed(self, err: OSError) -> BagError:
         rest = f". What there is lies in {self._part}" if self._part.exists() else ""

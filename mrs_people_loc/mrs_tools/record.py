@@ -11,9 +11,10 @@ A `stop` event (set by another thread, or by `mrs_tools.cli.stop_on_signals`) en
 from __future__ import annotations
 
 import os
+import re
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -30,7 +31,8 @@ from rosbags.interfaces import (
 )
 
 from mrs_people_loc.errors import BagError
-from mrs_tools.bags import BagWriter, default_typestore, matching, require_types
+from mrs_tools.bags import BagWriter, default_typestore, matching, part_of, require_types
+from mrs_tools.plain import plain
 from mrs_tools.replay import message_class, node
 
 if TYPE_CHECKING:
@@ -39,9 +41,25 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-# How often the messages that have arrived are taken, and how often new topics are looked for.
+# How often the messages that have arrived are taken, how often new topics are looked for, and how
+# often all is handed to the system: so much is lost of a recorder that is killed.
 _TAKE_EVERY_S = 0.005
 _LOOK_EVERY_S = 0.2
+_FLUSH_EVERY_S = 1.0
+# Topics of these types are large. Unless told otherwise only those are recorded that the nodes take
+# in (by name, or because they do), and the scans and the map that they give out.
+_LARGE = {
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/PointCloud2",
+    "stereo_msgs/msg/DisparityImage",
+    "theora_image_transport/msg/Packet",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+}
+_IMAGES = re.compile(r".*/(left|right|top)/image_(rect|raw)")
+_OUR_NODES = {"robot_node", "planner_node"}
+# So many topics are shown while it records, the largest, and so many are named in a note.
+_SHOWN, _NAMED = 12, 5
 # Recorded only if asked for: a node that gets an old event of its own name, as happens in a replay,
 # takes it for its own use_sim_time.
 _PARAMETER_EVENTS = "/parameter_events"
@@ -56,6 +74,8 @@ class Status(NamedTuple):
     topics: int
     messages: int
     size_bytes: int
+    sizes: dict[str, int]
+    """By topic [bytes]."""
 
 
 class Recorder:
@@ -68,7 +88,10 @@ class Recorder:
 
     Attributes:
         counts: Number of messages written so far, by topic.
-        skipped: Topics that are not recorded, and why.
+        sizes: Their bytes, by topic.
+        skipped: Topics that cannot be recorded, and why.
+        left_out: Topics that nobody asked for and that reproduce nothing: images and clouds that
+            no node takes in.
     """
 
     def __init__(
@@ -82,18 +105,19 @@ class Recorder:
 
         Args:
             path: `NAME.mcap` for one file, any other name for a folder with `metadata.yaml`.
-            topics: Names or shell patterns such as `/robot_a/*`; none: every visible topic
-                but `/parameter_events`.
+            topics: Names or shell patterns such as `/robot_a/*`; none: every visible topic but
+                `/parameter_events` and what is `left_out`.
             context: The ROS context to use; None: one of its own, from the environment.
 
         Raises:
             BagError: The bag exists already or cannot be written.
         """
         self.patterns = tuple(topics)
+        self.sizes: dict[str, int] = {}
         self.skipped: dict[str, str] = {}
+        self.left_out: set[str] = set()
         self._subscriptions: dict[str, Subscription] = {}
         self._fits: dict[str, _Fit] = {}
-        self._size_bytes = 0
         self._bag = BagWriter(path)
         self._open = ExitStack()
         try:
@@ -127,13 +151,16 @@ class Recorder:
         stop = stop or threading.Event()
         started = time.monotonic()
         end = started + duration_s if duration_s is not None else float("inf")
-        look = started
+        look = flush = started
         while (now := time.monotonic()) < end and not stop.is_set():
             if now >= look:
                 look = now + _LOOK_EVERY_S
                 self._look_for_topics()
                 if on_status:
                     on_status(self._status(now - started))
+            if now >= flush:
+                flush = now + _FLUSH_EVERY_S
+                self._bag.flush()
             self._take()
             stop.wait(min(_TAKE_EVERY_S, end - now))
         self._take()
@@ -144,23 +171,42 @@ class Recorder:
         return [p for p in self.patterns if not matching(heard, [p])]
 
     def _status(self, elapsed_s: float) -> Status:
-        messages = sum(self.counts.values())
-        return Status(elapsed_s, len(self._subscriptions), messages, self._size_bytes)
+        messages, size_bytes = sum(self.counts.values()), sum(self.sizes.values())
+        return Status(elapsed_s, len(self._subscriptions), messages, size_bytes, self.sizes)
 
     def _look_for_topics(self) -> None:
         """Subscribe to what is new, and again where a subscription no longer fits."""
         from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
-        names = [name for name, _ in self._node.get_topic_names_and_types()]
-        for name in matching(names, self.patterns):
+        types = dict(self._node.get_topic_names_and_types())
+        for name in matching(types, self.patterns):
             unasked = not self.patterns
             if unasked and (topic_or_service_is_hidden(name) or name == _PARAMETER_EVENTS):
                 continue
             if name in self.skipped:
                 continue
             offers = self._node.get_publishers_info_by_topic(name)
-            if offers:
+            if unasked and offers and not self._is_needed(name, types):
+                self.left_out.add(name)
+            elif offers:
+                self.left_out.discard(name)
                 self._subscribe(name, offers)
+
+    def _is_needed(self, name: str, types: Mapping[str, list[str]]) -> bool:
+        """Whether a topic is small, is taken in by nodes, or is a scan or the map of cells."""
+        if name in self._subscriptions or _LARGE.isdisjoint(types[name]):
+            return True
+        if _IMAGES.fullmatch(name):
+            return True
+        namespace, _, last = name.rpartition("/")
+        # As the planner knows a robot: cameras have points, too.
+        is_robot = "geometry_msgs/msg/PoseWithCovarianceStamped" in types.get(
+            f"{namespace}/pose", []
+        )
+        if last == "short_term_map" or (last == "points" and is_robot):
+            return True
+        takers = self._node.get_subscriptions_info_by_topic(name)
+        return any(taker.node_name in _OUR_NODES for taker in takers)
 
     def _subscribe(self, name: str, offers: list[TopicEndpointInfo]) -> None:
         """Subscribe to a topic if that is new, or if a publisher came that offers less."""
@@ -179,6 +225,7 @@ class Recorder:
                 self.skipped[name] = problem
                 return
             self._bag.add_topic(name, msgtype, [_recorded(o.qos_profile) for o in offers])
+            self.sizes[name] = 0
         self._fits[name] = fit
         self._subscriptions[name] = self._node.create_subscription(
             message_class(msgtype), name, lambda _: None, fit.profile(), raw=True
@@ -198,7 +245,7 @@ class Recorder:
                     arrived.append((info["received_timestamp"] or time.time_ns(), name, data))
         for time_ns, name, data in sorted(arrived, key=lambda message: message[0]):
             self._bag.write_raw(name, time_ns, data)
-            self._size_bytes += len(data)
+            self.sizes[name] += len(data)
 
     def close(self) -> None:
         """Write the index; the bag is complete then.
@@ -306,43 +353,93 @@ def command(
     out: Annotated[Path, typer.Argument(help="OUT.mcap, or a new folder's name.")],
     topics: Annotated[
         list[str] | None,
-        typer.Argument(help="Names or patterns such as '/robot_a/*'; none: every visible topic."),
+        typer.Argument(
+            help="Names or patterns such as '/robot_a/*', exactly these; none: what is needed to "
+            "reproduce what the nodes do, and what they say."
+        ),
     ] = None,
     duration: Annotated[
         float | None, typer.Option("--duration", "-d", min=0.0, help="End after so many seconds.")
     ] = None,
+    recover: Annotated[
+        bool,
+        typer.Option("--recover", help="Make the bag of what a recorder left that was killed."),
+    ] = False,
 ) -> None:
     """Record topics into a bag, until Ctrl-C.
 
-    Topics that appear later are taken in. An existing bag is never overwritten.
+    Without names: every visible topic but images and clouds that no node of ours takes in (debug
+    images, other cameras); '*' is everything. Topics that appear later are taken in. An existing
+    bag is never overwritten.
     """
     from rich.console import Console
     from rich.live import Live
+    from rich.text import Text
 
     from mrs_tools.cli import stop_on_signals
+    from mrs_tools.recovery import recover as recover_bag
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
 
-    def line(status: Status) -> str:
-        return (
-            f"{out.name}  {status.elapsed_s:.0f} s  {status.topics} topics  "
-            f"{status.messages} messages  {status.size_bytes / 1e6:.1f} MB"
-        )
+    def note(text: str) -> None:
+        console.print(Text.assemble(("note: ", "yellow"), plain(text)))
 
+    if recover:
+        recovered = recover_bag(out)
+        console.print(Text("\n".join(_lines(recovered.counts, {}))))
+        total = sum(recovered.counts.values())
+        console.print(Text(f"{total:8} messages recovered in {plain(str(out))}"))
+        if recovered.lost_bytes:
+            note(f"of the end {recovered.lost_bytes} bytes are lost, which were not whole")
+        return
     with stop_on_signals() as stop:
         with Recorder(out, topics or ()) as recorder:
-            with Live(console=console, auto_refresh=False) as live:
+            note(f"until it is ended (Ctrl-C) the bag lies in {part_of(out)}")
+            with Live(console=console, auto_refresh=False, transient=True) as live:
 
                 def show(status: Status) -> None:
                     if console.is_terminal:
-                        live.update(line(status), refresh=True)
+                        lines = _lines(recorder.counts, status.sizes, _SHOWN)
+                        live.update(Text("\n".join([*lines, _line(out, status)])), refresh=True)
 
                 recorder.run(duration_s=duration, stop=stop, on_status=show)
             for topic, why in recorder.skipped.items():
-                console.print(f"[yellow]note:[/] {topic} was left out: {why}")
+                note(f"{topic} was left out: {why}")
+            if recorder.left_out:
+                note(
+                    f"left out, as no node takes them in: {_some(sorted(recorder.left_out))}. "
+                    "Name topics to record exactly these, or '*' for everything"
+                )
             for pattern in recorder.silent():
-                console.print(f"[yellow]note:[/] no message came on {pattern}")
-        counts = recorder.counts
-        for topic, count in sorted(counts.items()):
-            console.print(f"{count:8} {topic}")
-        console.print(f"{sum(counts.values()):8} messages in {out}")
+                note(f"no message came on {pattern}")
+        console.print(Text("\n".join(_lines(recorder.counts, recorder.sizes))))
+        total, size_bytes = sum(recorder.counts.values()), sum(recorder.sizes.values())
+        console.print(Text(f"{total:8} messages in {plain(str(out))}, {size_bytes / 1e6:.1f} MB"))
+
+
+def _line(out: Path, status: Status) -> str:
+    return (
+        f"{plain(out.name)}  {status.elapsed_s:.0f} s  {status.topics} topics  "
+        f"{status.messages} messages  {status.size_bytes / 1e6:.1f} MB"
+    )
+
+
+def _lines(
+    counts: Mapping[str, int], sizes: Mapping[str, int], most: int | None = None
+) -> list[str]:
+    """Messages and megabytes of each topic; of the largest ones, if not all are wanted."""
+    names = sorted(counts)
+    if most is not None and len(names) > most:
+        names = sorted(sorted(counts, key=lambda name: -sizes.get(name, 0))[:most])
+    lines = []
+    for name in names:
+        size = f"{sizes[name] / 1e6:9.2f} MB  " if name in sizes else ""
+        lines.append(f"{counts[name]:8}  {size}{plain(name)}")
+    if len(names) < len(counts):
+        lines.append(f"     ...  and {len(counts) - len(names)} smaller ones")
+    return lines
+
+
+def _some(names: list[str]) -> str:
+    rest = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + rest

@@ -28,6 +28,7 @@ from rosbags.interfaces import QosDurability
 
 from mrs_people_loc.errors import BagError
 from mrs_tools.bags import BagReader, Topic
+from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -47,6 +48,13 @@ _SETTLED_S = 1.0
 # How long messages under way may take to arrive, after the last one was published.
 _FLUSH_S = 2.0
 _PROGRESS_EVERY_NS = 100_000_000
+# Before topics are announced others are looked for, until none has come for so long, or at most for
+# so long; and while the bag plays, every so often.
+_ALONE_S, _LOOK_S, _LOOK_AGAIN_S = 0.5, 5.0, 0.5
+# What publishes is known a moment before its node's name is.
+_NAMES_S = 0.3
+# Many publish these, each of them frames of its own.
+_SHARED = ("/tf", "/tf_static")
 # Messages kept for subscribers that are slow or, for transient-local topics, late.
 _DEPTH = 100
 
@@ -76,6 +84,10 @@ class Replayed(NamedTuple):
 class Replayer:
     """A bag and a publisher for each of its topics.
 
+    A topic that somebody else on the network publishes is left out, also where that begins while
+    the bag plays: two publishers would double every message, and a recording of everything holds
+    what the nodes that it is replayed to publish themselves. Not so `/tf` and `/tf_static`.
+
     Every topic is offered as reliable, which suits reliable and best-effort subscribers alike, and
     as transient local where the bag says that it was. What else the bag says about quality of
     service (deadlines, lifespans) belongs to the recorded drivers and is left out.
@@ -100,12 +112,13 @@ class Replayer:
             bag: The bag.
             rate: Seconds of bag time per second, over 0.
             clock: Publish bag time on `/clock`. A bag that has its own `/clock` publishes that.
-            topics: Names or shell patterns of the topics to publish; none: all.
+            topics: Names or shell patterns of the topics to publish; none: all. A name that
+                cannot be published is an error then.
             context: The ROS context to use; None: one of its own, from the environment.
 
         Raises:
-            BagError: The bag cannot be read, has no such topic, or none of its topics can be
-                published.
+            BagError: The bag cannot be read, has no such topic, or none of its topics, or not one
+                that was named, can be published.
             ValueError: The rate is not a positive number.
         """
         from rclpy.qos import QoSProfile
@@ -117,15 +130,20 @@ class Replayer:
         self.skipped: dict[str, str] = {}
         self._publishers: dict[str, Publisher] = {}
         self._clock: Publisher | None = None
+        self._looked_s = 0.0
         with ExitStack() as stack:
             self.bag = stack.enter_context(BagReader(bag))
             self._node = stack.enter_context(node("mrs_replay", context))
+            self._meet_others()
             for name in self.bag.select(topics):
                 self._announce(self.bag.topics[name], named=name in topics)
             if not self._publishers:
                 reasons = "; ".join(f"{t}: {why}" for t, why in self.skipped.items())
                 raise BagError(f"{self.bag.path}: no topic can be published. {reasons}")
-            if clock and "/clock" not in self._publishers:
+            others = self._others("/clock") if clock else ""
+            if others:
+                self.skipped["/clock"] = others
+            elif clock and "/clock" not in self._publishers:
                 self._clock = self._node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
             self._open = stack.pop_all()
 
@@ -138,13 +156,15 @@ class Replayer:
         problem = f"its type {topic.type} is not installed"
         try:
             validate_full_topic_name(topic.name)
+            others = self._others(topic.name)
         except InvalidTopicNameException:
-            cls = None
-            problem = (
+            others = (
                 "no ROS 2 name; allowed: / before each part, and parts of letters, digits and _ "
                 "that do not begin with a digit"
             )
-        if cls is not None:
+        if others:
+            problem = others
+        elif cls is not None:
             publisher = self._node.create_publisher(cls, topic.name, _offered_qos(topic))
             if self._same_definition(topic):
                 self._publishers[topic.name] = publisher
@@ -154,6 +174,55 @@ class Replayer:
         if named:
             raise BagError(f"{self.bag.path}: cannot publish {topic.name}: {problem}")
         self.skipped[topic.name] = problem
+
+    def _meet_others(self) -> None:
+        """Wait until it is known who else publishes."""
+        end = time.monotonic() + _LOOK_S
+        before, changed = -1, time.monotonic()
+        while (now := time.monotonic()) < min(end, changed + _ALONE_S):
+            names = [name for name, _ in self._node.get_topic_names_and_types()]
+            count = sum(map(self._node.count_publishers, names))
+            if count != before:
+                before, changed = count, now
+            time.sleep(0.02)
+
+    def _others(self, topic: str) -> str:
+        """Who else publishes a topic, in words; empty: nobody, or many are meant to."""
+        own = int(topic in self._publishers or (topic == "/clock" and self._clock is not None))
+        if topic in _SHARED or self._node.count_publishers(topic) <= own:
+            return ""
+        end = time.monotonic() + _NAMES_S
+        while True:
+            names = {
+                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                for info in self._node.get_publishers_info_by_topic(topic)
+                if info.node_name != self._node.get_name()
+            }
+            unknown = any("_UNKNOWN_" in name for name in names)
+            if not unknown or time.monotonic() > end:
+                break
+            time.sleep(0.02)
+        who = "another node" if unknown else ", ".join(sorted(names))
+        return f"{who} publishes it" if names else ""
+
+    def _leave_to_others(self, on_left_out: Callable[[str, str], None] | None = None) -> None:
+        """Publish no more what somebody else publishes, too."""
+        now = time.monotonic()
+        if now - self._looked_s < _LOOK_AGAIN_S:
+            return
+        self._looked_s = now
+        for topic in [*self._publishers, *(["/clock"] if self._clock else [])]:
+            others = self._others(topic)
+            if not others:
+                continue
+            self.skipped[topic] = others
+            if topic in self._publishers:
+                self._node.destroy_publisher(self._publishers.pop(topic))
+            elif self._clock is not None:
+                clock, self._clock = self._clock, None
+                self._node.destroy_publisher(clock)
+            if on_left_out:
+                on_left_out(topic, self.skipped[topic])
 
     def _same_definition(self, topic: Topic) -> bool:
         """Whether subscribers here will read the bytes as they were written.
@@ -184,7 +253,7 @@ class Replayer:
         """Give subscribers time to be discovered, so that they get the first messages.
 
         Returns once there is a subscriber and their number has been the same for a second, or when
-        the time is up.
+        the time is up. Topics that somebody else turns out to publish are left out.
 
         Args:
             timeout_s: The longest to wait, seconds.
@@ -197,6 +266,7 @@ class Replayer:
         now = time.monotonic()
         end, changed, before = now + timeout_s, now, dict[str, int]()
         while True:
+            self._leave_to_others()
             matched = {t: p.get_subscription_count() for t, p in self._publishers.items()}
             now = time.monotonic()
             if matched != before:
@@ -222,6 +292,7 @@ class Replayer:
         loop: bool = False,
         stop: threading.Event | None = None,
         on_progress: Callable[[Progress], None] | None = None,
+        on_left_out: Callable[[str, str], None] | None = None,
     ) -> Replayed:
         """Publish the messages, each at its time; blocks.
 
@@ -233,6 +304,7 @@ class Replayer:
                 back.
             stop: When set (from another thread or a signal handler), ends within 0.1 s.
             on_progress: Called about ten times a second.
+            on_left_out: Called with a topic that is left out from now on, and why.
 
         Returns:
             What was published.
@@ -245,6 +317,7 @@ class Replayer:
         rounds, latest_ns = 0, 0
 
         def report(now_ns: int) -> None:
+            self._leave_to_others(on_left_out)
             if on_progress:
                 position_s = (min(now_ns, self.bag.end_ns) - self.bag.start_ns) * 1e-9
                 on_progress(Progress(position_s, self.bag.duration_s, sum(counts.values())))
@@ -265,12 +338,14 @@ class Replayer:
     def _play_once(self, pace: _Pace, margin_ns: int, counts: dict[str, int]) -> None:
         """Publish every message and, between them, the clock."""
         tick_ns = self.bag.start_ns - margin_ns
-        for message in self.bag.messages(self._publishers):
+        for message in self.bag.messages(counts):
             tick_ns = self._run_clock(pace, tick_ns, message.time_ns)
             if not pace.wait_until(message.time_ns):
                 return
-            self._publishers[message.topic].publish(message.data)
-            counts[message.topic] += 1
+            publisher = self._publishers.get(message.topic)
+            if publisher is not None:
+                publisher.publish(message.data)
+                counts[message.topic] += 1
         self._run_clock(pace, tick_ns, self.bag.end_ns + margin_ns)
 
     def _run_clock(self, pace: _Pace, tick_ns: int, until_ns: int) -> int:
@@ -282,6 +357,8 @@ class Replayer:
 
         step_ns = max(1, int(_CLOCK_STEP_NS * min(1.0, self.rate)))
         while tick_ns <= until_ns and pace.wait_until(tick_ns):
+            if self._clock is None:  # somebody else publishes it now
+                return tick_ns
             sec, nanosec = divmod(tick_ns, 10**9)
             self._clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
             # Ticks that are overdue are left out, but the clock never overtakes the messages.
@@ -447,26 +524,29 @@ def command(
 
     Starts when the number of subscribers has been the same for a second, after --wait seconds at
     the latest. Every topic is offered as reliable, and as transient local where it was recorded
-    so. Ctrl-C ends it.
+    so. Topics that others on the network publish are left out. Ctrl-C ends it.
     """
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as ProgressBar
+    from rich.text import Text
 
     from mrs_tools.cli import stop_on_signals
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
 
     def note(text: str) -> None:
-        console.print(f"[yellow]note:[/] {text}")
+        console.print(Text.assemble(("note: ", "yellow"), plain(text)))
 
     names = [name for text in topics or [] for name in text.replace(",", " ").split()]
     with (
         stop_on_signals() as stop,
         Replayer(bag, rate=rate, clock=clock, topics=names) as player,
     ):
-        for topic, why in player.skipped.items():
+
+        def left_out(topic: str, why: str) -> None:
             note(f"{topic} is left out: {why}")
+
         if player.is_old:
             note(
                 f"the bag is from {time.strftime('%F', time.gmtime(player.bag.start_ns * 1e-9))}: "
@@ -474,22 +554,25 @@ def command(
                 "the nodes with use_sim_time:=true"
             )
         matched = player.wait_for_subscribers(wait, stop)
+        for topic, why in player.skipped.items():
+            left_out(topic, why)
         for topic in player.mismatched():
             note(f"a subscriber of {topic} gets nothing: its quality of service does not fit")
         if not any(matched.values()) and not stop.is_set():
             note("nobody listens yet (same ROS_DOMAIN_ID?)")
         with ProgressBar(
-            TextColumn("{task.fields[label]}"),
+            TextColumn("{task.fields[label]}", markup=False),
             BarColumn(),
             TextColumn("{task.completed:.1f} / {task.total:.1f} s"),
             console=console,
             disable=not console.is_terminal,
         ) as bar:
-            task = bar.add_task("", label=bag.name, total=player.bag.duration_s)
+            task = bar.add_task("", label=plain(bag.name), total=player.bag.duration_s)
             done = player.play(
                 loop=loop,
                 stop=stop,
                 on_progress=lambda p: bar.update(task, completed=max(0.0, p.position_s)),
+                on_left_out=left_out,
             )
         total = sum(done.counts.values())
         console.print(f"published {total} messages on {len(done.counts)} topics")

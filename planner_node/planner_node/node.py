@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc import masking, messages
 from mrs_people_loc.agreement import Agreement
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.health import Code
@@ -128,8 +129,17 @@ class PlannerNode(ManagedNode):
         self._collector = IntervalCollector(self.config.interval, self.config.robots)
 
     def jumped_back(self) -> None:
-        """Forgets what was compared; the intervals follow the time by themselves."""
+        """Everybody is new."""
+        self._collector.begin_anew()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Forgets what was found: the time, or the stamps of all robots, jumped back."""
+        self._planner.begin_anew()
+        self._trails.clear()
         self._agreement = Agreement()
+        self._result = None
+        self._events.publish(String(data="the time jumped back: everybody is new"))
 
     def changed(self, config: PlannerConfig) -> None:
         """Takes new parameters from the next interval on."""
@@ -210,6 +220,11 @@ class PlannerNode(ManagedNode):
             self._run(closed)
 
     def _run(self, closed: Closed) -> None:
+        back_ns = 0 if self._result is None else self._result.stamp_ns - closed.time_ns
+        if back_ns > RESET_NS:
+            back = f"the stamps of all robots jumped back by {back_ns / 1e9:.1f} s"
+            self.get_logger().warning(f"{back}; starting anew: everybody is new")
+            self._begin_anew()
         result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
         self._result = result
         self._intervals += 1
@@ -240,13 +255,10 @@ class PlannerNode(ManagedNode):
                     way.pop()
                 way.append((now_ns, float(person.position[0]), float(person.position[1])))
         for who, way in list(self._trails.items()):
-            while way and not 0 <= now_ns - way[0][0] <= _TRAIL_NS:
+            while way and now_ns - way[0][0] > _TRAIL_NS:
                 way.popleft()
             if not way:
                 del self._trails[who]
-
-    def _now_ns(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
 
     # ---- diagnostics ----
 

@@ -81,9 +81,16 @@ class RobotNode(ManagedNode):
         self._pose.stop()
 
     def jumped_back(self) -> None:
-        """Forgets what waits, and what came last."""
+        """Forgets what waits, and what was seen."""
         self._head.reset()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Forgets what was seen, and where: the time, or stamps of images, jumped back."""
         self._pose.begin_anew()
+        self._sight = SightWatch(self.config.sight)
+        self._floor = None
+        self._stages = None
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters from the next frame on."""
@@ -109,6 +116,7 @@ class RobotNode(ManagedNode):
         view = self._head.take_image(camera, message)
         if self._head.pairer.resets > resets:
             self.get_logger().warning(f"{camera} images: stamps jumped back; starting anew")
+            self._begin_anew()
         self._publish(view)
 
     def _publish(self, view: View | None) -> None:
@@ -211,7 +219,7 @@ class RobotNode(ManagedNode):
     def _scan_finding(self) -> Finding:
         stages = self._stages
         if stages is None:
-            return Finding("scan", STALE, "no scan yet", {"frames": 0}, Code.NO_SCAN)
+            return Finding("scan", STALE, "no scan yet", {"frames": self._frames}, Code.NO_SCAN)
         valid = float(np.isfinite(stages.disparity).mean())
         values: dict[str, object] = {
             "frames": self._frames,

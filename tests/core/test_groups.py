@@ -317,12 +317,15 @@ def test_ids_of_groups_never_repeat():
     assert [out[0].id for out in run.out] == sorted(1 + k // 10 for k in range(50))
 
 
-def test_time_that_jumps_back_loses_nothing():
+def test_where_time_jumps_back_all_groups_are_new():
+    """Nobody of before is missing, or falls behind."""
     run = Run()
     run.go(standing(p1=(0, 0), p2=(1, 0)), 5.0)
     run.now_ns = 0
-    run.go(standing(p1=(0, 0), p2=(1, 0)), 5.0)
-    assert {group.id for out in run.out for group in out} == {1}
+    for _ in range(100):
+        run.go(standing(p3=(0, 0), p4=(1, 0), p5=(2, 0)), 0.1)
+        (group,) = run.out[-1]
+        assert (group.id, group.members, group.stragglers) == (2, (3, 4, 5), {})
     assert run.events == []
 
 

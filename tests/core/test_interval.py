@@ -431,6 +431,60 @@ def test_a_clock_that_jumps_back_begins_anew():
     assert team.dropped("robot_a") == {}
 
 
+def stamps_jump(team: Team, by: float, *robots: str, at: float) -> None:
+    """The stamps of robots jump back, and the planner's clock goes on: three scans say so."""
+    for robot in robots:
+        for step in (0, 100):
+            with pytest.raises(ScanError):
+                team.scan(robot, at - by + step, now=at + step)
+        team.scan(robot, at - by + 200, now=at + 200)
+
+
+def test_where_the_stamps_of_all_jump_back_the_team_begins_anew():
+    """A bag that loops, without /clock. Who was silent before does not hold the others up."""
+    team = live_team(*THREE)
+    for now in range(7000, 9001, 100):  # robot_c is silent
+        for robot in THREE[:2]:
+            team.scan(robot, now)
+        assert team.close(now + 100)
+    assert team.closed.others["robot_c"].x == 9.0
+    stamps_jump(team, 5000, "robot_a", at=9100)
+    assert not team.close(9400)  # not all of them, so far
+    stamps_jump(team, 5000, "robot_b", at=9100)
+    team.scan("robot_a", 4400, now=9400)
+    assert team.close(9400) == {"robot_a": 4400, "robot_b": 4300}
+    assert "robot_c" not in team.closed.others  # where it was is of another time
+    for now in range(4500, 9400, 100):
+        for robot in THREE[:2]:
+            team.scan(robot, now, now=now + 5000)
+        assert team.close(now + 5000) == {"robot_a": now, "robot_b": now}
+
+
+@pytest.mark.parametrize("by", [1300, 60_000])
+def test_a_robot_whose_stamps_jump_back_alone_turns_nobodys_time_back(by):
+    """Also where the others' scans come a moment later, and an interval closes without them."""
+    team = live_team(*THREE)
+    last = 1000.0
+    for now in range(62_000, 66_000, 100):
+        if now == 62_000:
+            for robot in THREE:
+                team.pose(robot, now - 50)
+                team.scan(robot, now - 50)
+            assert team.close(now - 50)
+        with contextlib.suppress(ScanError):
+            team.scan("robot_c", now - by, now=now)
+        closed = team.close(now + 100)
+        assert not closed
+        for robot in THREE[:2]:
+            team.pose(robot, now + 10)
+            team.scan(robot, now + 10, now=now + 110)
+        closed = team.close(now + 110) or team.close(now + 230)
+        assert closed == dict.fromkeys(THREE[:2], now + 10)
+        assert team.closed.time_ns > last
+        last = team.closed.time_ns
+    assert sum(team.dropped("robot_c").values()) > 30
+
+
 def clocks(**ahead: float) -> Team:
     """A team whose robots' clocks are ahead of the planner's [ms], two seconds long."""
     team = Team(*ahead)

@@ -405,21 +405,31 @@ def test_who_is_surely_at_a_place_and_who_may_be_anywhere():
 
 
 @pytest.mark.parametrize("back_s", [1.1, 100.0])
-def test_time_that_jumps_back_loses_nobody(back_s):
-    """A clock that is set, or a bag that begins again while people stand where they stood."""
+def test_where_time_jumps_back_everybody_is_new(back_s):
+    """A clock that is set, or a bag that begins again, even if people stand where they stood."""
     follower = tracker()
     offset = 200_000 * MS
     for k in range(20):
         follower.step([person(1, 1, at_ns=0), person(3, 1, at_ns=0)], offset + k * 100 * MS)
-    before = follower.step([], offset + 1900 * MS)
+    # Seen as before, somebody else, and nobody where the second one was: no ghost of him is left.
     start = offset + 1900 * MS - round(back_s * 1e9)
     for k in range(20):
         now = start + k * 100 * MS
-        out = follower.step([person(1, 1, at_ns=now), person(3, 1, at_ns=now)], now)
-        assert ids(out) == [1, 2]
+        assert len(follower.expect(now)) == (2 if k else 0)
+        out = follower.step([person(1, 1, at_ns=now), person(9, 1, at_ns=now)], now)
+        assert ids(out) == [3, 4]  # from the first interval on, as in the beginning
         assert not any(one.coasting for one in out)
     assert follower.jumps_back == 1
-    assert out[0].age_s == pytest.approx(before[0].age_s + 1.9)
+    assert out[0].age_s == pytest.approx(1.9)
+
+
+def test_time_that_is_set_back_by_a_second_loses_nobody():
+    follower = tracker()
+    for now in [*range(0, 2001, 100), *range(1000, 3001, 100)]:
+        out = follower.step([person(1, 1, at_ns=now * MS)], now * MS)
+        assert ids(out) == [1]
+    assert follower.jumps_back == 0
+    assert out[0].age_s == pytest.approx(3.0)
 
 
 def test_scans_that_come_late_by_themselves_do_not_turn_the_time_back():

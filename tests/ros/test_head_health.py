@@ -104,6 +104,27 @@ def test_a_covered_lens_is_named(robot: RobotPeer, views: Views, camera: str) ->
     robot.until_finding("head", lambda f: (f.level, f.message) == (OK, "ok"))
 
 
+def test_what_was_seen_before_stamps_jump_back_does_not_count(
+    robot: RobotPeer, views: Views
+) -> None:
+    """A bag that begins again: one view is enough for a head that was blind."""
+    views.send(6, apart_s=0.1, black="left")
+    robot.until_finding("head", lambda f: f.level == WARN)
+    views.stamp_ns -= 100 * SECOND
+    begins_ns = views.stamp_ns
+
+    def answered() -> bool:
+        views.stamp_ns += SECOND // 10
+        robot.send(robot.view(views.stamp_ns, of="robot_a"))
+        robot.peer.spin(0.3)
+        return begins_ns < stamp_of(robot.points[-1]) <= views.stamp_ns
+
+    robot.peer.until(answered, lambda: robot.log)
+    finding = robot.peer.next_findings(robot.node)[robot.node]["head"]
+    assert (finding.level, finding.message) == (OK, "ok")
+    robot._last_ns = views.stamp_ns
+
+
 def test_calibrate_measures_a_head_that_is_running(
     robot: RobotPeer, peer: Peer, tmp_path: Path
 ) -> None:

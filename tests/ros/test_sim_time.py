@@ -152,8 +152,12 @@ def test_clock_that_is_set_back_stops_nothing(
     clock.to(clock.now + SECOND)
     robots[0].send(clock.now, SOMEBODY)
     planner.peer.next_findings(planner.node)
+    late, before = clock.now, {person.id for person in planner.people[-1].persons}
     clock.to(START)
     planner.peer.next_findings(planner.node)
+    robots[0].send(late, SOMEBODY)  # was under way: it would be of the future now
+    finding = planner.until_finding("robot_a/points", lambda f: f.count("dropped.StampError") == 1)
+    assert finding.message.endswith(f"stamp is {late} ns, of before the time jumped back")
     for step in range(3):
         clock.to(START + step * SECOND // 5)
         for robot in robots:
@@ -162,6 +166,7 @@ def test_clock_that_is_set_back_stops_nothing(
         assert robots_in(message)[-1] == "robot_b"
     assert robots_in(message) == ["robot_a", "robot_b"]
     assert places(message) == [SOMEBODY]
+    assert before.isdisjoint(person.id for person in message.persons)
 
 
 def test_robot_node_in_sim_time(robot: RobotPeer, planner: PlannerPeer, clock: SimTime) -> None:

@@ -5,6 +5,8 @@ The commands run as processes of their own, as a person starts them.
 
 import contextlib
 import itertools
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -22,12 +24,15 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 rclpy = pytest.importorskip("rclpy")
 
+from geometry_msgs.msg import PoseWithCovarianceStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2  # noqa: E402
 from std_msgs.msg import Int32, String  # noqa: E402
+from stereo_msgs.msg import DisparityImage  # noqa: E402
 
 from mrs_people_loc.errors import BagError  # noqa: E402
 from mrs_tools import replay  # noqa: E402
@@ -496,7 +501,130 @@ def test_rates_that_make_no_sense(rate):
     assert run("replay", PAPER, f"--rate={rate}")[0] == 2
 
 
+def two_topics(path):
+    with BagWriter(path) as bag:
+        for topic in ("/live", "/free"):
+            bag.add_topic(topic, "std_msgs/msg/String")
+        for k in range(20):
+            for topic in ("/live", "/free"):
+                text = serialize_message(String(data=f"recorded {k}"))
+                bag.write_raw(topic, START_NS + k * 200_000_000, text)
+    return path
+
+
+def test_what_a_live_node_publishes_is_left_out(ros, tmp_path):
+    """Not one of its messages is doubled; who it is is said."""
+    ros.create_publisher(String, "/live", RELIABLE)
+    arrived = {topic: raw_subscription(ros, String, topic) for topic in ("/live", "/free")}
+    bag = two_topics(tmp_path / "b.mcap")
+    code, said = run("replay", bag, "--rate", 8, "--clock")
+    assert code == 0, said
+    assert f"note: /live is left out: /{ros.get_name()} publishes it" in said
+    assert "published 20 messages on 1 topics" in said
+    until(lambda: len(arrived["/free"]) == 20)
+    assert arrived["/live"] == []
+    with pytest.raises(BagError, match="cannot publish /live: .* publishes it"):
+        Replayer(bag, topics=["/live"])
+
+
+def test_who_begins_to_publish_while_a_bag_plays_has_the_topic_to_itself(ros, tmp_path):
+    arrived = {topic: raw_subscription(ros, String, topic) for topic in ("/live", "/free")}
+    left_out = {}
+    with Replayer(two_topics(tmp_path / "b.mcap"), clock=True) as player:
+        player.wait_for_subscribers()
+        with running(player.play, on_left_out=left_out.__setitem__):
+            until(lambda: arrived["/live"])
+            ros.create_publisher(String, "/live", RELIABLE)
+            until(lambda: "/live" in left_out)
+            assert ros.count_publishers("/live") <= 2  # its own, and the one that is ending
+            until(lambda: len(arrived["/free"]) == 20)
+    assert len(arrived["/live"]) < 20
+    assert left_out == {"/live": f"/{ros.get_name()} publishes it"}
+
+
+def test_two_replays_at_once_do_not_fight_over_the_clock(ros, tmp_path):
+    ros.create_publisher(Clock, "/clock", RELIABLE)
+    ticks = raw_subscription(ros, Clock, "/clock")
+    with Replayer(talk_bag(tmp_path / "b.mcap", ["a", "b"]), clock=True) as player:
+        assert player.skipped == {"/clock": f"/{ros.get_name()} publishes it"}
+        assert player.play().counts == {"/talk": 2}
+    assert ticks == []
+
+
 # ---------------------------------------------------------------------------------------- record
+
+
+def test_record_takes_what_reproduces_and_says_what_it_leaves_out(ros, tmp_path):
+    """Inputs by their names or because a node takes them in, what the nodes say; no debug image."""
+    kinds = {
+        "/robot_a/left/image_rect": Image,
+        "/robot_a/odom": Odometry,
+        "/robot_a/points": PointCloud2,
+        "/robot_a/pose": PoseWithCovarianceStamped,
+        "/zed/left_color": Image,
+    }
+    large = {
+        "/robot_a/debug/cloud": PointCloud2,
+        "/robot_a/debug/disparity": DisparityImage,
+        "/robot_a/left/image_rect/compressed": CompressedImage,
+        "/camera/depth/points": PointCloud2,
+        "/camera/color/image_raw": Image,
+    }
+    publishers = [
+        ros.create_publisher(kind, topic, RELIABLE) for topic, kind in {**kinds, **large}.items()
+    ]
+    with node("other") as other, mrs("record", tmp_path / "out.mcap") as process:
+        other = rclpy.create_node("robot_node", context=other.context, enable_rosout=False)
+        other.create_subscription(Image, "/zed/left_color", lambda m: None, RELIABLE)
+        heard = [p for p in publishers if p.topic_name in kinds]
+        until(lambda: all(p.get_subscription_count() >= 1 for p in heard))
+        until(lambda: publishers[4].get_subscription_count() == 2)
+        time.sleep(CATCH_UP_S)
+        assert [p.topic_name for p in publishers if p.get_subscription_count() == 0] == [*large]
+        for publisher in publishers:
+            publisher.publish(publisher.msg_type())
+        time.sleep(CATCH_UP_S)
+        code, said = finish(process, signal.SIGINT)
+        other.destroy_node()
+    assert code == 0, said
+    with BagReader(tmp_path / "out.mcap") as bag:
+        assert {t.name: t.count for t in bag.topics.values()} == dict.fromkeys(kinds, 1)
+    assert "left out, as no node takes them in: " + ", ".join(sorted(large)) in said
+    assert re.search(r"^ +1 +0\.00 MB  /robot_a/odom$", said, re.MULTILINE)
+    assert re.search(r"^ +5 messages in .*out\.mcap, 0\.0 MB$", said, re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "a bag"])
+def test_a_recorder_that_is_killed_leaves_its_data(ros, tmp_path, name):
+    """All but the last second; the next command that asks for the bag says how to get them."""
+    out = tmp_path / name
+    publisher = ros.create_publisher(String, "/talk", RELIABLE)
+    with mrs("record", out, "/talk") as process:
+        publish_until([publisher], publisher.get_subscription_count)
+        time.sleep(CATCH_UP_S)
+        for k in range(1000, 1020):
+            publisher.publish(String(data=f"- {k}"))
+        time.sleep(CATCH_UP_S)
+        code, said = run("record", "--recover", out)
+        assert (code, "is being written at the moment" in said) == (1, True)
+        process.kill()
+        process.wait()
+    assert not out.exists()
+    for command in (["replay", out], ["replay", f"{out}.part"], ["record", out]):
+        code, said = run(*command)
+        assert code == 1
+        assert f"mrs record --recover {shlex.quote(str(out))}" in said
+    with next((tmp_path / f"{name}.part").glob("*/*.mcap")).open("ab") as file:
+        file.write(b"\x06\x99\x99")  # the beginning of a chunk
+    code, said = run("record", "--recover", out)
+    assert code == 0, said
+    assert "of the end 3 bytes are lost" in said
+    with BagReader(out) as bag:
+        assert numbers(bag, "/talk")[-20:] == list(range(1000, 1020))
+        assert bag.topics["/talk"].qos[0].reliability == QosReliability.RELIABLE
+    assert list(tmp_path.iterdir()) == [out]
+    code, said = run("record", "--recover", out)
+    assert (code, "nothing to recover" in said) == (1, True)
 
 
 def publish_until(publishers, condition):
