@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections import Counter
@@ -290,8 +289,11 @@ def command(
     from rich.table import Table
     from rich.text import Text
 
+    from mrs_ros.network import environment
     from mrs_tools.replay import node
 
+    environ = environment()  # as the user made it
+    settings = [f"{name}={environ[name]}" for name in _SETTINGS if environ.get(name)]
     with node("mrs_doctor") as made:
         executor = SingleThreadedExecutor(context=made.context)
         executor.add_node(made)
@@ -301,7 +303,6 @@ def command(
             executor.shutdown()
 
     console = Console(soft_wrap=True, highlight=False)
-    settings = [f"{name}={os.environ[name]}" for name in _SETTINGS if os.environ.get(name)]
     console.print(f"ROS domain {facts.domain}; {', '.join(settings) or 'no settings of its own'}")
     checks = diagnose(facts)
     for check in checks:
