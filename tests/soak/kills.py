@@ -26,7 +26,7 @@ from mrs_tools.replay import node as rclpy_node
 from mrs_tools.team import NodeProcess, team_processes
 
 #: Who is not back after so long is lost [s]; and so long others are watched after a kill [s].
-LOST_S, WATCHED_S = 30.0, 4.0
+LOST_S, WATCHED_S = 30.0, 2.5
 DRIVER = Path(__file__).with_name("driver.py")
 
 
@@ -48,9 +48,17 @@ class Kill:
 
 @dataclass
 class Kills:
-    """What came of all kills."""
+    """What came of all kills.
+
+    Attributes:
+        kills: One after another.
+        load: How many processes wanted to run, at each of them: the machine may be busy.
+        mapped: By process, files of Fast DDS in shared memory that it had mapped before the kills.
+    """
 
     kills: list[Kill] = field(default_factory=list)
+    load: list[float] = field(default_factory=list)
+    mapped: dict[str, set[str]] = field(default_factory=dict)
 
     @property
     def held_s(self) -> list[float]:
@@ -64,7 +72,10 @@ class Kills:
 
     def table(self) -> str:
         """For people."""
-        lines = [f"{len(self.kills)} kills, {len(self.lost)} after which the victim was not back"]
+        lines = [
+            f"{len(self.kills)} kills, {len(self.lost)} after which the victim was not back; load "
+            f"of the machine: median {np.median(self.load):.1f}, at most {max(self.load):.1f}"
+        ]
         for who in sorted({kill.victim for kill in self.kills}):
             back = [k.back_s for k in self.kills if k.victim == who and k.back_s is not None]
             lines.append(f"  {who} was back after {_spread(back)}, of {len(back)}")
@@ -86,7 +97,7 @@ class Watched:
     """Hears the scans of every robot, and who is in the people."""
 
     def __init__(self, node: Any, robots: Sequence[str]) -> None:
-        self.robots = robots
+        self.node, self.robots = node, robots
         #: By robot, when its scans came [s, monotonic].
         self.scans: dict[str, list[float]] = {robot: [] for robot in robots}
         #: When people came, and whose scans they were made of.
@@ -118,13 +129,13 @@ class Watched:
 @contextmanager
 def driver(
     bag: Path, team: Path, log: Path, *, hz: float, times: int = 1, robots: Sequence[str] = ()
-) -> Iterator[None]:
+) -> Iterator[subprocess.Popen[bytes]]:
     """Runs the process that sends the images."""
     command = [sys.executable, str(DRIVER), str(bag), str(team), str(hz), "20", str(times), *robots]
     with log.open("w") as out:
         process = subprocess.Popen(command, env=environment(), stdout=out, stderr=out)
     try:
-        yield
+        yield process
         assert process.poll() is None, log.read_text()
     finally:
         process.terminate()
@@ -201,7 +212,7 @@ def kill_at_random(
     nodes = team_processes(files)
     robots = [node.namespace for node in nodes if node.namespace]
     with (
-        driver(bag, files[-1], folder / "driver.log", hz=5.0),
+        driver(bag, files[-1], folder / "driver.log", hz=5.0) as sender,
         watching(robots) as watched,
         Victims(nodes, folder / "nodes.log", env or {}) as victims,
     ):
@@ -209,6 +220,8 @@ def kill_at_random(
         while not watched.is_back("planner", started):
             assert time.monotonic() - started < 120.0, (folder / "nodes.log").read_text()
             time.sleep(0.1)
+        result.mapped = {"driver": maps_of(sender)}
+        result.mapped |= {label: maps_of(one) for label, one in victims.processes.items()}
         for _ in range(count):
             time.sleep(chance.uniform(0.2, 1.5))
             victim = chance.choice(sorted(victims.nodes))
@@ -224,7 +237,7 @@ def kill_at_random(
             others = [robot for robot in robots if robot != victim]
             held_s = {robot: watched.held_s(robot, killed) for robot in others}
             result.kills.append(Kill(victim, back, held_s))
-            print(f"{len(result.kills)}: {result.kills[-1]}", flush=True)
+            result.load.append(os.getloadavg()[0])
             if result.lost:
                 break
     return result
@@ -234,18 +247,3 @@ def maps_of(process: subprocess.Popen[bytes]) -> set[str]:
     """Files of Fast DDS in shared memory that a process has mapped."""
     lines = Path("/proc", str(process.pid), "maps").read_text().splitlines()
     return {line.split()[-1] for line in lines if "/dev/shm/fastrtps" in line}
-
-
-if __name__ == "__main__":
-    import tempfile
-
-    bag, team, count, seed = sys.argv[1:5]
-    own = {"FASTRTPS_DEFAULT_PROFILES_FILE": sys.argv[5]} if sys.argv[5:] else {}
-    with tempfile.TemporaryDirectory() as name:
-        os.environ["ROS_LOG_DIR"] = name
-        files = [Path(team)]
-        print(
-            kill_at_random(
-                Path(bag), files, Path(name), count=int(count), seed=int(seed), env=own
-            ).table()
-        )
