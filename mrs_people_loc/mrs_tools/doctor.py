@@ -290,6 +290,7 @@ def command(
     from rich.text import Text
 
     from mrs_ros.network import environment
+    from mrs_tools import shared_memory
     from mrs_tools.replay import node
 
     environ = environment()  # as the user made it
@@ -304,7 +305,7 @@ def command(
 
     console = Console(soft_wrap=True, highlight=False)
     console.print(f"ROS domain {facts.domain}; {', '.join(settings) or 'no settings of its own'}")
-    checks = diagnose(facts)
+    checks = [*shared_memory.checks(facts.reports), *diagnose(facts)]
     for check in checks:
         line = Text.assemble((f"{check.level:>8}  ", _COLOURS[check.level]), check.subject)
         console.print(line.append(f": {check.text}"))
@@ -330,6 +331,7 @@ _SETTINGS = (
     "ROS_STATIC_PEERS",
     "ROS_DISCOVERY_SERVER",
     "ROS_SUPER_CLIENT",
+    "FASTDDS_BUILTIN_TRANSPORTS",
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "ROS_SECURITY_ENABLE",
