@@ -279,7 +279,7 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     # would raise KeyboardInterrupt wherever the node is, and again while it is being ended:
     # `ros2 launch` passes on a Ctrl-C that everybody in the terminal has received already.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    use_shipped_profile()
+    own_network = use_shipped_profile()
     try:
         secured = security.asked(os.environ)
         rclpy.init(args=argv)
@@ -304,6 +304,8 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
             if not secured:
                 raise
             raise security.refusal(err, os.environ) from err
+        if own_network:
+            node.get_logger().info(own_network)
         if secured == "Permissive":
             node.get_logger().warning(security.UNSURE)
         if node.autostart:

@@ -1,29 +1,90 @@
-"""How the nodes use the network: the shipped Fast DDS profile."""
+"""How the nodes use the network: the shipped Fast DDS profiles.
+
+`config/fastdds/team.xml`, or `localhost.xml` where ROS 2 is told to stay on this machine; both take
+images, and all else, by UDP and not by shared memory: docs/network.md says why.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
-#: Where Fast DDS looks for its profiles.
+#: Where Fast DDS looks for its profiles: the version of ROS 2 Jazzy, and Fast DDS 3.
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+PROFILES_FILES = (PROFILES_FILE, "FASTDDS_DEFAULT_PROFILES_FILE")
+#: What it moves data by: UDP and shared memory, unless this says otherwise.
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+#: How far ROS 2 looks for others.
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+#: What `use_shipped_profile` put into the environment: by name what, and what was there before.
+_added: dict[str, tuple[str, str | None]] = {}
 
 
-def use_shipped_profile() -> None:
-    """Points Fast DDS to `config/fastdds/team.xml`, where the user does not name another file.
+def use_shipped_profile() -> str:
+    """Points Fast DDS to the shipped profile, unless the user has a profile or transports.
 
-    Before the first ROS context is made. Other middlewares do not look there.
+    Before the first ROS context is made. Other middlewares are left alone.
+
+    Returns:
+        Why it is not used, a sentence for people; empty if it is.
     """
-    from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+    from rclpy.utilities import get_rmw_implementation_identifier
 
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)  # a pip install sets nothing
-    shares = [Path(sys.prefix, "share", "mrs_people_loc")]  # ... or another ROS is sourced
+    if "fastrtps" not in get_rmw_implementation_identifier():
+        return ""
+    folder = _profiles()
+    if folder is None:
+        return "no config/fastdds in share/mrs_people_loc: install it again (make setup)"
+    before = environment()
+    added, why_not = _settings(before, folder)
+    _added.update({name: (value, before.get(name)) for name, value in added.items()})
+    os.environ.update(added)
+    return why_not
+
+
+def environment() -> dict[str, str]:
+    """The environment of this process as the user made it, for processes to be started.
+
+    Without what `use_shipped_profile` added: they ask for it themselves.
+    """
+    whole = dict(os.environ)
+    for name, (added, before) in _added.items():
+        if whole.get(name) == added:
+            del whole[name]
+            if before is not None:
+                whole[name] = before
+    return whole
+
+
+def _settings(environ: Mapping[str, str], folder: Path) -> tuple[dict[str, str], str]:
+    """What is to be set, and why nothing is."""
+    ours = {str(folder / name) for name in ("team.xml", "localhost.xml")}
+    own = [name for name in PROFILES_FILES if environ.get(name) not in (None, *ours)]
+    if environ.get(TRANSPORTS) not in (None, "", "UDPv4"):
+        own.append(TRANSPORTS)
+    if own:
+        said = " ".join(f"{name}={environ[name]}" for name in own)
+        return {}, f"{said} goes before our Fast DDS profile: docs/network.md, Shared memory"
+    if environ.get(RANGE) == "LOCALHOST" and not environ.get("ROS_STATIC_PEERS"):
+        # For this range rmw_fastrtps puts transports of its own, shared memory among them, beside
+        # those of a profile. localhost.xml does what else it does.
+        profile = {PROFILES_FILE: str(folder / "localhost.xml"), RANGE: "SYSTEM_DEFAULT"}
+    else:
+        profile = {PROFILES_FILE: environ.get(PROFILES_FILE, str(folder / "team.xml"))}
+    return {TRANSPORTS: "UDPv4", **profile}, ""
+
+
+def _profiles() -> Path | None:
+    """The installed folder of the profiles."""
+    from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+
+    shares = [Path(sys.prefix, "share", "mrs_people_loc")]  # another ROS may be sourced
     with contextlib.suppress(PackageNotFoundError):
         shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
-    for share in shares:
-        profile = share / "config" / "fastdds" / "team.xml"
-        if profile.is_file():
-            os.environ.setdefault(PROFILES_FILE, str(profile))
-            return
+    folders = [share / "config" / "fastdds" for share in shares]
+    return next((folder for folder in folders if (folder / "team.xml").is_file()), None)

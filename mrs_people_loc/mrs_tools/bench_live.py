@@ -320,11 +320,14 @@ def measure_live(
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
 
+    from mrs_ros.network import use_shipped_profile
+
     # Robots on the network must not hear these images.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     team = load_team(*files)
     recorded = read_recorded(bag, team)
     sizes = sizes_on_the_wire(bag, files)
+    use_shipped_profile()
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("mrs_bench", context=context)

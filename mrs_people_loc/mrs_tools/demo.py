@@ -159,9 +159,11 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
     from rclpy.signals import SignalHandlerOptions
     from rich.live import Live
 
+    from mrs_ros.network import use_shipped_profile
     from mrs_tools.cli import stop_on_signals
 
     nodes = team_processes(files, sim_time=True)
+    use_shipped_profile()
     context = Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(

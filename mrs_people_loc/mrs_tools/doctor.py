@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections import Counter
@@ -503,8 +502,12 @@ def command(
     from rich.table import Table
     from rich.text import Text
 
+    from mrs_ros.network import environment
+    from mrs_tools import shared_memory
     from mrs_tools.replay import node
 
+    environ = environment()  # as the user made it
+    settings = [f"{name}={environ[name]}" for name in _SETTINGS if environ.get(name)]
     with node("mrs_doctor") as made:
         executor = SingleThreadedExecutor(context=made.context)
         executor.add_node(made)
@@ -514,9 +517,8 @@ def command(
             executor.shutdown()
 
     console = Console(soft_wrap=True, highlight=False)
-    settings = [f"{name}={os.environ[name]}" for name in _SETTINGS if os.environ.get(name)]
     console.print(f"ROS domain {facts.domain}; {', '.join(settings) or 'no settings of its own'}")
-    checks = diagnose(facts)
+    checks = [*shared_memory.checks(facts.reports), *diagnose(facts)]
     for check in checks:
         line = Text.assemble((f"{check.level:>8}  ", _COLOURS[check.level]), check.subject)
         console.print(line.append(f": {check.text}"))
@@ -544,6 +546,7 @@ _SETTINGS = (
     "ROS_STATIC_PEERS",
     "ROS_DISCOVERY_SERVER",
     "ROS_SUPER_CLIENT",
+    "FASTDDS_BUILTIN_TRANSPORTS",
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "ROS_SECURITY_ENABLE",

@@ -448,8 +448,11 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
     from rclpy.context import Context
     from rclpy.signals import SignalHandlerOptions
 
+    from mrs_ros.network import use_shipped_profile
+
     own = context is None
     if context is None:
+        use_shipped_profile()
         context = Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:

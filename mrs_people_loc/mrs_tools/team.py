@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ from typing import IO
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, load_team, robots_named
 from mrs_people_loc.errors import ConfigError
+from mrs_ros.network import environment
 
 #: A process that was asked to end gets this long [s].
 _GRACE_S = 5.0
@@ -90,7 +90,7 @@ class RunningTeam:
     ) -> None:
         # AMENT_PREFIX_PATH: a pip install sets nothing. A session of their own: Ctrl-C at the
         # terminal reaches us, and we end them in order.
-        whole = {"AMENT_PREFIX_PATH": sys.prefix, **os.environ, **(env or {})}
+        whole = {"AMENT_PREFIX_PATH": sys.prefix, **environment(), **(env or {})}
         self.processes = {
             node: subprocess.Popen(
                 node.command(), env=whole, start_new_session=True, stdout=log, stderr=log

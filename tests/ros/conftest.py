@@ -16,6 +16,7 @@ else:
         # rclpy imports this with the first message; the parser behind it uses deprecated modules.
         warnings.simplefilter("ignore", DeprecationWarning)
         importlib.import_module("rosidl_generator_py")
+    from mrs_ros.network import use_shipped_profile
     from ros.harness import ROOT, Peer, Team, own_domain
     from ros.recording import Recording, read_recording
 
@@ -32,9 +33,6 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     with own_domain() as number, pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(number))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        # No shared memory, which loses messages for a process that gets no time; but for this
-        # range rmw_fastrtps adds it all the same.
-        patch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         patch.setenv("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
         patch.setenv("RCUTILS_COLORIZED_OUTPUT", "0")
         patch.setenv("PYTHONUNBUFFERED", "1")
@@ -43,12 +41,15 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
             "ROS_DISCOVERY_SERVER",
             "ROS_LOCALHOST_ONLY",
             "ROS_STATIC_PEERS",
+            "FASTDDS_BUILTIN_TRANSPORTS",
             "FASTRTPS_DEFAULT_PROFILES_FILE",
             "FASTDDS_DEFAULT_PROFILES_FILE",
             "RCUTILS_CONSOLE_OUTPUT_FORMAT",
             "RCUTILS_LOGGING_USE_STDOUT",
         ):
             patch.delenv(name, raising=False)
+        # Fast DDS reads profiles once in a process: all of this one has the shipped profile.
+        use_shipped_profile()
         yield number
 
 

@@ -25,11 +25,15 @@ else:
 
 @pytest.fixture(autouse=True)
 def _domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    for name in ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "FASTRTPS_DEFAULT_PROFILES_FILE"):
+    for name in (
+        "ROS_DISCOVERY_SERVER",
+        "ROS_STATIC_PEERS",
+        "FASTDDS_BUILTIN_TRANSPORTS",
+        "FASTRTPS_DEFAULT_PROFILES_FILE",
+        "FASTDDS_DEFAULT_PROFILES_FILE",
+    ):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    # As between machines; but for this range rmw_fastrtps adds shared memory all the same.
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
     with own_domain() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import subprocess
 import sys
@@ -122,35 +123,116 @@ def test_discovery_server_needs_the_program(monkeypatch):
     assert "fast-discovery-server is not installed: source your ROS 2" in result.output
 
 
-# --- the profile ----------------------------------------------------------------------------------
+# --- the profiles ---------------------------------------------------------------------------------
+
+FAST_DDS = ROOT / "config" / "fastdds"
+PROFILE, TRANSPORTS, RANGE = (
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_BUILTIN_TRANSPORTS",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+)
+needs_ros = pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="needs ROS")
 
 
-@pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="needs ROS")
-@pytest.mark.parametrize("own", [None, "/my/own.xml", ""])
-def test_nodes_use_the_shipped_profile_unless_the_user_has_one(own):
-    name = "FASTRTPS_DEFAULT_PROFILES_FILE"
+def environment_after(*calls: str, **said: str) -> tuple[dict[str, str], dict[str, str], list[str]]:
+    """What a process has in its environment that uses the profile.
+
+    Returns:
+        Its environment, the one that it hands on, and what each call said.
+    """
+    names = (PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE", TRANSPORTS, RANGE, "ROS_STATIC_PEERS")
+    env = {name: value for name, value in os.environ.items() if name not in names}
+    env.pop("AMENT_PREFIX_PATH", None)
     code = (
-        "import os; from mrs_ros.network import use_shipped_profile; use_shipped_profile(); "
-        f"print(os.environ['{name}'])"
+        "import json, os; from mrs_ros.network import environment, use_shipped_profile; "
+        f"said = [use_shipped_profile() for _ in range({len(calls) or 1})]; "
+        "print(json.dumps([dict(os.environ), environment(), said]))"
     )
-    env = {k: v for k, v in os.environ.items() if k not in (name, "AMENT_PREFIX_PATH")}
-    if own is not None:
-        env[name] = own
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**env, **said}, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
-    if own is not None:
-        assert done.stdout == f"{own}\n"
-    else:
-        used = Path(done.stdout.strip())
-        assert used.read_bytes() == (ROOT / "config" / "fastdds" / "team.xml").read_bytes()
+    has, hands_on, words = json.loads(done.stdout)
+    return has, hands_on, words
 
 
-def test_the_profile_says_little():
-    """Lease and announcements only: everything else stays with ROS and the user."""
+@needs_ros
+@pytest.mark.parametrize(
+    ("said", "file", "range_"),
+    [
+        ({}, "team.xml", None),
+        ({TRANSPORTS: "UDPv4"}, "team.xml", None),
+        ({RANGE: "SUBNET"}, "team.xml", "SUBNET"),
+        ({RANGE: "LOCALHOST"}, "localhost.xml", "SYSTEM_DEFAULT"),
+        # ROS 2 looks at peers with LOCALHOST only, and localhost.xml does not know them.
+        ({RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "a;b"}, "team.xml", "LOCALHOST"),
+    ],
+)
+def test_nodes_use_the_shipped_profile(said, file, range_):
+    has, hands_on, words = environment_after("once", "twice", **said)
+    assert Path(has[PROFILE]).read_bytes() == (FAST_DDS / file).read_bytes()
+    assert (has[TRANSPORTS], has.get(RANGE)) == ("UDPv4", range_)
+    assert words == ["", ""]
+    # What it starts decides for itself, by what the user said.
+    assert {name: hands_on[name] for name in (PROFILE, TRANSPORTS, RANGE) if name in hands_on} == {
+        name: value for name, value in said.items() if name != "ROS_STATIC_PEERS"
+    }
+
+
+@needs_ros
+@pytest.mark.parametrize(
+    "said",
+    [
+        {PROFILE: "/my/own.xml"},
+        {PROFILE: ""},
+        {"FASTDDS_DEFAULT_PROFILES_FILE": "/my/own.xml"},
+        {TRANSPORTS: "SHM", RANGE: "LOCALHOST"},
+    ],
+)
+def test_a_profile_or_transports_of_the_user_go_before_it(said):
+    has, _, (words,) = environment_after(**said)
+    assert {name: has[name] for name in said} == said
+    assert {PROFILE, TRANSPORTS, RANGE} & set(has) == {PROFILE, TRANSPORTS, RANGE} & set(said)
+    name, value = next(iter(said.items()))
+    assert words.startswith(f"{name}={value} goes before our Fast DDS profile: docs/network.md")
+
+
+@needs_ros
+def test_a_process_that_is_given_the_shipped_profile_says_nothing():
+    has, _, _ = environment_after(**{RANGE: "LOCALHOST"})
+    given = {name: has[name] for name in (PROFILE, TRANSPORTS, RANGE)}
+    assert environment_after(**given)[::2] == (environment_after(**given)[0], [""])
+    assert environment_after(**given)[0][PROFILE] == given[PROFILE]
+
+
+@needs_ros
+def test_another_middleware_is_left_alone():
+    code = (
+        "import os, rclpy.utilities as u; "
+        "u.get_rmw_implementation_identifier = lambda: 'rmw_cyclonedds_cpp'; "
+        "from mrs_ros.network import use_shipped_profile; before = dict(os.environ); "
+        "use_shipped_profile(); print(sorted(set(os.environ.items()) - set(before.items())))"
+    )
+    env = {**os.environ, RANGE: "LOCALHOST", "AMENT_PREFIX_PATH": sys.prefix}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
+    assert done.stdout == "[]\n", done.stderr
+
+
+@pytest.mark.parametrize("file", ["team.xml", "localhost.xml"])
+def test_the_profiles_say_the_same(file):
+    """Lease and announcements, and UDP with room: everything else stays with ROS and the user."""
     space = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
-    root = ET.parse(ROOT / "config" / "fastdds" / "team.xml").getroot()
+    root = ET.parse(FAST_DDS / file).getroot()
     (config,) = root.iter(f"{space}discovery_config")
     seconds = {part.tag.removeprefix(space): int(part[0].text or "") for part in config}
     assert seconds == {"leaseAnnouncement": 1, "leaseDuration": 10}
     (participant,) = root.iter(f"{space}participant")
     assert participant.get("is_default_profile") == "true"
+    local = file == "localhost.xml"
+    (room,) = root.iter(space + ("receiveBufferSize" if local else "listenSocketBufferSize"))
+    assert room.text == "16777216"
+    # Nobody is told to send by shared memory, and by default none is made.
+    locators = [kind.tag for where in root.iter(f"{space}locator") for kind in where]
+    assert set(locators) == {f"{space}udpv4"}
+    assert [kind.text for kind in root.iter(f"{space}type")] == (["UDPv4"] if local else [])
+    assert [one.text for one in root.iter(f"{space}useBuiltinTransports")] == ["false"] * local

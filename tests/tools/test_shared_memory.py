@@ -1,0 +1,106 @@
+"""What `mrs doctor` says of images that are lost on their way, and of shared memory."""
+
+from __future__ import annotations
+
+import fcntl
+from contextlib import ExitStack
+
+import pytest
+
+from mrs_tools.doctor import ERROR, OK, WARN
+from mrs_tools.shared_memory import Memory, left_behind, lost_images, memory, of_memory
+
+ROBOT = "/robot_a/robot_node"
+DEAD, ALIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"
+FILES = {
+    DEAD: 549408,
+    f"{DEAD}_el": 0,
+    ALIVE: 549408,
+    f"{ALIVE}_el": 0,
+    "fastrtps_port7411": 52000,
+    "fastrtps_port7411_el": 0,
+    "fastrtps_port7400": 52000,
+    "fastrtps_port7400_sl": 0,
+    "sem.fastrtps_port7411_mutex": 32,
+    "lttng-ust-wait-6": 4096,
+    "somebody_else_el": 0,
+}
+LOCKED = frozenset({f"{ALIVE}_el", "fastrtps_port7400_sl"})
+
+
+def test_what_the_dead_left_behind():
+    seen = Memory(FILES, LOCKED, size=24_000_000_000, free=24_000_000_000)
+    assert left_behind(seen) == {DEAD: 549408, "fastrtps_port7411": 52000}
+    assert of_memory(seen) == []  # of 24 GB
+
+
+@pytest.mark.parametrize(("size", "free"), [(5_000_000, 4_000_000), (64_000_000, 3_000_000)])
+def test_a_shared_memory_full_of_the_dead_is_said(size, free):
+    (check,) = of_memory(Memory(FILES, LOCKED, size, free))
+    assert (check.subject, check.level) == ("/dev/shm", WARN)
+    assert "2 segments and ports of processes that are dead: 1 of" in check.text
+    assert f"{free / 1e6:.0f} MB are free" in check.text
+    assert check.advice.startswith("fastdds shm clean")
+
+
+def test_a_full_shared_memory_of_the_living_is_not_ours_to_clean():
+    everybody = frozenset(name for name in FILES if name.endswith(("_el", "_sl")))
+    assert of_memory(Memory(FILES, everybody, size=64_000_000, free=0)) == []
+
+
+def test_who_holds_a_lock_lives(tmp_path):
+    for name, size in FILES.items():
+        (tmp_path / name).write_bytes(bytes(size))
+    with ExitStack() as held:
+        for name in LOCKED:
+            how = fcntl.LOCK_EX if name.endswith("_el") else fcntl.LOCK_SH
+            fcntl.flock(held.enter_context((tmp_path / name).open()), how)
+        seen = memory(tmp_path)
+    assert seen is not None
+    assert (seen.files, seen.locked) == (FILES, LOCKED)
+    assert 0 < seen.free <= seen.size
+    assert memory(tmp_path / "nowhere") is None
+
+
+def report(**rates: float | None):
+    """What a robot says of its inputs: topics and rates [Hz], `__` for the slash."""
+    entries = {"state": (OK, "active", {})}
+    for name, rate in rates.items():
+        entries[name.replace("__", "/")] = (OK, "ok", {"rate_hz": f"{rate:.1f}"})
+    return {ROBOT: entries}
+
+
+@pytest.mark.parametrize("image", ["image_rect", "image_raw"])
+@pytest.mark.parametrize("rate", [0.0, 2.2, 3.4])
+def test_images_that_are_missing_while_camera_info_comes_are_said(image, rate):
+    rates = {"left__camera_info": 5.0, f"left__{image}": rate}
+    rates |= {"right__camera_info": 5.0, f"right__{image}": 5.0}
+    (check,) = lost_images(report(**rates))
+    assert (check.subject, check.level) == (f"{ROBOT}: images", ERROR)
+    assert check.text.endswith(f": left ({rate:.1f} a second, camera_info 5.0)")
+    assert "docs/network.md" in check.advice
+
+
+@pytest.mark.parametrize(
+    "rates",
+    [
+        {"left__camera_info": 5.0, "left__image_rect": 4.6},
+        {"left__camera_info": 0.0, "left__image_rect": 0.0},  # the camera is off
+        {"left__camera_info": 0.0, "left__image_rect": 5.0},
+        {"left__image_rect": 0.0},
+        {},
+    ],
+)
+def test_other_troubles_are_not_taken_for_it(rates):
+    assert lost_images(report(**rates)) == []
+    assert lost_images({"/planner_node": report(**rates)[ROBOT]}) == []
+
+
+@pytest.mark.parametrize(
+    ("room", "said"), [(212992, "(on this one it is 212992)"), (16777216, None), (None, None)]
+)
+def test_too_little_room_for_large_images_is_named(room, said):
+    (check,) = lost_images(report(left__camera_info=5.0, left__image_rect=0.0), room)
+    assert "net.core.rmem_max=16777216" in check.advice
+    assert ("on this one" in check.advice) == (said is not None)
+    assert said is None or said in check.advice
