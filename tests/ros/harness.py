@@ -51,6 +51,11 @@ _GOALS = {
     "shutdown": "finalized",
 }
 
+_LABELS = {
+    Transition.TRANSITION_CONFIGURE: "configure",
+    Transition.TRANSITION_ACTIVATE: "activate",
+}
+
 T = TypeVar("T")
 
 
@@ -423,12 +428,14 @@ class Peer:
         for node in nodes:
             self.until(lambda n=node: self.state(n) == "active", f"{node} is not active")  # type: ignore[misc]
 
-    def change_state(self, node: str, transition: str) -> bool:
-        """Asks for a transition: configure, activate, deactivate, cleanup, shutdown."""
-        request = ChangeState.Request(transition=Transition(label=transition))
+    def change_state(self, node: str, transition: str | int) -> bool:
+        """Asks for a transition: configure, activate, deactivate, cleanup, shutdown; or its id."""
+        by_id = isinstance(transition, int)
+        asked = Transition(id=transition) if by_id else Transition(label=transition)
+        request = ChangeState.Request(transition=asked)
         answer = self._ask(ChangeState, f"{node}/change_state", request)
         if answer is None:
-            return self.state(node) == _GOALS[transition]
+            return self.state(node) == _GOALS[_LABELS[transition] if by_id else transition]
         return bool(answer.success)
 
     def set(self, node: str, **params: Any) -> list[Any]:
