@@ -430,12 +430,14 @@ class Peer:
 
     def change_state(self, node: str, transition: str | int) -> bool:
         """Asks for a transition: configure, activate, deactivate, cleanup, shutdown; or its id."""
-        by_id = isinstance(transition, int)
-        asked = Transition(id=transition) if by_id else Transition(label=transition)
+        if isinstance(transition, int):
+            asked, label = Transition(id=transition), _LABELS[transition]
+        else:
+            asked, label = Transition(label=transition), transition
         request = ChangeState.Request(transition=asked)
         answer = self._ask(ChangeState, f"{node}/change_state", request)
         if answer is None:
-            return self.state(node) == _GOALS[_LABELS[transition] if by_id else transition]
+            return self.state(node) == _GOALS[label]
         return bool(answer.success)
 
     def set(self, node: str, **params: Any) -> list[Any]:
