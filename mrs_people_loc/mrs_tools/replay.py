@@ -27,6 +27,7 @@ from rosbags.interfaces import QosDurability
 
 from mrs_people_loc.errors import BagError
 from mrs_tools.bags import BagReader, Topic
+from mrs_tools.domain import given_domain
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -361,6 +362,7 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
 
     own = context is None
     if context is None:
+        given_domain()  # rclpy says only that the domain is invalid
         context = Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
