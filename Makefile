@@ -58,7 +58,7 @@ $(VENV)/.messages: $(VENV)/.wheels $(shell find msgs) setup/messages.sh setup/wh
 	@touch $@
 
 # An editable install links to the Python code but copies what belongs in share/ and lib/.
-COPIED := $(shell find config */launch */resource */scripts */package.xml -not -name '__pycache__*')
+COPIED := $(shell find config scenes bags */launch */resource */scripts */package.xml -not -name '__pycache__*')
 $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 	@$(STEP) $(VENV)/log/project.log "Installing this project" \
 	    $(PIP) install --no-deps --no-build-isolation --editable .

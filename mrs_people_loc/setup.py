@@ -15,6 +15,10 @@ setup(
         ("share/mrs_people_loc/config", glob("../config/*.yaml") + glob("../config/*.rviz")),
         ("share/mrs_people_loc/config/fastdds", glob("../config/fastdds/*.xml")),
         ("share/mrs_people_loc/config/sros2", glob("../config/sros2/*.xml")),
+        # What `mrs demo`, `bench`, `experiment` and `suite` take unless they are told otherwise.
+        ("share/mrs_people_loc/scenes", glob("../scenes/*")),
+        ("share/mrs_people_loc/bags", glob("../bags/*.yaml")),
+        *((f"share/mrs_people_loc/{bag[3:-1]}", glob(f"{bag}*")) for bag in glob("../bags/*/")),
     ],
     entry_points={"console_scripts": ["mrs = mrs_tools.cli:main"]},
     license="Apache-2.0",

@@ -55,7 +55,8 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
         yield package, "package.xml", ROOT / folder / "package.xml"
         for path in sorted((ROOT / folder / "launch").glob("*.launch.py")):
             yield package, f"launch/{path.name}", path
-    for pattern in ("config/*.yaml", "config/*.rviz", "config/*/*.xml"):
+    copied = ("config/*.yaml", "config/*.rviz", "config/*/*.xml")
+    for pattern in (*copied, "scenes/*", "bags/*.yaml", "bags/*/*"):
         for path in sorted(ROOT.glob(pattern)):
             yield "mrs_people_loc", str(path.relative_to(ROOT)), path
 
@@ -362,6 +363,14 @@ def test_colcon_workspace(options: tuple[str, ...], tmp_path: Path) -> None:
         for package, name in python_files():
             (site_packages,) = (tmp_path / "install" / package).glob("lib/python*/site-packages")
             assert (site_packages / name).is_file()
+    for what in ("bags/walking_group", "scenes/suite.yaml"):  # for who is not in the repository
+        program = f"from mrs_tools.demo import default_file; print(default_file({what!r}))"
+        command = [f"{sys.prefix}/bin/python", "-c", program]
+        run = subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        installed = tmp_path / "install" / "mrs_people_loc" / "share" / "mrs_people_loc" / what
+        assert options or run.stdout.strip() == str(installed), run.stderr
     for package, executable in EXECUTABLES:
         path = executable_path(package, executable, prefixes)
         run = subprocess.run(

@@ -16,6 +16,9 @@ A parameter file is an ordinary ROS 2 parameter file, and one file describes a t
     /**/planner_node:
       ros__parameters:
         robots: [robot_a, robot_b]
+
+Sections of other nodes, such as a camera's driver, are left alone; but a name that is nearly that
+of one of ours (`/robot_a/robto_node`) is an error.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -779,6 +783,8 @@ PLANNER_NODE = "planner_node"
 _CONFIG_TYPES: dict[str, type[Section]] = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}
 #: Names of our nodes in a file; a wildcard stands for one name (*) or for any number of them (**).
 _NODE_KEY = re.compile(rf"(/(\w+|\*\*?))*/({ROBOT_NODE}|{PLANNER_NODE}|\*\*?)")
+#: A node whose name is as like one of ours as that is taken for a misspelling of it.
+_NEARLY_OURS = 0.85
 #: What PyYAML raises besides its own errors (for `!!int x`), and reading for bad UTF-8.
 _YAML_SLIPS = (ValueError, LookupError, AttributeError, RecursionError)
 #: Parameters that nodes have besides those of their configuration.
@@ -807,7 +813,7 @@ def robots_named(*paths: str | Path) -> tuple[str, ...]:
     Raises:
         ConfigError: As `load_team`.
     """
-    sections = [section for path in paths for section in _read_sections(Path(path))]
+    sections = [section for path in paths for section in _read_sections(path)]
     listed = PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")).robots
     own = (key.removesuffix(ROBOT_NODE).strip("/") for _, key, _ in sections if ROBOT_NODE in key)
     return listed or tuple(dict.fromkeys(name for name in own if name and "*" not in name))
@@ -829,15 +835,10 @@ def load_team(
     Raises:
         ConfigError: A file cannot be read, is not a parameter file, or holds a bad value.
     """
-    sections = [section for path in paths for section in _read_sections(Path(path))]
+    sections = [section for path in paths for section in _read_sections(path)]
     names = PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")).robots or robots
     for path, key, _ in sections:
         # Also what applies to no robot of the team is looked at.
-        if not _NODE_KEY.fullmatch(key):
-            raise ConfigError(
-                f"{path}: section {key} names no node of ours; "
-                f"allowed: .../{ROBOT_NODE}, .../{PLANNER_NODE}"
-            )
         robot = key.strip("/").removesuffix(ROBOT_NODE).strip("/")
         if key.endswith(ROBOT_NODE) and "*" not in robot and names and robot not in names:
             raise ConfigError(
@@ -882,28 +883,53 @@ def load_yaml(path: Path) -> Any:
         raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
 
 
-def _read_sections(path: Path) -> list[tuple[Path, str, dict[str, Any]]]:
-    """Sections of a file, checked one by one: file, key with a leading slash, flat parameters."""
+def _read_sections(path: str | Path) -> list[tuple[Path, str, dict[str, Any]]]:
+    """Sections of a file that are ours: file, key with a leading slash, flat parameters; checked.
+
+    `~` in the path is the home folder: shells do not say so in `team:=~/team.yaml`.
+    """
+    path = Path(os.path.expanduser(path))
     document = load_yaml(path)
     if not isinstance(document, Mapping):
         raise ConfigError(f"{path}: is not a ROS 2 parameter file (a mapping of node names)")
     sections = []
-    for name, body in document.items():
+    for key, body in _sections(document):
+        node = key.rpartition("/")[2]
+        config_type = _CONFIG_TYPES.get(node)
+        if not _NODE_KEY.fullmatch(key):
+            alike = difflib.get_close_matches(node, _CONFIG_TYPES, 1, _NEARLY_OURS)
+            if not alike:
+                continue  # somebody else's
+            raise ConfigError(
+                f"{path}: section {key} names no node of ours; did you mean .../{alike[0]}? "
+                "(sections of other nodes are left alone, if their names are less like ours)"
+            )
         if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
-            raise ConfigError(f"{path}: section {name} must hold `ros__parameters:` and only that")
+            raise ConfigError(f"{path}: section {key} must hold `ros__parameters:` and only that")
         values = body["ros__parameters"]
         if not isinstance(values, Mapping):
-            raise ConfigError(f"{path}: section {name}: ros__parameters must be a mapping")
-        key = "/" + str(name).lstrip("/")
+            raise ConfigError(f"{path}: section {key}: ros__parameters must be a mapping")
         flat = {k: v for k, v in _flatten(values).items() if k not in NODE_PARAMETERS}
-        config_type = _CONFIG_TYPES.get(key.rpartition("/")[2])
         if config_type is not None:
             try:
                 config_type.from_mapping(flat)
             except ConfigError as err:
-                raise ConfigError(f"{path}: section {name}: {err}") from err
+                raise ConfigError(f"{path}: section {key}: {err}") from err
         sections.append((path, key, flat))
     return sections
+
+
+def _sections(document: Mapping[Any, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Keys and bodies of a parameter file; as in ROS 2, namespaces may hold what is in them."""
+    for name, body in document.items():
+        key = f"{above}/{str(name).lstrip('/')}"
+        node = key.rpartition("/")[2]
+        ours = difflib.get_close_matches(node, _CONFIG_TYPES, 1, _NEARLY_OURS)
+        inside = isinstance(body, Mapping) and body and "ros__parameters" not in body
+        if inside and not ours and all(isinstance(one, Mapping) for one in body.values()):
+            yield from _sections(body, key)
+        else:
+            yield key, body
 
 
 def _merge(sections: list[tuple[Path, str, dict[str, Any]]], node: str) -> dict[str, Any]:

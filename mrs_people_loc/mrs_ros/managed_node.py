@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -15,9 +14,9 @@ import rclpy.utilities
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import Parameter, Section
@@ -25,12 +24,15 @@ from mrs_people_loc.errors import ConfigError, PeopleLocError, StampError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
+from mrs_ros.ending import ignore_signals, stop_on_signals
 from mrs_ros.network import use_shipped_profile
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
 #: Exit code for bad configuration or arguments.
 EXIT_USAGE = 2
+#: So long a node that waits for messages takes to notice that it is to end, at most [s].
+_NOTICE_S = 0.2
 
 
 class ManagedNode(LifecycleNode):
@@ -65,6 +67,8 @@ class ManagedNode(LifecycleNode):
             min_forward=None, min_backward=Duration(nanoseconds=-RESET_NS), on_clock_change=False
         )
         self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._on_jump)
+        self._rclpy_change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._change_state
 
     # ---- for the node to fill in ----
 
@@ -90,6 +94,10 @@ class ManagedNode(LifecycleNode):
     def findings(self) -> list[Finding]:
         """What is to be said on `/diagnostics` besides the inputs."""
         return []
+
+    def waits_for(self) -> str:
+        """What it needs to be of use, in words: said when it has started."""
+        return ", ".join(made.subscription.topic_name for made in self.inputs.values())
 
     # ---- for the node to use ----
 
@@ -142,41 +150,52 @@ class ManagedNode(LifecycleNode):
     # ---- life cycle ----
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Sets up."""
-        self._configured = True
-        return self._transition("configure", self._configure, super().on_configure, state)
+        """Sets up; what was made until it failed is torn down again."""
+        steps = [self._configure, lambda: super(ManagedNode, self).on_configure(state)]
+        return self._transition("configure", steps, undo=[self._clean_up])
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Starts."""
+        """Starts; what was started until it failed is stopped again."""
         # Publishers first: what `start` triggers may publish at once.
-        return self._transition("activate", self._begin, super().on_activate, state, last=True)
+        steps = [lambda: super(ManagedNode, self).on_activate(state), self._begin]
+        undo = [self._halt, lambda: super(ManagedNode, self).on_deactivate(state)]
+        return self._transition("activate", steps, undo=undo)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stops."""
-        return self._transition("deactivate", self._halt, super().on_deactivate, state)
+        steps = [self._halt, lambda: super(ManagedNode, self).on_deactivate(state)]
+        return self._transition("deactivate", steps)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Tears down."""
-        return self._transition("clean up", self._clean_up, super().on_cleanup, state)
+        steps = [self._clean_up, lambda: super(ManagedNode, self).on_cleanup(state)]
+        return self._transition("clean up", steps)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stops and tears down."""
-        return self._transition("shut down", self._clean_up, super().on_shutdown, state)
+        steps = [self._clean_up, lambda: super(ManagedNode, self).on_shutdown(state)]
+        return self._transition("shut down", steps)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Goes back to unconfigured."""
-        self._clean_up()
-        return TransitionCallbackReturn.SUCCESS
+        """Goes back to unconfigured; finalized, if even that fails."""
+        return self._transition("tear down", [self._clean_up])
 
     def _configure(self) -> None:
         self._reporter = Reporter(self, self.name_in_team or self.get_name(), self._findings)
         self.set_up()
+        self._configured = True
 
     def _begin(self) -> None:
         self._active = True
         self.start()
+        waits = self.waits_for()
+        self.get_logger().info(
+            f"{self.get_fully_qualified_name()}: active" + (f"; waits for {waits}" if waits else "")
+        )
 
     def _halt(self) -> None:
+        if not self._active:
+            return
         self._active = False
         for made in self.inputs.values():
             made.destroy()
@@ -184,38 +203,59 @@ class ManagedNode(LifecycleNode):
         self.stop()
 
     def _clean_up(self) -> None:
-        self._halt()
-        if self._reporter is not None:
-            self._reporter.destroy()
-            self._reporter = None
-        for publisher in self._outputs:
-            self.destroy_lifecycle_publisher(publisher)
-        self._outputs.clear()
         self._configured = False
+        try:
+            self._halt()
+        finally:
+            if self._reporter is not None:
+                self._reporter.destroy()
+                self._reporter = None
+            for publisher in self._outputs:
+                self.destroy_lifecycle_publisher(publisher)
+            self._outputs.clear()
 
     def _transition(
         self,
         name: str,
-        ours: Callable[[], None],
-        base: Callable[[LifecycleState], TransitionCallbackReturn],
-        state: LifecycleState,
-        *,
-        last: bool = False,
+        steps: list[Callable[[], TransitionCallbackReturn | None]],
+        undo: list[Callable[[], TransitionCallbackReturn | None]] | None = None,
     ) -> TransitionCallbackReturn:
+        """Takes the steps; if one fails, the state before, with `undo`, or else `on_error`."""
         # rclpy swallows what transitions raise, so it is said here.
         try:
-            if not last:
-                ours()
-            result = base(state)
-            if last:
-                ours()
-        except PeopleLocError as err:
-            self.get_logger().error(f"cannot {name}: {err}")
-            return TransitionCallbackReturn.FAILURE
+            try:
+                failed = _first_failure(steps)
+            except PeopleLocError as err:
+                self.get_logger().error(f"cannot {name}: {err}")
+                failed = TransitionCallbackReturn.FAILURE
+            if failed is None:
+                return TransitionCallbackReturn.SUCCESS
+            if undo is None or _first_failure(undo) is not None:
+                return TransitionCallbackReturn.ERROR
         except Exception:
             self.get_logger().error(f"cannot {name}:\n{traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
-        return result
+        return failed
+
+    def _change_state(self, request: Any, response: Any) -> Any:
+        """Answers who asks for a transition.
+
+        rclpy looks whether it is possible now only where it is asked for by its label; one that
+        is asked for by its id alone, as Nav2's lifecycle manager does, would end the process.
+        """
+        asked = request.transition
+        machine = self._state_machine
+        possible = {number: label for number, label, *_ in machine.available_transitions}
+        if not asked.label and asked.id not in possible:
+            state = machine.current_state[1]
+            allowed = ", ".join(f"{number} ({label})" for number, label in possible.items())
+            self.get_logger().warning(
+                f"transition {asked.id} is asked for in the state {state}; "
+                f"allowed: {allowed or 'none'}"
+            )
+            response.success = False
+            return response
+        return self._rclpy_change_state(request, response)
 
     def _on_jump(self, jump: Any) -> None:
         self._ended_ns = self._now_ns() - jump.delta.nanoseconds
@@ -247,6 +287,17 @@ class ManagedNode(LifecycleNode):
         return [state, *inputs, *self.findings()]
 
 
+def _first_failure(
+    steps: list[Callable[[], TransitionCallbackReturn | None]],
+) -> TransitionCallbackReturn | None:
+    """Takes steps until one fails, and returns how; None: none did."""
+    for step in steps:
+        result = step()
+        if result not in (None, TransitionCallbackReturn.SUCCESS):
+            return result
+    return None
+
+
 def _executor() -> Any:
     """What waits for messages.
 
@@ -261,7 +312,7 @@ def _executor() -> Any:
 
 
 def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None = None) -> int:
-    """Runs a node until Ctrl-C or SIGTERM.
+    """Runs a node until Ctrl-C, SIGTERM or SIGHUP, or the end of who started it (`ending`).
 
     Args:
         make_node: Makes the node.
@@ -275,14 +326,11 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     if {"-h", "--help"} & set(argv[1:]):
         sys.stdout.write(usage.strip() + "\n")
         return 0
-    # rclpy's handler ends the spinning, at Ctrl-C as at SIGTERM. Python's, which it calls too,
-    # would raise KeyboardInterrupt wherever the node is, and again while it is being ended:
-    # `ros2 launch` passes on a Ctrl-C that everybody in the terminal has received already.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    stop = stop_on_signals()
     own_network = use_shipped_profile()
     try:
         secured = security.asked(os.environ)
-        rclpy.init(args=argv)
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except ConfigError as err:
         sys.stderr.write(f"error: {err}\n")
         return EXIT_USAGE
@@ -310,26 +358,24 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
             node.get_logger().warning(security.UNSURE)
         if node.autostart:
             for transition in (node.trigger_configure, node.trigger_activate):
-                if transition() != TransitionCallbackReturn.SUCCESS:
-                    return 1 if rclpy.ok() else 0
-        # Not rclpy.spin: a signal wakes it a moment before the context ends. If it goes back to
-        # sleep in between, and the node has no timer (it is not configured), it never wakes again.
+                if not stop.is_set() and transition() != TransitionCallbackReturn.SUCCESS:
+                    return 1
+        else:
+            own = node.get_fully_qualified_name()
+            node.get_logger().info(
+                f"{own}: unconfigured, for autostart is false; waits for "
+                f"`ros2 lifecycle set {own} configure`, then `... activate`"
+            )
         executor = _executor()
         executor.add_node(node)
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=1.0)
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=_NOTICE_S)
     except ConfigError as err:
         rclpy.logging.get_logger(name).error(str(err))
         return EXIT_USAGE
-    except ExternalShutdownException:
-        pass
-    except Exception:
-        if rclpy.ok():
-            raise
-        # A callback was at work when the signal came; it can publish no more.
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all that is left is to leave
+        ignore_signals()
     return 0

@@ -24,6 +24,8 @@ Bytes = NDArray[np.uint8]
 
 #: Pictures per second, at most.
 FRAMES_PER_S = 5
+#: A recording may be so long [s]: longer ones are mostly of two clocks.
+_LONGEST_S = 2 * 3600.0
 #: Trails are so long [s], and events are told for so long [s].
 TRAIL_S, _EVENT_S = 4.0, 3.0
 #: Around everybody there is so much room [m].
@@ -90,6 +92,12 @@ def animate(
 
     if not views:
         raise PeopleLocError(f"{path}: there is no interval to draw")
+    long_s = (views[-1].stamp_ns - views[0].stamp_ns) / 1e9
+    if not 0 <= long_s <= _LONGEST_S:
+        raise PeopleLocError(
+            f"{path}: the first interval and the last are {long_s:.0f} s apart; allowed: from 0 to "
+            f"{_LONGEST_S:.0f} s; are they of two clocks, or of two recordings?"
+        )
     film = _Film(views)
     # One palette for all pictures: colours that changed from one to the next would flicker.
     every = np.linspace(0, len(film) - 1, _SAMPLES, dtype=int)

@@ -51,6 +51,7 @@ from mrs_tools.bench_growth import LARGEST, growth_of, time_growth
 from mrs_tools.bench_scenes import INTERVAL_NS, PEOPLE, ROBOTS, drawn_scans
 from mrs_tools.bench_tracking import time_tracking
 from mrs_tools.demo import default_file
+from mrs_tools.domain import given_domain, private_domain
 from mrs_tools.offline import BagRun, View, robots_of
 
 #: Of the intervals of the bag, each one of so many is compared with the reference.
@@ -178,7 +179,8 @@ def run_bench(
     if live_files is not None:
         from mrs_tools.bench_live import measure_live
 
-        live = measure_live(bag, live_files, seconds, on_step)
+        with private_domain():
+            live = measure_live(bag, live_files, seconds, on_step)
         live = {"configuration": " + ".join(path.name for path in live_files), **live}
     report = {
         "machine": machine(),
@@ -728,6 +730,8 @@ def command(
     Every figure names its configuration. A target that is missed is a measurement, not an error;
     results that differ from the reference are one (exit code 1), and nothing is timed then.
     """  # fmt: skip
+    if live:
+        given_domain()
     bag = bag or default_file("bags", "paper_formation")
     configs = config or [default_file("config", f"{name}.yaml") for name in ("paper", "default")]
     files = [configs[0], *(team or [default_file("config", "team.yaml")])] if live else None

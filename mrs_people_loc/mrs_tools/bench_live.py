@@ -28,6 +28,7 @@ from mrs_people_loc.config import Team, load_team
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_tools.bags import BagReader
+from mrs_tools.domain import refuse_others
 from mrs_tools.offline import BagRun
 from mrs_tools.replay import message_class
 from mrs_tools.team import NodeProcess, RunningTeam, team_processes
@@ -322,8 +323,6 @@ def measure_live(
 
     from mrs_ros.network import use_shipped_profile
 
-    # Robots on the network must not hear these images.
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     team = load_team(*files)
     recorded = read_recorded(bag, team)
     sizes = sizes_on_the_wire(bag, files)
@@ -348,6 +347,7 @@ def measure_live(
             on_step("starting " + ", ".join(n.label for n in running.processes))
             spinning.start()
             _wait_until_ready(node, running, feeder, log)
+            refuse_others(node, ["/people", *feeder.publishers])
             feeder.start()
             part_s = max(2.0, seconds / 4)
             on_step(f"poses only, {part_s:g} s")

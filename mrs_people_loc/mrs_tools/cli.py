@@ -5,7 +5,8 @@ one line to `COMMANDS`. Its module is imported when the subcommand runs, so `mrs
 and works without ROS; import ROS inside functions, so that `mrs NAME --help` does, too.
 
 An error of this project (`PeopleLocError`) is printed as one line and ends with exit code 1, wrong
-usage with 2, Ctrl-C with 130. Everything else is a bug and shows its traceback.
+usage with 2, Ctrl-C with 130, a closed terminal with 129. Everything else is a bug and shows its
+traceback.
 """
 
 from __future__ import annotations
@@ -125,8 +126,8 @@ class Stop(threading.Event):
     """Set when the person at the keyboard, or the system, wants the command to end.
 
     Attributes:
-        exit_code: 130 after Ctrl-C, 143 after SIGTERM, 0 before. A command for which being
-            stopped is the ordinary end leaves with 0 instead.
+        exit_code: 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP, 0 before. A command for
+            which being stopped is the ordinary end leaves with 0 instead.
     """
 
     exit_code = 0
@@ -134,9 +135,10 @@ class Stop(threading.Event):
 
 @contextmanager
 def stop_on_signals() -> Iterator[Stop]:
-    """Let SIGINT and SIGTERM set an event, so that a command ends in its own order.
+    """Let SIGINT, SIGTERM and SIGHUP set an event, so that a command ends in its own order.
 
-    A second Ctrl-C interrupts it at once. Only in the main thread.
+    SIGHUP comes when the terminal is closed; `nohup` keeps it away. A second Ctrl-C interrupts at
+    once. Only in the main thread.
 
     Yields:
         The event; hand it to what runs.
@@ -149,7 +151,10 @@ def stop_on_signals() -> Iterator[Stop]:
         stop.exit_code = 128 + number
         stop.set()
 
-    before = {s: signal.signal(s, handle) for s in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield stop
     finally:

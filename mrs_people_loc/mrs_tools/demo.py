@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import sys
 import tempfile
 import threading
 import time
@@ -12,6 +13,7 @@ from bisect import bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,7 +24,7 @@ import typer
 from mrs_people_loc import messages
 from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import Team, load_team
-from mrs_people_loc.errors import BagError, PeopleLocError
+from mrs_people_loc.errors import BagError, ConfigError, PeopleLocError
 from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth, score, summary
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.masking import OccupancyGrid
@@ -30,6 +32,7 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.track_scores import score_tracks
 from mrs_tools.animation import animate, said, with_trails
 from mrs_tools.bags import BagReader
+from mrs_tools.domain import private_domain, refuse_others
 from mrs_tools.offline import (
     TRUTH_TOPIC,
     file_beside,
@@ -60,11 +63,25 @@ _NO_CELLS = np.dtype(
 
 
 def default_file(*parts: str) -> Path:
-    """A file of the source tree: below this folder, or where this package was installed from."""
-    for root in (Path.cwd(), Path(__file__).resolve().parents[2]):
+    """A file that comes with the project: of the source tree, or installed into `share/`.
+
+    Of the source tree below this folder, or of that which this package was installed from.
+
+    Raises:
+        ConfigError: It is nowhere.
+    """
+    shares = [Path(sys.prefix, "share", "mrs_people_loc")]
+    with suppress(ImportError, LookupError, OSError):  # no ROS, or none is sourced
+        from ament_index_python.packages import get_package_share_directory
+
+        shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
+    for root in (Path.cwd(), Path(__file__).resolve().parents[2], *shares):
         if root.joinpath(*parts).exists():
             return root.joinpath(*parts)
-    return Path(*parts)
+    raise ConfigError(
+        f"{Path(*parts)} is not here: run this in the folder of the repository, or build the "
+        "workspace again (colcon build) and source it"
+    )
 
 
 class Listener:
@@ -125,15 +142,16 @@ def command(
     """
     from rich.console import Console
 
-    # A recorded team must not speak to robots on the network, nor hear them.
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     console = Console(highlight=False, soft_wrap=True)
+    check_pictures(out)
     bag = bag or default_file("bags", "walking_group")
     beside = file_beside(bag)
     files = team or [beside or default_file("config", "team.yaml")]
     config = load_team(*files)
     recorded = _read_bag(bag, config)
-    listener = _run(bag, files, rate, console)
+    with private_domain() as where:
+        console.print(where)
+        listener = _run(bag, files, rate, console)
     people = sorted(listener.people, key=_stamp_of)
     if not any(len(message.scans) == len(config.robots) for message in people):
         raise PeopleLocError(
@@ -144,6 +162,25 @@ def command(
     _score(people, recorded.truth, console)
     _tell(views, console)
     _draw(views, len(config.robots), out, console)
+
+
+def check_pictures(path: Path) -> None:
+    """Checks that a picture, and an animation beside it, can be written.
+
+    Raises:
+        PeopleLocError: They cannot.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    kinds = sorted(set(FigureCanvasBase.get_supported_filetypes()) - {"gif"})
+    if path.suffix.lower().lstrip(".") not in kinds:
+        raise PeopleLocError(f"--out {path}: wanted: a name that ends in .{', .'.join(kinds)}")
+    for file in (path, path.with_suffix(".gif")):
+        if file.is_dir():
+            raise PeopleLocError(f"--out {path}: {file} is a folder; wanted: a file")
+        if not os.access(file if file.exists() else file.parent, os.W_OK):
+            why = "cannot be written" if file.parent.is_dir() else f"there is no {file.parent}"
+            raise PeopleLocError(f"--out {path}: {file}: {why}")
 
 
 def _stamp_of(message: Any) -> int:
@@ -163,6 +200,9 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
     from mrs_tools.cli import stop_on_signals
 
     nodes = team_processes(files, sim_time=True)
+    robots = [n.namespace for n in nodes if n.namespace]
+    inputs = [f"/{robot}/{topic}" for robot in robots for topic in ("left/camera_info", "points")]
+    alone = ["/people", "/clock", *inputs]
     use_shipped_profile()
     context = Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -181,6 +221,7 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
         ):
             console.print(f"starting {', '.join(n.label for n in nodes)} ...")
             _wait_for_team(node, team, log, stop)
+            refuse_others(node, alone)
             player.wait_for_subscribers(stop=stop)
             console.print(f"replaying {bag}")
             with ThreadPoolExecutor(1) as threads:
@@ -199,6 +240,7 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
             console.print()
             if stop.is_set():
                 raise typer.Exit(stop.exit_code)
+            refuse_others(node, alone)  # who came meanwhile
     finally:
         executor.shutdown()
         node.destroy_node()

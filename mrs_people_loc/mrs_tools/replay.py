@@ -28,6 +28,7 @@ from rosbags.interfaces import QosDurability
 
 from mrs_people_loc.errors import BagError
 from mrs_tools.bags import BagReader, Topic
+from mrs_tools.domain import given_domain
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
@@ -452,6 +453,7 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
 
     own = context is None
     if context is None:
+        given_domain()  # rclpy says only that the domain is invalid
         use_shipped_profile()
         context = Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -27,6 +26,8 @@ import typer
 
 from mrs_people_loc.config import load_yaml
 from mrs_people_loc.errors import ConfigError
+from mrs_tools.demo import default_file
+from mrs_tools.domain import given_domain
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import Scene, load_scene, read_scene
 
@@ -221,11 +222,7 @@ def suite_file(name: str = "suite.yaml") -> Path:
     Raises:
         ConfigError: It is neither below this folder, nor in the source tree, nor installed.
     """
-    roots = (Path.cwd(), Path(__file__).resolve().parents[2])
-    for root in (*roots, Path(sys.prefix, "share", "mrs_people_loc")):
-        if root.joinpath(_SCENES, name).is_file():
-            return root.joinpath(_SCENES, name)
-    raise ConfigError(f"the suite, {_SCENES}/{name}, is not here: run this in the repository")
+    return default_file(_SCENES, name)
 
 
 def simulate_suite(
@@ -345,6 +342,8 @@ def command(
         raise typer.BadParameter("--variants goes with --suite")
     if out is None and not live:
         raise typer.BadParameter("give OUT, the new bag, or --live")
+    if live:
+        given_domain()
     what = _shortened(load_scene(scene, seed=seed), frames)
     if tracks is not None:
         what = dataclasses.replace(what, tracks=str(tracks))

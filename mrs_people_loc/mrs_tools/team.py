@@ -14,6 +14,7 @@ from typing import IO
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, load_team, robots_named
 from mrs_people_loc.errors import ConfigError
+from mrs_ros.ending import LIFELINE
 from mrs_ros.network import environment
 
 #: A process that was asked to end gets this long [s].
@@ -68,7 +69,7 @@ def team_processes(files: Sequence[str | Path], *, sim_time: bool = False) -> li
             f"{', '.join(map(str, files))}: no robot is named; wanted: the list `robots` in the "
             f"section of {PLANNER_NODE}, or a section of each robot, /NAME/{ROBOT_NODE}"
         )
-    paths = tuple(str(Path(file).resolve()) for file in files)
+    paths = tuple(str(Path(os.path.expanduser(file)).resolve()) for file in files)
     robots = [NodeProcess(ROBOT_NODE, name, paths, sim_time) for name in names]
     return [*robots, NodeProcess(PLANNER_NODE, "", paths, sim_time)]
 
@@ -89,11 +90,22 @@ class RunningTeam:
         env: Mapping[str, str] | None = None,
     ) -> None:
         # AMENT_PREFIX_PATH: a pip install sets nothing. A session of their own: Ctrl-C at the
-        # terminal reaches us, and we end them in order.
-        whole = {"AMENT_PREFIX_PATH": sys.prefix, **environment(), **(env or {})}
+        # terminal reaches us, and we end them in order. However we end, also killed, the other end
+        # of their standard input is closed then, and they end, too.
+        whole = {
+            "AMENT_PREFIX_PATH": sys.prefix,
+            **environment(),
+            **(env or {}),
+            LIFELINE: "1",
+        }
         self.processes = {
             node: subprocess.Popen(
-                node.command(), env=whole, start_new_session=True, stdout=log, stderr=log
+                node.command(),
+                env=whole,
+                start_new_session=True,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
             )
             for node in nodes
         }
@@ -132,4 +144,6 @@ class RunningTeam:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+            assert process.stdin is not None
+            process.stdin.close()
         return self.ended()

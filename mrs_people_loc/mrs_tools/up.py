@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mrs_tools.domain import given_domain
 from mrs_tools.network import discovery_environment
 from mrs_tools.team import NodeProcess, RunningTeam, team_processes
 
@@ -40,6 +41,7 @@ def command(
     from mrs_tools.cli import stop_on_signals
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
+    given_domain()
     nodes = team_processes(files, sim_time=sim_time)
     env = discovery_environment(discovery_server, peers)
     with stop_on_signals() as stop, RunningTeam(nodes, env=env) as team:

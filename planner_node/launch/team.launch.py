@@ -8,14 +8,14 @@ The same processes as `mrs up FILE`. With a computer on each robot, start there
 from launch.actions import OpaqueFunction
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from mrs_tools.launching import arguments, node, value
+from mrs_tools.launching import arguments, node, team_file
 from mrs_tools.team import team_processes
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     return [
         node(context, process.package, process.namespace, list(process.files))
-        for process in team_processes([value(context, "team")])
+        for process in team_processes([team_file(context)])
     ]
 
 

@@ -163,7 +163,11 @@ class PlannerNode(ManagedNode):
             if robot in self._robots or _POSE not in topics.get(f"{namespace}/pose", []):
                 continue
             if self.count_publishers(name) and self.count_publishers(f"{namespace}/pose"):
-                self.get_logger().info(f"found {robot}")
+                self.get_logger().warning(
+                    f"found {robot}, and takes it for one of the team, as any namespace that "
+                    "publishes `points` and `pose`; to take only your own, list them in "
+                    f"`robots: [{', '.join([*self._robots, robot])}]`"
+                )
                 self._add_robot(robot)
 
     def _add_robot(self, robot: str) -> None:
@@ -268,7 +272,28 @@ class PlannerNode(ManagedNode):
         if result is not None and result.stamp_ns != self._compared_ns:
             self._compared_ns = result.stamp_ns
             self._agreement.add(result.fused, result.poses, self.config)
-        return [self._interval_finding(), *(self._robot_finding(r) for r in self._robots)]
+        robots = (self._robot_finding(robot) for robot in self._robots)
+        return [self._people_finding(), self._interval_finding(), *robots]
+
+    def waits_for(self) -> str:
+        """The robots."""
+        if not self.config.robots:
+            return "robots: any namespace that publishes `points` and `pose`"
+        return f"`points` and `pose` of {', '.join(self.config.robots)}"
+
+    def _people_finding(self) -> Finding:
+        """Whether this planner is the only one."""
+        topic = self.resolve_topic_name("people")
+        publishers = self.get_publishers_info_by_topic(topic)
+        if len(publishers) > 1:
+            names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
+            text = (
+                f"{len(names)} publishers on {topic}: {', '.join(names)}; another planner, or a "
+                "replay of what one said, is at work in this ROS domain: end it, or give it a "
+                "namespace or a ROS_DOMAIN_ID of its own; or one was killed some seconds ago"
+            )
+            return Finding("people", ERROR, text)
+        return Finding("people", OK, "ok")
 
     def _interval_finding(self) -> Finding:
         result = self._result

@@ -5,11 +5,12 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from mrs_people_loc.config import load_team, robots_named
 from mrs_people_loc.errors import ConfigError
-from mrs_tools.launching import arguments, node, value
+from mrs_tools.launching import arguments, node, team_file, value
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    robot, team = value(context, "robot").strip("/"), value(context, "team")
+    team = team_file(context, further=("robot",))
+    robot = value(context, "robot").strip("/")
     # Left to itself, launch warns of a file that is not there and starts the node without it.
     robots = load_team(team, robots=(*robots_named(team), robot)).robots
     if robot not in robots:

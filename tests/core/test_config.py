@@ -538,6 +538,43 @@ def test_a_bad_file_is_refused(file_with, content, message):
     assert str(error.value).startswith(f"{path}: ") or "/**: {ros" in str(content)
 
 
+def test_sections_of_other_nodes_are_left_alone(file_with):
+    """An ordinary ROS 2 parameter file, as a whole machine may have one."""
+    others = """
+/camera_driver: {ros__parameters: {fps: 30, zones: {low: wrong}}}
+/robot_a/planner_server: {ros__parameters: {robots: 3}}
+/robot_a: {ekf_node: {ros__parameters: {two_d_mode: true}}}
+something: {else: [1, 2]}
+/**: {ros__parameters: {use_sim_time: true}}
+"""
+    assert load_team(file_with(TEAM + others)) == load_team(file_with(TEAM, "ours.yaml"))
+    assert robots_named(file_with(TEAM + others)) == ("robot_a", "robot_b")
+
+
+def test_a_namespace_may_hold_what_is_in_it(file_with):
+    """As in ROS 2; what is ours is checked there, too."""
+    inside = "fleet: {robot_a: {robot_node: {ros__parameters: {zones: {low: %s}}}}}"
+    path = file_with(inside % 0.1)
+    assert robots_named(path) == ("fleet/robot_a",)
+    assert load_team(path, robots=("fleet/robot_a",)).robots["fleet/robot_a"].zones.low == 0.1
+    with pytest.raises(ConfigError, match="section /fleet/robot_a/robot_node: zones.low is 'x'"):
+        load_team(file_with(inside % "x"))
+    misspelt = "fleet: {robot_nod: {ros__parameters: {}}}"
+    with pytest.raises(ConfigError, match=r"/fleet/robot_nod names .* did you mean \.\.\./robot_n"):
+        load_team(file_with(misspelt))
+    forgotten = "/robot_a/robot_node: {ros_parameters: {zones: {low: 0.1}}}"
+    with pytest.raises(ConfigError, match="must hold `ros__parameters:` and only that"):
+        load_team(file_with(forgotten))
+
+
+def test_the_home_folder_is_understood(file_with, monkeypatch):
+    path = file_with(TEAM)
+    monkeypatch.setenv("HOME", str(path.parent))
+    assert load_team(f"~/{path.name}") == load_team(path)
+    with pytest.raises(ConfigError, match=f"{path.parent}/none.yaml: cannot be read"):
+        robots_named("~/none.yaml")
+
+
 def test_a_robot_that_is_not_in_the_team_is_refused(file_with):
     path = file_with(TEAM.replace("/robot_a/", "/robot_x/"))
     message = "section /robot_x/robot_node is of a robot that is not in the team: robot_a, robot_b"

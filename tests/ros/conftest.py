@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
+import sys
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -71,3 +74,15 @@ def peer(domain: int) -> Iterator[Peer]:
         yield made
     finally:
         made.close()
+
+
+@pytest.fixture(scope="module")
+def ros2(domain: int) -> str:
+    """The real `ros2` command, on the module's domain."""
+    path = Path(sys.prefix, "bin", "ros2")
+    if not path.exists():
+        text = "the ros2 tools are not in this environment (../shared/ros2_tools installs them)"
+        if os.environ.get("CI"):
+            pytest.fail(text)
+        pytest.skip(text)
+    return str(path)

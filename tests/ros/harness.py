@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import os
 import re
 import signal
-import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +29,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from mrs_tools.domain import own_domain as own_domain
+
 ROOT = Path(__file__).resolve().parents[2]
 #: What a condition is waited for, at most, on a machine that is busy with other things [s].
 DEADLINE_S = 40.0
@@ -51,41 +48,12 @@ _GOALS = {
     "shutdown": "finalized",
 }
 
+_LABELS = {
+    Transition.TRANSITION_CONFIGURE: "configure",
+    Transition.TRANSITION_ACTIVATE: "activate",
+}
+
 T = TypeVar("T")
-
-
-# --- a domain of one's own ------------------------------------------------------------------------
-
-
-@contextlib.contextmanager
-def own_domain() -> Iterator[int]:
-    """A ROS_DOMAIN_ID that nobody on this machine uses, while the context lasts.
-
-    Runs of these tests agree by lock files, which end with their process; a domain of others is
-    seen by its first participant's UDP port.
-    """
-    folder = Path(tempfile.gettempdir()) / f"mrs_people_loc-domains-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    for step in range(101):
-        domain = 1 + (os.getpid() + step) % 101
-        with (folder / str(domain)).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            if not _in_use(domain):
-                yield domain
-                return
-    raise RuntimeError("all ROS domains from 1 to 101 are in use on this machine")
-
-
-def _in_use(domain: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", 7400 + 250 * domain + 10))  # DDSI-RTPS 9.6.1: participant 0, unicast
-        except OSError:
-            return True
-    return False
 
 
 # --- processes ------------------------------------------------------------------------------------
@@ -423,12 +391,16 @@ class Peer:
         for node in nodes:
             self.until(lambda n=node: self.state(n) == "active", f"{node} is not active")  # type: ignore[misc]
 
-    def change_state(self, node: str, transition: str) -> bool:
-        """Asks for a transition: configure, activate, deactivate, cleanup, shutdown."""
-        request = ChangeState.Request(transition=Transition(label=transition))
+    def change_state(self, node: str, transition: str | int) -> bool:
+        """Asks for a transition: configure, activate, deactivate, cleanup, shutdown; or its id."""
+        if isinstance(transition, int):
+            asked, label = Transition(id=transition), _LABELS[transition]
+        else:
+            asked, label = Transition(label=transition), transition
+        request = ChangeState.Request(transition=asked)
         answer = self._ask(ChangeState, f"{node}/change_state", request)
         if answer is None:
-            return self.state(node) == _GOALS[transition]
+            return self.state(node) == _GOALS[label]
         return bool(answer.success)
 
     def set(self, node: str, **params: Any) -> list[Any]:

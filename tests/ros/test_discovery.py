@@ -6,9 +6,10 @@ import time
 
 import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from mrs_people_msgs.msg import People
 from sensor_msgs.msg import PointCloud2
 
-from ros.harness import ERROR, STALE, Peer, Team, holds
+from ros.harness import ERROR, OK, STALE, Peer, Team, holds
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, pose_of, robots_in
 from ros.recording import stamp_of
 
@@ -66,7 +67,8 @@ def _answer(planner: PlannerPeer, *robots: PlayedRobot) -> None:
 
 def test_robot_is_found_when_it_appears(planner: PlannerPeer, robot: PlayedRobot) -> None:
     _answer(planner, robot)
-    assert "found robot_a" in planner.process.log
+    log = planner.process.log
+    assert holds(log, [r"WARN.*found robot_a, and takes it for .*`robots: \[robot_a\]`"]), log
 
 
 def test_one_robot_is_answered_at_once(planner: PlannerPeer, robot: PlayedRobot) -> None:
@@ -92,6 +94,7 @@ def test_what_is_no_robot_is_let_alone(planner: PlannerPeer, robot: PlayedRobot)
     findings = planner.peer.next_findings(planner.node)[planner.node]
     assert sorted(findings) == [
         "intervals",
+        "people",
         "robot robot_a",
         "robot_a/points",
         "robot_a/pose",
@@ -107,6 +110,7 @@ def test_robot_in_a_nested_namespace_joins(planner: PlannerPeer, robot: PlayedRo
     _answer(planner, robot, nested)
     assert list(planner.people[-1].persons[0].robots) == ["robot_a", "site/floor_2/robot_n"]
     assert "found site/floor_2/robot_n" in planner.process.log
+    assert "`robots: [robot_a, site/floor_2/robot_n]`" in planner.process.log
     planner.peer.must_set(planner.node, interval__robot_timeout=0.2)  # it leaves again
 
 
@@ -148,3 +152,13 @@ def test_robot_that_left_and_came_back_joins_again(
     planner.peer.must_set(planner.node, interval__robot_timeout=1.0)
     robot.announce()
     _answer(planner, robot)
+
+
+def test_second_planner_is_named(planner: PlannerPeer) -> None:
+    planner.peer.publisher(People, "/people")
+    finding = planner.until_finding("people", lambda f: f.level == ERROR)
+    wanted = r"2 publishers on /people: /peer, /planner_node; another planner, .* ROS_DOMAIN_ID"
+    assert holds(finding.message, [wanted])
+    assert "2 publishers on /people" in planner.process.log
+    planner.peer.silence("/people")
+    planner.until_finding("people", lambda f: f.level == OK)

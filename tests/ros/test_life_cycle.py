@@ -7,11 +7,12 @@ import time
 from dataclasses import dataclass
 
 import pytest
+from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, PointCloud2
 
 from mrs_people_loc.config import RobotConfig
-from ros.harness import STALE, NodeProcess, Peer, Team
+from ros.harness import STALE, NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
 from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
@@ -33,9 +34,11 @@ class End:
 
 ENDS = {
     "robot": End("robot_node", "true", "active", (signal.SIGTERM,)),
+    "terminal": End("robot_node", "true", "active", (signal.SIGHUP, signal.SIGHUP)),
     "planner": End("planner_node", "true", "active", (signal.SIGINT, signal.SIGINT)),
     "unconfigured": End("robot_node", "false", "unconfigured", (signal.SIGINT, signal.SIGTERM)),
     "final": End("planner_node", "true", "active", (signal.SIGINT,)),
+    "never": End("robot_node", "false", "unconfigured", (signal.SIGINT,)),
 }
 
 
@@ -85,12 +88,17 @@ def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
     assert peer.published_by(node) == {}
     assert not peer.change_state(node, "activate"), "not from here"
     assert peer.state(node) == "unconfigured"
+    # By its id alone, as Nav2's lifecycle manager asks.
+    assert not peer.change_state(node, Transition.TRANSITION_ACTIVATE), "not from here either"
+    assert peer.state(node) == "unconfigured"
+    assert robot.process is not None
+    assert holds(robot.process.log, [r"3 is asked for in the state unconfigured; .*1 \(configure"])
 
     assert peer.change_state(node, "configure")
     assert peer.state(node) == "inactive"
     _until_topics(peer, node, ROBOT_TOPICS, set())
 
-    assert peer.change_state(node, "activate")
+    assert peer.change_state(node, Transition.TRANSITION_ACTIVATE)
     assert peer.state(node) == "active"
     _until_topics(peer, node, ROBOT_TOPICS, ROBOT_INPUTS)
     robot.warm_up()
@@ -224,7 +232,7 @@ def test_nodes_end_with_a_signal_at_work(robot: RobotPeer, planner: PlannerPeer)
     assert planner.process.stop(signal.SIGTERM) < SOON_S
 
 
-@pytest.mark.parametrize("name", ["robot", "planner", "unconfigured"])
+@pytest.mark.parametrize("name", ["robot", "terminal", "planner", "unconfigured"])
 def test_nodes_end_with_any_signal(doomed: dict[str, NodeProcess], peer: Peer, name: str) -> None:
     """Also with a second one while they end, as `ros2 launch` sends it."""
     process, end = doomed[name], ENDS[name]
@@ -245,3 +253,31 @@ def test_shut_down_node_waits_for_its_signal(doomed: dict[str, NodeProcess], pee
     assert peer.state(process.name) == "finalized"
     _until_topics(peer, process.name, set(), set())
     assert process.stop() < SOON_S
+
+
+def test_node_that_never_was_configured_is_shut_down(
+    doomed: dict[str, NodeProcess], peer: Peer
+) -> None:
+    process = doomed["never"]
+    peer.until(lambda: peer.state(process.name) == "unconfigured", "it does not start")
+    assert peer.change_state(process.name, "shutdown")
+    assert peer.state(process.name) == "finalized"
+    assert not peer.change_state(process.name, Transition.TRANSITION_CONFIGURE)
+    assert process.stop() < SOON_S
+
+
+def test_node_that_starts_says_as_whom_and_what_it_waits_for(
+    doomed: dict[str, NodeProcess],
+) -> None:
+    """All of them have ended by now."""
+    said = {name: doomed[name].log for name in ENDS}
+    assert holds(
+        said["robot"], [r"/robot/robot_node: active; waits for /robot/left/camera_info, .*odom\n"]
+    )
+    assert "/planner/planner_node: active; waits for robots: any namespace" in said["planner"]
+    assert holds(
+        said["unconfigured"],
+        [r"unconfigured, .* `ros2 lifecycle set /unconfigured/robot_node configure`"],
+    )
+    for log in said.values():
+        assert log.count("active; waits") + log.count("unconfigured, for") == 1, log

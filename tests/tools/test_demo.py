@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,8 +17,10 @@ pytest.importorskip("matplotlib", reason="pictures need matplotlib")
 
 from PIL import Image
 from rich.console import Console
+from typer.testing import CliRunner
 
 from mrs_people_loc.config import PlannerConfig, Team
+from mrs_people_loc.errors import ConfigError, PeopleLocError
 from mrs_people_loc.evaluation import Truth
 from mrs_people_loc.fusion import fuse
 from mrs_people_loc.people import measure
@@ -25,9 +28,11 @@ from mrs_people_loc.planner import People
 from mrs_people_loc.poses import Pose
 from mrs_ros import convert
 from mrs_tools import demo
+from mrs_tools.cli import app
 from tools.made_views import group_of, person, walk
 
 MS = 1_000_000
+ROOT = Path(__file__).parents[2]
 
 
 def message(ms: int, *people: Any) -> Any:
@@ -109,3 +114,39 @@ def test_the_pictures(tmp_path):
         assert getattr(film, "n_frames", 1) == 21
     assert text.splitlines()[0] == f"picture: {tmp_path / 'demo.png'}"
     assert text.splitlines()[-1] == f"animation: {tmp_path / 'demo.gif'}"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("picture.gif", r"wanted: a name that ends in .*\.png"),
+        ("picture", r"wanted: a name that ends in .*\.png"),
+        ("none/picture.png", "none/picture.png: there is no .*none$"),
+        ("folder.png", "folder.png is a folder; wanted: a file"),
+        ("other.png", "other.gif is a folder; wanted: a file"),
+    ],
+)
+def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, name, message):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "other.gif").mkdir()
+    arguments = ["demo", str(tmp_path / "no_bag"), "--out", str(tmp_path / name)]
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "400"})
+    assert done.exit_code == 1
+    assert re.search(message, done.stderr.strip()), done.stderr
+
+
+def test_a_target_that_may_not_be_written_is_said(tmp_path, monkeypatch):
+    demo.check_pictures(tmp_path / "picture.png")
+    monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)
+    with pytest.raises(PeopleLocError, match=r"picture\.png: cannot be written"):
+        demo.check_pictures(tmp_path / "picture.png")
+
+
+def test_what_comes_with_the_project_is_found_or_missed_in_a_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert demo.default_file("bags", "walking_group").samefile(ROOT / "bags" / "walking_group")
+    monkeypatch.setattr(demo, "__file__", str(tmp_path / "a" / "b" / "demo.py"))
+    installed = demo.default_file("bags", "walking_group")
+    assert installed.parts[-4:] == ("share", "mrs_people_loc", "bags", "walking_group")
+    with pytest.raises(ConfigError, match=r"^bags/none is not here: run this in the folder of"):
+        demo.default_file("bags", "none")

@@ -1,4 +1,4 @@
-"""`mrs up`, `mrs people`, `mrs demo` and the launch files: the processes of a team."""
+"""`mrs up`, `mrs people`, `mrs demo`: the processes of a team."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from typer.testing import CliRunner
+
 from mrs_people_loc.errors import ConfigError
+from mrs_tools.cli import app
 from mrs_tools.team import team_processes
 from ros.harness import own_domain
 
@@ -80,20 +83,6 @@ def test_a_launch_file_needs_no_command_line_library():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize("folder", ["planner_node", "robot_node"])
-def test_launch_files_load(folder):
-    pytest.importorskip("launch_ros", reason="launch is not among the ROS wheels")
-    import importlib.util
-
-    for file in (ROOT / folder / "launch").glob("*.launch.py"):
-        spec = importlib.util.spec_from_file_location(file.stem.replace(".", "_"), file)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        assert module.generate_launch_description().entities
-
-
 def test_up_says_what_is_wrong_with_a_team(tmp_path, environment):
     file = write(tmp_path / "team.yaml", "/**/robot_node: {ros__parameters: {zones: {lo: 1}}}\n")
     done = subprocess.run(mrs("up", file), env=environment, capture_output=True, text=True)
@@ -134,6 +123,7 @@ def test_up_and_people_and_ctrl_c(environment):
 def test_the_demo_finds_everybody(tmp_path, environment):
     """On a machine that is busy with other things nobody is lost either, if it gets more time."""
     picture = tmp_path / "demo.png"
+    del environment["ROS_DOMAIN_ID"]
     for rate in (0.5, 0.2, 0.1):
         done = subprocess.run(
             mrs("demo", FORMATION, "--rate", rate, "--out", picture),
@@ -143,6 +133,10 @@ def test_the_demo_finds_everybody(tmp_path, environment):
             cwd=ROOT,
         )
         assert done.returncode == 0, done.stderr
+        assert re.match(
+            r"in ROS domain \d+, which nobody else uses; to look into it: ROS_DOMAIN_ID=",
+            done.stdout,
+        )
         pattern = r"found (\d+) of (\d+) people in (\d+) frames .* (\d+) false"
         found = re.search(pattern, done.stdout)
         assert found is not None, done.stdout
@@ -180,6 +174,46 @@ def test_the_demo_follows_a_walking_group(tmp_path, environment):
     assert re.search(r"after .* s: person \d+ joins group \d", done.stdout), done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.with_suffix(".gif").stat().st_size < 2_000_000
+
+
+@pytest.mark.slow
+def test_the_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
+    command = [sys.executable, "-m", "planner_node", "--ros-args", "-p", "robots:=[robot_x]"]
+    planner = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
+    try:
+        done = subprocess.run(
+            mrs("demo", FORMATION, "--out", tmp_path / "demo.png"),
+            env=environment,
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+        )
+    finally:
+        planner.send_signal(signal.SIGINT)
+        planner.communicate(timeout=50)
+    assert done.returncode == 1
+    assert f"in ROS domain {environment['ROS_DOMAIN_ID']}, as ROS_DOMAIN_ID says" in done.stdout
+    assert "replaying" not in done.stdout
+    wanted = "2 publishers on /people: /planner_node, /planner_node; end the others, or unset ROS_D"
+    assert wanted in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo", FORMATION], ["up", TEAM], ["people"], ["doctor"], ["replay", FORMATION],
+        ["record", "new.mcap"], ["bench"],
+    ],
+    ids=lambda arguments: arguments[0],
+)  # fmt: skip
+def test_a_wrong_domain_is_an_error_before_anything_runs(arguments, monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert done.exit_code == 1
+    assert "error: ROS_DOMAIN_ID is 'abc'; allowed: a whole number from 0 to 232" in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_demo_says_what_the_bag_lacks(tmp_path, environment):

@@ -1,0 +1,124 @@
+"""ROS domains: the one that the environment names, and one that nobody else uses."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import socket
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mrs_people_loc.errors import ConfigError, PeopleLocError
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+#: Above this, DDS's UDP ports would go beyond 65535.
+LARGEST_DOMAIN = 232
+#: Domains of our own. Above them, ports are among those that Linux gives to anybody (32768 on).
+_OWN = range(1, 102)
+#: So many participants of others are looked for in a domain that is to be our own.
+_PARTICIPANTS = 10
+
+
+def given_domain() -> int | None:
+    """The ROS_DOMAIN_ID of the environment; None: it names none, which is domain 0.
+
+    Raises:
+        ConfigError: It is no domain.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    if not text:
+        return None
+    if not (text.isascii() and text.isdecimal() and int(text) <= LARGEST_DOMAIN):
+        raise ConfigError(
+            f"ROS_DOMAIN_ID is {text!r}; allowed: a whole number from 0 to {LARGEST_DOMAIN} "
+            "(on Linux up to 101), or unset it"
+        )
+    return int(text)
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS_DOMAIN_ID that nobody on this machine uses, while the context lasts.
+
+    Ours agree by lock files, which end with their process; a domain of others is seen by the UDP
+    ports of its participants.
+
+    Raises:
+        ConfigError: All are in use.
+    """
+    folder = Path(tempfile.gettempdir()) / f"mrs_people_loc-domains-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    for step in range(len(_OWN)):
+        domain = _OWN[(os.getpid() + step) % len(_OWN)]
+        with (folder / str(domain)).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            if not _in_use(domain):
+                yield domain
+                return
+    raise ConfigError(f"all ROS domains from 1 to {_OWN[-1]} are in use on this machine")
+
+
+@contextlib.contextmanager
+def private_domain() -> Iterator[str]:
+    """The environment's domain, or if it names none, one of our own in the environment meanwhile.
+
+    Yields:
+        Which, in words.
+
+    Raises:
+        ConfigError: As `given_domain`.
+    """
+    # A recorded team must not speak to robots on the network, nor hear them.
+    reach = os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    given = given_domain()
+    if given is not None:
+        yield f"in ROS domain {given}, as ROS_DOMAIN_ID says"
+        return
+    with own_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        try:
+            yield (
+                f"in ROS domain {domain}, which nobody else uses; to look into it: "
+                f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE={reach} mrs people"
+            )
+        finally:
+            del os.environ["ROS_DOMAIN_ID"]
+
+
+def refuse_others(node: Node, topics: Iterable[str]) -> None:
+    """Makes sure that each of these topics has one publisher, if any.
+
+    Args:
+        node: Who looks.
+        topics: Full names.
+
+    Raises:
+        PeopleLocError: Somebody else publishes one of them.
+    """
+    for topic in topics:
+        publishers = node.get_publishers_info_by_topic(topic)
+        if len(publishers) > 1:
+            names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
+            raise PeopleLocError(
+                f"somebody else is at work in this ROS domain: {len(names)} publishers on {topic}: "
+                f"{', '.join(names)}; end the others, or unset ROS_DOMAIN_ID, and a domain that "
+                "nobody uses is taken"
+            )
+
+
+def _in_use(domain: int) -> bool:
+    for participant in range(_PARTICIPANTS):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:  # DDSI-RTPS 9.6.1: unicast, of discovery
+                probe.bind(("", 7400 + 250 * domain + 10 + 2 * participant))
+            except OSError:
+                return True
+    return False

@@ -1,0 +1,144 @@
+"""A transition that fails leaves a managed node as it was before, in what it says and in fact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import rclpy
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+
+from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.errors import CameraError
+from mrs_ros.managed_node import ManagedNode
+from mrs_ros.qos import STREAM
+
+SUCCESS, FAILURE, ERROR = (
+    TransitionCallbackReturn.SUCCESS,
+    TransitionCallbackReturn.FAILURE,
+    TransitionCallbackReturn.ERROR,
+)
+
+
+class Fragile(ManagedNode):
+    """Fails where it is told to."""
+
+    def __init__(self) -> None:
+        super().__init__("fragile", PlannerConfig)
+        self.failures: dict[str, Exception] = {}
+        self.stopped = 0
+
+    def _fail(self, where: str) -> None:
+        if where in self.failures:
+            raise self.failures[where]
+
+    def set_up(self) -> None:
+        self.out = self.offer(String, "out", 1)
+        self._fail("set_up")
+
+    def start(self) -> None:
+        self.listen(String, "in", lambda message: None, STREAM)
+        self._fail("start")
+
+    def stop(self) -> None:
+        self.stopped += 1
+        self._fail("stop")
+
+    @property
+    def state(self) -> str:
+        return str(self._state_machine.current_state[1])
+
+    def takes_a_structure(self) -> bool:
+        """Whether it lets a parameter be set that counts when it is configured."""
+        (result,) = self.set_parameters([Parameter("robots", value=["robot_a"])])
+        self.set_parameters([Parameter("robots", value=[])])
+        return bool(result.successful)
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[Fragile]:
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/test"])
+    made = Fragile()
+    yield made
+    made.destroy_node()
+    rclpy.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("error", "result"), [(CameraError("broken"), FAILURE), (ValueError("a bug"), ERROR)]
+)
+def test_configuration_that_fails_leaves_nothing(
+    node: Fragile, error: Exception, result: TransitionCallbackReturn
+) -> None:
+    node.failures["set_up"] = error
+    assert node.trigger_configure() == result
+    assert node.state == "unconfigured"
+    assert not node.count_publishers("/test/out")
+    assert node.takes_a_structure()
+
+    node.failures.clear()
+    assert node.trigger_configure() == SUCCESS
+    assert not node.takes_a_structure()
+    assert node.trigger_activate() == SUCCESS
+    assert node.is_active
+
+
+@pytest.mark.parametrize(
+    ("error", "result", "state"),
+    [
+        (CameraError("broken"), FAILURE, "inactive"),
+        (ValueError("a bug"), ERROR, "unconfigured"),
+    ],
+)
+def test_activation_that_fails_is_taken_back(
+    node: Fragile, error: Exception, result: TransitionCallbackReturn, state: str
+) -> None:
+    assert node.trigger_configure() == SUCCESS
+    node.failures["start"] = error
+    assert node.trigger_activate() == result
+    assert node.state == state
+    assert not node.is_active
+    assert node.stopped == 1
+    assert not node.inputs
+    assert not node.count_subscribers("/test/in")
+    if state == "inactive":
+        assert not node.out.is_activated
+    else:
+        assert not node.count_publishers("/test/out")
+        assert node.takes_a_structure()
+        assert node.trigger_configure() == SUCCESS
+
+    node.failures.clear()
+    assert node.trigger_activate() == SUCCESS
+    assert node.is_active
+    assert node.out.is_activated
+
+
+@pytest.mark.parametrize("error", [CameraError("broken"), ValueError("a bug")])
+def test_node_that_cannot_stop_is_torn_down(node: Fragile, error: Exception) -> None:
+    """Half stopped is not active: the state says what it is."""
+    assert node.trigger_configure() == SUCCESS
+    assert node.trigger_activate() == SUCCESS
+    node.failures["stop"] = error
+    assert node.trigger_deactivate() == ERROR
+    assert node.state == "unconfigured"
+    assert not node.is_active
+    assert not node.inputs
+    assert not node.count_publishers("/test/out")
+
+
+def test_error_that_cannot_be_undone_finalizes_the_node(
+    node: Fragile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(state: LifecycleState) -> None:
+        raise ValueError("a bug")
+
+    assert node.trigger_configure() == SUCCESS
+    node.failures["start"] = ValueError("a bug")
+    monkeypatch.setattr(node, "destroy_lifecycle_publisher", fail)
+    assert node.trigger_activate() == ERROR
+    assert node.state == "finalized"
+    assert not node.is_active
+    monkeypatch.undo()

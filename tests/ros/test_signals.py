@@ -1,0 +1,108 @@
+"""A node that is told to end while it is at work: it finishes that, and leaves without a word."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from mrs_ros.ending import LIFELINE
+from ros.harness import DEADLINE_S
+
+#: A node that tells itself to end where it is told to, and goes on for longer than rclpy's own
+#: signal handler takes to shut the context down.
+PROGRAM = """
+import os, signal, sys, time
+from std_msgs.msg import String
+from mrs_people_loc.config import PlannerConfig
+from mrs_ros import ending
+from mrs_ros.managed_node import ManagedNode, run
+
+where, number = sys.argv[1], int(sys.argv[2])
+if where == "hang":
+    ending._GRACE_S = 0.5
+
+class Node(ManagedNode):
+    def __init__(self):
+        super().__init__("node", PlannerConfig)
+
+    def meet(self, place):
+        if place == where:
+            print("ready", flush=True)
+            if number:
+                os.kill(os.getpid(), number)
+            time.sleep(1000.0 if place == "hang" else 0.5)
+
+    def set_up(self):
+        self.meet("set_up")
+        self.out = self.offer(String, "out", 1)
+
+    def start(self):
+        self.meet("start")
+        self.out.publish(String())
+        self.timer = self.create_timer(0.01, self.work)
+
+    def work(self):
+        self.meet("hang")
+        self.meet("callback")
+        self.out.publish(String())
+        print("published", flush=True)
+
+sys.exit(run(Node, "usage: node", ["node"]))
+"""
+
+
+def program(where: str, number: int, **how: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, where, str(number)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        **how,  # type: ignore[call-overload]
+    )
+
+
+@pytest.mark.parametrize(
+    ("where", "number"),
+    [
+        ("set_up", signal.SIGINT),
+        ("start", signal.SIGTERM),
+        ("callback", signal.SIGINT),
+        ("callback", signal.SIGHUP),
+    ],
+)
+def test_node_finishes_what_it_is_at(domain: int, where: str, number: int) -> None:
+    process = program(where, number)
+    said, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, said
+    assert "ERROR" not in said
+    assert "Traceback" not in said
+    assert said.count("published") == (where == "callback")
+
+
+def test_node_ends_with_who_holds_its_lifeline(
+    domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(LIFELINE, "1")
+    for where, code in [("callback", 0), ("hang", -signal.SIGKILL)]:
+        process = program(where, 0, stdin=subprocess.PIPE)
+        assert process.stdout is not None
+        while process.stdout.readline() != "ready\n":
+            assert process.poll() is None
+        said, _ = process.communicate(timeout=DEADLINE_S)  # closes its standard input
+        assert process.returncode == code, said
+        assert "Traceback" not in said
+
+
+def test_standard_input_is_no_lifeline_unless_it_is_said(domain: int) -> None:
+    process = program("callback", 0, stdin=subprocess.DEVNULL)
+    assert process.stdout is not None
+    heard = 0
+    while heard < 5:
+        heard += process.stdout.readline() == "published\n"
+        assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    said, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, said

@@ -1,0 +1,73 @@
+"""ROS domains: what the environment names, and one that nobody else uses."""
+
+from __future__ import annotations
+
+import os
+import socket
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from mrs_people_loc.errors import ConfigError, PeopleLocError
+from mrs_tools import domain
+
+
+@pytest.mark.parametrize(("text", "number"), [("", None), ("0", 0), ("42", 42), ("232", 232)])
+def test_the_environment_names_a_domain(monkeypatch, text, number):
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    assert domain.given_domain() == number
+
+
+@pytest.mark.parametrize("text", ["abc", "-1", "1.0", " 7", "233", "9" * 30, "٣"])
+def test_what_is_no_domain_is_refused(monkeypatch, text):
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID is '.*'; allowed: a whole number"):
+        domain.given_domain()
+
+
+def test_two_never_have_the_same_domain():
+    with domain.own_domain() as one, domain.own_domain() as other:
+        assert one != other
+
+
+@pytest.mark.parametrize("participant", [0, 3])
+def test_a_domain_that_somebody_else_uses_is_not_taken(participant):
+    with domain.own_domain() as one:
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("", 7410 + 250 * one + 2 * participant))
+        with domain.own_domain() as other:
+            assert other != one
+
+
+def test_a_private_domain_is_in_the_environment_while_it_lasts(monkeypatch):
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    with domain.private_domain() as words:
+        number = os.environ["ROS_DOMAIN_ID"]
+        assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+        assert words.startswith(f"in ROS domain {number}, which nobody else uses")
+    assert "ROS_DOMAIN_ID" not in os.environ
+
+
+def test_the_domain_that_is_given_is_used(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "0")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    with domain.private_domain() as words:
+        assert words == "in ROS domain 0, as ROS_DOMAIN_ID says"
+        assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+    assert os.environ["ROS_DOMAIN_ID"] == "0"
+
+
+def test_whoever_else_publishes_is_named():
+    def publisher(namespace: str, name: str) -> Any:
+        return SimpleNamespace(node_namespace=namespace, node_name=name)
+
+    heard = {"/clock": [publisher("/", "play")], "/people": [publisher("/", "planner_node")]}
+    node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda topic: heard.get(topic, []))
+    domain.refuse_others(node, ["/people", "/clock", "/robot_a/points"])
+    heard["/people"].append(publisher("/site", "planner_node"))
+    message = "2 publishers on /people: /planner_node, /site/planner_node; end the others"
+    with pytest.raises(PeopleLocError, match=message):
+        domain.refuse_others(node, ["/people", "/clock"])
