@@ -43,8 +43,8 @@ class BagError(PeopleLocError):
     """A recording that cannot be read or written."""
 
 
-class StampError(PeopleLocError):
-    """A message of another time."""
+class OutdatedError(PeopleLocError):
+    """A message of before the time jumped back."""
 
 
 class FloorError(PeopleLocError):

@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import Parameter, Section
-from mrs_people_loc.errors import ConfigError, PeopleLocError, StampError
+from mrs_people_loc.errors import ConfigError, OutdatedError, PeopleLocError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
@@ -267,14 +267,14 @@ class ManagedNode(LifecycleNode):
         """Refuses what was under way when /clock jumped back: it would be of the future now.
 
         Raises:
-            StampError: It is.
+            OutdatedError: It is.
         """
         if self._ended_ns:
             stamp_ns, earliest_ns = stamp_ns_of(message.header.stamp), self._now_ns() + RESET_NS
             if earliest_ns >= self._ended_ns + RESET_NS:
                 self._ended_ns = 0
             elif earliest_ns < stamp_ns <= self._ended_ns + RESET_NS:
-                raise StampError(f"stamp is {stamp_ns} ns, of before the time jumped back")
+                raise OutdatedError(f"stamp is {stamp_ns} ns, of before the time jumped back")
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)
