@@ -156,7 +156,9 @@ def test_clock_that_is_set_back_stops_nothing(
     clock.to(START)
     planner.peer.next_findings(planner.node)
     robots[0].send(late, SOMEBODY)  # was under way: it would be of the future now
-    finding = planner.until_finding("robot_a/points", lambda f: f.count("dropped.OutdatedError") == 1)
+    finding = planner.until_finding(
+        "robot_a/points", lambda f: f.count("dropped.OutdatedError") == 1
+    )
     assert finding.message.endswith(f"stamp is {late} ns, of before the time jumped back")
     for step in range(3):
         clock.to(START + step * SECOND // 5)
