@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
+from collections import Counter, deque
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +15,7 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.people import Group as PeopleGroup
 from mrs_people_loc.people import Person
 from mrs_tools.offline import read_people
+from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -22,8 +23,15 @@ if TYPE_CHECKING:
 
 #: Rates are taken over this long [s].
 _SPAN_S = 5.0
-#: So many events are shown, the latest.
-_EVENTS = 5
+#: So many events are shown, the latest, and so many troubles, the worst.
+_EVENTS, _TROUBLES = 5, 4
+#: What is said on /diagnostics holds for so long [s].
+_REPORT_S = 3.0
+
+
+#: diagnostic_msgs/DiagnosticStatus, the worst first; stale is what waits.
+_ERROR, _WARN, _STALE = 2, 1, 3
+_LEVELS = {_ERROR: "error", _WARN: "warning", _STALE: "stale"}
 
 
 class _Rate:
@@ -69,7 +77,7 @@ class LivePeople:
         self._rate = _Rate()
         self._robots: dict[str, _Rate] = {}
         self._scans: dict[str, Any] = {}
-        self._troubles: dict[str, tuple[float, str]] = {}
+        self._reports: dict[str, tuple[float, int, str]] = {}
         node.create_subscription(People, "people", self._on_people, 10)
         node.create_subscription(String, "events", self._on_event, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
@@ -78,7 +86,8 @@ class LivePeople:
         try:
             self._people = read_people(message)
         except ValueError as err:  # somebody else's: it is no reason to end
-            self._troubles["people"] = (time.monotonic(), f"a message is refused: {err}")
+            refused = f"a message is refused: {err}"
+            self._reports["people"] = (time.monotonic(), _WARN, refused)
             return
         self.message = message
         self._rate.add()
@@ -91,10 +100,7 @@ class LivePeople:
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
-            if status.level == b"\x00":
-                self._troubles.pop(status.name, None)
-            else:
-                self._troubles[status.name] = (time.monotonic(), status.message)
+            self._reports[status.name] = (time.monotonic(), status.level[0], status.message)
 
     def age_s(self, stamp: Any) -> float:
         """Age of a stamp by ROS time [s]."""
@@ -107,13 +113,13 @@ class LivePeople:
 
         if self.message is None:
             wait = Text("waiting for people ... (is the planner running?)")
-            return Group(wait, *self._trouble_lines())
+            return Group(wait, *self._health_lines())
         return Group(
             self._people_table(),
             self._group_table(),
             self._robot_table(),
             *self._event_lines(),
-            *self._trouble_lines(),
+            *self._health_lines(),
         )
 
     def _people_table(self) -> RenderableType:
@@ -137,7 +143,7 @@ class LivePeople:
                 _speed(person.velocity),
                 f"{person.height:.2f}",
                 f"{person.age_s:.0f}",
-                Text("nobody (coasting)" if person.coasting else ", ".join(person.robots)),
+                Text("nobody (coasting)" if person.coasting else plain(", ".join(person.robots))),
                 style="dim" if person.coasting else None,
             )
         return table
@@ -167,7 +173,7 @@ class LivePeople:
         from rich.text import Text
 
         now = time.monotonic()
-        return [Text(f"{now - when:4.0f} s ago: {event}") for when, event in self._events]
+        return [Text(f"{now - when:4.0f} s ago: {plain(event)}") for when, event in self._events]
 
     def _robot_table(self) -> RenderableType:
         from rich.table import Table
@@ -181,7 +187,7 @@ class LivePeople:
             scan = self._scans[robot]
             at, q = scan.pose.pose.position, scan.pose.pose.orientation
             table.add_row(
-                Text(robot),
+                Text(plain(robot)),
                 self._robots[robot].text(),
                 f"{self.age_s(scan.stamp) * 1e3:.0f}",
                 f"{at.x:.2f}",
@@ -190,15 +196,42 @@ class LivePeople:
             )
         return table
 
-    def _trouble_lines(self) -> list[RenderableType]:
+    def _health_lines(self) -> list[RenderableType]:
+        """How the team is: one line that sums up, and one for each of the worst troubles."""
         from rich.text import Text
 
+        if not self.troubles_shown:
+            return []
         now = time.monotonic()
-        return [
-            Text(f"{name}: {text}", style="yellow")
-            for name, (when, text) in sorted(self._troubles.items())
-            if self.troubles_shown and now - when < 3.0
+        recent = {
+            name: (level, text)
+            for name, (when, level, text) in self._reports.items()
+            if now - when < _REPORT_S
+        }
+        nodes = {name.partition(": ")[0] for name in recent if ": " in name}
+        troubles = [
+            (level, name, text)
+            for wanted in _LEVELS
+            for name, (level, text) in sorted(recent.items())
+            if level == wanted
         ]
+        counts = Counter(level for level, _, _ in troubles)
+        said = ", ".join(
+            f"{counts[level]} {name}{'s' if counts[level] > 1 and level != _STALE else ''}"
+            for level, name in _LEVELS.items()
+            if counts[level]
+        )
+        heard = f"{len(nodes)} nodes report" if nodes else "no node reports on /diagnostics"
+        fine = "ok" if nodes else "unknown"
+        style = "yellow" if troubles or not nodes else "green"
+        lines = [Text(f"health: {said or fine} ({heard})", style=style)]
+        lines += [
+            Text(f"  {plain(name)}: {plain(text)}", style="red" if level == _ERROR else "yellow")
+            for level, name, text in troubles[:_TROUBLES]
+        ]
+        if len(troubles) > _TROUBLES:
+            lines.append(Text(f"  and {len(troubles) - _TROUBLES} more; what to do: mrs doctor"))
+        return list(lines)
 
 
 def _head(column: str) -> str:
@@ -210,10 +243,21 @@ def _speed(velocity: Float | None) -> str:
     return "-" if velocity is None else f"{math.hypot(*velocity):.2f}"
 
 
+def follow_clock(node: Node) -> None:
+    """Lets a node take its time from /clock while somebody publishes that."""
+    from rclpy.clock import Clock
+    from rclpy.clock_type import ClockType
+    from rclpy.parameter import Parameter
+
+    def look() -> None:
+        simulated = node.count_publishers("/clock") > 0
+        if simulated != node.get_parameter("use_sim_time").value:
+            node.set_parameters([Parameter("use_sim_time", value=simulated)])
+
+    node.create_timer(0.5, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
 def command(
-    sim_time: Annotated[
-        bool, typer.Option("--sim-time", help="Ages by /clock (mrs replay --clock).")
-    ] = False,
     namespace: Annotated[
         str, typer.Option("--namespace", "-n", help="Namespace of the planner.")
     ] = "",
@@ -223,10 +267,10 @@ def command(
 ) -> None:
     """Show people, groups, events, robots and rates of a running team, live in the terminal.
 
+    Ages are by /clock while somebody publishes it, as a simulation or `mrs replay --clock` does.
     Where the output is no terminal, the table is printed once at the end.
     """
     from rclpy.executors import SingleThreadedExecutor
-    from rclpy.parameter import Parameter
     from rich.console import Console
     from rich.live import Live
 
@@ -234,12 +278,12 @@ def command(
     from mrs_tools.replay import node
 
     console = Console()
-    simulated = Parameter("use_sim_time", value=sim_time)
-    with node("mrs_people", namespace=namespace, parameter_overrides=[simulated]) as made:
+    with node("mrs_people", namespace=namespace) as made:
         executor = SingleThreadedExecutor(context=made.context)
         executor.add_node(made)
         try:
             live = LivePeople(made)
+            follow_clock(made)
             end = time.monotonic() + duration if duration else math.inf
             screen = (
                 Live(live, console=console, refresh_per_second=5)

@@ -22,7 +22,7 @@ from mrs_people_loc.planner import People
 from mrs_people_loc.poses import Pose
 from mrs_ros import convert
 from mrs_tools.offline import read_people
-from mrs_tools.people import LivePeople
+from mrs_tools.people import LivePeople, follow_clock
 
 SECOND = 1_000_000_000
 WALKS = Person(
@@ -116,7 +116,10 @@ def shown(live: LivePeople) -> list[list[str]]:
 
 def test_people_and_groups(live):
     table, heard = live
-    assert shown(table) == [["waiting for people ... (is the planner running?)"]]
+    assert shown(table) == [
+        ["waiting for people ... (is the planner running?)"],
+        ["health: unknown (no node reports on /diagnostics)"],
+    ]
     heard["people"](message_of(WALKS, COASTS, groups=(GROUP,)))
     rows = shown(table)
     assert ["3", "1.25", "-2.50", "1.00", "1.75", "12", "robot_a, robot_b"] in rows
@@ -143,6 +146,69 @@ def test_the_latest_events(live):
     assert [re.sub(r"^\d+ s ago: ", "", line) for line in told] == [
         f"person {number} joins group 1" for number in range(2, 7)
     ]
+
+
+def report(*entries: tuple[int, str, str]) -> Any:
+    return SimpleNamespace(
+        status=[
+            SimpleNamespace(level=bytes([level]), name=name, message=text)
+            for level, name, text in entries
+        ]
+    )
+
+
+def test_health_in_a_few_lines(live):
+    """The sum, and the worst; what has ended is no more."""
+    table, heard = live
+    heard["people"](message_of(WALKS))
+    assert ["health: unknown (no node reports on /diagnostics)"] in shown(table)
+    fine = [(0, "/robot_a/robot_node: scan", "ok"), (0, "/planner_node: intervals", "ok")]
+    heard["/diagnostics"](report(*fine))
+    assert ["health: ok (2 nodes report)"] in shown(table)
+    late = [(1, f"/planner_node: robot {k}", "its last scan is old") for k in range(5)]
+    silent = (2, "/robot_a/robot_node: odom", "no data on /robot_a/odom for 4 s")
+    heard["/diagnostics"](
+        report(*fine, *late, (3, "/robot_b/robot_node: scan", "none yet"), silent)
+    )
+    rows = [row[0] for row in shown(table) if row]
+    first = rows.index("health: 1 error, 5 warnings, 1 stale (3 nodes report)")
+    assert rows[first + 1] == f"{silent[1]}: {silent[2]}"
+    assert rows[first + 2 :] == [
+        *(f"/planner_node: robot {k}: its last scan is old" for k in range(3)),
+        "and 3 more; what to do: mrs doctor",
+    ]
+    heard["/diagnostics"](report(*((0, name, "ok") for _, name, _ in (*late, silent))))
+    assert any("health: 1 stale" in row[0] for row in shown(table) if row)
+
+
+def test_texts_of_others_neither_steer_the_terminal_nor_are_markup(live):
+    table, heard = live
+    heard["people"](message_of(dataclasses.replace(WALKS, robots=("a\x1b[2J[/b]",))))
+    heard["events"](SimpleNamespace(data="\x1b]0;title\x07person 1 [/b]\nsecond"))
+    heard["/diagnostics"](report((2, "/x\x1b[31m: [/b]", "\x9bA [/] \u202e")))
+    said = "\n".join(cell for row in shown(table) for cell in row)
+    for text in (r"a\x1b[2J[/b]", r"\x1b]0;title\x07person 1 [/b]\nsecond", r"\x9bA [/] \u202e"):
+        assert text in said
+    assert not set(said) & set("\x1b\x07\x9b\u202e")
+
+
+def test_time_is_that_on_the_clock_while_somebody_publishes_it():
+    publishers, timers, values = {"/clock": 0}, [], {"use_sim_time": False}
+
+    def change(parameters):
+        values.update({p.name: p.value for p in parameters})
+
+    node: Any = SimpleNamespace(
+        create_timer=lambda period, look, clock: timers.append(look),
+        count_publishers=publishers.get,
+        get_parameter=lambda name: SimpleNamespace(value=values[name]),
+        set_parameters=change,
+    )
+    follow_clock(node)
+    for count in (0, 1, 2, 0):
+        publishers["/clock"] = count
+        timers[0]()
+        assert values == {"use_sim_time": count > 0}
 
 
 def test_names_are_no_markup(live):
