@@ -78,7 +78,8 @@ class Stream:
         refused_lately: Whether any was, within the last seconds.
         last_error: Why the last one was.
         last_kind: Class of that error.
-        publishers: Full node name and type of each that publishes the topic.
+        publishers: Full node name and type of each that publishes the topic; a single one that is
+            heard may be left out.
         incompatible: The policy of QoS in which a publisher does not fit; empty: none.
         once: One message that can be used is enough.
         taken: Whether there was one.

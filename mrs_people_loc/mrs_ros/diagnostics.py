@@ -198,6 +198,9 @@ class Input:
             other, remedy = self.instead
             other = node.resolve_topic_name(other)
             instead = (other, remedy) if node.count_publishers(other) else None
+        # Who they are costs more to ask than how many, and matters where something is wrong.
+        asked = silent_s > SILENCE_S or self.publishers > 1
+        publishers = node.get_publishers_info_by_topic(name) if asked else []
         return Stream(
             topic=name,
             kind=_type_name(self._message_type),
@@ -208,8 +211,7 @@ class Input:
             last_error=self.last_error,
             last_kind=self._last_kind,
             publishers=[
-                (f"{p.node_namespace.rstrip('/')}/{p.node_name}", p.topic_type)
-                for p in node.get_publishers_info_by_topic(name)
+                (f"{p.node_namespace.rstrip('/')}/{p.node_name}", p.topic_type) for p in publishers
             ],
             incompatible=self._incompatible,
             once=self._once,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import takewhile
@@ -220,62 +220,74 @@ def _code(values: Mapping[str, str]) -> Code | None:
 
 def _folded(entries: Sequence[_Entry]) -> Iterable[Check]:
     """Entries as checks: those that follow from an error that is among them, under it."""
+    by_node: dict[str, list[_Entry]] = {}
+    for entry in entries:
+        by_node.setdefault(entry.node, []).append(entry)
+    robots = [node for node, those in by_node.items() if those[0].is_of_robot]
+    found: dict[_Entry, _Entry] = {}
+
+    def cause(entry: _Entry) -> _Entry:
+        """The error that it follows from, in the end; itself if none."""
+        if entry not in found:
+            found[entry] = entry  # what leads back here ends here
+            found[entry] = next(causes(entry), entry)
+        return found[entry]
+
+    def causes(entry: _Entry) -> Iterator[_Entry]:
+        for node, pattern in _causes(entry):
+            for other in (
+                o for n in (robots if node is None else [node]) for o in by_node.get(n, ())
+            ):
+                if re.fullmatch(pattern, other.subject) and cause(other).level == ERROR:
+                    yield cause(other)
+        # A camera, or a robot, that is silent altogether is one trouble.
+        beside, _, last = entry.subject.rpartition("/")
+        if entry.code in _LACKS and last in _BESIDE:
+            pattern = f"{re.escape(beside)}/{_BESIDE[last]}"
+            for other in by_node[entry.node]:
+                same = other.code == entry.code and re.fullmatch(pattern, other.subject)
+                if same and other.level == ERROR and cause(other) is other:
+                    yield other
+
     follows: dict[_Entry, list[_Entry]] = {entry: [] for entry in entries}
     for entry in entries:
-        cause = _cause(entry, entries)
-        if cause is not entry:
-            follows[cause].append(entry)
-    under = {entry for those in follows.values() for entry in those}
-    return [entry.check(those) for entry, those in follows.items() if entry not in under]
+        first = cause(entry)
+        while cause(first) is not first:  # where findings led back to each other
+            first = cause(first)
+        if first is not entry:
+            follows[first].append(entry)
+    return [entry.check(those) for entry, those in follows.items() if cause(entry) is entry]
 
 
-def _cause(entry: _Entry, entries: Sequence[_Entry]) -> _Entry:
-    """The error that a finding follows from, in the end; itself if none."""
-    for pattern in _causes(entry):
-        for other in entries:
-            if re.fullmatch(pattern, f"{other.node}: {other.subject}"):
-                first = _cause(other, entries)
-                if first.level == ERROR:
-                    return first
-    # A camera, or a robot, that is silent altogether is one trouble.
-    beside, _, last = entry.subject.rpartition("/")
-    if entry.code in _LACKS and last in _BESIDE:
-        for other in entries:
-            same = (other.node, other.code) == (entry.node, entry.code)
-            found = same and re.fullmatch(f"{re.escape(beside)}/{_BESIDE[last]}", other.subject)
-            if found and _cause(other, entries) is other:
-                return other
-    return entry
+def _causes(entry: _Entry) -> Iterator[tuple[str | None, str]]:
+    """What a finding may follow from, the nearest to the sensor first.
 
-
-def _causes(entry: _Entry) -> Iterable[str]:
-    """What a finding may follow from, the nearest to the sensor first, as regular expressions."""
+    Yields:
+        A node (None: any robot's), and a regular expression of subjects.
+    """
     if entry.code not in _LACKS:
         return
     node, subject = entry.node, entry.subject
     if entry.is_of_robot:
         if entry.code == Code.NO_CALIBRATION:
-            yield rf"{re.escape(node)}: \w+/camera_info"
+            yield node, r"\w+/camera_info"
         elif subject in ("pairs", "scan", "head", "pose"):
             chain = _POSE if subject == "pose" else _SIGHT
-            for pattern in takewhile(lambda each: each != subject, chain):
-                yield f"{re.escape(node)}: ({pattern})"
+            yield from ((node, each) for each in takewhile(lambda each: each != subject, chain))
         return
-    under, own = re.escape(node.removesuffix(PLANNER_NODE)), re.escape(node)
     if subject == "intervals":
-        yield from (rf"{under}.+/{ROBOT_NODE}: ({pattern})" for pattern in _SIGHT)
-        yield rf"{under}{ROBOT_NODE}: node"
-        yield rf"{own}: (.*/(points|pose)|robot .*)"
-    elif subject.startswith("robot "):
-        robot = re.escape(subject.removeprefix("robot "))
-        yield f"{own}: {robot}/(points|pose)"
-        if entry.code != Code.TWO_PUBLISHERS:
-            chain = _POSE if entry.code == Code.NO_POSE else _SIGHT
-            yield from (f"{under}{robot}/{ROBOT_NODE}: ({pattern})" for pattern in chain)
-    elif entry.code != Code.TWO_PUBLISHERS:
-        robot, _, topic = subject.rpartition("/")
+        yield from ((None, pattern) for pattern in _SIGHT)
+        yield node, ".*/(points|pose)|robot .*"
+        return
+    robot, _, topic = subject.rpartition("/")
+    if subject.startswith("robot "):
+        robot = subject.removeprefix("robot ")
+        topic = "pose" if entry.code == Code.NO_POSE else ""
+        yield node, f"{re.escape(robot)}/(points|pose)"
+    if entry.code != Code.TWO_PUBLISHERS:
         chain = _POSE if topic == "pose" else _SIGHT
-        yield from (f"{under}{re.escape(robot)}/{ROBOT_NODE}: ({pattern})" for pattern in chain)
+        own = f"{node.removesuffix(PLANNER_NODE)}{robot}/{ROBOT_NODE}"
+        yield from ((own, pattern) for pattern in chain)
 
 
 def _of_nodes(facts: Facts) -> Iterable[Check]:

@@ -146,7 +146,11 @@ KINDS = {
     "request": "get_client_names_and_types_by_node",
 }
 #: What `mrs doctor` asks at its end, for a moment only: the graph may not show it.
-BRIEFLY = {"/planner_node/get_parameters", "/*/robot_node/get_parameters"}
+BRIEFLY = {
+    f"/{node}/{service}"
+    for node in ("planner_node", "*/robot_node")
+    for service in ("get_parameters", "get_state")
+}
 NOTHING: dict[str, set[str]] = {kind: set() for kind in KINDS}
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 
 from mrs_people_loc.health import Code
@@ -217,6 +219,20 @@ def test_poses_do_not_follow_from_scans_that_have_a_cause_of_their_own():
         f"{ROBOT}: left/image_rect",
         f"{PLANNER}: robot_a/pose",
     ]
+
+
+def test_no_finding_is_lost_whatever_is_reported():
+    """Everybody may publish on /diagnostics: also findings that would follow from each other."""
+    random = Random(1)
+    names = ["left/camera_info", "left/image_rect", "right/image_rect", "odom", "pose", "scan"]
+    names += ["pairs", "head", "intervals", "robot robot_a", "robot_a/points", "robot_a/pose"]
+    for _ in range(200):
+        levels, codes = (random.choices(of, k=12) for of in ([ERROR, STALE, WARN], list(Code)))
+        bad = {name: entry(*how) for name, *how in zip(names, levels, codes, strict=True)}
+        checks = told(bad, bad)
+        said = [check for one in checks for check in (one, *one.follows)]
+        assert len({check.subject for check in said}) == len(said) == 2 * len(names)
+        assert all(one.level == ERROR for one in checks if one.follows)
 
 
 def test_an_error_is_never_under_what_is_none():
