@@ -312,6 +312,9 @@ class Walls:
 
 # ------------------------------------------------------------------------------------- cells ----
 
+#: So many pairs of a cell and a robot are looked at at once.
+_PAIRS_AT_ONCE = 500_000
+
 
 def are_masked(
     fused: ShortTermMap,
@@ -337,17 +340,20 @@ def are_masked(
     away = xy - _places(dict(zip(fused.robots, seen_from, strict=True)))[robot]
     with np.errstate(over="ignore"):
         sigma = CELL_SIGMA_RANGE * (away**2).sum(axis=1)
-    near = np.unique(pairs_between(xy, _places(poses), _farthest(config.robot_radius))[0])
-    covariance = covariance_of_places(
-        xy[near],
-        robot[near],
-        seen_from,
-        along=sigma[near] ** 2,
-        across=np.full(len(near), _CELL_SIGMA_ACROSS**2),
-    )
-    masked[near] = are_robots(
-        xy[near], covariance, robot[near], fused.robots, poses, radius=config.robot_radius
-    )
+    places, farthest = _places(poses), _farthest(config.robot_radius)
+    at_once = max(1, _PAIRS_AT_ONCE // len(poses))
+    for start in range(0, len(xy), at_once):
+        near = start + np.unique(pairs_between(xy[start : start + at_once], places, farthest)[0])
+        covariance = covariance_of_places(
+            xy[near],
+            robot[near],
+            seen_from,
+            along=sigma[near] ** 2,
+            across=np.full(len(near), _CELL_SIGMA_ACROSS**2),
+        )
+        masked[near] = are_robots(
+            xy[near], covariance, robot[near], fused.robots, poses, radius=config.robot_radius
+        )
     if walls is not None:
         reach = sights(away) * np.minimum(sigma, _WALL_REACH)[:, np.newaxis]
         for step in (-1.0, -0.5, 0.0, 0.5, 1.0):

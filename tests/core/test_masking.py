@@ -183,6 +183,26 @@ def test_a_robot_seen_as_cells_is_no_person(make_cells):
     assert len(result.clusters) == 2
 
 
+def test_cells_are_looked_at_bit_by_bit_as_at_once(make_cells, monkeypatch):
+    """Fifty robots in one place, each with cells there: all pairs take hundreds of megabytes."""
+    rng = np.random.default_rng(1)
+    stand = rng.uniform(0, 1, (50, 2)).tolist()
+    poses = {f"robot_{k:02}": Pose(0, x, y, 0.0) for k, (x, y) in enumerate(stand)}
+    scans = [Scan(name, 0, make_cells(rng.uniform(-1, 2, (600, 2)))) for name in poses]
+    fused, config = fuse(scans, poses), cfg.Masking(robot_radius=0.1)
+    cells = np.arange(len(fused))
+    tracemalloc.start()
+    try:
+        made = are_masked(fused, cells, poses, None, config)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    monkeypatch.setattr(module, "_PAIRS_AT_ONCE", 10**9)
+    np.testing.assert_array_equal(made, are_masked(fused, cells, poses, None, config))
+    assert 0.0 < made.mean() < 1.0
+    assert most < 200e6
+
+
 def test_a_person_at_arms_length_of_a_robot_is_found_as_cells(make_cells):
     # Patches of 0.3 m, 0.5 m apart, and an arm on the robot: one cluster of 1 m with it.
     poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 2.0, 0.0, 0.0)}

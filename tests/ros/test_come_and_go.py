@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 from mrs_people_msgs.msg import People
 
+from mrs_people_loc.messages import stamp_ns_of
 from ros.harness import ERROR, ROOT, STALE, WARN, NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, pose_of, robots_in
 from ros.recording import Recording, set_stamp, stamp_of
@@ -120,6 +122,27 @@ def test_robots_join_one_after_the_other(life: Life) -> None:
         life.start(robot)
         life.until_seen_by(*ROBOTS[: number + 1])
     life.until(lambda: len(life.people[-1].persons) == 5, "all five people")
+
+
+def test_a_robot_that_was_stopped_and_goes_on_puts_nobody_back(life: Life) -> None:
+    """What it had in its hands is seconds old when it comes."""
+    life.until_seen_by(*ROBOTS)
+    first = len(life.people)
+    for _ in range(2):
+        os.kill(life.robots["robot_b"].process.pid, signal.SIGSTOP)
+        try:
+            for _ in range(20):
+                life.feed()
+        finally:
+            os.kill(life.robots["robot_b"].process.pid, signal.SIGCONT)
+        life.until_seen_by(*ROBOTS)
+    since = life.people[first:]
+    assert len(since) > 20
+    stamps = [stamp_of(message) for message in since]
+    assert stamps == sorted(stamps)
+    oldest = max(stamp_of(m) - min(stamp_ns_of(scan.stamp) for scan in m.scans) for m in since)
+    assert oldest <= 250_000_000  # interval.max_scan_age
+    assert all(len(message.persons) <= 5 for message in since)
 
 
 @pytest.mark.timeout(300)
