@@ -905,3 +905,16 @@ def test_command_says_what_is_wrong(
     assert result.exit_code == code
     assert part in result.output + result.stderr
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("scene", "hint"),
+    [
+        ({"timing": {"frames": 100_000, "rate": 0.1}}, "last 999990 s; allowed: 3600"),
+        ({"people": [{"path": [0, 0, 1e12, 0]}]}, "people: path is 1000000000000 m long; allowed"),
+        ({"walk": {"path": [0, 0, 1e12, 0]}}, "walk: path is 1000000000000 m long; allowed: 10000"),
+    ],
+)
+def test_scenes_that_would_fill_the_memory_are_refused(scene, hint):
+    with pytest.raises(ConfigError, match=hint):
+        read_scene(scene, "scene")
