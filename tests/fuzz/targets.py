@@ -399,7 +399,7 @@ _CELLS = struct.Struct("<HBBbb")
 def take_full_scan(data: bytes) -> None:
     """A scan as large as any may be: six bytes each say where so many cells are, and how close."""
     parts = [_CELLS.unpack_from(data, at) for at in range(0, len(data) - 5, 6)]
-    left, places, bodies = 20_000, [], []
+    left, places, bodies = messages._MAX_CELLS, [], []
     for number, (count, spread, of_body, x, y) in enumerate(parts):
         count = min(count, left)
         left -= count
@@ -408,7 +408,7 @@ def take_full_scan(data: bytes) -> None:
         middle = np.array([x, y]) / 10
         places.append(middle + rng.uniform(-size, size, (count, 2)))
         bodies.append(np.full(count, of_body % 120))
-    cells = np.zeros(20_000 - left, BODY_DTYPE)
+    cells = np.zeros(messages._MAX_CELLS - left, BODY_DTYPE)
     if not cells.size:
         return
     cells["x"], cells["y"] = np.concatenate(places).T
