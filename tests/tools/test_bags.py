@@ -437,7 +437,7 @@ def test_metadata_nested_without_end(tmp_path):
 
 @pytest.fixture
 def small_limit(monkeypatch):
-    """256 MiB would take a while to write."""
+    """64 MiB would take a while to write."""
     monkeypatch.setattr(bag_checks, "MAX_BYTES", 1_000_000)
     monkeypatch.setattr(bag_checks, "MAX_GROWTH", 2)
 
