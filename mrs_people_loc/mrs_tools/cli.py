@@ -58,7 +58,7 @@ COMMANDS = {
 
 # What brings a module that may be missing.
 _INSTALL = {
-    **dict.fromkeys(["rosbags", "rich"], "[tools]"),
+    **dict.fromkeys(["rosbags", "lz4", "backports", "rich"], "[tools]"),
     **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
     "pypcd4": "[convert]",
     "embreex": "[sim]",
