@@ -19,6 +19,8 @@ from mrs_people_loc.errors import CameraError, ImageError
 Gray = NDArray[np.uint8]
 
 _T = TypeVar("_T")
+#: Largest image that is rectified here: what rectifies it takes six bytes per pixel.
+_MAX_RAW_PX = 4096 * 4096
 
 #: The time between images is the median of so many of their camera [frames].
 _PERIODS = 9
@@ -116,6 +118,11 @@ class ImagePreparer:
 def _rectification_maps(model: CameraModel) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
     model.check_raw()
     size = (model.width, model.height)
+    if model.width * model.height > _MAX_RAW_PX:
+        raise CameraError(
+            f"raw images are {model.width}x{model.height}; allowed, where they are rectified here: "
+            f"up to {_MAX_RAW_PX} pixels. Let the driver scale or rectify them"
+        )
     new_k = model.p[:, :3]
     d = np.array(model.d or (0.0,) * 4)
     fisheye = model.distortion_model in ("equidistant", "fisheye")

@@ -24,8 +24,8 @@ Bytes = NDArray[np.uint8]
 
 #: Pictures per second, at most.
 FRAMES_PER_S = 5
-#: A recording may be so long [s]: longer ones are mostly of two clocks.
-_LONGEST_S = 2 * 3600.0
+#: It is of at most so many seconds of the recording.
+_MAX_S = 3600
 #: Trails are so long [s], and events are told for so long [s].
 TRAIL_S, _EVENT_S = 4.0, 3.0
 #: Around everybody there is so much room [m].
@@ -92,12 +92,6 @@ def animate(
 
     if not views:
         raise PeopleLocError(f"{path}: there is no interval to draw")
-    long_s = (views[-1].stamp_ns - views[0].stamp_ns) / 1e9
-    if not 0 <= long_s <= _LONGEST_S:
-        raise PeopleLocError(
-            f"{path}: the first interval and the last are {long_s:.0f} s apart; allowed: from 0 to "
-            f"{_LONGEST_S:.0f} s; are they of two clocks, or of two recordings?"
-        )
     film = _Film(views)
     # One palette for all pictures: colours that changed from one to the next would flicker.
     every = np.linspace(0, len(film) - 1, _SAMPLES, dtype=int)
@@ -192,6 +186,13 @@ class _Film:
         self._axes = self._figure.axes[0]
         self._stamps_ns = np.array([view.stamp_ns for view in views])
         step_ns = round(1e9 / FRAMES_PER_S)
+        spans_s = (int(self._stamps_ns[-1]) - int(self._stamps_ns[0])) / 1e9
+        if not 0 <= spans_s <= _MAX_S:
+            raise PeopleLocError(
+                f"the first interval is of {self._stamps_ns[0] / 1e9:.3f} s, the last one of "
+                f"{self._stamps_ns[-1] / 1e9:.3f} s: {spans_s:.0f} s in between; allowed for an "
+                f"animation: 0 to {_MAX_S} (did two planners speak, or does a clock jump?)"
+            )
         self._times_ns = np.arange(self._stamps_ns[0], self._stamps_ns[-1] + 1, step_ns)
         # What is drawn once: the legend; and text that only changes.
         plots.legend_of_people(self._axes, self._views)

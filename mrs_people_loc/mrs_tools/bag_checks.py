@@ -30,8 +30,8 @@ else:
 
 from mrs_people_loc.errors import BagError
 
-#: Greatest chunk or message, decompressed [bytes]. A colour image of 8192x8192 px has 192 MiB.
-MAX_BYTES = 256 << 20
+#: Greatest chunk or message, decompressed [bytes]. A colour image of 4096x4096 px has 48 MiB.
+MAX_BYTES = 64 << 20
 #: A file that is compressed as a whole may grow by this factor, or to `MAX_BYTES`.
 MAX_GROWTH = 100
 #: Parts of a message, each element of its fixed arrays counted, but for arrays of numbers.
@@ -63,7 +63,7 @@ class CheckedFolder(DirectoryReader):
     def open(self) -> None:
         """Open the folder, and its files."""
         for file in Path(str(self.path)).iterdir():
-            if file.is_file():
+            if file.is_file() and os.access(file, os.R_OK):
                 _check_growth_of_file(file)
         super().open()
         self._each_compressed = self.metadata.compression_mode == "message"

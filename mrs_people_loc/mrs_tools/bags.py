@@ -43,7 +43,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from mrs_people_loc.errors import BagError
+from mrs_people_loc.config import load_yaml
+from mrs_people_loc.errors import BagError, ConfigError
 from mrs_tools.bag_checks import CheckedReader, CheckedWriter, check_definitions
 
 OUR_MESSAGES = tuple(f"mrs_people_msgs/msg/{n}" for n in ("People", "Person", "Group", "RobotScan"))
@@ -391,6 +392,10 @@ def _check_is_bag(path: Path) -> None:
         raise BagError(f"{path}: there is no such bag")
     if path.is_dir():
         if (path / "metadata.yaml").exists():
+            try:
+                load_yaml(path / "metadata.yaml")  # no aliases, which may stand for any amount
+            except ConfigError as err:
+                raise _damaged(path, err) from err
             for file in path.glob("*.db3"):
                 _check_is_whole(file)
             return

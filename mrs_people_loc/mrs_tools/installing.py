@@ -12,7 +12,7 @@ from pathlib import Path
 
 #: The extra of this project that brings a module that may be missing.
 _EXTRAS = {
-    **dict.fromkeys(["typer", "rosbags", "rich"], "[tools]"),
+    **dict.fromkeys(["typer", "rosbags", "lz4", "backports", "rich"], "[tools]"),
     **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
     "pypcd4": "[convert]",
     "embreex": "[sim]",

@@ -74,7 +74,7 @@ authorityKeyIdentifier = keyid
 """
 
 _TUNNEL = """\
-# The tunnel of a team, for OpenVPN 2.6. Started by `sudo ./team up`, from this folder.
+# The tunnel of a team, for OpenVPN 2.6. Started by `sudo team up`, in this folder.
 dev mrs0
 dev-type tun
 topology subnet
@@ -128,17 +128,34 @@ connect-timeout 3
 connect-retry 1 1
 """
 
+#: Where a host's folder goes: the tunnel is root's, and so is what it runs.
+ROOTS_FOLDER = "/etc/mrs_team"
 #: How often everybody shows his certificate again [s].
 RECHECK_S = 60
 
 _TEAM_SCRIPT = """\
 #!/bin/sh
-# sudo ./team up        opens the tunnel of the team on this host; Ctrl-C or SIGTERM closes it.
-# ./team run COMMAND    runs a command as you, where the tunnel is the only network.
+# sudo team up        opens the tunnel of the team on this host; Ctrl-C or SIGTERM closes it.
+# team run COMMAND    runs a command as you, where the tunnel is the only network.
 netns=mrs
 case $1 in
 up)
-    cd "$(dirname "$0")" || exit
+    cd -P "$(dirname "$0")" || exit
+    # Root runs what lies here: nobody else may write to it, or put something else in its place.
+    others=$(find . ! -user root -o ! -type l -perm /022)
+    at=$PWD
+    until [ "$at" = / ]; do
+        at=$(dirname "$at")
+        others="$others $(find "$at" -prune \\( ! -user root -o -perm /022 ! -perm -1000 \\))"
+    done
+    if [ "$(echo $others)" ]; then
+        echo "error: root would run what others may write:" $others >&2
+        echo "Make $PWD root's, in a folder of root's, and run it there:" >&2
+        echo "    sudo mv $PWD @ROOT@" >&2
+        echo "    sudo chown -R root:root @ROOT@" >&2
+        echo "    sudo chmod -R go-w @ROOT@ && sudo chmod 755 @ROOT@" >&2
+        exit 1
+    fi
     [ -e "/run/netns/$netns" ] || ip netns add "$netns" || exit
     ip -n "$netns" link set lo up || exit
     exec openvpn --config tunnel.conf
@@ -152,7 +169,7 @@ attach) # called by openvpn: attach DEVICE MTU 0 ADDRESS MASK ...
 run)
     shift
     if ! [ -e "/run/netns/$netns" ]; then
-        echo "error: there is no tunnel; open it with: sudo ./team up" >&2
+        echo "error: there is no tunnel; open it with: sudo @ROOT@/team up" >&2
         exit 1
     fi
     [ "$(id -u)" -ne 0 ] || exec ip netns exec "$netns" "$@"
@@ -169,7 +186,7 @@ run)
     exit 2
     ;;
 esac
-"""
+""".replace("@ROOT@", ROOTS_FOLDER)
 
 
 @dataclass(frozen=True)
@@ -207,7 +224,14 @@ class TeamKeys:
             raise KeysError(
                 f"{folder}: no keys of a team; make them with: mrs keys init ADDRESS"
             ) from None
-        except (OSError, ValueError, KeyError, TypeError) as err:
+        except (
+            OSError,
+            ValueError,
+            LookupError,
+            TypeError,
+            ArithmeticError,
+            RecursionError,
+        ) as err:
             raise KeysError(f"{self._authority / 'team.json'}: {err}") from err
 
     @classmethod
@@ -326,13 +350,16 @@ class TeamKeys:
         """Certificates of hosts with their serial numbers, as `openssl ca` keeps them."""
         try:
             lines = (self._authority / "index.txt").read_text().splitlines()
-        except OSError as err:
+        except (OSError, ValueError) as err:
             raise KeysError(f"{self._authority}: {err}") from err
         now, found = datetime.now(timezone.utc), []
         for line in lines:
-            state, ends, _, serial, _, subject = line.split("\t")
-            # Two digits of the year up to 2049 (RFC 5280, 4.1.2.5).
-            end = datetime.strptime(f"20{ends}" if len(ends) == 13 else ends, _TIME)
+            try:
+                state, ends, _, serial, _, subject = line.split("\t")
+                # Two digits of the year up to 2049 (RFC 5280, 4.1.2.5).
+                end = datetime.strptime(f"20{ends}" if len(ends) == 13 else ends, _TIME)
+            except ValueError as err:
+                raise KeysError(f"{self._authority / 'index.txt'}: {line!r} is no entry") from err
             end = end.replace(tzinfo=timezone.utc)
             kind = "revoked" if state == "R" else "expired" if end < now else "valid"
             name = subject.removeprefix("/CN=")
@@ -435,10 +462,14 @@ def _say(made: dict[str, Path]) -> None:
     typer.echo("Copy each to its host and nowhere else, such as with")
     for host, folder in made.items():
         typer.echo(f"    scp -r {folder} {host}:")
+    example = next(iter(made.values())).name
     typer.echo(
-        "and there, in that folder (openvpn and iproute2 have to be installed):\n"
-        "    sudo ./team up             # opens the tunnel; leave it running\n"
-        "    ./team run COMMAND ...     # runs a node, or a shell for several, inside it"
+        "and there make it root's, who runs it (openvpn and iproute2 have to be installed):\n"
+        f"    sudo mv {example} {ROOTS_FOLDER}\n"
+        f"    sudo chown -R root:root {ROOTS_FOLDER}\n"
+        f"    sudo chmod -R go-w {ROOTS_FOLDER} && sudo chmod 755 {ROOTS_FOLDER}\n"
+        f"    sudo {ROOTS_FOLDER}/team up             # opens the tunnel; leave it running\n"
+        f"    {ROOTS_FOLDER}/team run COMMAND ...     # runs a node, or a shell, inside it"
     )
 
 
@@ -452,7 +483,8 @@ def revoke_command(
     path = team.revoke(name)
     typer.echo(
         f"revoked {name}. Copy {path} into the planner's folder on its host, such as with\n"
-        f"    scp {path} {team.address}:{PLANNER}/\n"
+        f"    scp {path} {team.address}:\n"
+        f"    ssh -t {team.address} sudo install -m 644 {path.name} {ROOTS_FOLDER}/\n"
         f"  {name} is out within {RECHECK_S} s; nothing has to be restarted."
     )
     if name == PLANNER:

@@ -77,6 +77,8 @@ _POSE_TOPICS = {"odom": _ODOMETRY, "pose_in": _POSE, "pose": _POSE}
 _INTEGER_ARRAYS = tuple(
     f"std_msgs/msg/{sign}Int{bits}MultiArray" for sign in ("", "U") for bits in (8, 16, 32, 64)
 )
+#: What is scored at most: people of one message, messages times people, identities.
+_MAX_PEOPLE, _MAX_PLACES, _MAX_IDS = 1_000, 10_000_000, 20_000
 
 
 # --------------------------------------------------------------------------------- ground truth
@@ -91,7 +93,7 @@ def read_truth(bag: BagReader) -> Truth:
     belongs to those of the others that are nearest in bag time.
 
     Raises:
-        BagError: A topic has another type, or they do not fit together.
+        BagError: A topic has another type, they do not fit together, or are more than are scored.
     """
     kinds = {
         TRUTH_TOPIC: ("geometry_msgs/msg/PoseArray",),
@@ -113,10 +115,21 @@ def read_truth(bag: BagReader) -> Truth:
         if topic != TRUTH_TOPIC:
             numbers[topic].append((time_ns, np.asarray(message.data)))
             continue
+        if len(message.poses) > _MAX_PEOPLE:
+            raise BagError(
+                f"{bag.path}: {topic} has {len(message.poses)} people; allowed: {_MAX_PEOPLE}"
+            )
         stamps.append(stamp_ns_of(message.header.stamp))
         times.append(time_ns)
         places = [(pose.position.x, pose.position.y) for pose in message.poses]
         positions.append(np.array(places, dtype=np.float64).reshape(-1, 2))
+
+    most = max(map(len, positions), default=0)
+    if len(positions) * most > _MAX_PLACES:
+        raise BagError(
+            f"{bag.path}: {TRUTH_TOPIC} has {len(positions)} messages of up to {most} people; "
+            f"allowed: {_MAX_PLACES} places in all. Cut the bag"
+        )
 
     def nearest(topic: str) -> list[NDArray[np.integer]] | None:
         given = numbers[topic]
@@ -208,8 +221,10 @@ def read_estimate(message: Any) -> Estimate:
     """The people of a mrs_people_msgs/People, as they are scored.
 
     Raises:
-        ValueError: Two of them have one id.
+        ValueError: Two of them have one id, or they are more than are scored.
     """
+    if len(message.persons) > _MAX_PEOPLE:
+        raise ValueError(f"has {len(message.persons)} people; allowed: {_MAX_PEOPLE}")
 
     def place(pose: Any) -> tuple[float, float]:
         return pose.pose.position.x, pose.pose.position.y
@@ -709,7 +724,8 @@ def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
         The topic, and what was said on it.
 
     Raises:
-        BagError: There is no such topic, or several; or two people of a message have one id.
+        BagError: There is no such topic, or several; two people of a message have one id; or they
+            are more than are scored.
     """
     topics = [t.name for t in bag.topics.values() if t.type == PEOPLE_TYPE and t.count]
     if len(topics) != 1:
@@ -718,6 +734,10 @@ def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
             f"(topics: {', '.join(topics or bag.topics)})"
         )
     try:
-        return topics[0], [read_estimate(message) for _, _, message in bag.decoded(topics)]
+        estimates = [read_estimate(message) for _, _, message in bag.decoded(topics)]
     except ValueError as err:
         raise BagError(f"{bag.path}: {topics[0]}: {err}") from err
+    ids = len({int(one) for estimate in estimates for one in estimate.ids})
+    if ids > _MAX_IDS:
+        raise BagError(f"{bag.path}: {topics[0]} has {ids} ids; allowed: {_MAX_IDS}. Cut the bag")
+    return topics[0], estimates

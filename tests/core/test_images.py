@@ -45,6 +45,14 @@ def calibration(width=320, height=240, *, f=200.0, d=(), model="plumb_bob", **ch
     return CameraModel(width, height, **values | changes)
 
 
+def test_raw_images_of_more_pixels_than_are_rectified_are_refused():
+    """A camera_info of some hundred bytes would take 400 MB."""
+    large = calibration(8192, 8192)
+    with pytest.raises(CameraError, match="raw images are 8192x8192; allowed, .* 16777216 pixels"):
+        ImagePreparer(large, rectified=False, width=160, height=120)
+    ImagePreparer(large, rectified=True, width=160, height=120)
+
+
 def test_a_rectified_image_that_fits_stays_as_it_is():
     image = np.random.default_rng(0).integers(0, 256, (120, 160)).astype(np.uint8)
     prepare = ImagePreparer(calibration(160, 120), rectified=True, width=160, height=120)

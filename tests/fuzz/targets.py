@@ -232,14 +232,14 @@ def _transform() -> bytes:
 POINTS = "sensor_msgs/msg/PointCloud2"
 
 
-def _points(bodies: bool, count: int = 12) -> Any:
+def _points(bodies: bool, count: int = 12, sigma: float = 0.1) -> Any:
     dtype = BODY_DTYPE if bodies else CELL_DTYPE
     cells = np.zeros(count, dtype)
     cells["x"], cells["y"] = 2.0, 0.05 * np.arange(count)
     cells["z"], cells["z_min"], cells["top"], cells["count"] = 1.3, 0.3, 1.7, 20
     if bodies:
         cells["body"], cells["score"] = 1, 3.0
-        cells["sigma_range"], cells["sigma_across"] = 0.1, 0.05
+        cells["sigma_range"], cells["sigma_across"] = sigma, sigma / 2
     codes = {"f": 7, "u": 6}
     fields = [
         _make("sensor_msgs/msg/PointField", name=name, offset=4 * i, datatype=codes[dtype[i].kind],
@@ -399,7 +399,7 @@ _CELLS = struct.Struct("<HBBbb")
 def take_full_scan(data: bytes) -> None:
     """A scan as large as any may be: six bytes each say where so many cells are, and how close."""
     parts = [_CELLS.unpack_from(data, at) for at in range(0, len(data) - 5, 6)]
-    left, places, bodies = 20_000, [], []
+    left, places, bodies = messages._MAX_CELLS, [], []
     for number, (count, spread, of_body, x, y) in enumerate(parts):
         count = min(count, left)
         left -= count
@@ -408,7 +408,7 @@ def take_full_scan(data: bytes) -> None:
         middle = np.array([x, y]) / 10
         places.append(middle + rng.uniform(-size, size, (count, 2)))
         bodies.append(np.full(count, of_body % 120))
-    cells = np.zeros(20_000 - left, BODY_DTYPE)
+    cells = np.zeros(messages._MAX_CELLS - left, BODY_DTYPE)
     if not cells.size:
         return
     cells["x"], cells["y"] = np.concatenate(places).T
@@ -431,15 +431,13 @@ def _full_scans() -> list[bytes]:
 
 
 _EVENT = struct.Struct("<BBhhhb")
-#: What the numbers of an event are multiplied by: time [s], the stamp's delay [s], place [m].
-_SCALES = (0.02, 0.3, 50.0)
 
 
 def take_sequence(data: bytes) -> None:
-    """Poses, scans and grids of three robots over time, by nine bytes each.
+    """Poses and scans of three robots over time, by nine bytes each.
 
-    The first byte says of which robot, which of these, and on what scale the time that has gone by,
-    the delay and the place are: near what is usual, or far from it.
+    The first byte says of which robot and which of these, and how unsure it is; the second on what
+    scale the time that has gone by, the delay and the place are: near what is usual, or far off.
     """
     collector = IntervalCollector(PlannerConfig().interval, ["robot_a"])
     planner = Planner(PlannerConfig())
@@ -455,10 +453,11 @@ def take_sequence(data: bytes) -> None:
             if which & 32:
                 message = _odometry("map", f"{robot}/base_link")
                 message.pose = _pose(*place, yaw=0.1 * y)
+                message.pose.covariance *= (1.0, 0.0, 1e14, np.nan)[which >> 6]
                 message.header.stamp = _stamp(stamp_ns)
                 collector.add_pose(robot, messages.read_pose(message), now_ns)
             else:
-                cloud = _points(bodies=bool(which & 16), count=which & 15)
+                cloud = _points(bool(which & 16), which & 15, (0.1, 1e-9, 1e9, 1e-30)[which >> 6])
                 cloud.header.frame_id = f"{robot}/base_link"
                 cloud.header.stamp = _stamp(stamp_ns)
                 collector.add_scan(messages.read_scan(cloud, robot), now_ns)
@@ -716,7 +715,7 @@ TARGETS: Mapping[str, Target] = {
     ),
     "diagnosed": Target(take_diagnosed, lambda: [_diagnostics()], 3_000, 3_000),
     "full_scan": Target(take_full_scan, _full_scans, 600, 20),
-    "sequence": Target(take_sequence, _sequences, 2_000, 40),
+    "sequence": Target(take_sequence, _sequences, 1_100, 40),
     "oak": Target(take_oak, _oak, 3_000, 500),
     "pcd": Target(take_pcd, _pcds, 2_000, 1_000),
     "scene": Target(take_scene, lambda: [text.encode() for text in _SCENES], 2_000, 100),

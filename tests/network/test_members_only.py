@@ -154,6 +154,7 @@ class Seen:
     robots_while_spied: set[str] = field(default_factory=set)
     robots_after_revoking: set[str] = field(default_factory=set)
     member_heard: set[str] = field(default_factory=set)
+    copy_came_back: int = -1
     cut_after_s: float = 0.0
     heard_after_cut: int = -1
     packets: list[dict[str, Any]] = field(default_factory=list)
@@ -301,14 +302,22 @@ def scenario(world: World) -> Seen:
     world.end("knock", *spies)
 
     # The same spy as a member, until it is one no more.
+    shutil.copytree(folder / "laptop", folder / "copy")
     world.tunnel(folder / "laptop", "laptop")
     member = world.task("member", "laptop", "spy", "robot_x")
     until(lambda: member.lines and len(member.lines[-1]["heard"]) == len(HEARABLE), world.logs)
     until(lambda: used(listener.lines[-20:]) == {*ROBOTS, "robot_x"}, world.logs)
     result.member_heard = set(member.lines[-1]["heard"])
+    # Somebody else comes with a copy of its folder.
+    copy, log = world.tunnel(folder / "copy", "spy"), world.tasks["vpn-planner"]
+    connects = re.compile(r"(10\.77\.0\.\d+):\d+ \[laptop\] Peer Connection Initiated")
+    both = {hosts.addresses["laptop"], hosts.addresses["spy"]}
+    until(lambda: min(map(connects.findall(log.text).count, both)) >= 3, world.logs)
     shutil.copy(keys.revoke("laptop"), folder / "planner")
     revoked = time.time()
-    until(lambda: "CN=laptop" in world.tasks["vpn-planner"].text, world.logs)
+    refused = re.compile(r"(10\.77\.0\.\d+):\d+ VERIFY ERROR: .*certificate revoked: CN=laptop")
+    until(lambda: both <= set(refused.findall(log.text)), world.logs)
+    connected = copy.text.count("Initialization Sequence Completed")
     result.cut_after_s = time.time() - revoked
     until(lambda: all("robot_x" not in x["robots"] for x in listener.lines[-3:]), world.logs)
     reports = len(member.lines)
@@ -318,6 +327,7 @@ def scenario(world: World) -> Seen:
     result.rates["tunnel"] = figures(lines)
     result.robots_after_revoking = used(lines)
     until(lambda: any(map(complete, listener.lines[-3:])), world.logs)
+    result.copy_came_back = copy.text.count("Initialization Sequence Completed") - connected
     result.heard_after_cut = sum(member.lines[-1]["heard"].values()) - before
     for host in team:
         result.packets += world.tasks[f"sniff-{host}"].lines[1:]
@@ -382,6 +392,11 @@ def test_member_gets_through_until_revoked(seen: Seen) -> None:
     assert seen.member_heard == HEARABLE
     assert seen.robots_after_revoking == set(ROBOTS)
     assert seen.heard_after_cut == 0
+
+
+def test_copy_of_a_folder_is_out_when_the_folder_is_revoked(seen: Seen) -> None:
+    """Until then both had thrown each other out, three times and more."""
+    assert seen.copy_came_back == 0
 
 
 def test_no_robot_is_taken_for_the_planner(seen: Seen) -> None:

@@ -51,6 +51,15 @@ def test_a_picture_every_fifth_of_a_second(pictures):
     assert len(pictures) == 21
 
 
+@pytest.mark.parametrize("span_s", [-1, 4 * 365 * 86_400])
+def test_clocks_that_jump_are_refused(tmp_path, span_s):
+    """Years in between are 26 GiB of times."""
+    first, *_, last = walk()
+    last = dataclasses.replace(last, stamp_ns=first.stamp_ns + span_s * 10**9)
+    with pytest.raises(PeopleLocError, match=f": {span_s} s in between; allowed .*: 0 to 3600"):
+        animate([first, last], tmp_path / "walk.gif")
+
+
 def test_nothing_but_the_map_and_its_head_changes(pictures):
     height = len(pictures[0])
     changed = np.any([(p != pictures[0]).any(axis=2) for p in pictures], axis=0)

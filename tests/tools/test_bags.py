@@ -403,12 +403,41 @@ def test_values_of_other_types_in_sqlite(tmp_path, table, column, value, hint):
     assert hint in error_of(file)
 
 
+def laughs(depth=8):
+    """Lists of nine times the list before: 9 ** depth words in some hundred bytes."""
+    lists = ["a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol]"]
+    for n in range(1, depth):
+        lists.append(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]")
+    return "\n".join(lists) + "\n"
+
+
+@pytest.mark.parametrize("key", ["compression_format", "name", "serialization_format"])
+def test_metadata_that_grows(tmp_path, key):
+    """rosbags says what it finds, in full: 250 MB of laughter."""
+    write_sample(tmp_path / "b")
+    metadata = tmp_path / "b" / "metadata.yaml"
+    text = metadata.read_text().replace("compression_mode: ''", "compression_mode: MESSAGE")
+    text, found = re.subn(rf"{key}: .*", f"{key}: *a7", text)
+    assert found
+    metadata.write_text(laughs() + text)
+    tracemalloc.start()
+    assert "found an alias" in error_of(tmp_path / "b")
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
+
+
+def test_metadata_nested_without_end(tmp_path):
+    write_sample(tmp_path / "b")
+    (tmp_path / "b" / "metadata.yaml").write_text("[" * 100_000)
+    assert "recursion" in error_of(tmp_path / "b")
+
+
 # ------------------------------------------------------------------------------------- bounds
 
 
 @pytest.fixture
 def small_limit(monkeypatch):
-    """256 MiB would take a while to write."""
+    """64 MiB would take a while to write."""
     monkeypatch.setattr(bag_checks, "MAX_BYTES", 1_000_000)
     monkeypatch.setattr(bag_checks, "MAX_GROWTH", 2)
 

@@ -22,6 +22,7 @@ pytest.importorskip("typer", reason="the mrs command needs typer")
 from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
+from mrs_tools import offline
 from mrs_tools.bags import BagReader, BagWriter, default_typestore, require_types
 from mrs_tools.cli import app
 from mrs_tools.evaluate import Result, as_json, evaluate_bag, names_of
@@ -111,6 +112,53 @@ def test_truth_of_another_type_is_refused(make_bag):
 
     with BagReader(make_bag(fill)) as bag, pytest.raises(BagError, match=r"String.*PoseArray"):
         read_truth(bag)
+
+
+def test_more_people_than_are_scored_are_refused(make_bag):
+    crowd = make_bag(lambda bag: bag.truth(0, *[(0, n) for n in range(1001)]))
+    with BagReader(crowd) as bag, pytest.raises(BagError, match="has 1001 people; allowed: 1000"):
+        read_truth(bag)
+
+
+def test_truth_that_would_fill_the_memory_is_refused(make_bag, monkeypatch):
+    """One message says for how many people all the others have room."""
+    monkeypatch.setattr(offline, "_MAX_PLACES", 100)
+
+    def fill(bag: Bag) -> None:
+        bag.truth(0, *[(0, n) for n in range(10)])
+        for ms in range(1, 11):
+            bag.truth(ms, (0, 0))
+
+    with (
+        BagReader(make_bag(fill)) as bag,
+        pytest.raises(BagError, match="11 messages of up to 10 people; allowed: 100 places in all"),
+    ):
+        read_truth(bag)
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_more_recorded_people_than_are_scored_are_refused(make_bag):
+    crowd = make_bag(lambda bag: bag.people(0, *[(0, n) for n in range(1001)]))
+    with (
+        BagReader(crowd) as bag,
+        pytest.raises(BagError, match="/people: has 1001 people; allowed: 1000"),
+    ):
+        read_recorded(bag)
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_more_ids_than_are_scored_are_refused(make_bag, monkeypatch):
+    monkeypatch.setattr(offline, "_MAX_IDS", 5)
+
+    def fill(bag: Bag) -> None:
+        for ms in range(6):
+            bag.people(ms, (0, 0), ids=(ms + 1,))
+
+    with (
+        BagReader(make_bag(fill)) as bag,
+        pytest.raises(BagError, match="/people has 6 ids; allowed: 5"),
+    ):
+        read_recorded(bag)
 
 
 # ------------------------------------------------------------------------------------ recorded

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import stat
 import subprocess
@@ -121,8 +122,40 @@ def test_script_is_one(team: TeamKeys) -> None:
     assert subprocess.run(["sh", "-n", script], check=False).returncode == 0
     done = subprocess.run(["sh", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.startswith("sudo ./team up ")
-    assert "./team run COMMAND" in done.stderr
+    assert done.stderr.startswith("sudo team up ")
+    assert "team run COMMAND" in done.stderr
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="gives files to another user, which only root may")
+@pytest.mark.parametrize("who", ["folder", "script", "key", "above"])
+def test_script_that_others_may_write_is_not_run_by_root(
+    team: TeamKeys, tmp_path: Path, who: str
+) -> None:
+    """A service of root's in a folder of the robot's user would make him root."""
+    folder = (tmp_path / "above" / "mrs_team").absolute()
+    folder.parent.mkdir(mode=0o755)
+    shutil.move(team.folder / PLANNER, folder)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for name in ("ip", "openvpn"):
+        (tools / name).write_text(f"#!/bin/sh\necho ran {name}\n")
+        (tools / name).chmod(0o755)
+    env = {"PATH": f"{tools}:/usr/sbin:/usr/bin:/sbin:/bin"}
+
+    def up() -> subprocess.CompletedProcess[str]:
+        command = ["sh", str(folder / "team"), "up"]
+        return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+
+    assert "ran openvpn" in up().stdout, up()
+    place = {"folder": folder, "script": folder / "team", "key": folder / "key.pem"}
+    os.chown(place.get(who, folder.parent), 1000, 1000)
+    refused = up()
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert refused.stderr.startswith("error: root would run what others may write: ")
+    assert "sudo chown -R root:root /etc/mrs_team" in refused.stderr
+    os.chown(place.get(who, folder.parent), 0, 0)
+    place.get(who, folder.parent).chmod(0o775)
+    assert up().returncode == 1
 
 
 def test_script_runs_commands_as_who_calls_it(team: TeamKeys, tmp_path: Path) -> None:
@@ -246,6 +279,23 @@ def test_no_team_and_a_broken_one(tmp_path: Path, team: TeamKeys) -> None:
         TeamKeys(team.folder)
 
 
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"address": "a", "port": 1e999}', '{"address": "a"}', "[]", "\udc80"]
+)
+def test_files_of_the_authority_that_say_nothing(team: TeamKeys, text: str) -> None:
+    file = team.folder / "authority" / "team.json"
+    file.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(KeysError, match=r"team\.json: "):
+        TeamKeys(team.folder)
+
+
+@pytest.mark.parametrize("line", ["V", "V\tsoon\t\t01\tunknown\t/CN=robot_a"])
+def test_certificates_that_are_no_entry(team: TeamKeys, line: str) -> None:
+    (team.folder / "authority" / "index.txt").write_text(line + "\n")
+    with pytest.raises(KeysError, match=r"index\.txt: .* is no entry"):
+        team.certificates()
+
+
 def test_without_openssl(team: TeamKeys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(KeysError, match="apt install openssl"):
@@ -269,7 +319,8 @@ def test_command(tmp_path: Path) -> None:
     assert f"made {folder / PLANNER}" in made.output
     assert TeamKeys(folder).port == DEFAULT_PORT
     made = mrs("make", "robot_a", "robot_b", "-k", folder)
-    assert made.output.count("sudo ./team up") == 1
+    assert made.output.count("sudo /etc/mrs_team/team up") == 1
+    assert made.output.count("sudo chown -R root:root /etc/mrs_team") == 1
     assert f"scp -r {folder / 'robot_b'} robot_b:" in made.output
     revoked = mrs("revoke", "robot_b", "-k", folder)
     assert f"scp {folder / PLANNER / 'crl.pem'}" in revoked.output

@@ -312,9 +312,10 @@ def test_recorded_pedestrians_walk_where_they_did(tmp_path: Path) -> None:
     assert two.at(2.2).y == pytest.approx(9.0 - 0.4 * 6.5 - 6.0, abs=0.05)
     with pytest.raises(ConfigError, match="nobody is there"):
         motion.read_tracks(file, (100.0, 110.0, 0.0, 0.0), 1.0)
-    file.write_text("a b c")
-    with pytest.raises(ConfigError, match=r"no obsmat\.txt"):
-        motion.read_tracks(file, (), 1.0)
+    for text in ("a b c", "1 1 nan 0 1\n2 1 1 0 1\n", "1 1 1 0 1\n1 1 1 0 1\n"):
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=r"no obsmat\.txt"):
+            motion.read_tracks(file, (), 1.0)
 
 
 # ---------------------------------------------------------------------------- odometry ----
@@ -905,3 +906,16 @@ def test_command_says_what_is_wrong(
     assert result.exit_code == code
     assert part in result.output + result.stderr
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("scene", "hint"),
+    [
+        ({"timing": {"frames": 100_000, "rate": 0.1}}, "last 999990 s; allowed: 3600"),
+        ({"people": [{"path": [0, 0, 1e12, 0]}]}, "people: path is 1000000000000 m long; allowed"),
+        ({"walk": {"path": [0, 0, 1e12, 0]}}, "walk: path is 1000000000000 m long; allowed: 10000"),
+    ],
+)
+def test_scenes_that_would_fill_the_memory_are_refused(scene, hint):
+    with pytest.raises(ConfigError, match=hint):
+        read_scene(scene, "scene")

@@ -300,6 +300,8 @@ def read_tracks(
     """
     try:
         rows = np.loadtxt(path, ndmin=2)
+        if not np.isfinite(rows[:, (0, 1, 2, 4)]).all():
+            raise ValueError("it holds NaN or infinite values")
         frames, ids, xy = rows[:, 0], rows[:, 1].astype(int), rows[:, (2, 4)]
     except (OSError, ValueError, IndexError) as err:
         raise ConfigError(f"{path}: no obsmat.txt of a pedestrian data set: {err}") from err
@@ -310,6 +312,8 @@ def read_tracks(
     if not same.any():
         raise ConfigError(f"{path}: no obsmat.txt of a pedestrian data set: each id has one row")
     step = float(np.median(np.diff(frames)[same]))
+    if step <= 0:
+        raise ConfigError(f"{path}: no obsmat.txt of a pedestrian data set: frames repeat")
     at = (frames - frames.min()) / step * 0.4
     first, last, x0, y0 = window or (0.0, math.inf, 0.0, 0.0)
     t = times(duration)

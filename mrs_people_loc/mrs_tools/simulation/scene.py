@@ -25,6 +25,7 @@ a flat list x0, y0, x1, y1, ...
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,10 @@ from mrs_people_loc.config import PlannerConfig, Section, load_yaml
 from mrs_people_loc.errors import ConfigError
 
 _TAU = 6.2832
+#: Longest scene [s]: everybody's way is kept in steps of some milliseconds.
+_MAX_S = 3600
+#: Longest path [m]: it is kept in steps of centimetres.
+_MAX_PATH_M = 10_000
 
 
 def _field(default: Any, doc: str, **limits: Any) -> Any:
@@ -435,16 +440,13 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
         )
         for kind, items in (("people", scene.people), ("robots", scene.robots.values())):
             for item in items:
-                if len(item.path) % 2 or len(item.path) == 2:
-                    raise ConfigError(
-                        f"{kind}: path has {len(item.path)} numbers; wanted x0, y0, "
-                        "x1, y1, ...: at least two points"
-                    )
-        path = scene.walk.path
-        if len(path) % 2 or len(path) == 2:
+                _check_path(item.path, kind)
+        _check_path(scene.walk.path, "walk")
+        lasts_s = (scene.timing.frames - 1) / scene.timing.rate
+        if lasts_s > _MAX_S:
             raise ConfigError(
-                f"walk: path has {len(path)} numbers; wanted x0, y0, x1, y1, ...: at least two "
-                "points"
+                f"timing: {scene.timing.frames} frames at {scene.timing.rate:g} Hz last "
+                f"{lasts_s:.0f} s; allowed: {_MAX_S}"
             )
         if len(scene.tracks_window) not in (0, 4):
             raise ConfigError("tracks_window wants four numbers: first and last time, x, y")
@@ -470,6 +472,17 @@ def load_scene(path: str | Path, *, seed: int | None = None) -> Scene:
         for name, head in scene.heads.items()
     }
     return dataclasses.replace(scene, heads=heads)
+
+
+def _check_path(path: tuple[float, ...], kind: str) -> None:
+    if len(path) % 2 or len(path) == 2:
+        raise ConfigError(
+            f"{kind}: path has {len(path)} numbers; wanted x0, y0, x1, y1, ...: at least two points"
+        )
+    points = list(zip(path[::2], path[1::2], strict=True))
+    length_m = sum(map(math.dist, points, points[1:]))
+    if length_m > _MAX_PATH_M:
+        raise ConfigError(f"{kind}: path is {length_m:.0f} m long; allowed: {_MAX_PATH_M}")
 
 
 def _mapping(value: object, name: str) -> Mapping[str, Any]:
