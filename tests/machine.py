@@ -111,15 +111,15 @@ def nine_of_ten(
         f"processors at most; left out, with up to {max(shares):.0%}: {_listed(left_out)}"
     )
     if len(took) < tries:
-        reason = (
-            f"{what}: this machine was too busy with other things to say; {len(took)} of {tries} "
-            f"tries had no more than {QUIET:.0%} of its processors used by others"
-        )
-        if os.environ.get("CI"):
-            pytest.fail(reason)
-        pytest.skip(reason)
+        raise too_busy(f"{what}: {len(took)} of {tries} tries counted")
     within = sorted(took)[math.ceil(0.9 * tries) - 1]
     assert within <= bound, f"{what}: nine of ten within {within:.2f}; promised: {bound:g} {unit}"
+
+
+def too_busy(what: str) -> BaseException:
+    """What a test raises on a machine that is too busy: it is skipped, and fails in CI."""
+    reason = f"this machine is too busy: others had more than {QUIET:.0%} of its processors; {what}"
+    return (pytest.fail if os.environ.get("CI") else pytest.skip).Exception(reason)
 
 
 def _wait_for_a_quiet_moment() -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from rclpy.serialization import serialize_message
 
-from machine import QUIET, Used
+from machine import QUIET, Used, too_busy
 from mrs_people_loc.config import load_team
 from mrs_ros import convert
 from mrs_tools.bench_live import Recorded, read_recorded
@@ -55,11 +55,16 @@ def check(load: Load, *, long: bool) -> None:
     most = round(len(load.sent) * (LONG_LOSES if long else SHORT_LOSES))
     assert len(load.lost) <= most, f"{len(load.lost)} of {len(load.sent)} went into no people"
     assert load.partial <= most
-    grew = {name: load.growth_kb(name) for name in load.memory_kb}
-    assert max(grew.values()) < SETTLES_KB, grew
+    check_memory(load)
     for which in ("oldest", "newest") if long else ():
         first, last = load.latency_ms(which)
         assert last < first * WANDERS + WANDERS_MS, which
+
+
+def check_memory(load: Load) -> None:
+    """Holds that nothing grew, however busy the machine was."""
+    grew = {name: load.growth_kb(name) for name in load.memory_kb}
+    assert max(grew.values()) < SETTLES_KB, grew
 
 
 def checked(run_once: Callable[[], Load], *, long: bool) -> Load:
@@ -67,13 +72,18 @@ def checked(run_once: Callable[[], Load], *, long: bool) -> Load:
 
     Which one counts is said by what others used, not by what came out.
     """
-    for _ in range(1 if long else TRIES):
+    if long:
+        load = run_once()
+        check(load, long=True)
+        return load
+    for _ in range(TRIES):
         before = Used.now()
         load = run_once()
         if before.by_others() <= QUIET:
-            break
-    check(load, long=long)
-    return load
+            check(load, long=False)
+            return load
+        check_memory(load)
+    raise too_busy(f"{len(load.lost)} of {len(load.sent)} went into no people")
 
 
 @pytest.mark.slow
