@@ -18,7 +18,7 @@ def others(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """What others use during each try; nothing where it ends."""
     shares: list[float] = []
     monkeypatch.setattr(Used, "by_others", lambda self: shares.pop(0) if shares else 0.0)
-    monkeypatch.setattr(machine, "_wait_for_a_quiet_moment", lambda: None)
+    monkeypatch.setattr(machine, "_quiet_moment_comes", lambda: True)
     monkeypatch.delenv("CI", raising=False)
     return shares
 
@@ -61,6 +61,16 @@ def test_a_busy_machine_says_nothing(
     outcome = pytest.fail.Exception if ci else pytest.skip.Exception
     with pytest.raises(outcome, match="is too busy: .*; it: 0 of 10 tries counted"):
         nine_of_ten(lambda: 0.1, 1.0, "it")
+
+
+def test_a_machine_that_stays_busy_is_not_waited_for(
+    others: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "_quiet_moment_comes", lambda: False)
+    others += [0.0, 0.9]
+    times = iter([0.1, 0.1])
+    with pytest.raises(pytest.skip.Exception, match="1 of 10 tries counted"):
+        nine_of_ten(lambda: next(times), 1.0, "it")
 
 
 def test_what_this_test_starts_is_ours() -> None:
