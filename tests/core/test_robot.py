@@ -294,10 +294,12 @@ def test_all_people_of_the_starter_bag_are_found_and_none_is_invented(bag):
         assert sorted(nearest) == [0, 1, 2, 3, 4]  # one to one
         errors += list(away.min(axis=0))
         group_error = math.dist(people.group.centre, bag.truth.mean(axis=0))
-        assert group_error <= 0.06
+        assert group_error <= 0.047  # 0.041 m in the worst interval
         assert people.group.size == 5
-    assert max(errors) < 0.15
-    assert np.mean(errors) <= 0.06
+    # Means of 0.043 and 0.031 m, at most 0.125 and 0.099 m; and what StereoBM's versions differ by.
+    searched = bag.team.robots["robot_a"].bodies.search
+    assert max(errors) < (0.12 if searched else 0.14)
+    assert np.mean(errors) <= (0.036 if searched else 0.047)
 
 
 def test_errors_in_the_starter_bag_are_of_the_size_that_the_covariances_say(bag):

@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import json
 import math
-import os
 import pickle
 import subprocess
 import sys
@@ -163,20 +162,6 @@ class TeamOnHosts:
         for log in sorted(self._folder.glob("*.log")):
             lines += [f"{log.name}:", *log.read_text(errors="replace").splitlines()[-8:]]
         return "\n".join(lines)
-
-    def on_network(self, name: str) -> float:
-        """Waits until a node that was started has opened its sockets; returns when [s]."""
-        descriptors = Path("/proc", str(self.nodes[name].pid), "fd")
-
-        def sockets() -> int:
-            found = 0
-            for file in descriptors.iterdir():
-                with contextlib.suppress(FileNotFoundError):  # closed meanwhile
-                    found += os.readlink(file).startswith("socket:")
-            return found
-
-        self.until(lambda: sockets() >= 3, f"{name} does not come up")
-        return time.monotonic()
 
     def since(self, moment: float) -> list[Heard]:
         """What was heard from a moment on."""

@@ -1,5 +1,5 @@
 """Cables are pulled, packets are lost, processes are killed; three robots and a planner, each on
-its host. What is measured is printed; what is held is that people come and the full rate returns.
+its host. What is measured is printed, and held against what docs/network.md promises of it.
 """
 
 from __future__ import annotations
@@ -13,11 +13,18 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from machine import nine_of_ten
 from network.team import FRAME_HZ, PLANNER, PLAYED, REAL, ROBOTS, Span, TeamOnHosts, team_on_hosts
 
-pytestmark = pytest.mark.timeout(300)  # 5 s each where nothing else runs
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(300)]
 Show = Callable[[str], None]
 FAR, OTHERS = REAL, set(PLAYED)
+#: What docs/network.md promises for people after an outage, a long one (the lease is over), and one
+#: of all robots; and from the new start of a robot_node and of a planner_node [s].
+BACK_S, LONG_BACK_S, ALL_BACK_S = 1.0, 2.0, 1.5
+ROBOT_STARTS_S, PLANNER_STARTS_S = 3.0, 2.0
+#: The share of a robot's scans that is not used where so many packets are lost, at most.
+LOST = {0.05: 0.4, 0.20: 0.7}
 
 
 #: Prints the times at which a host announces a participant, by multicast, as RTPS has it.
@@ -54,9 +61,7 @@ def back_after(team: TeamOnHosts, outage_s: float) -> float:
     team.until(others_go_on, "the others do not go on, finding people")
     moment = time.monotonic()
     team.hosts.link(FAR, up=True)
-    took = team.back(FAR, moment)
-    team.full_rate()
-    return took
+    return team.back(FAR, moment)
 
 
 def test_images_stay_on_their_robot(team: TeamOnHosts, show: Show) -> None:
@@ -87,27 +92,42 @@ def test_nodes_announce_themselves_as_the_profile_says(team: TeamOnHosts) -> Non
 
 
 def test_a_link_goes_down(team: TeamOnHosts, show: Show) -> None:
-    show(f"link down for 3 s: people are back {back_after(team, 3.0):.2f} s after link up")
+    what = "link down for 1 s: people are back after link up"
+    nine_of_ten(lambda: back_after(team, 1.0), BACK_S, what, show=show)
+    team.full_rate()
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("outage_s", [3, 30, 120])
-def test_a_link_goes_down_for_long(team: TeamOnHosts, show: Show, outage_s: float) -> None:
-    took = back_after(team, outage_s)
-    show(f"link down for {outage_s:g} s: people are back {took:.2f} s after link up")
-
-
-def under_loss(
-    team: TeamOnHosts, show: Show, probability: float, seconds: float, least_hz: float
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize(
+    ("outage_s", "bound_s", "tries"),
+    [(3, BACK_S, 10), (30, LONG_BACK_S, 10), (120, LONG_BACK_S, 3)],
+)
+def test_a_link_goes_down_for_long(
+    team: TeamOnHosts, show: Show, outage_s: float, bound_s: float, tries: int
 ) -> None:
+    what = f"link down for {outage_s:g} s: people are back after link up"
+    nine_of_ten(lambda: back_after(team, outage_s), bound_s, what, tries=tries, show=show)
+    team.full_rate()
+
+
+def under_loss(team: TeamOnHosts, show: Show, probability: float, seconds: float) -> None:
     """Loses that share of all packets between hosts; every robot must take part so often."""
-    for host in (*ROBOTS, PLANNER):
-        team.hosts.loss(host, probability)
-    time.sleep(seconds + 0.5)
-    show(f"{probability:4.0%} of packets lost: {Span.of(team, seconds)}")
-    team.until(lambda: Span.of(team, seconds).robot_hz > least_hz, "robots are hardly heard")
-    for host in (*ROBOTS, PLANNER):
-        team.hosts.loss(host, 0.0)
+
+    def lost() -> float:
+        time.sleep(seconds + 0.5)
+        span = Span.of(team, seconds)
+        show(f"{probability:4.0%} of packets lost: {span}")
+        return 1.0 - span.robot_hz / FRAME_HZ
+
+    try:
+        for host in (*ROBOTS, PLANNER):
+            team.hosts.loss(host, probability)
+        what = f"{probability:.0%} of packets lost: of a robot's scans are not used"
+        nine_of_ten(lost, LOST[probability], what, unit="of 1", tries=1, show=show)
+    finally:
+        for host in (*ROBOTS, PLANNER):
+            team.hosts.loss(host, 0.0)
     team.full_rate()
 
 
@@ -117,45 +137,46 @@ def under_loss(
 def test_packets_are_lost(team: TeamOnHosts, show: Show, seconds: float) -> None:
     team.full_rate()
     show(f"{'none lost':>20s}: {Span.of(team, 2.0)}")
-    under_loss(team, show, 0.05, seconds, 0.5 * FRAME_HZ)
-    under_loss(team, show, 0.20, seconds, 0.1 * FRAME_HZ)
+    for probability in LOST:
+        under_loss(team, show, probability, seconds)
 
 
 def test_planner_is_cut_off_for_3_s(team: TeamOnHosts, show: Show) -> None:
-    team.hosts.partition(PLANNER)
-    time.sleep(3.0)
-    team.until(lambda: not team.since(time.monotonic() - 1.0), "it still hears robots")
-    mended = time.monotonic()
-    team.hosts.partition()
-    took = team.all_back(ROBOTS, mended)
-    show(f"planner cut off for 3 s: people are back after {took:.2f} s")
+    def back() -> float:
+        team.hosts.partition(PLANNER)
+        time.sleep(3.0)
+        team.until(lambda: not team.since(time.monotonic() - 1.0), "it still hears robots")
+        mended = time.monotonic()
+        team.hosts.partition()
+        return team.all_back(ROBOTS, mended)
+
+    what = "planner cut off for 3 s: people are back after"
+    nine_of_ten(back, ALL_BACK_S, what, tries=3, show=show)
     team.full_rate()
 
 
 def test_a_robot_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> None:
-    team.nodes[FAR].kill()
-    team.nodes[FAR].wait()
-    team.until_seers(OTHERS, "the others do not go on")
-    moment = time.monotonic()
-    team.start_robot()
-    up = team.on_network(FAR)
-    took = team.back(FAR, moment)
-    show(
-        f"robot_node killed: its people are back {took:.2f} s after its start, "
-        f"{moment + took - up:.2f} s after it was on the network"
-    )
+    def back() -> float:
+        team.nodes[FAR].kill()
+        team.nodes[FAR].wait()
+        team.until_seers(OTHERS, "the others do not go on")
+        moment = time.monotonic()
+        team.start_robot()
+        return team.back(FAR, moment)
+
+    what = "robot_node killed: its people after its new start"
+    nine_of_ten(back, ROBOT_STARTS_S, what, tries=3, show=show)
     team.full_rate()
 
 
 def test_planner_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> None:
-    team.nodes[PLANNER].kill()
-    team.nodes[PLANNER].wait()
-    moment = time.monotonic()
-    team.start_planner()
-    up = team.on_network(PLANNER)
-    took = team.all_back(ROBOTS, moment)
-    show(
-        f"planner_node killed: people of all robots {took:.2f} s after its start, "
-        f"{moment + took - up:.2f} s after it was on the network"
-    )
+    def back() -> float:
+        team.nodes[PLANNER].kill()
+        team.nodes[PLANNER].wait()
+        moment = time.monotonic()
+        team.start_planner()
+        return team.all_back(ROBOTS, moment)
+
+    what = "planner_node killed: people of all robots after its new start"
+    nine_of_ten(back, PLANNER_STARTS_S, what, tries=3, show=show)
     team.full_rate()

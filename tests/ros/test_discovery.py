@@ -72,15 +72,16 @@ def test_robot_is_found_when_it_appears(planner: PlannerPeer, robot: PlayedRobot
 
 
 def test_one_robot_is_answered_at_once(planner: PlannerPeer, robot: PlayedRobot) -> None:
-    """There is nobody to wait for: below `max_wait`, where the machine is not held up each time."""
+    """There is nobody to wait for: below `max_wait`, nine times of ten, if the machine is busy."""
     took_s = []
-    for _ in range(3):
+    for _ in range(10):
         stamp_ns = planner.now()
         began = time.monotonic()
         robot.send(stamp_ns, SOMEBODY)
         assert robots_in(planner.people_at(stamp_ns)) == ["robot_a"]
         took_s.append(time.monotonic() - began)
-    assert min(took_s) < 4.0
+    print(f"answered after {', '.join(f'{took:.3f}' for took in sorted(took_s))} s")
+    assert sorted(took_s)[-2] < 4.0
 
 
 def test_what_is_no_robot_is_let_alone(planner: PlannerPeer, robot: PlayedRobot) -> None:

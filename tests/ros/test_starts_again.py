@@ -1,0 +1,55 @@
+"""How soon people are there again after a process was killed: what docs/network.md promises."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Iterator
+
+import pytest
+from mrs_people_msgs.msg import People
+
+from machine import nine_of_ten
+from ros.harness import Peer, Team
+from ros.life import ROBOTS, Life, kill
+from ros.recording import Recording
+
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(400)]
+#: From the new start of a process, that is before it has loaded anything [s].
+ROBOT_S, PLANNER_S = 3.0, 2.0
+
+
+@pytest.fixture(scope="module")
+def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
+    """All of them at work."""
+    peer = Peer(domain)
+    planner = team.start("planner_node")
+    own = copy.deepcopy(recording)  # its stamps are changed
+    made = Life(peer, team, own, planner, peer.hear(People, "/people"))
+    for robot in ROBOTS:
+        made.start(robot)
+    made.until_seen_by(*ROBOTS)
+    yield made
+    peer.close()
+
+
+def test_a_killed_robot(life: Life) -> None:
+    def back() -> float:
+        kill(life.robots["robot_b"])
+        began = time.monotonic()
+        life.start("robot_b")
+        life.until_seen_by(*ROBOTS)
+        return time.monotonic() - began
+
+    nine_of_ten(back, ROBOT_S, "robot_node killed: its people after its new start")
+
+
+def test_a_killed_planner(life: Life) -> None:
+    def back() -> float:
+        kill(life.planner)
+        began = time.monotonic()
+        life.planner = life.team.start("planner_node")
+        life.until_seen_by(*ROBOTS)
+        return time.monotonic() - began
+
+    nine_of_ten(back, PLANNER_S, "planner_node killed: people of all robots after its new start")

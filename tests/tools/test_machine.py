@@ -1,0 +1,88 @@
+"""`nine_of_ten`, by which tests hold what takes time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import machine
+from machine import Used, nine_of_ten
+
+BURN = "import time\nwhile time.process_time() < 0.3: pass"
+
+
+@pytest.fixture
+def others(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What others use during each try; nothing where it ends."""
+    shares: list[float] = []
+    monkeypatch.setattr(Used, "by_others", lambda self: shares.pop(0) if shares else 0.0)
+    monkeypatch.setattr(machine, "_quiet_moment_comes", lambda: True)
+    monkeypatch.delenv("CI", raising=False)
+    return shares
+
+
+def test_one_of_ten_may_be_slow(others: list[float]) -> None:
+    said: list[str] = []
+    times = iter([0.5, 9.0, *[1.0] * 8])
+    nine_of_ten(lambda: next(times), 1.0, "it", show=said.append)
+    assert said[0].startswith("it: 0.50, 1.00, ")
+    assert "9.00 s; others had 0% of" in said[0]
+
+
+def test_two_of_ten_may_not(others: list[float]) -> None:
+    times = iter([9.0, 9.0, *[1.0] * 8])
+    with pytest.raises(AssertionError, match=r"it: nine of ten within 9\.00; promised: 1 s"):
+        nine_of_ten(lambda: next(times), 1.0, "it")
+
+
+def test_none_of_three_may_be_slow(others: list[float]) -> None:
+    times = iter([1.0, 9.0, 1.0])
+    with pytest.raises(AssertionError, match="promised"):
+        nine_of_ten(lambda: next(times), 1.0, "it", tries=3)
+
+
+def test_a_try_counts_by_what_others_use(others: list[float]) -> None:
+    """Also one that was fast does not, and one that was slow does."""
+    others += [0.9, 0.0, 0.5]
+    times = iter([9.0, 1.0, 0.1, 2.0])
+    with pytest.raises(AssertionError, match=r"within 2\.00"):
+        nine_of_ten(lambda: next(times), 1.0, "it", tries=2)
+
+
+@pytest.mark.parametrize("ci", [False, True])
+def test_a_busy_machine_says_nothing(
+    others: list[float], monkeypatch: pytest.MonkeyPatch, ci: bool
+) -> None:
+    if ci:
+        monkeypatch.setenv("CI", "true")
+    others += [0.9] * 5
+    outcome = pytest.fail.Exception if ci else pytest.skip.Exception
+    with pytest.raises(outcome, match="is too busy: .*; it: 0 of 10 tries counted"):
+        nine_of_ten(lambda: 0.1, 1.0, "it")
+
+
+def test_a_machine_that_stays_busy_is_not_waited_for(
+    others: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "_quiet_moment_comes", lambda: False)
+    others += [0.0, 0.9]
+    times = iter([0.1, 0.1])
+    with pytest.raises(pytest.skip.Exception, match="1 of 10 tries counted"):
+        nine_of_ten(lambda: next(times), 1.0, "it")
+
+
+def test_what_this_test_starts_is_ours() -> None:
+    before = Used.now()
+    with subprocess.Popen([sys.executable, "-c", BURN]):
+        pass
+    after_it = Used.now()
+    running = subprocess.Popen([sys.executable, "-c", f"{BURN}\ninput()"], stdin=subprocess.PIPE)
+    try:
+        while Used.now().ours - after_it.ours < 0.25:
+            assert running.poll() is None
+    finally:
+        running.communicate(b"\n")
+    assert 0.25 < after_it.ours - before.ours < 5.0
+    assert after_it.all - before.all > 0.2
