@@ -18,7 +18,7 @@ _ROUNDING = 1e-5
 #: Where points are farther than this from the middle one, along y, gaps are shortened [m].
 _FAR = 1e4
 #: So many pairs are compared at once: memory that is new costs more than it is used.
-_BLOCK = 100_000
+_BLOCK = 16_000
 #: Where points have more others to look at than this, on average, most are spared. Cells of 5 cm
 #: have 14 within 15 cm that follow them, of 24 that are looked at.
 _CROWDED = 64
