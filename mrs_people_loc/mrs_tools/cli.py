@@ -28,6 +28,7 @@ except ModuleNotFoundError as err:
     sys.exit(f"error: mrs needs {err.name}: pip install 'mrs-people-loc[tools]'")
 
 from mrs_people_loc.errors import PeopleLocError
+from mrs_tools.plain import plain
 
 # name: (module:function, what it does). The function may also be a typer.Typer of its own.
 COMMANDS = {
@@ -135,7 +136,8 @@ def fail(message: str) -> NoReturn:
     from rich.console import Console
     from rich.text import Text
 
-    line = Text.assemble(("error: ", "bold red"), message)
+    lines = "\n".join(map(plain, message.split("\n")))
+    line = Text.assemble(("error: ", "bold red"), lines)
     Console(stderr=True, soft_wrap=True).print(line)
     raise typer.Exit(1)
 
