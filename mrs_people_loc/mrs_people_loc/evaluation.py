@@ -362,15 +362,15 @@ def summary(frames: Sequence[Frame]) -> dict[str, Any]:
     centres = np.array([f.centre_error for f in frames if math.isfinite(f.centre_error)])
     true = sum(int(frame.required.sum()) for frame in frames)
     matched = len(errors)
-    found = matched + sum(len(frame.false) for frame in frames)
+    estimates = matched + sum(len(frame.false) for frame in frames)
     return {
         "frames": len(frames),
         "people": {
             "true": true,
-            "found": found,
+            "estimates": estimates,
             "matched": matched,
             "recall": ratio(matched, true),
-            "precision": ratio(matched, found),
+            "precision": ratio(matched, estimates),
             "error_m": {
                 "mean": _of(np.mean, errors),
                 "median": _of(np.median, errors),

@@ -28,6 +28,7 @@ from mrs_people_loc.head import Head
 from mrs_people_loc.images import StereoImages
 from mrs_tools.bags import BagReader
 from mrs_tools.offline import BagRun
+from mrs_tools.plain import plain
 
 Float32 = NDArray[np.float32]
 
@@ -266,7 +267,7 @@ def command(
             failed.append(str(err))
             continue
         typer.echo(snippet(name, one.config.mounting, floor), nl=False)
-        console.print(f"{name}: {in_words(floor)}; {how_sure(floor)}", markup=False)
+        console.print(plain(f"{name}: {in_words(floor)}; {how_sure(floor)}"), markup=False)
         console.print(f"{name} was configured: {in_words(one.config.mounting)}", markup=False)
     if failed:
         raise FloorError("\n".join([*failed, _REMEDY]))

@@ -31,6 +31,8 @@ try:
 except ModuleNotFoundError as err:
     sys.exit(f"error: mrs needs {err.name}: {how_to_install(str(err.name))}")
 
+from mrs_tools.plain import plain
+
 # name: (module:function, what it does). The function may also be a typer.Typer of its own.
 COMMANDS = {
     "demo": ("mrs_tools.demo:command", "Replay a recorded team and compare with the truth."),
@@ -117,7 +119,8 @@ def fail(message: str) -> NoReturn:
     from rich.console import Console
     from rich.text import Text
 
-    line = Text.assemble(("error: ", "bold red"), message)
+    lines = "\n".join(map(plain, message.split("\n")))
+    line = Text.assemble(("error: ", "bold red"), lines)
     Console(stderr=True, soft_wrap=True).print(line)
     raise typer.Exit(1)
 

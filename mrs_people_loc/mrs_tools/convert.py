@@ -26,6 +26,7 @@ from mrs_people_loc.errors import BagError, CameraError, ConfigError
 from mrs_people_loc.images import Gray
 from mrs_tools.bags import BagWriter, default_typestore
 from mrs_tools.installing import how_to_install
+from mrs_tools.plain import plain
 
 Float = NDArray[np.float64]
 
@@ -698,7 +699,7 @@ def oak_command(
 ) -> None:
     """OAK-D stereo video with its calibration: raw images, to be rectified by the node."""
     count = convert_oak(folder, out, robot=robot, frames=parse_frames(frames), reduce=reduce)
-    typer.echo(f"{out}: {count} stereo pairs of {robot}")
+    typer.echo(plain(f"{out}: {count} stereo pairs of {robot}"))
 
 
 @app.command("pcl")
@@ -723,4 +724,4 @@ def pcl_command(
         reduce=reduce,
         noise_grey=noise,
     )
-    typer.echo(f"{out}: {count} stereo pairs of {robot}")
+    typer.echo(plain(f"{out}: {count} stereo pairs of {robot}"))

@@ -42,6 +42,7 @@ from mrs_tools.offline import (
     read_truth,
 )
 from mrs_tools.people import LivePeople
+from mrs_tools.plain import plain
 from mrs_tools.plots import TopView, draw_top_view, seen_floor
 from mrs_tools.replay import Replayer
 from mrs_tools.team import RunningTeam, team_processes
@@ -345,7 +346,7 @@ def _score(people: list[Any], truth: Truth, console: Console) -> None:
         raise PeopleLocError(f"none of {report['true']} people was found")
     console.print(
         f"found {report['matched']} of {report['true']} people in {len(frames)} frames of the "
-        f"ground truth, {report['found'] - report['matched']} false; mean error "
+        f"ground truth, {report['estimates'] - report['matched']} false; mean error "
         f"{100 * report['error_m']['mean']:.1f} cm (a match is within {MATCH_DISTANCE:.2f} m)"
     )
     late = sum(frame.estimate is None for frame in frames)
@@ -369,7 +370,7 @@ def _tell(views: Sequence[TopView], console: Console) -> None:
     for view in views:
         at_s = (view.stamp_ns - views[0].stamp_ns) / 1e9
         for event in view.events:
-            console.print(f"after {at_s:4.1f} s: {event}")
+            console.print(f"after {at_s:4.1f} s: {plain(event)}", markup=False)
 
 
 def _draw(views: Sequence[TopView], robots: int, out: Path, console: Console) -> None:

@@ -15,6 +15,7 @@ import typer
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
 from mrs_people_loc.health import Code
+from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -370,9 +371,9 @@ def look(node: Node, duration_s: float, spin: Any) -> Facts:
         for status in message.status:
             full_name, _, subject = status.name.partition(": ")
             if full_name.rpartition("/")[2] in _KINDS:
-                values = {entry.key: entry.value for entry in status.values}
-                entry = (_LEVELS.get(bytes(status.level), ERROR), status.message, values)
-                facts.reports.setdefault(full_name, {})[subject] = entry
+                values = {plain(entry.key): plain(entry.value) for entry in status.values}
+                entry = (_LEVELS.get(bytes(status.level), ERROR), plain(status.message), values)
+                facts.reports.setdefault(full_name, {})[plain(subject)] = entry
 
     subscription = node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
     end = time.monotonic() + duration_s
@@ -545,7 +546,7 @@ def command(
         for column in ("scans/s", r"age \[s]", r"clock \[s]", r"CPU \[%]", r"frame \[ms]"):
             table.add_column(column, justify="right")
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*map(Text, row))
         console.print(table)
     if any(check.level == ERROR for check in checks):
         raise typer.Exit(1)

@@ -40,6 +40,7 @@ from mrs_tools.offline import (
     read_truth,
     robots_of,
 )
+from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -378,6 +379,8 @@ def write_text(path: Path, text: str) -> None:
 
 def show(results: Mapping[str, Result], console: Console) -> None:
     """Prints the figures as tables."""
+    from rich.text import Text
+
     rows = dict(results)
     if len(results) > 1:
         rows["total"] = Result.pooled(list(results.values()))
@@ -394,7 +397,7 @@ def show(results: Mapping[str, Result], console: Console) -> None:
         console.print(_timing_table(last["timing_ms"]))
     for name, result in results.items():
         for note in result.notes:
-            console.print(f"{name}: {note}", style="yellow", markup=False)
+            console.print(Text(plain(f"{name}: {note}")), style="yellow")
 
 
 def _table(title: str) -> Any:
@@ -409,6 +412,8 @@ def _table(title: str) -> Any:
 
 
 def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
     table = _table("people (errors in cm; in 95%: truth is in the 95 % ellipse)")
     table.add_column("bag", overflow="fold", min_width=8)
     for column in ("frames", "true", "found", "recall", "prec.", "mean", "p95", "max"):
@@ -418,8 +423,8 @@ def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
     for name, report in reports.items():
         people, error = report["people"], report["people"]["error_m"]
         table.add_row(
-            name,
-            *(str(n) for n in (report["frames"], people["true"], people["found"])),
+            Text(plain(name)),
+            *(str(n) for n in (report["frames"], people["true"], people["matched"])),
             *(_number(people[key], 1, 3) for key in ("recall", "precision")),
             *(_number(error[key], 100, 1) for key in ("mean", "p95", "max")),
             _number(people["coverage_95"], 1, 3),
@@ -430,6 +435,8 @@ def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
 
 
 def _tracks_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
     table = _table("tracks (switches; per person and minute; MOTP, GOSPA in cm; velocity in cm/s)")
     table.add_column("bag", overflow="fold", min_width=8)
     for column in ("MOTA", "IDF1", "switches", "/min", "frag."):
@@ -439,7 +446,7 @@ def _tracks_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
     for name, report in reports.items():
         tracks, velocity = report["tracks"], report["tracks"]["velocity_error_mps"]
         table.add_row(
-            name,
+            Text(plain(name)),
             *(_number(tracks[key], 1, 3) for key in ("mota", "idf1")),
             _number(tracks["id_switches"], 1, 0),
             _number(tracks["switches_per_person_minute"], 1, 2),
@@ -452,6 +459,8 @@ def _tracks_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
 
 
 def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
     table = _table("stragglers (delay of flags in s; false flags)")
     table.add_column("bag", overflow="fold", min_width=8)
     columns = ("true", "flagged", "in 1 s", "delay", "max", "unseen", "false", "minutes")
@@ -460,7 +469,7 @@ def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
     for name, report in reports.items():
         found = report["stragglers"]
         table.add_row(
-            name,
+            Text(plain(name)),
             *(_number(found[key], 1, 0) for key in ("true", "flagged")),
             _number(found["within_1_s"], 1, 3),
             *(_number(found["delay_s"][key], 1, 2) for key in ("mean", "max")),
@@ -472,6 +481,8 @@ def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
 
 
 def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
+    from rich.text import Text
+
     table = _table(
         "stages: means per view, the share kept of the stage before, and what all of them remove"
     )
@@ -480,7 +491,7 @@ def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
         table.add_column(column, justify="right", no_wrap=True)
     for robot, means in stages.items():
         table.add_row(
-            robot,
+            Text(plain(robot)),
             f"{_number(means['valid_pixels'], 100, 0)} %",
             _number(means["raw"], 1, 0),
             *(

@@ -407,7 +407,7 @@ class Tally:
             "found": scores["matched"] / count,
             "recall": scores["recall"],
             "recall_in_view": ratio(self.found_in_view, self.in_view),
-            "false": (scores["found"] - scores["matched"]) / count,
+            "false": (scores["estimates"] - scores["matched"]) / count,
             "precision": scores["precision"],
             "error_m": scores["error_m"],
             "error_per_axis_m": float(axes.mean()) if len(axes) else None,

@@ -27,6 +27,7 @@ from mrs_tools.animation import animate, check_is_gif
 from mrs_tools.bags import BagReader
 from mrs_tools.evaluate import OwnConfig, Result, evaluate_bag, progress_bar
 from mrs_tools.offline import BagRun, Interval, read_grid
+from mrs_tools.plain import plain
 from mrs_tools.plots import TopView
 
 if TYPE_CHECKING:
@@ -532,6 +533,7 @@ def command(
     shows robots, people with their ids and ways, and groups, from above.
     """
     from rich.console import Console
+    from rich.text import Text
 
     if out is None and animation is None:
         raise typer.BadParameter("what is to be drawn? --out FOLDER, --animation FILE, or both")
@@ -559,7 +561,7 @@ def command(
             task = progress.add_task("animation", total=1.0)
             animate(ran.views, animation, on_progress=lambda p: progress.update(task, completed=p))
     for note in ran.result.notes:
-        console.print(note, style="yellow", markup=False)
+        console.print(Text(plain(note)), style="yellow")
     if out is not None:
         console.print(f"{len(files)} pictures in {out}: {', '.join(f.name for f in files)}")
     if animation is not None:

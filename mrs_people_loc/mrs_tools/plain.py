@@ -11,6 +11,9 @@ def plain(text: str) -> str:
     What is no printable character (escape sequences, which move the cursor or change colours; line
     ends; marks that turn the direction of writing) is spelled out: `\x1b`. Where rich prints it,
     make it a `rich.text.Text`, or `rich.markup.escape` it too: brackets are markup there.
+
+    Args:
+        text: Any text, of one line.
     """
     return "".join(c if _is_harmless(c) else _spelled(c) for c in text)
 

@@ -148,7 +148,7 @@ def test_the_nearest_estimate_within_half_an_interval_counts():
     assert [f.estimate for f in frames] == [0, 1, None, 2, 3]
     assert [f.missed.tolist() for f in frames] == [[], [], [0], [], []]
     people = summary(frames)["people"]
-    assert (people["true"], people["found"], people["matched"]) == (5, 4, 4)
+    assert (people["true"], people["estimates"], people["matched"]) == (5, 4, 4)
     assert (people["recall"], people["precision"]) == (0.8, 1.0)
 
 
@@ -164,7 +164,7 @@ def test_half_an_interval_is_inclusive_and_the_earlier_of_two_counts():
 def test_estimates_that_no_frame_is_near_do_not_count():
     frames = score(truth({1000: [(0, 0)]}), [estimate(t, (5, 5)) for t in (0, 500, 1000, 1500)])
     people = summary(frames)["people"]
-    assert (people["true"], people["found"], people["matched"]) == (1, 1, 0)
+    assert (people["true"], people["estimates"], people["matched"]) == (1, 1, 0)
 
 
 def test_moving_people_are_compared_where_they_are_at_the_estimates_stamp():
@@ -218,7 +218,7 @@ def test_counts_and_errors_by_hand():
         "frames": 2,
         "people": {
             "true": 5,
-            "found": 4,
+            "estimates": 4,
             "matched": 3,
             "recall": 0.6,
             "precision": 0.75,
@@ -243,7 +243,7 @@ def test_what_is_undefined_is_none():
     nothing = summary([])
     assert nothing["frames"] == 0
     assert nothing["people"] == {
-        "true": 0, "found": 0, "matched": 0, "recall": None, "precision": None,
+        "true": 0, "estimates": 0, "matched": 0, "recall": None, "precision": None,
         "error_m": undefined, "coverage_95": None,
     }  # fmt: skip
     assert nothing["group"] == {"centre_error_m": {"mean": None, "p95": None}}
@@ -265,7 +265,7 @@ def test_unseen_people_are_not_required_and_finding_one_is_no_error():
     assert frame.missed.tolist() == []
     report = summary(frames)
     people = report["people"]
-    assert (people["true"], people["found"], people["matched"]) == (1, 2, 1)
+    assert (people["true"], people["estimates"], people["matched"]) == (1, 2, 1)
     assert report["group"]["centre_error_m"]["mean"] == pytest.approx(0.5)  # from (1, 0)
 
 
@@ -318,7 +318,7 @@ def test_the_truth_itself_scores_full_marks(rows):
     there = truth({100 * i: row for i, row in enumerate(rows)})
     frames = score(there, [estimate(100 * i, *row) for i, row in enumerate(rows)])
     people = summary(frames)["people"]
-    assert people["true"] == people["found"] == people["matched"] == sum(map(len, rows))
+    assert people["true"] == people["estimates"] == people["matched"] == sum(map(len, rows))
     if people["true"]:
         assert people["error_m"]["max"] == 0.0
         assert people["coverage_95"] == 1.0
@@ -331,10 +331,10 @@ def test_the_order_of_people_does_not_matter(found, true, random):
     random.shuffle(found)
     random.shuffle(true)
     after = summary(score(truth({0: true}), [estimate(0, *found)]))["people"]
-    for count in ("true", "found", "matched"):
+    for count in ("true", "estimates", "matched"):
         assert after[count] == before[count]
     assert after["error_m"]["mean"] == pytest.approx(before["error_m"]["mean"])
-    assert after["matched"] <= min(after["true"], after["found"])
+    assert after["matched"] <= min(after["true"], after["estimates"])
 
 
 @given(places, places, st.lists(st.booleans(), min_size=6, max_size=6))

@@ -19,10 +19,11 @@ from mrs_people_loc.planner import Planner
 pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
 pytest.importorskip("typer", reason="the mrs command needs typer")
 
+from rich.console import Console
 from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
-from mrs_tools import offline
+from mrs_tools import evaluate, offline
 from mrs_tools.bags import BagReader, BagWriter, default_typestore, require_types
 from mrs_tools.cli import app
 from mrs_tools.evaluate import Result, as_json, evaluate_bag, names_of
@@ -186,7 +187,7 @@ def test_recorded_people_are_scored_as_they_are(make_bag, tmp_path):
         "duration_s": pytest.approx(0.42),
         "people": {
             "true": 9,  # two in four frames, one in the last
-            "found": 7,  # two in three frames and one in the last, where the other is ignored
+            "estimates": 7,  # two in three frames and one in the last, where the other is ignored
             "matched": 6,
             "recall": pytest.approx(6 / 9),
             "precision": pytest.approx(6 / 7),
@@ -417,7 +418,7 @@ def test_points_and_poses_run_through_the_planner_only(make_bag):
         )
     result = evaluate_bag(run)
     people = people_of(result)
-    assert (people["true"], people["found"], people["matched"]) == (8, 8, 8)
+    assert (people["true"], people["estimates"], people["matched"]) == (8, 8, 8)
     assert people["error_m"]["mean"] == pytest.approx(0.03, abs=1e-6)
     assert result.report()["group"]["centre_error_m"]["mean"] == pytest.approx(0.03, abs=1e-6)
     assert result.report()["stages"] == {}
@@ -444,7 +445,7 @@ def test_a_map_masks_the_walls_when_it_is_asked_for(make_bag, tmp_path):
     assert found(BagRun(path, [PAPER, config])) == [0, 0, 0, 2]
     figures = tmp_path / "figures.json"
     assert run_mrs("evaluate", path, "--config", PAPER, "--map", "--json", figures).exit_code == 0
-    assert json.loads(figures.read_text())["people"]["found"] == 2
+    assert json.loads(figures.read_text())["people"]["estimates"] == 2
 
 
 def test_a_map_that_is_missing_or_cannot_be_used_is_noted(make_bag):
@@ -563,7 +564,7 @@ def test_no_truth_leaves_the_figures_undefined(make_bag):
     result = evaluate_bag(make_bag(fill), [PAPER])
     assert len(result.estimates) == 1
     people = people_of(result)
-    assert (people["true"], people["found"], people["recall"]) == (0, 0, None)
+    assert (people["true"], people["estimates"], people["recall"]) == (0, 0, None)
     assert any("nothing to compare with" in note for note in result.notes)
 
 
@@ -575,7 +576,7 @@ def test_no_people_found_is_recall_0(make_bag):
             bag.truth(ms, (2, 1), NOBODY)
 
     people = people_of(evaluate_bag(make_bag(fill), [PAPER]))
-    assert (people["true"], people["found"]) == (2, 0)
+    assert (people["true"], people["estimates"]) == (2, 0)
     assert (people["recall"], people["precision"]) == (0.0, None)
 
 
@@ -853,6 +854,22 @@ def same_figures(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return {**one, "timing_ms": 0} == {**other, "timing_ms": 0}
 
 
+def test_found_in_the_table_is_people_found_as_in_the_demo():
+    """Not estimates, of which some are false."""
+    error = dict.fromkeys(("mean", "median", "p95", "max"), 0.1)
+    people = {"true": 9, "estimates": 7, "matched": 6, "recall": 6 / 9, "precision": 6 / 7}
+    report = {
+        "frames": 5,
+        "people": {**people, "error_m": error, "coverage_95": 1.0},
+        "group": {"centre_error_m": {"mean": 0.1, "p95": 0.1}},
+    }
+    console = Console(width=100)
+    with console.capture() as said:
+        console.print(evaluate._people_table({"a [b]": report}))
+    assert re.search(r"bag +frames true found recall prec\.", said.get())
+    assert re.search(r"a \[b\] +5 +9 +6 +0\.667 +0\.857", said.get())
+
+
 def test_json_of_one_bag(tmp_path, formation):
     file = tmp_path / "figures.json"
     result = run_mrs("evaluate", FORMATION, "--config", PAPER, "--json", file)
@@ -865,7 +882,7 @@ def test_json_of_one_bag(tmp_path, formation):
     assert figures["stragglers"] == NO_STRAGGLERS
     assert "MOTA" not in result.output
     assert list(figures["people"]) == [
-        "true", "found", "matched", "recall", "precision", "error_m", "coverage_95",
+        "true", "estimates", "matched", "recall", "precision", "error_m", "coverage_95",
     ]  # fmt: skip
     assert list(figures["stages"]["robot_a"]) == [
         "valid_pixels", "raw", "zones", "noise", "cells", "zones_kept", "noise_kept", "cells_kept",
