@@ -115,7 +115,7 @@ class IntervalCollector:
 
     def begin_anew(self) -> None:
         """Forgets everything but the robots and the counts: the time jumped back."""
-        self._opened_ns = None
+        self._opened_ns, self._last_ns = None, 0
         for state in self.robots.values():
             state.begin_anew()
 

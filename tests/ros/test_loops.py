@@ -22,18 +22,18 @@ from ros.planner_peer import PlannerPeer, PlayedRobot, pose_of
 from ros.recording import stamp_of
 
 START_NS = 1_700_000_000_000_000_000
-STEP_NS, STEPS = 200_000_000, 20
+STEP_NS, STEPS = 200_000_000, 12
 ROBOTS = {"robot_a": (0.0, 0.0, 0.0), "robot_b": (6.0, 0.0, math.pi)}
 
 
 def walkers(t: float) -> list[tuple[float, float]]:
-    """Three who walk 4 m to the left side by side: at the end nobody is where one was."""
-    return [(2.0 + 0.8 * k, t - 2.0) for k in range(3)]
+    """Three who walk 2 m to the left side by side: at the end nobody is where one was."""
+    return [(2.0 + 0.8 * k, t - 1.0) for k in range(3)]
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory, peer: Peer) -> Path:
-    """Scans and poses of two robots, of 4 s."""
+    """Scans and poses of two robots, of 2 s."""
     path = tmp_path_factory.mktemp("bag") / "walk.mcap"
     robots = [PlayedRobot(peer, name, place) for name, place in ROBOTS.items()]
     with BagWriter(path) as out:
@@ -71,17 +71,30 @@ def mrs(*args: object, **how: Any) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+@contextlib.contextmanager
+def planning(team: Team, peer: Peer, *, simulated: bool) -> Iterator[PlannerPeer]:
+    """A planner that a busy machine does not make leave out anybody."""
+    params = {"robots": f"[{', '.join(ROBOTS)}]", "use_sim_time": str(simulated).lower()}
+    params |= {"interval.max_clock_offset": "5.0", "interval.max_scan_age": "0.9"}
+    planner = PlannerPeer(peer, team.start("planner_node", params=params))
+    try:
+        peer.until_active(planner.node)
+        yield planner
+    finally:
+        planner.process.stop()
+
+
 @pytest.mark.parametrize("clock", [True, False], ids=["clock", "no clock"])
 def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool) -> None:
     """Everybody is new in each pass, from its first interval on; ids and group ids go on."""
-    params = {"robots": f"[{', '.join(ROBOTS)}]", "use_sim_time": str(clock).lower()}
-    planner = PlannerPeer(peer, team.start("planner_node", params=params))
     events = peer.hear(String, "/events")
-    peer.until_active(planner.node)
-    with mrs("replay", bag, "--loop", "--rate", 8, *(["--clock"] if clock else [])) as replay:
-        peer.until(lambda: len(passes(planner.people)) > 11, lambda: planner.process.log)
-        replay.send_signal(signal.SIGINT)
-        assert replay.wait(DEADLINE_S) == 0
+    with planning(team, peer, simulated=clock) as planner:
+        with mrs("replay", bag, "--loop", "--rate", 2, *(["--clock"] if clock else [])) as replay:
+            peer.until(lambda: len(passes(planner.people)) > 11, lambda: planner.process.log)
+            replay.send_signal(signal.SIGINT)
+            assert replay.wait(DEADLINE_S) == 0
+        finding = planner.until_finding("intervals", lambda f: f.count("times_back") >= 11)
+        assert finding.count("stragglers") == 0
     # The last pass was cut, and of the first one the beginning may not have arrived.
     whole = passes(planner.people)[:11]
     first = min(person.id for person in whole[0][-1].persons)
@@ -92,12 +105,8 @@ def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool
         assert {group.id for group in groups} == {number + 1}
         assert [list(group.stragglers) for group in groups if group.stragglers] == []
         assert not any(person.coasting for person in messages[0].persons)
-        assert len(messages) > STEPS / 2
-    finding = planner.until_finding("intervals", lambda f: f.count("times_back") >= 11)
-    assert finding.count("stragglers") == 0
-    said = {event.data for event in events}
-    assert said == {"the time jumped back: everybody is new"}
-    planner.process.stop()
+        assert stamp_of(messages[-1]) - stamp_of(messages[0]) > STEPS / 2 * STEP_NS
+    assert {event.data for event in events} == {"the time jumped back: everybody is new"}
     assert planner.process.log.count("starting anew") == len(passes(planner.people)) - 1
 
 
@@ -105,30 +114,27 @@ def test_what_was_recorded_is_replayed_onto_live_nodes_and_doubles_nothing(
     team: Team, peer: Peer, bag: Path, tmp_path: Path
 ) -> None:
     """README's own pair: record, without naming topics, and replay."""
-    params = {"robots": f"[{', '.join(ROBOTS)}]", "use_sim_time": "true"}
-    planner = PlannerPeer(peer, team.start("planner_node", params=params))
-    peer.until_active(planner.node)
     out = tmp_path / "out.mcap"
-    with mrs("record", out) as recorder:
-        peer.until(lambda: peer.node.count_subscribers("/markers"), "nobody records")
-        with mrs("replay", bag, "--clock", "--rate", 4) as replay:
-            peer.until(lambda: replay.poll() is not None, "replay does not end")
+    with planning(team, peer, simulated=True) as planner:
+        with mrs("record", out) as recorder:
+            peer.until(lambda: peer.node.count_subscribers("/markers"), "nobody records")
+            with mrs("replay", bag, "--clock", "--rate", 4) as replay:
+                peer.until(lambda: replay.poll() is not None, "replay does not end")
+            peer.spin(1.0)
+            recorder.send_signal(signal.SIGINT)
+            assert recorder.wait(DEADLINE_S) == 0
+        with BagReader(out) as recorded:
+            assert recorded.topics["/people"].count > 3
+            assert recorded.topics["/robot_a/points"].count == STEPS
+        before = len(planner.people)
+        with mrs("replay", out, stderr=subprocess.PIPE) as replay:
+            _, said = replay.communicate(timeout=DEADLINE_S)
+        assert replay.returncode == 0, said
+        for topic in ("/people", "/people_poses", "/diagnostics"):
+            assert f"note: {topic} is left out: /planner_node publishes it" in said
+        assert "/robot_a/points" not in said
         peer.spin(1.0)
-        recorder.send_signal(signal.SIGINT)
-        assert recorder.wait(DEADLINE_S) == 0
-    with BagReader(out) as recorded:
-        assert recorded.topics["/people"].count > STEPS / 2
-        assert recorded.topics["/robot_a/points"].count == STEPS
-    planner.people.clear()
-    with mrs("replay", out, stderr=subprocess.PIPE) as replay:
-        _, said = replay.communicate(timeout=DEADLINE_S)
-    assert replay.returncode == 0, said
-    for topic in ("/people", "/people_poses", "/diagnostics"):
-        assert f"note: {topic} is left out: /planner_node publishes it" in said
-    assert "/robot_a/points" not in said
-    peer.spin(1.0)
-    stamps = [stamp_of(message) for message in planner.people]
-    assert len(stamps) > STEPS / 2
-    assert stamps == sorted(set(stamps))
-    planner.process.stop()
+        assert len(planner.people) > before + 3
+        # Whatever came is the planner's own.
+        planner.until_finding("intervals", lambda f: f.count("intervals") == len(planner.people))
     assert "share a name" not in planner.process.log
