@@ -823,6 +823,25 @@ def test_a_head_that_looks_steeply_down_is_said_in_one_line(tmp_path):
     assert evaluate_bag(path, [config]).report()["frames"] > 0
 
 
+def test_images_as_zed_and_opencv_name_them(tmp_path, formation):
+    """One robot's with alpha, one's 8UC1, one's 8UC3, of the same grey: no figure changes."""
+    layers = {"robot_a": ("bgra8", 4), "robot_b": ("8UC1", 1), "robot_c": ("8UC3", 3)}
+
+    def named(topic: str, message: Any) -> tuple[str, Any]:
+        if topic.endswith("image_rect"):
+            encoding, channels = layers[topic.split("/")[1]]
+            message = dataclasses.replace(
+                message,
+                encoding=encoding,
+                step=message.width * channels,
+                data=np.repeat(message.data, channels),
+            )
+        return topic, message
+
+    path = copy_formation(tmp_path / "named.mcap", named)
+    assert same_figures(evaluate_bag(path, [PAPER]).report(), formation.report())
+
+
 def test_pairs_that_are_not_taken_at_once_are_said(tmp_path):
     def late(topic: str, message: Any) -> tuple[str, Any]:
         if topic.endswith("right/image_rect"):
