@@ -161,11 +161,11 @@ class IntervalCollector:
         if state.pending is not None:
             state.dropped["superseded"] += 1
         state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns
-        # What is too old is counted with the next interval, and makes none by itself.
-        last_ns = self._last_seen_ns(now_ns)
-        is_old = last_ns is not None and last_ns - scan.stamp_ns > self._max_age_ns
-        if self._opened_ns is None and not is_old:
-            self._opened_ns = now_ns
+        if self._opened_ns is None:
+            # What is too old is counted with the next interval, and makes none by itself.
+            last_ns = self._last_seen_ns(now_ns)
+            if last_ns is None or last_ns - scan.stamp_ns <= self._max_age_ns:
+                self._opened_ns = now_ns
 
     def close(self, now_ns: int) -> Closed | None:
         """Closes the interval if its time has come.
