@@ -21,10 +21,10 @@ Show = Callable[[str], None]
 FAR, OTHERS = REAL, set(PLAYED)
 #: What docs/network.md promises for people after an outage, a long one (the lease is over), and one
 #: of all robots; and from the new start of a robot_node and of a planner_node [s].
-BACK_S, LONG_BACK_S, ALL_BACK_S = 1.0, 2.0, 1.5
-ROBOT_STARTS_S, PLANNER_STARTS_S = 3.0, 2.0
-#: The share of a robot's scans that is not used where so many packets are lost, at most.
-LOST = {0.05: 0.4, 0.20: 0.7}
+BACK_S, LONG_BACK_S, ALL_BACK_S = 0.6, 1.5, 1.0
+ROBOT_STARTS_S, PLANNER_STARTS_S = 3.0, 1.5
+#: And the share of a robot's scans that is not used where so many packets are lost, at most.
+LOST = {0.05: 0.25, 0.20: 0.55}
 
 
 #: Prints the times at which a host announces a participant, by multicast, as RTPS has it.

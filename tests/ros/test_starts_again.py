@@ -15,8 +15,9 @@ from ros.life import ROBOTS, Life, kill
 from ros.recording import Recording
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(400)]
-#: From the new start of a process, that is before it has loaded anything [s].
-ROBOT_S, PLANNER_S = 3.0, 2.0
+#: From the new start of a process, that is before it has loaded anything; this planner has to
+#: discover its robots [s].
+ROBOT_S, PLANNER_S = 3.0, 2.5
 
 
 @pytest.fixture(scope="module")
