@@ -3,6 +3,7 @@
 | module | holds |
 |---|---|
 | `parameters` | configuration as ROS parameters |
+| `ending` | when a node is to end: signals, and a parent that is gone |
 | `managed_node` | the lifecycle node that starts itself, and `run` |
 | `qos` | quality of service of streams and poses |
 | `diagnostics` | what arrived, what was dropped and why, on `/diagnostics` |

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
-import threading
-import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -26,19 +23,15 @@ from mrs_people_loc.config import Parameter, Section
 from mrs_people_loc.errors import ConfigError, PeopleLocError
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
+from mrs_ros.ending import ignore_signals, stop_on_signals
 from mrs_ros.network import use_shipped_profile
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
 #: Exit code for bad configuration or arguments.
 EXIT_USAGE = 2
-#: Set (to anything) by who starts a node and holds the other end of its standard input: the node
-#: ends when that is closed, however its parent ended.
-LIFELINE = "MRS_ENDS_WITH_STDIN"
 #: So long a node that waits for messages takes to notice that it is to end, at most [s].
 _NOTICE_S = 0.2
-#: A node whose parent is gone gets this long to end in order [s].
-_GRACE_S = 5.0
 
 
 class ManagedNode(LifecycleNode):
@@ -293,38 +286,8 @@ def _executor() -> Any:
     return EventsExecutor()
 
 
-def stop_on_signals(environment: Mapping[str, str]) -> threading.Event:
-    """Lets Ctrl-C, SIGTERM, a closed terminal and a parent that is gone end a node in order.
-
-    rclpy's own handlers shut the context down at once, under whatever is at work: a callback that
-    publishes fails then ("publisher's context is invalid"), and so does a node that is starting
-    ("cannot configure"). Here all of it goes on until the node looks.
-
-    Args:
-        environment: Of the process; `LIFELINE` in it says that its standard input is a lifeline.
-
-    Returns:
-        Set when the node is to end.
-    """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
-            signal.signal(number, lambda *_: stop.set())
-
-    def watch_parent() -> None:
-        while os.read(0, 4096):
-            pass
-        stop.set()
-        time.sleep(_GRACE_S)
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    if environment.get(LIFELINE):
-        threading.Thread(target=watch_parent, name="lifeline", daemon=True).start()
-    return stop
-
-
 def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None = None) -> int:
-    """Runs a node until Ctrl-C, SIGTERM or SIGHUP, or the end of who started it (`LIFELINE`).
+    """Runs a node until Ctrl-C, SIGTERM or SIGHUP, or the end of who started it (`ending`).
 
     Args:
         make_node: Makes the node.
@@ -338,7 +301,7 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     if {"-h", "--help"} & set(argv[1:]):
         sys.stdout.write(usage.strip() + "\n")
         return 0
-    stop = stop_on_signals(os.environ)
+    stop = stop_on_signals()
     use_shipped_profile()
     try:
         secured = security.asked(os.environ)
@@ -387,7 +350,5 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()
-        # All that is left is to leave: no second signal, as `ros2 launch` sends it, ends that.
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
+        ignore_signals()
     return 0

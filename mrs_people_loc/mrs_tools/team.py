@@ -15,10 +15,8 @@ from typing import IO
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, load_team, robots_named
 from mrs_people_loc.errors import ConfigError
+from mrs_ros.ending import LIFELINE
 
-#: What tells a node that its standard input is held by who started it (mrs_ros.managed_node, which
-#: a launch file need not load).
-LIFELINE = "MRS_ENDS_WITH_STDIN"
 #: A process that was asked to end gets this long [s].
 _GRACE_S = 5.0
 

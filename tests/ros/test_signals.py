@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from mrs_ros.managed_node import LIFELINE
+from mrs_ros.ending import LIFELINE
 from ros.harness import DEADLINE_S
 
 #: A node that tells itself to end where it is told to, and goes on for longer than rclpy's own
@@ -17,12 +17,12 @@ PROGRAM = """
 import os, signal, sys, time
 from std_msgs.msg import String
 from mrs_people_loc.config import PlannerConfig
-from mrs_ros import managed_node
+from mrs_ros import ending
 from mrs_ros.managed_node import ManagedNode, run
 
 where, number = sys.argv[1], int(sys.argv[2])
 if where == "hang":
-    managed_node._GRACE_S = 0.5
+    ending._GRACE_S = 0.5
 
 class Node(ManagedNode):
     def __init__(self):
@@ -64,8 +64,15 @@ def program(where: str, number: int, **how: object) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.parametrize("where", ["set_up", "start", "callback"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["ctrl-c", "terminal"])
+@pytest.mark.parametrize(
+    ("where", "number"),
+    [
+        ("set_up", signal.SIGINT),
+        ("start", signal.SIGTERM),
+        ("callback", signal.SIGINT),
+        ("callback", signal.SIGHUP),
+    ],
+)
 def test_node_finishes_what_it_is_at(domain: int, where: str, number: int) -> None:
     process = program(where, number)
     said, _ = process.communicate(timeout=DEADLINE_S)

@@ -1,0 +1,47 @@
+"""When a node is to end: by a signal, or because who started it is gone. Needs no ROS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+#: Set (to anything) by who starts a node and holds the other end of its standard input: the node
+#: ends when that is closed, however its parent ended.
+LIFELINE = "MRS_ENDS_WITH_STDIN"
+#: A node whose parent is gone gets this long to end in order [s].
+_GRACE_S = 5.0
+
+
+def stop_on_signals() -> threading.Event:
+    """Lets Ctrl-C, SIGTERM, a closed terminal and a parent that is gone end a node in order.
+
+    rclpy's own handlers shut the context down at once, under whatever is at work: a callback that
+    publishes fails then ("publisher's context is invalid"), and so does a node that is starting
+    ("cannot configure"). Here all of it goes on until the node looks.
+
+    Returns:
+        Set when the node is to end.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
+            signal.signal(number, lambda *_: stop.set())
+    if os.environ.get(LIFELINE):
+        threading.Thread(target=_watch_parent, args=[stop], name="lifeline", daemon=True).start()
+    return stop
+
+
+def ignore_signals() -> None:
+    """All that is left is to leave: no second signal, as `ros2 launch` sends it, ends that."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _watch_parent(stop: threading.Event) -> None:
+    while os.read(0, 4096):
+        pass
+    stop.set()
+    time.sleep(_GRACE_S)
+    os.kill(os.getpid(), signal.SIGKILL)
