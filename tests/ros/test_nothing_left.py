@@ -230,9 +230,9 @@ def test_restarts_of_everything_in_any_order(
             people.clear()  # of those before
             peer.until(lambda: {"robot_a", "robot_b"} <= _robots_in(people), "no people of both")
     finally:
-        nodes.end()
         replay.process.send_signal(signal.SIGINT)
-        replay.nothing_is_left()
+        nodes.end()
+    replay.nothing_is_left()
 
 
 def _robots_in(people: Sequence[Any]) -> set[str]:
