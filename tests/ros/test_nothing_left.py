@@ -225,12 +225,14 @@ def test_restarts_of_everything_in_any_order(
                     for word in ("Traceback", "FATAL", "ERROR", "invalid"):
                         assert word not in node.log, node.log
                 running[namespace] = nodes.start(started[namespace], namespace=namespace, **how)
-            people.clear()
+            for node in running.values():
+                peer.until(lambda n=node: ": active; waits for" in n.log, "not active")  # type: ignore[misc]
+            people.clear()  # of those before
             peer.until(lambda: {"robot_a", "robot_b"} <= _robots_in(people), "no people of both")
     finally:
-        nodes.end()
         replay.process.send_signal(signal.SIGINT)
-        replay.nothing_is_left()
+        nodes.end()
+    replay.nothing_is_left()
 
 
 def _robots_in(people: Sequence[Any]) -> set[str]:
