@@ -192,7 +192,7 @@ class _Candidates:
 
     def pairs_within(self, reach: float) -> tuple[Int, Int]:
         """Those at most `reach` apart, each once: indices of the points, shapes (m,)."""
-        x, y = self.xy[self.order, 0], self.xy[self.order, 1]
+        x, y = self.xy[:, 0][self.order], self.xy[:, 1][self.order]
         index = np.arange(len(x))
         index = np.concatenate([index, index])
         ends: list[int] = []
