@@ -15,13 +15,14 @@ import typer
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
 from mrs_people_loc.health import Code
+from mrs_tools import shared_memory
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
 OK, WARN, ERROR, STALE = "ok", "warning", "error", "waiting"
-_LEVELS = {b"\x00": OK, b"\x01": WARN, b"\x02": ERROR, b"\x03": STALE}
+LEVELS = {b"\x00": OK, b"\x01": WARN, b"\x02": ERROR, b"\x03": STALE}
 _COLOURS = {OK: "green", WARN: "yellow", ERROR: "red", STALE: "yellow"}
 
 _NETWORK = "it hangs, or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
@@ -67,7 +68,7 @@ _STATES = {
 
 #: What a scan, and a pose, need of the robot's node: subjects of its report, as regular
 #: expressions, in the order of the data. "node" is the node itself.
-_SIGHT = ("node", r"\w+/image_\w+", r"\w+/camera_info", "pairs", "scan")
+_SIGHT = ("node", "images", r"\w+/image_\w+", r"\w+/camera_info", "pairs", "scan")
 _POSE = ("node", "odom|pose_in", "pose")
 #: Topics that come from where another does.
 _BESIDE = {"camera_info": r"image_\w+", "pose": "points"}
@@ -123,6 +124,7 @@ class Facts:
         people_from: By topic of `people`, who publishes it.
         shared_robots: By robot's topic that more than one planner listens to, these planners.
         viewers: Every `mrs people` that runs.
+        memory: Shared memory of this machine.
     """
 
     domain: int
@@ -135,6 +137,7 @@ class Facts:
     people_from: dict[str, list[str]] = field(default_factory=dict)
     shared_robots: dict[str, list[str]] = field(default_factory=dict)
     viewers: list[str] = field(default_factory=list)
+    memory: shared_memory.Memory | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +168,9 @@ def diagnose(facts: Facts) -> list[Check]:
         Check(topic, ERROR, text, "let both ask for the same; docs/network.md has the table")
         for topic, text in facts.mismatches
     ]
+    dead = shared_memory.trouble(facts.memory) if facts.memory else ""
+    if dead:
+        checks.append(Check(str(shared_memory.MEMORY), WARN, dead, shared_memory.CLEAN))
     nodes = list(dict.fromkeys(facts.nodes))
     entries = [entry for node in nodes for entry in _entries(node, facts)]
     checks += _folded(sorted(entries, key=lambda entry: not entry.is_of_robot))
@@ -209,6 +215,23 @@ def _entries(node: str, facts: Facts) -> Iterable[_Entry]:
                 if code == Code.NO_PUBLISHER and robot != subject and own not in facts.nodes:
                     advice = f"there is no {own}: start it, or see `robots` in the team's file"
                 yield _Entry(node, subject, level, said, code, advice)
+        lost = shared_memory.lost_images(facts.reports[node])
+        if lost:
+            advice = shared_memory.advice_on_lost_images()
+            yield _Entry(node, "images", ERROR, lost, advice=advice)
+
+
+def causes_in(
+    reports: Mapping[str, Mapping[str, tuple[str, str, Mapping[str, str]]]],
+) -> list[Check]:
+    """What nodes report that is not well, the causes; what follows from each is with it.
+
+    Args:
+        reports: By node, its last report: by subject its level, text and values.
+    """
+    facts = Facts(0, list(reports), {node: dict(report) for node, report in reports.items()})
+    entries = [entry for node in facts.nodes for entry in _entries(node, facts)]
+    return list(_folded(sorted(entries, key=lambda entry: not entry.is_of_robot)))
 
 
 def _code(values: Mapping[str, str]) -> Code | None:
@@ -270,6 +293,8 @@ def _causes(entry: _Entry) -> Iterator[tuple[str | None, str]]:
         return
     node, subject = entry.node, entry.subject
     if entry.is_of_robot:
+        if re.fullmatch(r"\w+/image_\w+", subject):
+            yield node, "images"
         if entry.code == Code.NO_CALIBRATION:
             yield node, r"\w+/camera_info"
         elif subject in ("pairs", "scan", "head", "pose"):
@@ -362,18 +387,18 @@ def look(node: Node, duration_s: float, spin: Any) -> Facts:
     """
     from diagnostic_msgs.msg import DiagnosticArray
 
-    facts = Facts(domain=node.context.get_domain_id(), nodes=[])
+    facts = Facts(node.context.get_domain_id(), nodes=[], memory=shared_memory.memory())
 
     def take(message: Any) -> None:
         # A report is a whole: what is not in it any more is over.
-        for full_name in {status.name.partition(": ")[0] for status in message.status}:
+        for full_name in {plain(one.name).partition(": ")[0] for one in message.status}:
             facts.reports.pop(full_name, None)
         for status in message.status:
-            full_name, _, subject = status.name.partition(": ")
+            full_name, _, subject = plain(status.name).partition(": ")
             if full_name.rpartition("/")[2] in _KINDS:
                 values = {plain(entry.key): plain(entry.value) for entry in status.values}
-                entry = (_LEVELS.get(bytes(status.level), ERROR), plain(status.message), values)
-                facts.reports.setdefault(full_name, {})[plain(subject)] = entry
+                entry = (LEVELS.get(bytes(status.level), ERROR), plain(status.message), values)
+                facts.reports.setdefault(full_name, {})[subject] = entry
 
     subscription = node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
     end = time.monotonic() + duration_s
@@ -516,7 +541,6 @@ def command(
     from rich.text import Text
 
     from mrs_ros.network import environment
-    from mrs_tools import shared_memory
     from mrs_tools.replay import node
 
     environ = environment()  # as the user made it
@@ -531,7 +555,7 @@ def command(
 
     console = Console(soft_wrap=True, highlight=False)
     console.print(f"ROS domain {facts.domain}; {', '.join(settings) or 'no settings of its own'}")
-    checks = [*shared_memory.checks(facts.reports), *diagnose(facts)]
+    checks = diagnose(facts)
     for check in checks:
         line = Text.assemble((f"{check.level:>8}  ", _COLOURS[check.level]), check.subject)
         console.print(line.append(f": {check.text}"))

@@ -14,6 +14,7 @@ from mrs_people_loc.geometry import Float, yaw_from_quaternion
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.people import Group as PeopleGroup
 from mrs_people_loc.people import Person
+from mrs_tools import doctor
 from mrs_tools.offline import read_people
 from mrs_tools.plain import plain
 
@@ -29,9 +30,10 @@ _EVENTS, _TROUBLES = 5, 4
 _REPORT_S = 3.0
 
 
-#: diagnostic_msgs/DiagnosticStatus, the worst first; stale is what waits.
-_ERROR, _WARN, _STALE = 2, 1, 3
-_LEVELS = {_ERROR: "error", _WARN: "warning", _STALE: "stale"}
+#: Levels of troubles, the worst first; stale is what waits.
+_LEVELS = {doctor.ERROR: "error", doctor.WARN: "warning", doctor.STALE: "stale"}
+#: Who says what `mrs people` itself finds.
+_OWN = "people"
 
 
 class _Rate:
@@ -77,7 +79,7 @@ class LivePeople:
         self._rate = _Rate()
         self._robots: dict[str, _Rate] = {}
         self._scans: dict[str, Any] = {}
-        self._reports: dict[str, tuple[float, int, str]] = {}
+        self._reports: dict[str, tuple[float, str, str, dict[str, str]]] = {}
         node.create_subscription(People, "people", self._on_people, 10)
         node.create_subscription(String, "events", self._on_event, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
@@ -87,7 +89,7 @@ class LivePeople:
             self._people = read_people(message)
         except ValueError as err:  # somebody else's: it is no reason to end
             refused = f"a message is refused: {err}"
-            self._reports["people"] = (time.monotonic(), _WARN, refused)
+            self._reports[f"{_OWN}: node"] = (time.monotonic(), doctor.WARN, refused, {})
             return
         self.message = message
         self._rate.add()
@@ -100,7 +102,10 @@ class LivePeople:
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
-            self._reports[status.name] = (time.monotonic(), status.level[0], status.message)
+            values = {plain(entry.key): plain(entry.value) for entry in status.values}
+            level = doctor.LEVELS.get(bytes(status.level), doctor.ERROR)
+            entry = time.monotonic(), level, plain(status.message), values
+            self._reports[plain(status.name)] = entry
 
     def age_s(self, stamp: Any) -> float:
         """Age of a stamp by ROS time [s]."""
@@ -203,34 +208,30 @@ class LivePeople:
         if not self.troubles_shown:
             return []
         now = time.monotonic()
-        recent = {
-            name: (level, text)
-            for name, (when, level, text) in self._reports.items()
-            if now - when < _REPORT_S
-        }
-        nodes = {name.partition(": ")[0] for name in recent if ": " in name}
-        troubles = [
-            (level, name, text)
-            for wanted in _LEVELS
-            for name, (level, text) in sorted(recent.items())
-            if level == wanted
-        ]
-        counts = Counter(level for level, _, _ in troubles)
+        recent = {n: entry for n, (when, *entry) in self._reports.items() if now - when < _REPORT_S}
+        reports: dict[str, dict[str, Any]] = {}
+        for name, entry in recent.items():
+            node, _, subject = name.partition(": ")
+            reports.setdefault(node, {})[subject] = entry
+        causes = doctor.causes_in(reports)
+        causes.sort(key=lambda check: list(_LEVELS).index(check.level))
+        counts = Counter(check.level for check in causes)
         said = ", ".join(
-            f"{counts[level]} {name}{'s' if counts[level] > 1 and level != _STALE else ''}"
+            f"{counts[level]} {name}{'s' if counts[level] > 1 and level != doctor.STALE else ''}"
             for level, name in _LEVELS.items()
             if counts[level]
         )
-        heard = f"{len(nodes)} nodes report" if nodes else "no node reports on /diagnostics"
+        nodes = len(reports.keys() - {_OWN})
+        heard = f"{nodes} nodes report" if nodes else "no node reports on /diagnostics"
         fine = "ok" if nodes else "unknown"
-        style = "yellow" if troubles or not nodes else "green"
+        style = "yellow" if causes or not nodes else "green"
         lines = [Text(f"health: {said or fine} ({heard})", style=style)]
-        lines += [
-            Text(f"  {plain(name)}: {plain(text)}", style="red" if level == _ERROR else "yellow")
-            for level, name, text in troubles[:_TROUBLES]
-        ]
-        if len(troubles) > _TROUBLES:
-            lines.append(Text(f"  and {len(troubles) - _TROUBLES} more; what to do: mrs doctor"))
+        for check in causes[:_TROUBLES]:
+            more = f" (and {len(check.follows)} that follow from it)" if check.follows else ""
+            style = "red" if check.level == doctor.ERROR else "yellow"
+            lines.append(Text(f"  {check.subject}: {check.text}{more}", style=style))
+        if len(causes) > _TROUBLES:
+            lines.append(Text(f"  and {len(causes) - _TROUBLES} more; what to do: mrs doctor"))
         return list(lines)
 
 

@@ -13,8 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrs_people_loc.config import ROBOT_NODE
-from mrs_tools.doctor import ERROR, WARN, Check
+from mrs_people_loc.health import Code
 
 MEMORY = Path("/dev/shm")
 #: The most that the kernel keeps for a socket until it is read [bytes].
@@ -22,6 +21,11 @@ ROOM = Path("/proc/sys/net/core/rmem_max")
 #: What the shipped profile asks for [bytes].
 WANTED_ROOM = 16777216
 
+#: What to do about shared memory that is full of what the dead left behind.
+CLEAN = (
+    "fastdds shm clean (it leaves alone what runs); start what is killed so often with "
+    "FASTDDS_BUILTIN_TRANSPORTS=UDPv4: docs/network.md, Shared memory"
+)
 #: A lock file of Fast DDS beside a segment or a port; locked while its process lives.
 _LOCK = re.compile(r"(fastrtps_(?:port\d+|[0-9a-z]{16}))_[es]l")
 #: Less than this share of the images beside a camera's calibration is a loss.
@@ -29,7 +33,7 @@ _LOSS = 0.7
 #: From this share of the shared memory on it is worth a word, left behind or free.
 _MUCH = 0.1
 
-Reports = Mapping[str, Mapping[str, tuple[str, str, Mapping[str, str]]]]
+Report = Mapping[str, tuple[str, str, Mapping[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -52,10 +56,13 @@ class Memory:
 def memory(folder: Path = MEMORY) -> Memory | None:
     """Looks at the shared memory of this machine, or container; None where there is none."""
     try:
-        files = {one.name: one.stat().st_size for one in os.scandir(folder)}
-        whole = os.statvfs(folder)
-    except OSError:  # a file is gone again, too
+        names, whole = os.listdir(folder), os.statvfs(folder)
+    except OSError:
         return None
+    files = {}
+    for name in names:
+        with suppress(OSError):  # it is gone again
+            files[name] = (folder / name).stat().st_size
     locked = frozenset(name for name in files if _LOCK.fullmatch(name) and _locked(folder / name))
     return Memory(files, locked, whole.f_blocks * whole.f_frsize, whole.f_bavail * whole.f_frsize)
 
@@ -78,50 +85,53 @@ def left_behind(seen: Memory) -> Mapping[str, int]:
     return {name: seen.files.get(name, 0) for name in sorted({*locks.values()} - alive)}
 
 
-def of_memory(seen: Memory) -> list[Check]:
-    """Whether the dead fill the shared memory."""
+def trouble(seen: Memory) -> str:
+    """What the dead take of the shared memory, a sentence; empty where it is not much."""
     dead = left_behind(seen)
     taken = sum(dead.values())
     if not dead or (taken < _MUCH * seen.size and seen.free >= _MUCH * seen.size):
-        return []
-    text = (
+        return ""
+    return (
         f"holds {len(dead)} segments and ports of processes that are dead: {taken / 1e6:.0f} of "
         f"{seen.size / 1e6:.0f} MB; {seen.free / 1e6:.0f} MB are free"
     )
-    advice = (
-        "fastdds shm clean (it leaves alone what runs); start what is killed so often with "
-        "FASTDDS_BUILTIN_TRANSPORTS=UDPv4: docs/network.md, Shared memory"
-    )
-    return [Check(str(MEMORY), WARN, text, advice)]
 
 
-def lost_images(reports: Reports, room: int | None = None) -> list[Check]:
-    """Cameras whose images are missing, or most of them, while their camera_info comes.
+def lost_images(report: Report) -> str:
+    """What a robot's report says of cameras whose images are missing, or most of them.
+
+    Only while their camera_info comes, and where the robot knows no other reason.
 
     Args:
-        reports: Of each node, its last report.
-        room: This machine's `net.core.rmem_max` [bytes]; None: it says none.
+        report: Of a robot's node: by subject its level, text and values.
+
+    Returns:
+        A sentence; empty where none is missing.
     """
-    checks = []
-    for node, report in reports.items():
-        lost = []
-        for subject in report if node.endswith(f"/{ROBOT_NODE}") else ():
-            camera, _, topic = subject.rpartition("/")
-            images, beside = _rate(report, subject), _rate(report, f"{camera}/camera_info")
-            if topic.startswith("image_") and beside >= 1.0 and images < _LOSS * beside:
-                lost.append(f"{camera} ({images:.1f} a second, camera_info {beside:.1f})")
-        if lost:
-            text = f"images are missing while their camera_info comes: {', '.join(lost)}"
-            checks.append(Check(f"{node}: images", ERROR, text, _advice(room)))
-    return checks
+    lost = []
+    for subject, (_, _, values) in report.items():
+        camera, _, topic = subject.rpartition("/")
+        images, beside = _rate(report, subject), _rate(report, f"{camera}/camera_info")
+        unexplained = values.get("code", Code.NO_DATA.value) == Code.NO_DATA.value
+        missing = topic.startswith("image_") and beside >= 1.0 and images < _LOSS * beside
+        if missing and unexplained:
+            lost.append(f"{camera} ({images:.1f} a second, camera_info {beside:.1f})")
+    return f"images are missing while their camera_info comes: {', '.join(lost)}" if lost else ""
 
 
-def _rate(report: Mapping[str, tuple[str, str, Mapping[str, str]]], subject: str) -> float:
+def _rate(report: Report, subject: str) -> float:
     values = report[subject][2] if subject in report else {}
-    return float(values.get("rate_hz", 0.0))
+    try:
+        return float(values.get("rate_hz", 0.0))
+    except ValueError:
+        return 0.0
 
 
-def _advice(room: int | None) -> str:
+def advice_on_lost_images() -> str:
+    """What to do about them, on this machine."""
+    room = None
+    with suppress(OSError, ValueError):
+        room = int(ROOM.read_text())
     small = room is not None and room < WANTED_ROOM
     where = f" (on this one it is {room})" if small else ""
     return (
@@ -130,11 +140,3 @@ def _advice(room: int | None) -> str:
         "the node again. With a Fast DDS profile or transports of your own it may be shared "
         "memory: start their driver again. docs/network.md, Shared memory"
     )
-
-
-def checks(reports: Reports) -> list[Check]:
-    """What is found on this machine, and in what the nodes report."""
-    room, seen = None, memory()
-    with suppress(OSError, ValueError):
-        room = int(ROOM.read_text())
-    return [*lost_images(reports, room), *(of_memory(seen) if seen else [])]

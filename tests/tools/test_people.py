@@ -151,7 +151,7 @@ def test_the_latest_events(live):
 def report(*entries: tuple[int, str, str]) -> Any:
     return SimpleNamespace(
         status=[
-            SimpleNamespace(level=bytes([level]), name=name, message=text)
+            SimpleNamespace(level=bytes([level]), name=name, message=text, values=[])
             for level, name, text in entries
         ]
     )
@@ -232,3 +232,21 @@ def test_message_that_contradicts_itself_is_refused_and_the_last_one_stays(live)
     assert not any(row[:1] == ["8"] for row in rows)
     (refusal,) = (row for row in rows if "refused" in row[0])
     assert "group 2 has 2 stragglers and 1 times of straggling; wanted: as many" in refusal[0]
+
+
+def test_what_follows_from_a_trouble_is_counted_with_it(live):
+    table, heard = live
+    heard["people"](message_of(WALKS))
+    message = report(
+        (2, "/planner_node: robot_a/points", "no data on /robot_a/points for 9 s"),
+        (3, "/robot_a/robot_node: scan", "no scan yet"),
+        (2, "/robot_a/robot_node: left/image_rect", "all 9 messages are refused"),
+    )
+    for status, code in zip(message.status, ("no_data", "no_scan", "all_refused"), strict=True):
+        status.values = [SimpleNamespace(key="code", value=code)]
+    heard["/diagnostics"](message)
+    rows = [row[0] for row in shown(table) if row]
+    first = rows.index("health: 1 error (2 nodes report)")
+    assert rows[first + 1 :] == [
+        "/robot_a/robot_node: left/image_rect: all 9 messages are refused (and 2 that follow from it)"
+    ]

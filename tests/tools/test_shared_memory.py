@@ -7,8 +7,9 @@ from contextlib import ExitStack
 
 import pytest
 
-from mrs_tools.doctor import ERROR, OK, WARN
-from mrs_tools.shared_memory import Memory, left_behind, lost_images, memory, of_memory
+from mrs_tools import shared_memory
+from mrs_tools.doctor import ERROR, OK, WARN, Facts, diagnose
+from mrs_tools.shared_memory import Memory, left_behind, lost_images, memory
 
 ROBOT = "/robot_a/robot_node"
 DEAD, ALIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"
@@ -26,6 +27,18 @@ FILES = {
     "somebody_else_el": 0,
 }
 LOCKED = frozenset({f"{ALIVE}_el", "fastrtps_port7400_sl"})
+
+
+def of_memory(seen: Memory):
+    """What the doctor says of it."""
+    facts = Facts(0, [], memory=seen)
+    return [check for check in diagnose(facts) if check.subject == "/dev/shm"]
+
+
+def of_images(reports):
+    """What the doctor says is wrong with a robot."""
+    checks = diagnose(Facts(0, [ROBOT], reports, states={ROBOT: "active"}))
+    return [check for check in checks if check.subject.startswith(f"{ROBOT}: ")]
 
 
 def test_what_the_dead_left_behind():
@@ -75,7 +88,7 @@ def report(**rates: float | None):
 def test_images_that_are_missing_while_camera_info_comes_are_said(image, rate):
     rates = {"left__camera_info": 5.0, f"left__{image}": rate}
     rates |= {"right__camera_info": 5.0, f"right__{image}": 5.0}
-    (check,) = lost_images(report(**rates))
+    (check,) = of_images(report(**rates))
     assert (check.subject, check.level) == (f"{ROBOT}: images", ERROR)
     assert check.text.endswith(f": left ({rate:.1f} a second, camera_info 5.0)")
     assert "docs/network.md" in check.advice
@@ -92,15 +105,42 @@ def test_images_that_are_missing_while_camera_info_comes_are_said(image, rate):
     ],
 )
 def test_other_troubles_are_not_taken_for_it(rates):
-    assert lost_images(report(**rates)) == []
-    assert lost_images({"/planner_node": report(**rates)[ROBOT]}) == []
+    assert lost_images(report(**rates)[ROBOT]) == ""
 
 
 @pytest.mark.parametrize(
     ("room", "said"), [(212992, "(on this one it is 212992)"), (16777216, None), (None, None)]
 )
-def test_too_little_room_for_large_images_is_named(room, said):
-    (check,) = lost_images(report(left__camera_info=5.0, left__image_rect=0.0), room)
+def test_too_little_room_for_large_images_is_named(room, said, tmp_path, monkeypatch):
+    monkeypatch.setattr(shared_memory, "ROOM", tmp_path / "rmem_max")
+    if room is not None:
+        shared_memory.ROOM.write_text(f"{room}\n")
+    (check,) = of_images(report(left__camera_info=5.0, left__image_rect=0.0))
     assert "net.core.rmem_max=16777216" in check.advice
     assert ("on this one" in check.advice) == (said is not None)
     assert said is None or said in check.advice
+
+
+def test_what_follows_from_lost_images_is_folded_under_them():
+    reports = report(left__camera_info=5.0, left__image_rect=0.0)
+    no_data = {"rate_hz": "0.0", "code": "no_data"}
+    reports[ROBOT]["left/image_rect"] = (ERROR, "no data on /robot_a/left/image_rect", no_data)
+    reports[ROBOT]["scan"] = ("waiting", "no scan yet", {"code": "no_scan"})
+    (check,) = of_images(reports)
+    assert check.subject == f"{ROBOT}: images"
+    assert [one.subject for one in check.follows] == [f"{ROBOT}: left/image_rect", f"{ROBOT}: scan"]
+
+
+@pytest.mark.parametrize("code", ["other_images", "no_publisher", "wrong_type", "wrong_qos"])
+def test_images_that_are_missing_for_another_reason_are_not_said_to_be_lost(code):
+    reports = report(left__camera_info=5.0, left__image_rect=0.0)
+    values = {"rate_hz": "0.0", "code": code}
+    reports[ROBOT]["left/image_rect"] = (ERROR, "the reason", values)
+    (check,) = of_images(reports)
+    assert (check.subject, check.text) == (f"{ROBOT}: left/image_rect", "the reason")
+
+
+def test_a_rate_that_is_no_number_ends_nothing():
+    reports = report(left__camera_info=5.0, left__image_rect=0.0)
+    reports[ROBOT]["left/camera_info"] = (OK, "ok", {"rate_hz": "many"})
+    assert lost_images(reports[ROBOT]) == ""
