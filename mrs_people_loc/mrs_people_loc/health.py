@@ -24,6 +24,9 @@ _ALL = 3
 class Code(str, Enum):
     """What a finding says, for tools."""
 
+    # of a node
+    INACTIVE = "inactive"
+    NO_CLOCK = "no_clock"
     # of one input
     NO_PUBLISHER = "no_publisher"
     NO_DATA = "no_data"

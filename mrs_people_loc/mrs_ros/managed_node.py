@@ -6,6 +6,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import rclpy
@@ -21,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import Parameter, Section
 from mrs_people_loc.errors import ConfigError, OutdatedError, PeopleLocError
+from mrs_people_loc.health import Code
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
@@ -188,7 +190,7 @@ class ManagedNode(LifecycleNode):
     def _begin(self) -> None:
         self._active = True
         self.start()
-        waits = self.waits_for()
+        waits = "/clock" if self._lacks_clock else self.waits_for()
         self.get_logger().info(
             f"{self.get_fully_qualified_name()}: active" + (f"; waits for {waits}" if waits else "")
         )
@@ -279,12 +281,27 @@ class ManagedNode(LifecycleNode):
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)
 
+    @property
+    def _lacks_clock(self) -> bool:
+        """Whether it takes its time from /clock, and nobody has told it yet."""
+        return bool(self.get_parameter("use_sim_time").value) and not self._now_ns()
+
     def _findings(self) -> list[Finding]:
         if not self._active:
-            return [Finding("state", STALE, "inactive: hears and sends nothing until activated")]
+            text = "inactive: hears and sends nothing until activated"
+            return [Finding("state", STALE, text, code=Code.INACTIVE)]
         inputs = [made.finding() for made in self.inputs.values()]
         state = Finding("state", OK, "active", self._use.values())
-        return [state, *inputs, *self.findings()]
+        found = [state, *inputs, *self.findings()]
+        if not self._lacks_clock:
+            return found
+        # Without a time nothing is early or late.
+        return [
+            replace(one, level=STALE, message="waits for /clock", code=Code.NO_CLOCK)
+            if one.code in (Code.STAMPS_OFF, Code.CLOCK_ASTRAY)
+            else one
+            for one in found
+        ]
 
 
 def _first_failure(

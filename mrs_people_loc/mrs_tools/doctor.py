@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +26,11 @@ LEVELS = {b"\x00": OK, b"\x01": WARN, b"\x02": ERROR, b"\x03": STALE}
 _COLOURS = {OK: "green", WARN: "yellow", ERROR: "red", STALE: "yellow"}
 
 _NETWORK = "it hangs, or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
+
+_STANDS_STILL = (
+    "does not answer: it stands still (end it and start it again), or was killed some seconds ago, "
+    "or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
+)
 
 #: What to do about what the nodes report, by its code, where their own words do not say it.
 _ADVICE = {
@@ -152,6 +157,11 @@ class _Entry:
     advice: str = ""
 
     @property
+    def is_standing(self) -> bool:
+        """Whether it is of a robot that is known, but does not answer."""
+        return self.advice.endswith(_STANDS_STILL)
+
+    @property
     def is_of_robot(self) -> bool:
         return self.node.endswith(f"/{ROBOT_NODE}")
 
@@ -173,6 +183,11 @@ def diagnose(facts: Facts) -> list[Check]:
         checks.append(Check(str(shared_memory.MEMORY), WARN, dead, shared_memory.CLEAN))
     nodes = list(dict.fromkeys(facts.nodes))
     entries = [entry for node in nodes for entry in _entries(node, facts)]
+    timeless = [entry for entry in entries if entry.code == Code.NO_CLOCK]
+    for index, check in enumerate(checks):
+        if check.subject == "/clock":
+            checks[index] = replace(check, follows=tuple(one.check() for one in timeless))
+            entries = [entry for entry in entries if entry not in timeless]
     checks += _folded(sorted(entries, key=lambda entry: not entry.is_of_robot))
     bad = {entry.node for entry in entries}
     checks += [
@@ -212,8 +227,11 @@ def _entries(node: str, facts: Facts) -> Iterable[_Entry]:
                 code, advice = _code(values), ""
                 robot = subject.removesuffix("/points").removesuffix("/pose")
                 own = f"{node.removesuffix(PLANNER_NODE)}{robot}/{ROBOT_NODE}"
-                if code == Code.NO_PUBLISHER and robot != subject and own not in facts.nodes:
-                    advice = f"there is no {own}: start it, or see `robots` in the team's file"
+                if robot != subject and own not in facts.nodes:
+                    if code == Code.NO_PUBLISHER:
+                        advice = f"there is no {own}: start it, or see `robots` in the team's file"
+                    elif code == Code.NO_DATA:
+                        advice = f"{own} {_STANDS_STILL}"
                 yield _Entry(node, subject, level, said, code, advice)
         lost = shared_memory.lost_images(facts.reports[node])
         if lost:
@@ -327,8 +345,9 @@ def _of_nodes(facts: Facts) -> Iterable[Check]:
             "them apart (multicast, firewall, discovery server): docs/network.md",
         )
         return
+    standing = any(entry.is_standing for node in facts.nodes for entry in _entries(node, facts))
     for kind, found in kinds.items():
-        if not found:
+        if not found and not (kind == ROBOT_NODE and standing):
             yield Check("network", ERROR, f"no {kind} in ROS domain {facts.domain}", "start it")
         for name, count in Counter(found).items():
             if count > 1:

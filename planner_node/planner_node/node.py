@@ -284,15 +284,15 @@ class PlannerNode(ManagedNode):
     def _people_finding(self) -> Finding:
         """Whether this planner is the only one."""
         topic = self.resolve_topic_name("people")
-        publishers = self.get_publishers_info_by_topic(topic)
-        if len(publishers) > 1:
+        if self.count_publishers(topic) > 1:
+            publishers = self.get_publishers_info_by_topic(topic)
             names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
             text = (
                 f"{len(names)} publishers on {topic}: {', '.join(names)}; another planner, or a "
                 "replay of what one said, is at work in this ROS domain: end it, or give it a "
                 "namespace or a ROS_DOMAIN_ID of its own; or one was killed some seconds ago"
             )
-            return Finding("people", ERROR, text)
+            return Finding("people", ERROR, text, {}, Code.TWO_PUBLISHERS)
         return Finding("people", OK, "ok")
 
     def _interval_finding(self) -> Finding:

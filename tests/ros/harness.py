@@ -297,6 +297,8 @@ class Peer:
         for status in message.status:
             node, _, name = status.name.partition(": ")
             values = {entry.key: entry.value for entry in status.values}
+            if node.rpartition("/")[2] in ("robot_node", "planner_node"):
+                assert status.level == OK or values.get("code"), status  # tools go by codes
             self._findings[node][name] = Finding(
                 status.level, status.message, values, self._reports[node]
             )

@@ -360,3 +360,22 @@ def test_figures_that_are_no_numbers_are_left_out():
     robot = {**WELL, "scan": (OK, "ok", {"disparity_ms": "2.5", "publish_ms": "soon"})}
     planner = {"robot robot_a": (OK, "ok", {})}
     assert figures(facts(reports={PLANNER: planner, ROBOT: robot}))[0][-1] == "2.5"
+
+
+def test_a_robot_that_stands_still_is_not_said_to_be_missing():
+    """A planner knows its publisher; the doctor, who has just come, does not find its node."""
+    silent = {
+        "robot_a/points": entry(ERROR, Code.NO_DATA),
+        "robot_a/pose": entry(ERROR, Code.NO_DATA),
+    }
+    (check,) = trouble(facts(nodes=[PLANNER], reports={PLANNER: {**WELL, **silent}}))
+    assert check.subject == f"{PLANNER}: robot_a/points"
+    assert check.advice.startswith("/robot_a/robot_node does not answer: it stands still")
+    assert subjects(check.follows) == [f"{PLANNER}: robot_a/pose"]
+
+
+def test_what_waits_for_the_clock_follows_from_it():
+    waits = {"robot robot_a": entry("waiting", Code.NO_CLOCK)}
+    (check,) = told(planner=waits, sim_time={ROBOT: True, PLANNER: True})
+    assert (check.subject, check.level) == ("/clock", ERROR)
+    assert subjects(check.follows) == [f"{PLANNER}: robot robot_a"]

@@ -40,7 +40,7 @@ def test_the_suite_is_no_worse_than_it_was(tmp_path: Path) -> None:
         chosen, tmp_path, paper=default_file("config", "paper.yaml"), jobs=os.cpu_count() or 1
     )
     printed, people = rows[0].report(), rows[-1].report()
-    print({key: people[key] for key in ("true", "found", "matched", "recall", "precision")})
+    print({key: people[key] for key in ("true", "estimates", "matched", "recall", "precision")})
     print(f"mean error {100 * people['error_m']['mean']:.2f} cm; printed {printed['recall']:.3f}")
     for key, least in LEAST.items():
         assert people[key] >= least, key
