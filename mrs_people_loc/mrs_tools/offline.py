@@ -251,7 +251,8 @@ def _centre(groups: Sequence[tuple[int, Any]]) -> Float | None:
     if not any(size for size, _ in groups):
         return None
     sizes, centres = zip(*groups, strict=True)
-    return np.asarray(np.average(np.array(centres, dtype=np.float64), axis=0, weights=sizes))
+    with np.errstate(over="ignore", invalid="ignore"):  # a message may say anything
+        return np.asarray(np.average(np.array(centres, dtype=np.float64), axis=0, weights=sizes))
 
 
 def read_people(message: Any) -> tuple[tuple[Person, ...], tuple[Group, ...]]:

@@ -984,3 +984,9 @@ def test_pooled_is_not_changed_by_its_parts(formation):
     Result.pooled([formation, formation])
     assert len(formation.frames) == before
     assert as_json({"one": formation})["frames"] == before
+
+
+def test_centres_of_groups_as_far_as_numbers_go_are_infinite():
+    with np.errstate(all="raise"):
+        centre = offline._centre([(4, (1e308, 0.0)), (3, (1e308, 1.0))])
+    np.testing.assert_allclose(centre, [np.inf, 3 / 7])
