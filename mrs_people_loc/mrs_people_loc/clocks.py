@@ -10,7 +10,7 @@ from enum import Enum
 #: A stamp that jumps back by more than this may be a new beginning (a bag that loops) [ns].
 RESET_NS = 1_000_000_000
 #: So many in succession make it one; fewer are messages that come late.
-_BELIEVED = 3
+BELIEVED = 3
 
 
 class Order(Enum):
@@ -48,7 +48,7 @@ class StampOrder:
             return Order.LATE
         self._back = self._back + 1 if self._back and stamp_ns > self._last_back_ns else 1
         self._last_back_ns = stamp_ns
-        if self._back < _BELIEVED:
+        if self._back < BELIEVED:
             return Order.LATE
         self.newest_ns, self._back = stamp_ns, 0
         self.resets += 1
