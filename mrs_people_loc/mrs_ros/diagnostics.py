@@ -230,6 +230,10 @@ class Input:
             instead=instead,
         )
 
+    def refuse(self, error: PeopleLocError) -> None:
+        """Counts and logs a message that was taken, and turns out to be of no use."""
+        self._refuse(type(error).__name__, str(error), Order.NEWER)
+
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())
         self.received += 1
