@@ -10,7 +10,7 @@ from enum import Enum
 #: A stamp that jumps back by more than this may be a new beginning (a bag that loops) [ns].
 RESET_NS = 1_000_000_000
 #: So many in succession make it one; fewer are messages that come late.
-_BELIEVED = 3
+BELIEVED = 3
 
 
 class Order(Enum):
@@ -48,7 +48,7 @@ class StampOrder:
             return Order.LATE
         self._back = self._back + 1 if self._back and stamp_ns > self._last_back_ns else 1
         self._last_back_ns = stamp_ns
-        if self._back < _BELIEVED:
+        if self._back < BELIEVED:
             return Order.LATE
         self.newest_ns, self._back = stamp_ns, 0
         self.resets += 1
@@ -67,8 +67,12 @@ class ClockOffset:
     Delays vary and are never negative, so over a while the greatest `stamp - arrival` is the offset
     less the least delay. One stamp may be wrong, so it is the greatest of all but one of some spans
     of time.
+
+    Attributes:
+        heard_ns: When the last message arrived [ns]; None before the first.
     """
 
+    heard_ns: int | None = None
     _greatest: deque[tuple[int, int]] = field(default_factory=deque)  # span, its greatest [ns]
     _first_ns: int = 0
 
@@ -82,6 +86,7 @@ class ClockOffset:
         """Takes a message with this stamp that arrives now [ns]; if anew, as the first one."""
         if anew:
             self.begin_anew()
+        self.heard_ns = now_ns
         offset_ns, span = stamp_ns - now_ns, now_ns // self._SPAN_NS
         if self._greatest and self._greatest[-1][0] > span:
             self._greatest.clear()  # the listener's clock was set back

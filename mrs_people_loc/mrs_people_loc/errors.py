@@ -23,6 +23,18 @@ class UncalibratedError(ImageError):
     """Images that are of no use while there is no calibration that fits."""
 
 
+class WaitedError(ImageError):
+    """Images that waited for their calibration, and do not fit it.
+
+    Attributes:
+        camera: Whose image it is.
+    """
+
+    def __init__(self, camera: str, text: str) -> None:
+        super().__init__(text)
+        self.camera = camera
+
+
 class StampError(PeopleLocError):
     """A message whose stamp is 0: its sender sets none."""
 

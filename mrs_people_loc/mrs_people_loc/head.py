@@ -11,7 +11,7 @@ import numpy as np
 from mrs_people_loc import messages, timing
 from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import CameraError, ImageError, UncalibratedError
+from mrs_people_loc.errors import CameraError, ImageError, UncalibratedError, WaitedError
 from mrs_people_loc.images import Gray, ImagePreparer, Pairer, StereoImages
 from mrs_people_loc.robot import RobotPipeline, Stages
 
@@ -102,6 +102,7 @@ class Head:
 
         Raises:
             CameraError: It cannot be used, or does not fit the other cameras.
+            WaitedError: It can, and an image that waited does not fit it.
         """
         roi = message.roi
         key = (
@@ -125,7 +126,14 @@ class Head:
             self._why_not = str(err)
             raise
         waited, self._waiting = self._waiting, None
-        return None if waited is None else self._process(waited)
+        if waited is None:
+            return None
+        for camera in self.cameras:
+            try:
+                self._check(camera, waited)
+            except ImageError as err:
+                raise WaitedError(camera, str(err)) from err
+        return self._process(waited)
 
     def take_image(self, camera: str, message: Any) -> View | None:
         """Takes a sensor_msgs/Image and returns the view that it completes, or None.
@@ -154,17 +162,23 @@ class Head:
 
     def _process(self, found: Mapping[str, tuple[int, _Received]]) -> View:
         stamp_ns, left = found["left"]
-        for camera, (_, received) in found.items():
-            if received.encoding != left.encoding:
-                raise ImageError(
-                    f"encoding of the {camera} image is {received.encoding!r}; "
-                    f"wanted as left: {left.encoding!r}"
-                )
+        for camera in found:
+            self._check(camera, found)
         began_ns = timing.now_ns()
         prepared = {c: self._preparers[c](received.image) for c, (_, received) in found.items()}
         images = StereoImages(stamp_ns, **prepared)
         prepare_ms = (timing.now_ns() - began_ns) / 1e6
         return View(left.header, images, self.pipeline.stages(images), prepare_ms)
+
+    def _check(self, camera: str, found: Mapping[str, tuple[int, _Received]]) -> None:
+        _, left = found["left"]
+        _, received = found[camera]
+        if received.encoding != left.encoding:
+            raise ImageError(
+                f"encoding of the {camera} image is {received.encoding!r}; "
+                f"wanted as left: {left.encoding!r}"
+            )
+        self._preparers[camera].check_size(received.image)
 
     def _build(self, config: RobotConfig) -> tuple[dict[str, ImagePreparer], Any]:
         preparers = {

@@ -38,6 +38,7 @@ class Code(str, Enum):
     SOME_REFUSED = "some_refused"
     NO_STAMPS = "no_stamps"
     NO_CALIBRATION = "no_calibration"
+    OUTDATED = "outdated"
     # of a robot
     NO_PAIR = "no_pair"
     SOME_UNPAIRED = "some_unpaired"
@@ -65,7 +66,11 @@ class Code(str, Enum):
 
 
 #: Refusals that are told apart, by the class of their error.
-_REFUSALS = {"StampError": Code.NO_STAMPS, "UncalibratedError": Code.NO_CALIBRATION}
+_REFUSALS = {
+    "StampError": Code.NO_STAMPS,
+    "UncalibratedError": Code.NO_CALIBRATION,
+    "OutdatedError": Code.OUTDATED,
+}
 
 
 @dataclass(frozen=True)

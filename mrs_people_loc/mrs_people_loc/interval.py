@@ -22,6 +22,8 @@ from mrs_people_loc.scan import Scan
 
 #: A robot that was not named at the beginning, and is silent for so long, is forgotten [ns].
 _FORGET_NS = 600_000_000_000
+#: No message is so late [ns]: what is so much older than what silent robots saw is of another time.
+_LATEST_NS = 60_000_000_000
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,9 @@ class RobotState:
         pending: Its scan that waits for the interval to close.
         ahead_ns: What the stamp of that scan was ahead of the planner's clock by on arrival [ns].
         used_ns: Stamp of the scan last used or left out [ns].
-        seen_ns: Stamp of the scan last used, less what its clock is ahead [ns].
+        seen_ns: Stamp of the scan last used, less what its clock is ahead [ns]; None since its
+            stamps jumped back.
+        anew: Whether its stamps jumped back since a scan of it was used.
         heard_ns: When its last scan arrived [ns]; for a robot that is known to take part and was
             not heard yet, when the first scan of any robot did.
         dropped: Scans that were not used, by reason: superseded, too_old, no_pose, clock_offset.
@@ -73,6 +77,7 @@ class RobotState:
     ahead_ns: int = 0
     used_ns: int | None = None
     seen_ns: int | None = None
+    anew: bool = False
     heard_ns: int | None = None
     dropped: Counter[str] = field(default_factory=Counter)
     order: StampOrder = field(default_factory=StampOrder)
@@ -89,6 +94,7 @@ class RobotState:
         self.order.begin_anew()
         self.clock.begin_anew()
         self.pending = self.used_ns = self.seen_ns = None
+        self.anew = False
 
 
 class IntervalCollector:
@@ -96,7 +102,8 @@ class IntervalCollector:
 
     Where time jumps back by more than `RESET_NS`, as where a bag loops, it begins anew: where the
     time that it is given does, or the stamps of every robot that is heard. One robot whose stamps
-    jump back alone has a clock that is wrong: its scans are too old.
+    jump back alone has a clock that is wrong: its scans are too old. So are those of one that is
+    late, also where it is the only one left, until they are newer than the last interval.
 
     Args:
         config: When it closes.
@@ -157,13 +164,13 @@ class IntervalCollector:
             raise ScanError(f"stamp is {scan.stamp_ns} ns; wanted: newer than {newest} ns")
         if order is Order.ANEW:
             state.clock.add(scan.stamp_ns, now_ns, anew=True)
-            state.seen_ns = None
+            state.seen_ns, state.anew = None, True
         if state.pending is not None:
             state.dropped["superseded"] += 1
         state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns
         if self._opened_ns is None:
             # What is too old is counted with the next interval, and makes none by itself.
-            last_ns = self._last_seen_ns(now_ns)
+            last_ns = self._last_seen_ns(now_ns, scan.stamp_ns)
             if last_ns is None or last_ns - scan.stamp_ns <= self._max_age_ns:
                 self._opened_ns = now_ns
 
@@ -195,13 +202,22 @@ class IntervalCollector:
         return self._astray(self.clock_offsets(now_ns), now_ns)
 
     def _astray(self, offsets: Mapping[str, int], now_ns: int) -> dict[str, int]:
-        right_ns, allowed_ns = right_offset(offsets.values()), self._allowed_offset_ns
+        right_ns, allowed_ns = self._right_ns(offsets, now_ns), self._allowed_offset_ns
         return {
             name: offset - right_ns
             for name, offset in offsets.items()
             if offset - right_ns > allowed_ns
             or (right_ns - offset > allowed_ns and self.robots[name].clock.is_settled(now_ns))
         }
+
+    def _right_ns(self, offsets: Mapping[str, int], now_ns: int) -> int:
+        """What the right clock is ahead by [ns]: that of a robot that is not silent, if one is."""
+        heard = (
+            offset
+            for name, offset in offsets.items()
+            if self._is_heard(self.robots[name].clock.heard_ns, now_ns)
+        )
+        return right_offset(list(heard) or offsets.values())
 
     def apart_m(self, name: str) -> float | None:
         """How far a robot's last pose is from the nearest other robot's [m]; None: it is alone."""
@@ -220,23 +236,29 @@ class IntervalCollector:
     def _max_age_ns(self) -> int:
         return round(self.config.max_scan_age * 1e9)
 
-    def _last_seen_ns(self, now_ns: int) -> int | None:
-        """When the newest scan was made that live robots have had a part with; None: none was.
+    def _last_seen_ns(self, now_ns: int, stamp_ns: int) -> int | None:
+        """When the newest scan was made that had a part, as far as it counts for a stamp [ns].
 
-        A robot whose stamps have jumped back has had none since, so where those of all have (a
-        recording that loops) there is none. One that is late, while others go on, is just late.
+        A robot whose stamps have jumped back has had none since. Where those of all that are heard
+        have (a recording that loops) there is none (None), also of those that are silent: it was
+        another time. One that is late, while others go on or fall silent, is just late.
         """
-        timeout_ns = self.config.robot_timeout * 1e9
-        return max(
-            (
+        heard: list[RobotState] = []
+        silent: list[RobotState] = []
+        for state in self.robots.values():
+            (heard if self._is_heard(state.heard_ns, now_ns) else silent).append(state)
+        seen_ns = [state.seen_ns for state in heard if state.seen_ns is not None]
+        if seen_ns or not any(state.anew for state in heard):
+            seen_ns += [
                 state.seen_ns
-                for state in self.robots.values()
-                if state.seen_ns is not None
-                and state.heard_ns is not None
-                and now_ns - state.heard_ns <= timeout_ns
-            ),
-            default=None,
-        )
+                for state in silent
+                if state.seen_ns is not None and state.seen_ns - stamp_ns <= _LATEST_NS
+            ]
+        return max(seen_ns, default=None)
+
+    def _is_heard(self, last_ns: int | None, now_ns: int) -> bool:
+        """Whether who was heard last at a time [ns] is not silent now."""
+        return last_ns is not None and now_ns - last_ns <= self.config.robot_timeout * 1e9
 
     def _at(self, now_ns: int) -> None:
         """Follows the time, where it is set back, too."""
@@ -254,11 +276,9 @@ class IntervalCollector:
 
     def _awaits(self, now_ns: int) -> bool:
         """Whether a live robot is not ready; the one last waited for is looked at first."""
-        timeout_ns = self.config.robot_timeout * 1e9
 
         def awaited(state: RobotState) -> bool:
-            heard_ns = state.heard_ns
-            return heard_ns is not None and now_ns - heard_ns <= timeout_ns and not state.ready
+            return self._is_heard(state.heard_ns, now_ns) and not state.ready
 
         if self._awaited is None or not awaited(self._awaited):
             self._awaited = next(filter(awaited, self.robots.values()), None)
@@ -272,7 +292,7 @@ class IntervalCollector:
         for name, state in self.robots.items():
             if state.pending is not None:
                 offsets[name] = max(offsets.get(name, state.ahead_ns), state.ahead_ns)
-        off_ns, right_ns = self._astray(offsets, now_ns), right_offset(offsets.values())
+        off_ns, right_ns = self._astray(offsets, now_ns), self._right_ns(offsets, now_ns)
         stamp_ns = 0
         made_ns: dict[str, int] = {}  # by robot, when its scan was made by the right clock
         for name, state in self.robots.items():
@@ -291,7 +311,7 @@ class IntervalCollector:
                 pending[name] = scan
                 # A clock that is a little ahead does not make the others' scans old.
                 made_ns[name] = scan.stamp_ns - max(state.ahead_ns - right_ns, 0)
-        seen_ns = self._last_seen_ns(now_ns)
+        seen_ns = self._last_seen_ns(now_ns, max(made_ns.values(), default=stamp_ns))
         newest_ns = max(*made_ns.values(), seen_ns or 0, 0)
         max_pose_age_ns = round(self.config.max_pose_age * 1e9)
         scans: list[Scan] = []
@@ -313,14 +333,20 @@ class IntervalCollector:
                 left_out[name] = str(err)
                 continue
             scans.append(scan)
-            state.seen_ns = made_ns[name]
+            state.seen_ns, state.anew = made_ns[name], False
         time_ns = max((scan.stamp_ns for scan in scans), default=stamp_ns)
         if scans:
-            if seen_ns is not None and 0 < self._last_ns - time_ns <= RESET_NS:
+            back_ns = self._last_ns - time_ns
+            # So much older its scans may be, and the last one's clock ahead.
+            may_be_ns = max(RESET_NS, self._max_age_ns + self._allowed_offset_ns)
+            if seen_ns is not None and 0 < back_ns <= may_be_ns:
                 time_ns = self._last_ns
-            elif self._last_ns - time_ns > RESET_NS:  # where the others were is of another time
+            elif back_ns > RESET_NS:  # where the others were is of another time
                 for name in self.robots.keys() - poses.keys():
                     self.robots[name].poses.clear()
+            for state in self.robots.values():  # and what they saw
+                if state.seen_ns is not None and state.seen_ns > newest_ns:
+                    state.seen_ns = None
             self._last_ns = time_ns
         others = {}
         for name, state in self.robots.items():

@@ -18,7 +18,8 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
 
-from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.clocks import BELIEVED, RESET_NS, Order, StampOrder
+from mrs_people_loc.errors import OutdatedError, PeopleLocError
 from mrs_people_loc.health import (
     ERROR,
     OK,
@@ -30,6 +31,7 @@ from mrs_people_loc.health import (
     Stream,
     of_stream,
 )
+from mrs_people_loc.messages import stamp_ns_of
 
 __all__ = ["ERROR", "OK", "OLD_STAMP_S", "SILENCE_S", "STALE", "WARN"]
 
@@ -106,6 +108,10 @@ class Input:
     Messages go to `callback`; errors of ours that it raises are counted, logged and dropped with
     their message, and the node lives on.
 
+    Where stamps jump back, the first messages after it are refused until the jump is believed, and
+    after a jump of `/clock` those that were under way. They are counted (`jumped_back`,
+    `OutdatedError`); that is part of a new beginning, and their sender is not to blame.
+
     Args:
         node: The node.
         message_type: Type of the messages.
@@ -139,6 +145,10 @@ class Input:
         self.instead: tuple[str, str] | None = None
         self._refused_in_a_row = 0
         self._last_kind = ""
+        self._order = StampOrder()
+        self._held: list[tuple[str, str]] = []  # refused, maybe for a jump: kind and text
+        self._forgiven = 0
+        self._outdated_since: float | None = None
         self._node = node
         self._callback = callback
         self._message_type = message_type
@@ -188,7 +198,8 @@ class Input:
             "dropped": total,
             **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
         }
-        level, code, text = of_stream(self._stream(silent, total))
+        refused = total - len(self._held) - self._forgiven
+        level, code, text = of_stream(self._stream(silent, refused))
         return Finding(self.topic, level, text, values, code)
 
     def _stream(self, silent_s: float, refused: int) -> Stream:
@@ -219,25 +230,72 @@ class Input:
             instead=instead,
         )
 
-    def drop(self, reason: str, text: str) -> None:
-        """Counts and logs something that was dropped."""
-        self.dropped[reason] += 1
-        self.last_error = text
-        if self._log.lets_through(reason):
-            self._node.get_logger().warning(
-                f"{self.subscription.topic_name}: {text} [dropped: {sum(self.dropped.values())}]"
-            )
+    def refuse(self, error: PeopleLocError) -> None:
+        """Counts and logs a message that was taken, and turns out to be of no use."""
+        self._refuse(type(error).__name__, str(error), Order.NEWER)
 
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())
         self.received += 1
+        order = self._order_of(message)
+        refused: PeopleLocError | None = None
         try:
             self._callback(message)
-            self._taken, self._refused_in_a_row = True, 0
         except PeopleLocError as err:
-            self._refused_in_a_row += 1
-            self._last_kind = type(err).__name__
-            self.drop(type(err).__name__, str(err))
+            refused = err
+        if order is Order.ANEW:
+            self._forgive()
+        if refused is None:
+            self._outdated_since = None
+            if order is not Order.LATE:
+                self._blame()
+            self._taken, self._refused_in_a_row = True, 0
+        else:
+            self._refuse(type(refused).__name__, str(refused), order)
+
+    def _order_of(self, message: Any) -> Order:
+        """LATE where it may be the first after a jump, or else as `StampOrder` has it."""
+        if self._once:
+            return Order.NEWER
+        stamp_ns, newest_ns = stamp_ns_of(message.header.stamp), self._order.newest_ns
+        order = self._order.take(stamp_ns) if stamp_ns else Order.NEWER
+        near = newest_ns is not None and newest_ns - stamp_ns <= RESET_NS
+        return Order.NEWER if order is Order.LATE and near else order
+
+    def _refuse(self, kind: str, text: str, order: Order) -> None:
+        self.dropped[kind] += 1
+        if self._log.lets_through(kind):
+            self._node.get_logger().warning(
+                f"{self.subscription.topic_name}: {text} [dropped: {sum(self.dropped.values())}]"
+            )
+        if kind == OutdatedError.__name__:
+            now = self._now()
+            self._outdated_since = now if self._outdated_since is None else self._outdated_since
+            if now - self._outdated_since <= SILENCE_S:
+                self._forgiven += 1
+                return
+        elif order is Order.LATE and len(self._held) < BELIEVED - 1:
+            self._held.append((kind, text))
+            return
+        self._held.append((kind, text))
+        self._blame()
+
+    def _forgive(self) -> None:
+        """What was held belongs to a jump of the stamps."""
+        for kind, _ in self._held:
+            self.dropped[kind] -= 1
+        self.dropped = +self.dropped
+        if self._held:
+            self.dropped["jumped_back"] += len(self._held)
+        self._forgiven += len(self._held)
+        self._held.clear()
+
+    def _blame(self) -> None:
+        """What was held is refused like all else."""
+        if self._held:
+            self._last_kind, self.last_error = self._held[-1]
+        self._refused_in_a_row += len(self._held)
+        self._held.clear()
 
     def _on_incompatible(self, event: Any) -> None:
         self._incompatible = QoSPolicyKind(event.last_policy_kind).name

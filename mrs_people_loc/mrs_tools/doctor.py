@@ -45,6 +45,8 @@ _ADVICE = {
     "docs/cameras.md",
     Code.SOME_REFUSED: "messages are refused for the reason that is said: mend their sender",
     Code.NO_CALIBRATION: "publish camera_info beside the images: docs/cameras.md",
+    Code.OUTDATED: "/clock was set back and its stamps are ahead of it since: its sender does not "
+    "follow /clock (use_sim_time), or something else is on this topic besides the replay",
     Code.NO_PAIR: "left and right must come, with stamps of one moment: docs/cameras.md",
     Code.SCAN_SILENT: "its camera, its node or its network has stopped",
     Code.LEFT_OUT_NO_POSE: "its poses come late or not at all: look at <robot>/pose, the load of "

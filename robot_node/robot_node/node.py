@@ -10,14 +10,14 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import CameraError, ConfigError
+from mrs_people_loc.errors import CameraError, ConfigError, ImageError, WaitedError
 from mrs_people_loc.floor import FloorWatch, in_words
 from mrs_people_loc.head import Head, View
 from mrs_people_loc.health import Code, of_scans
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.sight import SightWatch
 from mrs_ros import convert
-from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, Growth, recording_hint
+from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, Growth, Input, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import STREAM
 from robot_node import pose_source
@@ -63,6 +63,7 @@ class RobotNode(ManagedNode):
         """Listens to images, calibration and poses."""
         rectified = self.config.images.rectified
         image, other = ("image_rect", "image_raw") if rectified else ("image_raw", "image_rect")
+        self._images: dict[str, Input] = {}
         for camera in self._head.cameras:
             self.listen(
                 CameraInfo,
@@ -72,6 +73,7 @@ class RobotNode(ManagedNode):
             )
             heard = self.listen(Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM)
             remedy = f"set images.rectified: {str(not rectified).lower()}"
+            self._images[camera] = heard
             heard.instead = (f"{camera}/{other}", remedy)
         self._pose.start()
 
@@ -106,7 +108,11 @@ class RobotNode(ManagedNode):
     # ---- images ----
 
     def _on_camera_info(self, camera: str, message: CameraInfo) -> None:
-        view = self._head.take_camera_info(camera, message)
+        view = None
+        try:
+            view = self._head.take_camera_info(camera, message)
+        except WaitedError as err:
+            self._images[err.camera].refuse(ImageError(str(err)))
         if self._head.pipeline is not None:
             self._pose.camera_known(self._head.pipeline.camera)
         self._publish(view)

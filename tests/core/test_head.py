@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import CameraError, ImageError, StampError
+from mrs_people_loc.errors import CameraError, ImageError, StampError, WaitedError
 from mrs_people_loc.head import Head
 
 PIXELS = np.random.default_rng(0).integers(0, 255, (120, 160), dtype=np.uint8)
@@ -60,6 +60,27 @@ def test_images_wait_for_their_calibration(infos):
     view = head.take_camera_info("right", infos["right"])
     assert view is not None
     assert view.images.stamp_ns == 2_000_000_000
+
+
+def test_a_calibration_is_not_to_blame_for_images_that_waited_for_it(infos, camera_info):
+    """It can be used, and is: the error is that of an image."""
+    head = Head("robot_a", RobotConfig())
+    assert take(head, 1) is None
+    p = infos["right"].p
+    head.take_camera_info("left", camera_info(width=168))
+    with pytest.raises(
+        WaitedError, match="image is 160x120; wanted as in camera_info: 168x120"
+    ) as e:
+        head.take_camera_info("right", camera_info(width=168, p=p))
+    assert e.value.camera == "left"
+    assert head.pipeline is not None
+
+    head = Head("robot_a", RobotConfig())
+    assert take(head, 1, right="bgr8") is None
+    head.take_camera_info("left", infos["left"])
+    with pytest.raises(WaitedError, match="wanted as left: 'mono8'") as e:
+        head.take_camera_info("right", infos["right"])
+    assert e.value.camera == "right"
 
 
 def test_encodings_must_not_differ(infos):

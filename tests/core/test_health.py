@@ -61,6 +61,7 @@ def test_one_message_that_is_enough():
         ("ImageError", Code.ALL_REFUSED),
         ("StampError", Code.NO_STAMPS),
         ("UncalibratedError", Code.NO_CALIBRATION),
+        ("OutdatedError", Code.OUTDATED),
     ],
 )
 def test_all_refused_is_an_error_and_some_refused_a_warning(kind, code):

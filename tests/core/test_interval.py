@@ -1,4 +1,5 @@
 import contextlib
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -175,10 +176,18 @@ def test_a_scan_that_is_older_than_the_last_interval_is_left_out():
     assert team.close(7210) == {"robot_b": 7110}
 
 
-def seen(team: Team, *, late: dict[str, float], until: float, phase: float = 0.0) -> list[dict]:
+def seen(
+    team: Team,
+    *,
+    late: dict[str, float],
+    until: float,
+    phase: float = 0.0,
+    ends: dict[str, float] | None = None,
+) -> list[dict]:
     """Intervals of a team at 5 Hz, whose robots' messages are late from 3000 on [ms].
 
-    Poses come as late as scans. robot_b's camera is `phase` behind the others'.
+    Poses come as late as scans. robot_b's camera is `phase` behind the others'. `ends` says when
+    robots die.
     """
     arrivals = []
     for robot in team.collector.robots:
@@ -186,7 +195,8 @@ def seen(team: Team, *, late: dict[str, float], until: float, phase: float = 0.0
         for k in range(int((until - begin) / 200)):
             stamp = begin + 200 * k
             delay = 5 + (late.get(robot, 0) if stamp >= 3000 else 0)
-            arrivals.append((stamp + delay, robot, stamp))
+            if stamp < (ends or {}).get(robot, until):
+                arrivals.append((stamp + delay, robot, stamp))
     intervals, order = [], sorted(arrivals)
     for now in range(1000, int(until), 5):
         while order and order[0][0] <= now:
@@ -214,6 +224,69 @@ def test_messages_that_are_suddenly_late_put_nobody_back(late):
     dropped = team.dropped("robot_b")
     assert dropped["too_old"] > 10
     assert dropped["clock_offset"] > 10  # after ten seconds it is its clock that is behind
+
+
+@pytest.mark.parametrize("late", [2500, 3200, 3400, 8000, 30_000])
+@pytest.mark.parametrize("lived", [0, 2000, 9000])
+def test_who_is_late_and_left_alone_turns_no_time_back(late, lived):
+    """Its scans count again when they are not too old beside the last interval, and not before."""
+    team, died = Team(known=("robot_a", "robot_b")), 3000 + lived
+    intervals = seen(team, late={"robot_b": late}, until=died + 45_000, ends={"robot_a": died})
+    times = [each["time"] for each in intervals]
+    assert times == sorted(times)
+    last = max(each["robot_a"] for each in intervals if "robot_a" in each)
+    after = [each for each in intervals if "robot_a" not in each and each["now"] > died + 200]
+    assert all(each["robot_b"] >= last - 250 for each in after)
+    assert after[0]["now"] < max(last + late, died + 2000) + 250  # it is soon of use
+    now = [each["now"] for each in after]
+    assert max(y - x for x, y in itertools.pairwise(now)) <= 300  # and remains so
+    assert max(times.count(time) for time in times) <= 3  # nor does it stand for longer than that
+
+
+def test_who_turns_up_late_when_the_others_are_gone_turns_no_time_back():
+    team = Team(known=("robot_a",))
+    last = seen(team, late={}, until=10_000)[-1]["time"]
+    used = []
+    for now in range(13_000, 18_000, 200):
+        stamp = now - 5000
+        team.collector.add_pose("robot_b", Pose(stamp * MS, 0.0, 0.0, 0.0), now * MS)
+        team.scan("robot_b", stamp, now=now)
+        if team.close(now + 100):
+            used.append(team.closed.time_ns / MS)
+    assert used == sorted(used)
+    assert used[0] >= last
+
+
+def test_a_recording_of_long_ago_after_the_team_has_left_is_another_time():
+    """Its robots are others, so that nobody's stamps jump back."""
+    team = Team(known=("robot_a",))
+    for now in range(200_000, 205_000, 200):
+        team.pose("robot_a", now)
+        team.scan("robot_a", now)
+        assert team.close(now)
+    for now in range(208_000, 300_000, 200):
+        stamp = now - 150_000
+        team.collector.add_pose("robot_b", Pose(stamp * MS, 0.0, 0.0, 0.0), now * MS)
+        team.scan("robot_b", stamp, now=now)
+        assert (team.close(now) or team.close(now + 100)) == {"robot_b": stamp}
+        assert team.closed.time_ns == stamp * MS
+
+
+def test_who_fell_silent_before_a_new_beginning_makes_nothing_old_after_it():
+    """robot_b is heard in the first pass of a recording alone."""
+    team = live_team("robot_a", "robot_b")
+    for now in range(1100, 9001, 100):
+        team.scan("robot_a", now)
+        if now < 4000:
+            team.scan("robot_b", now)
+        assert team.close(now) or now < 6200
+        team.close(now + 99)
+    stamps_jump(team, 8000, "robot_a", at=9100)
+    assert team.close(9300) == {"robot_a": 1300}
+    for now in range(1400, 9000, 100):
+        team.scan("robot_a", now, now=now + 8000)
+        assert team.close(now + 8000) == {"robot_a": now}
+        assert team.closed.time_ns == now * MS
 
 
 @pytest.mark.parametrize("phase", [0, 50, 100, 150])

@@ -153,3 +153,27 @@ def test_calibrate_measures_a_head_that_is_running(
     assert mounting["height"] == pytest.approx(1.0, abs=0.03)
     assert mounting["pitch"] == pytest.approx(0.0, abs=0.012)
     assert mounting["roll"] == pytest.approx(0.0, abs=0.012)
+
+
+def test_images_that_waited_and_do_not_fit_are_the_image_topics_fault(
+    team: Team, peer: Peer, recording: Recording
+) -> None:
+    """Not that of the camera_info that came last, which is as right as the others."""
+    node = team.start("robot_node", namespace="/robot_wide", params=PARAMS)
+    robot = RobotPeer(peer, node, recording, "robot_wide")
+    peer.until_active(node.name)
+    view = robot.view()
+    for camera in ("left", "right"):
+        robot.send_image(camera, view[camera][0])
+    for camera in ("left", "right"):
+        robot.until_finding(f"{camera}/image_rect", lambda f: f.count("received") == 1)
+    for camera in ("left", "right"):
+        info = view[camera][1]
+        info.width += 8
+        robot.send_info(camera, info)
+        robot.until_finding(f"{camera}/camera_info", lambda f: f.count("received") == 1)
+    finding = robot.until_finding("left/image_rect", lambda f: f.count("dropped") == 1)
+    assert finding.values["dropped.ImageError"] == "1"
+    assert "wanted as in camera_info" in node.log
+    for camera in ("left", "right"):
+        assert robot.until_finding(f"{camera}/camera_info", lambda f: True).count("dropped") == 0

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from mrs_people_msgs.msg import People
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
@@ -88,6 +89,7 @@ def planning(team: Team, peer: Peer, *, simulated: bool) -> Iterator[PlannerPeer
 def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool) -> None:
     """Everybody is new in each pass, from its first interval on; ids and group ids go on."""
     events = peer.hear(String, "/events")
+    reports = peer.hear(DiagnosticArray, "/diagnostics")
     with planning(team, peer, simulated=clock) as planner:
         with mrs("replay", bag, "--loop", "--rate", 2, *(["--clock"] if clock else [])) as replay:
             peer.until(lambda: len(passes(planner.people)) > 11, lambda: planner.process.log)
@@ -107,6 +109,9 @@ def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool
         assert not any(person.coasting for person in messages[0].persons)
         assert stamp_of(messages[-1]) - stamp_of(messages[0]) > STEPS / 2 * STEP_NS
     assert {event.data for event in events} == {"the time jumped back: everybody is new"}
+    # What was under way, or refused until the jump was believed, blames no sender.
+    said = [status.message for report in reports for status in report.status]
+    assert not [text for text in said if "dropped; last:" in text or "refused; last:" in text]
     assert planner.process.log.count("starting anew") == len(passes(planner.people)) - 1
 
 

@@ -95,6 +95,7 @@ def test_what_nodes_report_is_passed_on_with_advice():
         (Code.LEFT_OUT_TOO_OLD, "late"),
         (Code.ALL_REFUSED, "sender"),
         (Code.SOME_REFUSED, "sender"),
+        (Code.OUTDATED, "follow /clock"),
         (Code.NO_POSE, "map_from_odom"),
         (Code.NO_PAIR, "docs/cameras.md"),
         (Code.SLOW, "too slow"),

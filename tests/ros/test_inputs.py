@@ -1,0 +1,105 @@
+"""What an input says of what it refuses: whose fault it is, and whose it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+
+from mrs_people_loc.clocks import Order, StampOrder
+from mrs_people_loc.errors import OutdatedError, ScanError
+from mrs_people_loc.health import OK, WARN, Code
+from mrs_ros import diagnostics
+from mrs_ros.diagnostics import Input
+from mrs_ros.qos import STREAM
+
+SECOND = 1_000_000_000
+
+
+class Heard:
+    """An input whose messages must go forward, without a network between."""
+
+    def __init__(self, node: Node) -> None:
+        self.order = StampOrder()
+        self.error: Exception | None = None
+        self.input = Input(node, PointCloud2, "points", self.callback, STREAM)
+
+    def callback(self, message: Any) -> None:
+        stamp = message.header.stamp
+        if self.error is not None:
+            raise self.error
+        if self.order.take(stamp.sec * SECOND + stamp.nanosec) is Order.LATE:
+            raise ScanError("wanted: newer")
+
+    def take(self, *seconds: float) -> None:
+        for second in seconds:
+            message = PointCloud2()
+            message.header.stamp.sec = int(second)
+            message.header.stamp.nanosec = round((second - int(second)) * SECOND)
+            self.input._take(message)
+
+    def says(self) -> tuple[bytes, Code | None]:
+        finding = self.input.finding()
+        return finding.level, finding.code
+
+
+@pytest.fixture
+def heard() -> Iterator[Heard]:
+    context = Context()
+    rclpy.init(context=context)
+    node = Node("hearing", context=context)
+    yield Heard(node)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_what_is_refused_until_a_jump_back_is_believed_blames_nobody(heard: Heard) -> None:
+    for _ in range(3):
+        heard.take(10.0, 10.2)
+        for second in (1.0, 1.2, 1.4, 1.6):
+            heard.take(second)
+            assert heard.says() == (OK, None)
+    assert heard.order.resets == 3
+    assert dict(heard.input.dropped) == {"jumped_back": 6}
+
+
+def test_a_message_that_is_late_is_blamed_when_the_next_one_is_not(heard: Heard) -> None:
+    heard.take(10.0, 5.0, 10.2)
+    assert heard.says() == (WARN, Code.SOME_REFUSED)
+    assert "1 dropped; last: wanted: newer" in heard.input.finding().message
+    assert dict(heard.input.dropped) == {"ScanError": 1}
+
+
+@pytest.mark.parametrize("seconds", [[10.0], [5.0, 5.0, 5.0], [0.0, 0.0, 0.0], [9.5]])
+def test_what_is_no_jump_is_blamed(heard: Heard, seconds: list[float]) -> None:
+    """Repeated stamps, a clock that stands still, none at all, or a little late."""
+    heard.take(10.0, *seconds)
+    assert heard.says()[1] in (Code.SOME_REFUSED, Code.ALL_REFUSED)
+    assert dict(heard.input.dropped) == {"ScanError": len(seconds)}
+
+
+def test_what_is_under_way_when_clock_jumps_is_counted_and_blames_nobody(heard: Heard) -> None:
+    heard.take(10.0)
+    heard.error = OutdatedError("of before")
+    heard.take(10.2, 10.4, 10.6, 10.8)
+    assert heard.says() == (OK, None)
+    heard.error = None
+    heard.take(11.0)
+    assert heard.says() == (OK, None)
+    assert dict(heard.input.dropped) == {"OutdatedError": 4}
+
+
+def test_who_goes_on_sending_of_before_clock_jumped_is_told_apart(
+    heard: Heard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard.error = OutdatedError("of before")
+    heard.take(10.0)
+    monkeypatch.setattr(diagnostics, "SILENCE_S", -1.0)  # as if it had lasted for seconds
+    heard.take(10.2, 10.4, 10.6)
+    heard.input._arrivals.append(float("inf"))  # not silent
+    assert heard.says()[1] == Code.OUTDATED
