@@ -248,5 +248,6 @@ def test_what_follows_from_a_trouble_is_counted_with_it(live):
     rows = [row[0] for row in shown(table) if row]
     first = rows.index("health: 1 error (2 nodes report)")
     assert rows[first + 1 :] == [
-        "/robot_a/robot_node: left/image_rect: all 9 messages are refused (and 2 that follow from it)"
+        "/robot_a/robot_node: left/image_rect: all 9 messages are refused "
+        "(and 2 that follow from it)"
     ]
