@@ -26,25 +26,29 @@ class Used:
     Attributes:
         at: When [s], monotonic.
         all: What all processes have used, and what the hypervisor gave to other machines.
+            In a container that is the whole host, not its share of it.
         ours: What this process and all that it has started have used.
+        pids: What this process has started; who of them is orphaned later stays ours.
     """
 
     at: float
     all: float
     ours: float
+    pids: frozenset[int] = frozenset()
 
     @classmethod
-    def now(cls) -> Used:
-        """As it is now."""
+    def now(cls, known: frozenset[int] = frozenset()) -> Used:
+        """As it is now, with processes that were ours before."""
         tick = os.sysconf("SC_CLK_TCK")
-        ours = sum(os.times()[:4]) + sum(map(_used_by, _descendants())) / tick
+        pids = known | frozenset(_descendants())
+        ours = sum(os.times()[:4]) + sum(map(_used_by, pids)) / tick
         line = Path("/proc/stat").read_text().splitlines()[0].split()
         user, nice, system, _idle, _iowait, _irq, _softirq, steal = map(int, line[1:9])
-        return cls(time.monotonic(), (user + nice + system + steal) / tick, ours)
+        return cls(time.monotonic(), (user + nice + system + steal) / tick, ours, pids)
 
     def by_others(self) -> float:
         """Share of the machine's processors that others have used since then."""
-        now = Used.now()
+        now = Used.now(self.pids)
         others = (now.all - self.all) - (now.ours - self.ours)
         return max(0.0, others) / ((now.at - self.at) * (os.cpu_count() or 1))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -93,3 +94,20 @@ def test_what_this_test_starts_is_ours() -> None:
         running.communicate(b"\n")
     assert 0.25 < after_it.ours - before.ours < 5.0
     assert after_it.all - before.all > 0.2
+
+
+def test_what_lost_its_parent_stays_ours() -> None:
+    child = f"import sys\n{BURN}\nsys.stdin.read()"
+    run = f"subprocess.run([sys.executable, '-c', {child!r}])"
+    code = f"import subprocess, sys; {run}"
+    start = Used.now()
+    parent = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE)
+    try:
+        while (before := Used.now()).ours - start.ours < 0.3:
+            assert parent.poll() is None
+            time.sleep(0.02)
+        parent.kill()
+        parent.wait()
+        assert Used.now(before.pids).ours - Used.now().ours > 0.1
+    finally:
+        parent.communicate()  # its child ends with what it reads
