@@ -65,7 +65,8 @@ def robots(peer: Peer, planner: PlannerPeer, clock: SimTime) -> list[PlayedRobot
     ]
 
     def connected() -> bool:
-        clock.to(clock.now + SECOND // 10)
+        # More than max_wait: a scan that is left over from the last try is in no interval of this.
+        clock.to(clock.now + 2 * SECOND)
         peer.spin(0.2)
         if not peer.has_reported_since(planner.node, START):
             return False  # its time is not that on /clock yet
