@@ -26,25 +26,29 @@ class Used:
     Attributes:
         at: When [s], monotonic.
         all: What all processes have used, and what the hypervisor gave to other machines.
+            In a container that is the whole host, not its share of it.
         ours: What this process and all that it has started have used.
+        pids: What this process has started; who of them is orphaned later stays ours.
     """
 
     at: float
     all: float
     ours: float
+    pids: frozenset[int] = frozenset()
 
     @classmethod
-    def now(cls) -> Used:
-        """As it is now."""
+    def now(cls, known: frozenset[int] = frozenset()) -> Used:
+        """As it is now, with processes that were ours before."""
         tick = os.sysconf("SC_CLK_TCK")
-        ours = sum(os.times()[:4]) + sum(map(_used_by, _descendants())) / tick
+        pids = known | frozenset(_descendants())
+        ours = sum(os.times()[:4]) + sum(map(_used_by, pids)) / tick
         line = Path("/proc/stat").read_text().splitlines()[0].split()
         user, nice, system, _idle, _iowait, _irq, _softirq, steal = map(int, line[1:9])
-        return cls(time.monotonic(), (user + nice + system + steal) / tick, ours)
+        return cls(time.monotonic(), (user + nice + system + steal) / tick, ours, pids)
 
     def by_others(self) -> float:
         """Share of the machine's processors that others have used since then."""
-        now = Used.now()
+        now = Used.now(self.pids)
         others = (now.all - self.all) - (now.ours - self.ours)
         return max(0.0, others) / ((now.at - self.at) * (os.cpu_count() or 1))
 
@@ -83,7 +87,8 @@ def nine_of_ten(
     """Holds that nine of ten tries are within a bound, and says how long they took.
 
     A try counts by what else the machine did meanwhile, never by what came out. Where it is too
-    busy nothing is known: the test is skipped, and fails in CI.
+    busy too little is known: unless the tries that count have failed already, whatever the others
+    would be, the test is skipped (see `too_busy`).
 
     Args:
         take: One try; returns what it took: the less the better.
@@ -111,16 +116,28 @@ def nine_of_ten(
         f"{what}: {_listed(took)} {unit}; others had {max(counted, default=0.0):.0%} of the "
         f"processors at most; left out, with up to {max(shares):.0%}: {_listed(left_out)}"
     )
+    over = sum(one > bound for one in took)
+    allowed = tries - math.ceil(0.9 * tries)
+    assert over <= allowed, (
+        f"{what}: {over} of {len(took)} took longer than the promised {bound:g} {unit}; "
+        f"allowed: {allowed} of {tries}"
+    )
     if len(took) < tries:
-        raise too_busy(f"{what}: {len(took)} of {tries} tries counted")
-    within = sorted(took)[math.ceil(0.9 * tries) - 1]
-    assert within <= bound, f"{what}: nine of ten within {within:.2f}; promised: {bound:g} {unit}"
+        raise too_busy(f"{what}: {len(took)} of {tries} tries counted", show)
 
 
-def too_busy(what: str) -> BaseException:
-    """What a test raises on a machine that is too busy: it is skipped, and fails in CI."""
+def too_busy(what: str, show: Callable[[str], None] = print) -> BaseException:
+    """What a test raises on a machine that is too busy: it is skipped, and says so aloud.
+
+    In CI, too: what could not be measured is no failure of what is tested.
+
+    Args:
+        what: What was measured, and what was not.
+        show: Prints a line.
+    """
     reason = f"this machine is too busy: others had more than {QUIET:.0%} of its processors; {what}"
-    return (pytest.fail if os.environ.get("CI") else pytest.skip).Exception(reason)
+    show(f"NOT MEASURED: {reason}")
+    return pytest.skip.Exception(reason)
 
 
 def _quiet_moment_comes() -> bool:

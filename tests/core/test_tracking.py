@@ -411,7 +411,7 @@ def test_where_time_jumps_back_everybody_is_new(back_s):
     offset = 200_000 * MS
     for k in range(20):
         follower.step([person(1, 1, at_ns=0), person(3, 1, at_ns=0)], offset + k * 100 * MS)
-    # Seen as before, somebody else, and nobody where the second one was: no ghost of him is left.
+    # Seen as before, somebody else, and nobody where the second one was: no ghost of them is left.
     start = offset + 1900 * MS - round(back_s * 1e9)
     for k in range(20):
         now = start + k * 100 * MS

@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -46,15 +46,3 @@ def _plain_ros() -> Iterator[None]:
             if name.startswith(("ROS_", "RMW_", "RCUTILS_", "FASTDDS_", "FASTRTPS_")):
                 patch.delenv(name)
         yield
-
-
-@pytest.fixture(scope="session")
-def show(pytestconfig: pytest.Config) -> Callable[[str], None]:
-    """Prints what was measured, also where pytest keeps the output."""
-    capture = pytestconfig.pluginmanager.getplugin("capturemanager")
-
-    def write(text: str) -> None:
-        with capture.global_and_fixture_disabled():
-            print(f"\n{text}", end="", flush=True)
-
-    return write

@@ -23,7 +23,8 @@ FAR, OTHERS = REAL, set(PLAYED)
 #: of all robots; and from the new start of a robot_node and of a planner_node [s].
 BACK_S, LONG_BACK_S, ALL_BACK_S = 0.6, 1.5, 1.0
 ROBOT_STARTS_S, PLANNER_STARTS_S = 3.0, 1.5
-#: And the share of a robot's scans that is not used where so many packets are lost, at most.
+#: And the share of the robots' scans that is not used where so many packets are lost, at most. Of
+#: 180 scans, each lost by chance, 40 % +- 4 % are, where the bound is 55 %.
 LOST = {0.05: 0.25, 0.20: 0.55}
 
 
@@ -112,18 +113,18 @@ def test_a_link_goes_down_for_long(
 
 
 def under_loss(team: TeamOnHosts, show: Show, probability: float, seconds: float) -> None:
-    """Loses that share of all packets between hosts; every robot must take part so often."""
+    """Loses that share of all packets between hosts; robots must take part so often."""
 
     def lost() -> float:
         time.sleep(seconds + 0.5)
         span = Span.of(team, seconds)
         show(f"{probability:4.0%} of packets lost: {span}")
-        return 1.0 - span.robot_hz / FRAME_HZ
+        return 1.0 - span.hz * span.robots / (len(ROBOTS) * FRAME_HZ)
 
     try:
         for host in (*ROBOTS, PLANNER):
             team.hosts.loss(host, probability)
-        what = f"{probability:.0%} of packets lost: of a robot's scans are not used"
+        what = f"{probability:.0%} of packets lost: of all scans are not used"
         nine_of_ten(lost, LOST[probability], what, unit="of 1", tries=1, show=show)
     finally:
         for host in (*ROBOTS, PLANNER):
@@ -132,7 +133,7 @@ def under_loss(team: TeamOnHosts, show: Show, probability: float, seconds: float
 
 
 @pytest.mark.parametrize(
-    "seconds", [6.0, pytest.param(60.0, marks=[pytest.mark.soak, pytest.mark.timeout(600)])]
+    "seconds", [12.0, pytest.param(60.0, marks=[pytest.mark.soak, pytest.mark.timeout(600)])]
 )
 def test_packets_are_lost(team: TeamOnHosts, show: Show, seconds: float) -> None:
     team.full_rate()
@@ -165,7 +166,7 @@ def test_a_robot_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> N
         return team.back(FAR, moment)
 
     what = "robot_node killed: its people after its new start"
-    nine_of_ten(back, ROBOT_STARTS_S, what, tries=3, show=show)
+    nine_of_ten(back, ROBOT_STARTS_S, what, show=show)
     team.full_rate()
 
 
@@ -178,5 +179,5 @@ def test_planner_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> N
         return team.all_back(ROBOTS, moment)
 
     what = "planner_node killed: people of all robots after its new start"
-    nine_of_ten(back, PLANNER_STARTS_S, what, tries=3, show=show)
+    nine_of_ten(back, PLANNER_STARTS_S, what, show=show)
     team.full_rate()

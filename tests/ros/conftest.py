@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import os
-import sys
 import warnings
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -20,7 +17,7 @@ else:
         warnings.simplefilter("ignore", DeprecationWarning)
         importlib.import_module("rosidl_generator_py")
     from mrs_ros.network import use_shipped_profile
-    from ros.harness import ROOT, Peer, Team, own_domain
+    from ros.harness import ROOT, Peer, Team, own_domain, ros2_command
     from ros.recording import Recording, read_recording
 
 
@@ -79,10 +76,4 @@ def peer(domain: int) -> Iterator[Peer]:
 @pytest.fixture(scope="module")
 def ros2(domain: int) -> str:
     """The real `ros2` command, on the module's domain."""
-    path = Path(sys.prefix, "bin", "ros2")
-    if not path.exists():
-        text = "the ros2 tools are not in this environment (../shared/ros2_tools installs them)"
-        if os.environ.get("CI"):
-            pytest.fail(text)
-        pytest.skip(text)
-    return str(path)
+    return ros2_command()

@@ -8,6 +8,7 @@ import pytest
 from mrs_people_msgs.msg import People
 from rosgraph_msgs.msg import Clock
 
+from mrs_people_loc.messages import stamp_ns_of
 from ros.harness import OK, WARN, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
 from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
@@ -64,7 +65,8 @@ def robots(peer: Peer, planner: PlannerPeer, clock: SimTime) -> list[PlayedRobot
     ]
 
     def connected() -> bool:
-        clock.to(clock.now + SECOND // 10)
+        # More than max_wait: a scan that is left over from the last try is in no interval of this.
+        clock.to(clock.now + 2 * SECOND)
         peer.spin(0.2)
         if not peer.has_reported_since(planner.node, START):
             return False  # its time is not that on /clock yet
@@ -73,8 +75,10 @@ def robots(peer: Peer, planner: PlannerPeer, clock: SimTime) -> list[PlayedRobot
         for _ in range(20):
             peer.spin(0.1)
             last = planner.people[-1] if planner.people else None
-            if last is not None and stamp_of(last) == clock.now:
-                return len(last.scans) == 2
+            # Both scans of this moment: nothing is on its way any more.
+            stamps = [stamp_ns_of(scan.stamp) for scan in last.scans] if last is not None else []
+            if stamps == [clock.now] * 2:
+                return True
         return False
 
     peer.until(connected, lambda: planner.process.log)

@@ -55,15 +55,3 @@ def hall(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], tuple[Path
         return drawn[frames], team_file(drawn[frames])
 
     return draw
-
-
-@pytest.fixture
-def show(pytestconfig: pytest.Config) -> Callable[[str], None]:
-    """Prints what was measured, also where pytest keeps the output."""
-    capture = pytestconfig.pluginmanager.getplugin("capturemanager")
-
-    def write(text: str) -> None:
-        with capture.global_and_fixture_disabled():
-            print(f"\n{text}", flush=True)
-
-    return write

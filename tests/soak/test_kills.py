@@ -10,6 +10,7 @@ less than a pair of images of 640 x 480. The driver here does as Fast DDS does b
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -42,6 +43,7 @@ def check(result: Kills) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 @pytest.mark.parametrize(
     "count", [pytest.param(3, id="short"), pytest.param(500, id="long", marks=pytest.mark.soak)]
 )
@@ -74,6 +76,7 @@ def test_what_is_held_of_kills_fails_when_it_should(kills: list[Kill], holds: bo
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_images_of_640x480_arrive_in_pairs(show: Show, tmp_path: Path) -> None:
     """By what the robot itself says of its inputs: how many there are says how fast the machine is.
 
@@ -81,7 +84,10 @@ def test_images_of_640x480_arrive_in_pairs(show: Show, tmp_path: Path) -> None:
     """
     room = int(Path("/proc/sys/net/core/rmem_max").read_text())
     if room < 1 << 20:
-        pytest.skip(f"net.core.rmem_max is {room}, too little for them: docs/network.md")
+        reason = f"net.core.rmem_max is {room}, too little for them: docs/network.md"
+        # .ci/run raises it where it may.
+        may_be_raised = os.access("/proc/sys/net/core/rmem_max", os.W_OK)
+        (pytest.fail if os.environ.get("CI") and may_be_raised else pytest.skip)(reason)
     robot = "robot_b"
     assert len(read_recorded(BAG, load_team(TEAM))[robot].types) == 5  # two cameras, and odometry
     nodes = [node for node in team_processes([PAPER, TEAM]) if node.namespace == robot]

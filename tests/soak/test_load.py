@@ -67,7 +67,7 @@ def check_memory(load: Load) -> None:
     assert max(grew.values()) < SETTLES_KB, grew
 
 
-def checked(run_once: Callable[[], Load], *, long: bool) -> Load:
+def checked(run_once: Callable[[], Load], show: Show, *, long: bool) -> Load:
     """Runs it and checks it; a short run that others left no time for is run again.
 
     Which one counts is said by what others used, not by what came out.
@@ -83,7 +83,7 @@ def checked(run_once: Callable[[], Load], *, long: bool) -> Load:
             check(load, long=False)
             return load
         check_memory(load)
-    raise too_busy(f"{len(load.lost)} of {len(load.sent)} went into no people")
+    raise too_busy(f"{len(load.lost)} of {len(load.sent)} went into no people", show)
 
 
 @pytest.mark.slow
@@ -123,7 +123,7 @@ def test_eight_robots_with_images(
         show(load.table(f"8 robots and 20 people, {files[0].stem}.yaml, images at {hz:g} Hz"))
         return load
 
-    load = checked(once, long=seconds > 60)
+    load = checked(once, show, long=seconds > 60)
     assert len(load.robots) == 8
     # The paper's method finds few in a crowd.
     assert max(interval.people for interval in load.intervals) >= (3 if PAPER in files else 10)
@@ -175,6 +175,6 @@ def test_scans_of_eight_robots(
         show(load.table(f"the planner with scans of 8 robots at {hz:g} Hz"))
         return load
 
-    load = checked(once, long=seconds > 60)
+    load = checked(once, show, long=seconds > 60)
     assert len(load.robots) == 8
     assert max(interval.people for interval in load.intervals) >= 10

@@ -131,7 +131,7 @@ def test_script_is_one(team: TeamKeys) -> None:
 def test_script_that_others_may_write_is_not_run_by_root(
     team: TeamKeys, tmp_path: Path, who: str
 ) -> None:
-    """A service of root's in a folder of the robot's user would make him root."""
+    """A service of root's in a folder of the robot's user would make them root."""
     folder = (tmp_path / "above" / "mrs_team").absolute()
     folder.parent.mkdir(mode=0o755)
     shutil.move(team.folder / PLANNER, folder)

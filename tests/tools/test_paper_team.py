@@ -18,7 +18,7 @@ pytest.importorskip("rclpy")
 from mrs_people_loc.config import load_team
 from mrs_tools.offline import BagRun
 from mrs_tools.team import team_processes
-from ros.harness import Peer, own_domain
+from ros.harness import Peer, own_domain, ros2_command
 
 ROOT = Path(__file__).parents[2]
 PAPER, PAPER_TEAM = (ROOT / "config" / name for name in ("paper.yaml", "paper_team.yaml"))
@@ -32,6 +32,12 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     with own_domain() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
         yield number
+
+
+@pytest.fixture
+def ros2() -> str:
+    """The real `ros2` command."""
+    return ros2_command()
 
 
 def test_its_method_is_that_of_the_paper():
@@ -56,11 +62,9 @@ def test_offline_tools_take_it():
 
 
 @pytest.mark.timeout(180)
-def test_a_launch_starts_the_team_with_a_trinocular_leader(domain: int) -> None:
-    pytest.importorskip("ros2launch", reason="ros2 launch is not among the ROS wheels")
-    ros2 = Path(sys.executable).with_name("ros2")
+def test_a_launch_starts_the_team_with_a_trinocular_leader(ros2: str, domain: int) -> None:
     command = [ros2, "launch", "planner_node", "team.launch.py", f"team:={PAPER_TEAM}"]
-    path = f"{ros2.parent}:{os.environ['PATH']}"
+    path = f"{Path(ros2).parent}:{os.environ['PATH']}"
     peer = Peer(domain)
     started = subprocess.Popen(
         command,
