@@ -11,9 +11,9 @@ import threading
 import time
 from bisect import bisect_right
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,7 +23,7 @@ import typer
 
 from mrs_people_loc import messages
 from mrs_people_loc.camera import CameraModel, StereoCamera
-from mrs_people_loc.config import Team, load_team
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, Team, load_team
 from mrs_people_loc.errors import BagError, ConfigError, PeopleLocError
 from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth, score, summary
 from mrs_people_loc.geometry import Float
@@ -32,7 +32,7 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.track_scores import score_tracks
 from mrs_tools.animation import animate, said, with_trails
 from mrs_tools.bags import BagReader
-from mrs_tools.domain import private_domain, refuse_others
+from mrs_tools.domain import meet_others, private_domain, refuse_others, somebody_else
 from mrs_tools.offline import (
     TRUTH_TOPIC,
     file_beside,
@@ -57,6 +57,8 @@ _START_S = 60.0
 _TAIL_S = 1.5
 #: A machine that is too slow for this share of the frames is said to be.
 _FEW = 0.05
+#: Every node may publish these, and none of ours listens to them.
+_EVERYBODYS = {"/rosout", "/parameter_events", "/diagnostics"}
 #: What is drawn of the cells, of which there may be none.
 _NO_CELLS = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4")]
@@ -202,8 +204,9 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
 
     nodes = team_processes(files, sim_time=True)
     robots = [n.namespace for n in nodes if n.namespace]
-    inputs = [f"/{robot}/{topic}" for robot in robots for topic in ("left/camera_info", "points")]
-    alone = ["/people", "/clock", *inputs]
+    outputs = {f"/{robot}/points": f"/{robot}/{ROBOT_NODE}" for robot in robots}
+    outputs["/people"] = f"/{PLANNER_NODE}"
+    ours = {"/mrs_demo", *outputs.values()}
     use_shipped_profile()
     context = Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -218,12 +221,18 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
             tempfile.TemporaryFile("w+") as log,
             stop_on_signals() as stop,
             Replayer(bag, rate=rate, clock=True) as player,
-            RunningTeam(nodes, log=log) as team,
+            ExitStack() as stack,
         ):
+            # Before four nodes begin to speak in somebody's domain.
+            meet_others(node)
+            _refuse_takers(player, ours)
+            refuse_others(node, dict.fromkeys(outputs, ""))
+            team = stack.enter_context(RunningTeam(nodes, log=log))
             console.print(f"starting {', '.join(n.label for n in nodes)} ...")
             _wait_for_team(node, team, log, stop)
-            refuse_others(node, alone)
             player.wait_for_subscribers(stop=stop)
+            _refuse_takers(player, ours)
+            refuse_others(node, outputs)
             console.print(f"replaying {bag}")
             with ThreadPoolExecutor(1) as threads:
                 playing = threads.submit(player.play, stop=stop)
@@ -241,12 +250,32 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
             console.print()
             if stop.is_set():
                 raise typer.Exit(stop.exit_code)
-            refuse_others(node, alone)  # who came meanwhile
+            _refuse_takers(player, ours)  # who came meanwhile
+            refuse_others(node, outputs)
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown(context=context)
     return listener
+
+
+def _refuse_takers(player: Replayer, ours: Collection[str]) -> None:
+    """Makes sure that the team hears the bag: a replay leaves to others what they publish, too.
+
+    Args:
+        player: The replay.
+        ours: Full names of our own nodes; a bag may hold what they say.
+
+    Raises:
+        PeopleLocError: Somebody else publishes a topic of the bag, or the clock.
+    """
+    taken = {
+        topic: others
+        for topic, names in player.taken.items()
+        if topic not in _EVERYBODYS and (others := [name for name in names if name not in ours])
+    }
+    if taken:
+        raise somebody_else(taken)
 
 
 def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Event) -> None:

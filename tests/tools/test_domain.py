@@ -66,8 +66,12 @@ def test_whoever_else_publishes_is_named():
 
     heard = {"/clock": [publisher("/", "play")], "/people": [publisher("/", "planner_node")]}
     node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda topic: heard.get(topic, []))
-    domain.refuse_others(node, ["/people", "/clock", "/robot_a/points"])
+    own = {"/people": "/planner_node", "/clock": "/play", "/robot_a/points": ""}
+    domain.refuse_others(node, own)
     heard["/people"].append(publisher("/site", "planner_node"))
-    message = "2 publishers on /people: /planner_node, /site/planner_node; end the others"
+    message = r"/people has 1 other publisher: /site/planner_node\. End the others"
     with pytest.raises(PeopleLocError, match=message):
-        domain.refuse_others(node, ["/people", "/clock"])
+        domain.refuse_others(node, own)
+    message = "/people has 2 other publishers: /planner_node, /site/planner_node"
+    with pytest.raises(PeopleLocError, match=message):
+        domain.refuse_others(node, {**own, "/people": ""})
