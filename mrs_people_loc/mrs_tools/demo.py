@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import sys
 import tempfile
 import threading
 import time
@@ -13,7 +12,7 @@ from bisect import bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,7 +23,7 @@ import typer
 from mrs_people_loc import messages
 from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, Team, load_team
-from mrs_people_loc.errors import BagError, ConfigError, PeopleLocError
+from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth, score, summary
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.masking import OccupancyGrid
@@ -33,6 +32,7 @@ from mrs_people_loc.track_scores import score_tracks
 from mrs_tools.animation import animate, said, with_trails
 from mrs_tools.bags import BagReader
 from mrs_tools.domain import meet_others, private_domain, refuse_others, somebody_else
+from mrs_tools.installing import default_file
 from mrs_tools.offline import (
     TRUTH_TOPIC,
     file_beside,
@@ -63,28 +63,6 @@ _EVERYBODYS = {"/rosout", "/parameter_events", "/diagnostics"}
 _NO_CELLS = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4")]
 )
-
-
-def default_file(*parts: str) -> Path:
-    """A file that comes with the project: of the source tree, or installed into `share/`.
-
-    Of the source tree below this folder, or of that which this package was installed from.
-
-    Raises:
-        ConfigError: It is nowhere.
-    """
-    shares = [Path(sys.prefix, "share", "mrs_people_loc")]
-    with suppress(ImportError, LookupError, OSError):  # no ROS, or none is sourced
-        from ament_index_python.packages import get_package_share_directory
-
-        shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
-    for root in (Path.cwd(), Path(__file__).resolve().parents[2], *shares):
-        if root.joinpath(*parts).exists():
-            return root.joinpath(*parts)
-    raise ConfigError(
-        f"{Path(*parts)} is not here: run this in the folder of the repository, or build the "
-        "workspace again (colcon build) and source it"
-    )
 
 
 class Listener:
