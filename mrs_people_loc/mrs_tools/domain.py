@@ -53,10 +53,17 @@ def own_domain() -> Iterator[int]:
     ports of its participants.
 
     Raises:
-        ConfigError: All are in use.
+        ConfigError: All are in use, or the folder of the lock files belongs to somebody else.
     """
     folder = Path(tempfile.gettempdir()) / f"mrs_people_loc-domains-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        (folder / "mine").touch()
+    except OSError as err:  # somebody else made it
+        raise ConfigError(
+            f"{folder}: cannot be used ({err.strerror or err}), which keeps two from the same ROS "
+            "domain; remove it, or set ROS_DOMAIN_ID, or TMPDIR to another folder"
+        ) from err
     for step in range(len(_OWN)):
         domain = _OWN[(os.getpid() + step) % len(_OWN)]
         with (folder / str(domain)).open("w") as lock:

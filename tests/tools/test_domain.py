@@ -31,6 +31,14 @@ def test_two_never_have_the_same_domain():
         assert one != other
 
 
+def test_a_folder_of_locks_that_is_none_of_ours_is_said(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / f"mrs_people_loc-domains-{os.getuid()}").write_text("somebody else's")
+    wanted = r"domains-\d+: cannot be used \(.*; remove it, or set"
+    with pytest.raises(ConfigError, match=wanted), domain.own_domain():
+        pass
+
+
 @pytest.mark.parametrize("participant", [0, 3])
 def test_a_domain_that_somebody_else_uses_is_not_taken(participant):
     with domain.own_domain() as one:
