@@ -25,7 +25,7 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
 from mrs_ros.ending import ignore_signals, stop_on_signals
-from mrs_ros.network import use_shipped_profile
+from mrs_ros.network import given_domain, use_shipped_profile
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
@@ -327,8 +327,9 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
         sys.stdout.write(usage.strip() + "\n")
         return 0
     stop = stop_on_signals()
-    own_network = use_shipped_profile()
     try:
+        given_domain()  # rclpy says only that the domain is invalid
+        own_network = use_shipped_profile()
         secured = security.asked(os.environ)
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except ConfigError as err:

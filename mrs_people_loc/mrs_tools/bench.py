@@ -45,12 +45,13 @@ from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.robot import RobotPipeline
+from mrs_ros.network import given_domain
 from mrs_tools import bench_reference
 from mrs_tools.bags import BagReader
 from mrs_tools.bench_growth import LARGEST, growth_of, time_growth
 from mrs_tools.bench_scenes import INTERVAL_NS, PEOPLE, ROBOTS, drawn_scans
 from mrs_tools.bench_tracking import time_tracking
-from mrs_tools.domain import given_domain, private_domain
+from mrs_tools.domain import private_domain
 from mrs_tools.installing import default_file
 from mrs_tools.offline import BagRun, View, robots_of
 

@@ -14,35 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mrs_people_loc.errors import ConfigError, PeopleLocError
+from mrs_ros.network import given_domain
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-#: Above this, DDS's UDP ports would go beyond 65535.
-LARGEST_DOMAIN = 232
 #: Domains of our own. Above them, ports are among those that Linux gives to anybody (32768 on).
 _OWN = range(1, 102)
 #: So many participants of others are looked for in a domain that is to be our own.
 _PARTICIPANTS = 10
 #: Others are looked for until none has come for so long, or at most for so long [s].
 _ALONE_S, _LOOK_S = 1.0, 5.0
-
-
-def given_domain() -> int | None:
-    """The ROS_DOMAIN_ID of the environment; None: it names none, which is domain 0.
-
-    Raises:
-        ConfigError: It is no domain.
-    """
-    text = os.environ.get("ROS_DOMAIN_ID", "")
-    if not text:
-        return None
-    if not (text.isascii() and text.isdecimal() and int(text) <= LARGEST_DOMAIN):
-        raise ConfigError(
-            f"ROS_DOMAIN_ID is {text!r}; allowed: a whole number from 0 to {LARGEST_DOMAIN} "
-            "(on Linux up to 101), or unset it"
-        )
-    return int(text)
 
 
 @contextlib.contextmanager

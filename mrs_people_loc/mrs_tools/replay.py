@@ -27,8 +27,9 @@ import typer
 from rosbags.interfaces import QosDurability
 
 from mrs_people_loc.errors import BagError
+from mrs_ros.network import given_domain
 from mrs_tools.bags import BagReader, Topic
-from mrs_tools.domain import given_domain, meet_others
+from mrs_tools.domain import meet_others
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:

@@ -96,6 +96,17 @@ def test_node_ends_with_who_holds_its_lifeline(
         assert "Traceback" not in said
 
 
+@pytest.mark.parametrize("text", ["abc", "300"])
+def test_node_with_a_wrong_domain_says_what_is_allowed(
+    domain: int, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    process = program("callback", 0)
+    said, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 2, said
+    assert f"error: ROS_DOMAIN_ID is '{text}'; allowed: a whole number from 0 to 232" in said
+
+
 def test_standard_input_is_no_lifeline_unless_it_is_said(domain: int) -> None:
     process = program("callback", 0, stdin=subprocess.DEVNULL)
     assert process.stdout is not None

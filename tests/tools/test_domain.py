@@ -10,20 +10,21 @@ from typing import Any
 import pytest
 
 from mrs_people_loc.errors import ConfigError, PeopleLocError
+from mrs_ros.network import given_domain
 from mrs_tools import domain
 
 
 @pytest.mark.parametrize(("text", "number"), [("", None), ("0", 0), ("42", 42), ("232", 232)])
 def test_the_environment_names_a_domain(monkeypatch, text, number):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
-    assert domain.given_domain() == number
+    assert given_domain() == number
 
 
 @pytest.mark.parametrize("text", ["abc", "-1", "1.0", " 7", "233", "9" * 30, "٣"])
 def test_what_is_no_domain_is_refused(monkeypatch, text):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID is '.*'; allowed: a whole number"):
-        domain.given_domain()
+        given_domain()
 
 
 def test_two_never_have_the_same_domain():
