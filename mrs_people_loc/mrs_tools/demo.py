@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 import tempfile
 import threading
 import time
@@ -159,9 +158,16 @@ def check_pictures(path: Path) -> None:
     for file in (path, path.with_suffix(".gif")):
         if file.is_dir():
             raise PeopleLocError(f"--out {path}: {file} is a folder; wanted: a file")
-        if not os.access(file if file.exists() else file.parent, os.W_OK):
-            why = "cannot be written" if file.parent.is_dir() else f"there is no {file.parent}"
-            raise PeopleLocError(f"--out {path}: {file}: {why}")
+        if not file.parent.is_dir():
+            raise PeopleLocError(f"--out {path}: {file}: there is no folder {file.parent}")
+        new = not file.exists()
+        try:
+            file.open("ab").close()
+            if new:
+                file.unlink()
+        except OSError as err:
+            why = err.strerror or err
+            raise PeopleLocError(f"--out {path}: {file}: cannot be written ({why})") from err
 
 
 def _stamp_of(message: Any) -> int:

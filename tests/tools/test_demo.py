@@ -123,7 +123,9 @@ def test_the_pictures(tmp_path):
     [
         ("picture.gif", r"wanted: a name that ends in .*\.png"),
         ("picture", r"wanted: a name that ends in .*\.png"),
-        ("none/picture.png", "none/picture.png: there is no .*none$"),
+        ("none/picture.png", "none/picture.png: there is no folder .*none$"),
+        ("file/picture.png", "file/picture.png: there is no folder .*file$"),
+        ("/proc/picture.png", r"/proc/picture\.png: cannot be written \("),
         ("folder.png", "folder.png is a folder; wanted: a file"),
         ("other.png", "other.gif is a folder; wanted: a file"),
     ],
@@ -131,6 +133,7 @@ def test_the_pictures(tmp_path):
 def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, name, message):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "other.gif").mkdir()
+    (tmp_path / "file").touch()
     arguments = ["demo", str(tmp_path / "no_bag"), "--out", str(tmp_path / name)]
     done = CliRunner().invoke(app, arguments, env={"COLUMNS": "400"})
     assert done.exit_code == 1
@@ -139,7 +142,12 @@ def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, 
 
 def test_a_target_that_may_not_be_written_is_said(tmp_path, monkeypatch):
     demo.check_pictures(tmp_path / "picture.png")
-    monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)
+    assert not list(tmp_path.iterdir())
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(PeopleLocError, match=r"picture\.png: cannot be written"):
         demo.check_pictures(tmp_path / "picture.png")
 
