@@ -750,6 +750,13 @@ def test_record_overwrites_nothing(tmp_path):
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize("name", ["/bad topic!", "/a//b", "/1st", "/robot_*/"])
+def test_record_refuses_a_name_that_no_topic_can_have(tmp_path, name):
+    with pytest.raises(BagError, match="fits no topic: it is no ROS 2 name; allowed: / before"):
+        Recorder(tmp_path / "z.mcap", ["*", "/robot_[ab]/*", "talk", "*/image_*", "/?", name])
+    assert not list(tmp_path.iterdir())
+
+
 def test_record_of_nothing_leaves_nothing(tmp_path):
     code, said = run("record", tmp_path / "out.mcap", "/nope", "--duration", 0.5)
     assert code == 1
