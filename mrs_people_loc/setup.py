@@ -1,8 +1,19 @@
 """For colcon only; pip installs from the repository's pyproject.toml."""
 
+import re
 from glob import glob
+from os.path import isfile
+from pathlib import Path
 
 from setuptools import find_packages, setup
+
+#: Those of the repository; users may keep bags of their own beside them.
+BAGS = re.findall(r"^(\w+):$", Path("../bags/manifest.yaml").read_text(), re.MULTILINE)
+
+
+def files(pattern: str) -> list[str]:
+    return list(filter(isfile, glob(pattern)))
+
 
 setup(
     name="mrs_people_loc",
@@ -17,8 +28,8 @@ setup(
         ("share/mrs_people_loc/config/sros2", glob("../config/sros2/*.xml")),
         # What `mrs demo`, `bench`, `experiment` and `suite` take unless they are told otherwise.
         ("share/mrs_people_loc/scenes", glob("../scenes/*")),
-        ("share/mrs_people_loc/bags", glob("../bags/*.yaml")),
-        *((f"share/mrs_people_loc/{bag[3:-1]}", glob(f"{bag}*")) for bag in glob("../bags/*/")),
+        ("share/mrs_people_loc/bags", ["../bags/manifest.yaml", "../bags/walking_group.yaml"]),
+        *((f"share/mrs_people_loc/bags/{bag}", files(f"../bags/{bag}/*")) for bag in BAGS),
     ],
     entry_points={"console_scripts": ["mrs = mrs_tools.cli:main"]},
     license="Apache-2.0",

@@ -364,7 +364,7 @@ def test_colcon_workspace(options: tuple[str, ...], tmp_path: Path) -> None:
             (site_packages,) = (tmp_path / "install" / package).glob("lib/python*/site-packages")
             assert (site_packages / name).is_file()
     for what in ("bags/walking_group", "scenes/suite.yaml"):  # for who is not in the repository
-        program = f"from mrs_tools.demo import default_file; print(default_file({what!r}))"
+        program = f"from mrs_tools.installing import default_file; print(default_file({what!r}))"
         command = [f"{sys.prefix}/bin/python", "-c", program]
         run = subprocess.run(
             command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False

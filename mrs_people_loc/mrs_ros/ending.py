@@ -12,22 +12,36 @@ import time
 LIFELINE = "MRS_ENDS_WITH_STDIN"
 #: A node whose parent is gone gets this long to end in order [s].
 _GRACE_S = 5.0
+#: `ros2 launch` may pass on a Ctrl-C that the terminal has sent, too; a second one comes later [s].
+_TWICE_S = 0.5
 
 
-def stop_on_signals() -> threading.Event:
+def end_in_order() -> threading.Event:
     """Lets Ctrl-C, SIGTERM, a closed terminal and a parent that is gone end a node in order.
 
     rclpy's own handlers shut the context down at once, under whatever is at work: a callback that
     publishes fails then ("publisher's context is invalid"), and so does a node that is starting
-    ("cannot configure"). Here all of it goes on until the node looks.
+    ("cannot configure"). Here all of it goes on until the node looks. A second Ctrl-C
+    ends the process at once, also where a callback hangs.
 
     Returns:
         Set when the node is to end.
     """
     stop = threading.Event()
+    first_s = 0.0
+
+    def handle(number: int, _frame: object) -> None:
+        nonlocal first_s
+        now_s = time.monotonic()
+        if number == signal.SIGINT and first_s and now_s - first_s > _TWICE_S:
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+        first_s = first_s or now_s
+        stop.set()
+
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup
-            signal.signal(number, lambda *_: stop.set())
+            signal.signal(number, handle)
     if os.environ.get(LIFELINE):
         threading.Thread(target=_watch_parent, args=[stop], name="lifeline", daemon=True).start()
     return stop

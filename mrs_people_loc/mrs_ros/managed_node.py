@@ -26,8 +26,8 @@ from mrs_people_loc.health import Code
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
-from mrs_ros.ending import ignore_signals, stop_on_signals
-from mrs_ros.network import use_shipped_profile
+from mrs_ros.ending import end_in_order, ignore_signals
+from mrs_ros.network import given_domain, use_shipped_profile
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
@@ -343,9 +343,10 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     if {"-h", "--help"} & set(argv[1:]):
         sys.stdout.write(usage.strip() + "\n")
         return 0
-    stop = stop_on_signals()
-    own_network = use_shipped_profile()
+    stop = end_in_order()
     try:
+        given_domain()  # rclpy says only that the domain is invalid
+        own_network = use_shipped_profile()
         secured = security.asked(os.environ)
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except ConfigError as err:

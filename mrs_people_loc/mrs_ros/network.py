@@ -12,6 +12,8 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from mrs_people_loc.errors import ConfigError
+
 #: Where Fast DDS looks for its profiles: the version of ROS 2 Jazzy, and Fast DDS 3.
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILES_FILES = (PROFILES_FILE, "FASTDDS_DEFAULT_PROFILES_FILE")
@@ -19,9 +21,28 @@ PROFILES_FILES = (PROFILES_FILE, "FASTDDS_DEFAULT_PROFILES_FILE")
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 #: How far ROS 2 looks for others.
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+#: Above this, DDS's UDP ports would go beyond 65535.
+LARGEST_DOMAIN = 232
 
 #: What `use_shipped_profile` put into the environment: by name what, and what was there before.
 _added: dict[str, tuple[str, str | None]] = {}
+
+
+def given_domain() -> int | None:
+    """The ROS_DOMAIN_ID of the environment; None: it names none, which is domain 0.
+
+    Raises:
+        ConfigError: It is no domain.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    if not text:
+        return None
+    if not (text.isascii() and text.isdecimal() and int(text) <= LARGEST_DOMAIN):
+        raise ConfigError(
+            f"ROS_DOMAIN_ID is {text!r}; allowed: a whole number from 0 to {LARGEST_DOMAIN} "
+            "(on Linux up to 101), or unset it"
+        )
+    return int(text)
 
 
 def use_shipped_profile() -> str:

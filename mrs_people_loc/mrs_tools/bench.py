@@ -45,13 +45,14 @@ from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.images import StereoImages
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.robot import RobotPipeline
+from mrs_ros.network import given_domain
 from mrs_tools import bench_reference
 from mrs_tools.bags import BagReader
 from mrs_tools.bench_growth import LARGEST, growth_of, time_growth
 from mrs_tools.bench_scenes import INTERVAL_NS, PEOPLE, ROBOTS, drawn_scans
 from mrs_tools.bench_tracking import time_tracking
-from mrs_tools.demo import default_file
-from mrs_tools.domain import given_domain, private_domain
+from mrs_tools.domain import private_domain
+from mrs_tools.installing import default_file
 from mrs_tools.offline import BagRun, View, robots_of
 
 #: Of the intervals of the bag, each one of so many is compared with the reference.
@@ -137,6 +138,7 @@ def run_bench(
     live_files: Sequence[Path] | None = None,
     seconds: float = 10.0,
     on_step: Callable[[str], None] = lambda _: None,
+    on_domain: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Proves the results, then times them.
 
@@ -148,6 +150,7 @@ def run_bench(
         live_files: Parameter files of the team whose processes are started; None: no live part.
         seconds: How long the live part measures [s].
         on_step: Told what is done now.
+        on_domain: Told which ROS domain the live part is in.
 
     Returns:
         The report, as `mrs bench --json` writes it.
@@ -179,7 +182,8 @@ def run_bench(
     if live_files is not None:
         from mrs_tools.bench_live import measure_live
 
-        with private_domain():
+        with private_domain() as where:
+            on_domain(where)
             live = measure_live(bag, live_files, seconds, on_step)
         live = {"configuration": " + ".join(path.name for path in live_files), **live}
     report = {
@@ -745,6 +749,7 @@ def command(
             live_files=files,
             seconds=seconds,
             on_step=lambda text: status.update(f"{text} ..."),
+            on_domain=progress.print,
         )
     show(report, Console(highlight=False))
     if json_file is not None:

@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from mrs_people_loc.config import Team, load_team
+from mrs_people_loc.config import PLANNER_NODE, Team, load_team
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_tools.bags import BagReader
-from mrs_tools.domain import refuse_others
+from mrs_tools.domain import meet_others, refuse_others
 from mrs_tools.offline import BagRun
 from mrs_tools.replay import message_class
 from mrs_tools.team import NodeProcess, RunningTeam, team_processes
@@ -340,6 +340,9 @@ def measure_live(
     spinning = threading.Thread(target=executor.spin, daemon=True)
     try:
         feeder = Feeder(node, recorded, frame_hz, pose_hz)
+        own = dict.fromkeys(feeder.publishers, node.get_fully_qualified_name())
+        meet_others(node)
+        refuse_others(node, {"/people": "", **own})
         with (
             tempfile.TemporaryFile("w+") as log,
             RunningTeam(team_processes(files), log=log) as running,
@@ -347,7 +350,7 @@ def measure_live(
             on_step("starting " + ", ".join(n.label for n in running.processes))
             spinning.start()
             _wait_until_ready(node, running, feeder, log)
-            refuse_others(node, ["/people", *feeder.publishers])
+            refuse_others(node, {"/people": f"/{PLANNER_NODE}", **own})
             feeder.start()
             part_s = max(2.0, seconds / 4)
             on_step(f"poses only, {part_s:g} s")

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
-import sys
 import tempfile
 import threading
 import time
 from bisect import bisect_right
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,8 +21,8 @@ import typer
 
 from mrs_people_loc import messages
 from mrs_people_loc.camera import CameraModel, StereoCamera
-from mrs_people_loc.config import Team, load_team
-from mrs_people_loc.errors import BagError, ConfigError, PeopleLocError
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, Team, load_team
+from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.evaluation import MATCH_DISTANCE, Truth, score, summary
 from mrs_people_loc.geometry import Float
 from mrs_people_loc.masking import OccupancyGrid
@@ -32,7 +30,8 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.track_scores import score_tracks
 from mrs_tools.animation import animate, said, with_trails
 from mrs_tools.bags import BagReader
-from mrs_tools.domain import private_domain, refuse_others
+from mrs_tools.domain import meet_others, private_domain, refuse_others, somebody_else
+from mrs_tools.installing import default_file
 from mrs_tools.offline import (
     TRUTH_TOPIC,
     file_beside,
@@ -57,32 +56,12 @@ _START_S = 60.0
 _TAIL_S = 1.5
 #: A machine that is too slow for this share of the frames is said to be.
 _FEW = 0.05
+#: Every node may publish these, and none of ours listens to them.
+_EVERYBODYS = {"/rosout", "/parameter_events", "/diagnostics"}
 #: What is drawn of the cells, of which there may be none.
 _NO_CELLS = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4")]
 )
-
-
-def default_file(*parts: str) -> Path:
-    """A file that comes with the project: of the source tree, or installed into `share/`.
-
-    Of the source tree below this folder, or of that which this package was installed from.
-
-    Raises:
-        ConfigError: It is nowhere.
-    """
-    shares = [Path(sys.prefix, "share", "mrs_people_loc")]
-    with suppress(ImportError, LookupError, OSError):  # no ROS, or none is sourced
-        from ament_index_python.packages import get_package_share_directory
-
-        shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
-    for root in (Path.cwd(), Path(__file__).resolve().parents[2], *shares):
-        if root.joinpath(*parts).exists():
-            return root.joinpath(*parts)
-    raise ConfigError(
-        f"{Path(*parts)} is not here: run this in the folder of the repository, or build the "
-        "workspace again (colcon build) and source it"
-    )
 
 
 class Listener:
@@ -179,9 +158,16 @@ def check_pictures(path: Path) -> None:
     for file in (path, path.with_suffix(".gif")):
         if file.is_dir():
             raise PeopleLocError(f"--out {path}: {file} is a folder; wanted: a file")
-        if not os.access(file if file.exists() else file.parent, os.W_OK):
-            why = "cannot be written" if file.parent.is_dir() else f"there is no {file.parent}"
-            raise PeopleLocError(f"--out {path}: {file}: {why}")
+        if not file.parent.is_dir():
+            raise PeopleLocError(f"--out {path}: {file}: there is no folder {file.parent}")
+        new = not file.exists()
+        try:
+            file.open("ab").close()
+            if new:
+                file.unlink()
+        except OSError as err:
+            why = err.strerror or err
+            raise PeopleLocError(f"--out {path}: {file}: cannot be written ({why})") from err
 
 
 def _stamp_of(message: Any) -> int:
@@ -202,8 +188,9 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
 
     nodes = team_processes(files, sim_time=True)
     robots = [n.namespace for n in nodes if n.namespace]
-    inputs = [f"/{robot}/{topic}" for robot in robots for topic in ("left/camera_info", "points")]
-    alone = ["/people", "/clock", *inputs]
+    outputs = {f"/{robot}/points": f"/{robot}/{ROBOT_NODE}" for robot in robots}
+    outputs["/people"] = f"/{PLANNER_NODE}"
+    ours = {"/mrs_demo", *outputs.values()}
     use_shipped_profile()
     context = Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -218,12 +205,18 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
             tempfile.TemporaryFile("w+") as log,
             stop_on_signals() as stop,
             Replayer(bag, rate=rate, clock=True) as player,
-            RunningTeam(nodes, log=log) as team,
+            ExitStack() as stack,
         ):
+            # Before four nodes begin to speak in somebody's domain.
+            meet_others(node)
+            _refuse_takers(player, ours)
+            refuse_others(node, dict.fromkeys(outputs, ""))
+            team = stack.enter_context(RunningTeam(nodes, log=log))
             console.print(f"starting {', '.join(n.label for n in nodes)} ...")
             _wait_for_team(node, team, log, stop)
-            refuse_others(node, alone)
             player.wait_for_subscribers(stop=stop)
+            _refuse_takers(player, ours)
+            refuse_others(node, outputs)
             console.print(f"replaying {bag}")
             with ThreadPoolExecutor(1) as threads:
                 playing = threads.submit(player.play, stop=stop)
@@ -241,12 +234,32 @@ def _run(bag: Path, files: list[Path], rate: float, console: Console) -> Listene
             console.print()
             if stop.is_set():
                 raise typer.Exit(stop.exit_code)
-            refuse_others(node, alone)  # who came meanwhile
+            _refuse_takers(player, ours)  # who came meanwhile
+            refuse_others(node, outputs)
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown(context=context)
     return listener
+
+
+def _refuse_takers(player: Replayer, ours: Collection[str]) -> None:
+    """Makes sure that the team hears the bag: a replay leaves to others what they publish, too.
+
+    Args:
+        player: The replay.
+        ours: Full names of our own nodes; a bag may hold what they say.
+
+    Raises:
+        PeopleLocError: Somebody else publishes a topic of the bag, or the clock.
+    """
+    taken = {
+        topic: others
+        for topic, names in player.taken.items()
+        if topic not in _EVERYBODYS and (others := [name for name in names if name not in ours])
+    }
+    if taken:
+        raise somebody_else(taken)
 
 
 def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Event) -> None:

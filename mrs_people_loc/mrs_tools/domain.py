@@ -7,38 +7,24 @@ import fcntl
 import os
 import socket
 import tempfile
-from collections.abc import Iterable, Iterator
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mrs_people_loc.errors import ConfigError, PeopleLocError
+from mrs_ros.network import given_domain
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-#: Above this, DDS's UDP ports would go beyond 65535.
-LARGEST_DOMAIN = 232
 #: Domains of our own. Above them, ports are among those that Linux gives to anybody (32768 on).
 _OWN = range(1, 102)
 #: So many participants of others are looked for in a domain that is to be our own.
 _PARTICIPANTS = 10
-
-
-def given_domain() -> int | None:
-    """The ROS_DOMAIN_ID of the environment; None: it names none, which is domain 0.
-
-    Raises:
-        ConfigError: It is no domain.
-    """
-    text = os.environ.get("ROS_DOMAIN_ID", "")
-    if not text:
-        return None
-    if not (text.isascii() and text.isdecimal() and int(text) <= LARGEST_DOMAIN):
-        raise ConfigError(
-            f"ROS_DOMAIN_ID is {text!r}; allowed: a whole number from 0 to {LARGEST_DOMAIN} "
-            "(on Linux up to 101), or unset it"
-        )
-    return int(text)
+#: Others are looked for until none has come for so long, or at most for so long [s].
+_ALONE_S, _LOOK_S = 1.0, 5.0
 
 
 @contextlib.contextmanager
@@ -49,10 +35,17 @@ def own_domain() -> Iterator[int]:
     ports of its participants.
 
     Raises:
-        ConfigError: All are in use.
+        ConfigError: All are in use, or the folder of the lock files belongs to somebody else.
     """
     folder = Path(tempfile.gettempdir()) / f"mrs_people_loc-domains-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        (folder / "mine").touch()
+    except OSError as err:  # somebody else made it
+        raise ConfigError(
+            f"{folder}: cannot be used ({err.strerror or err}), which keeps two from the same ROS "
+            "domain; remove it, or set ROS_DOMAIN_ID, or TMPDIR to another folder"
+        ) from err
     for step in range(len(_OWN)):
         domain = _OWN[(os.getpid() + step) % len(_OWN)]
         with (folder / str(domain)).open("w") as lock:
@@ -93,25 +86,46 @@ def private_domain() -> Iterator[str]:
             del os.environ["ROS_DOMAIN_ID"]
 
 
-def refuse_others(node: Node, topics: Iterable[str]) -> None:
-    """Makes sure that each of these topics has one publisher, if any.
+def meet_others(node: Node) -> None:
+    """Waits until a node that was just made knows who else publishes in its domain."""
+    end = time.monotonic() + _LOOK_S
+    before, changed = -1, time.monotonic()
+    while (now := time.monotonic()) < min(end, changed + _ALONE_S):
+        names = [name for name, _ in node.get_topic_names_and_types()]
+        count = sum(map(node.count_publishers, names))
+        if count != before:
+            before, changed = count, now
+        time.sleep(0.02)
+
+
+def refuse_others(node: Node, own: Mapping[str, str]) -> None:
+    """Makes sure that nobody else publishes on these topics.
 
     Args:
         node: Who looks.
-        topics: Full names.
+        own: By topic, the node of ours that publishes it, by its full name; empty: none does yet.
 
     Raises:
-        PeopleLocError: Somebody else publishes one of them.
+        PeopleLocError: Somebody else does.
     """
-    for topic in topics:
+    for topic, ours in own.items():
         publishers = node.get_publishers_info_by_topic(topic)
-        if len(publishers) > 1:
-            names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
-            raise PeopleLocError(
-                f"somebody else is at work in this ROS domain: {len(names)} publishers on {topic}: "
-                f"{', '.join(names)}; end the others, or unset ROS_DOMAIN_ID, and a domain that "
-                "nobody uses is taken"
-            )
+        names = Counter(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
+        if len(publishers) > bool(ours):
+            raise somebody_else({topic: sorted((names - Counter([ours])).elements())})
+
+
+def somebody_else(found: Mapping[str, Sequence[str]]) -> PeopleLocError:
+    """What to say of others that publish what is ours: by topic, the names of their nodes."""
+    said = "; ".join(
+        f"{topic} has {len(names)} other publisher{'s' if len(names) > 1 else ''}: "
+        f"{', '.join(names)}"
+        for topic, names in found.items()
+    )
+    return PeopleLocError(
+        f"somebody else is at work in this ROS domain: {said}. End the others, or unset "
+        "ROS_DOMAIN_ID, and a domain that nobody uses is taken"
+    )
 
 
 def _in_use(domain: int) -> bool:

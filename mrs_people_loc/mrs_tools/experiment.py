@@ -49,7 +49,6 @@ from mrs_people_loc.people import Clusters
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.poses import Pose
 from mrs_tools.bench import one_thread
-from mrs_tools.demo import default_file
 from mrs_tools.evaluate import Result, evaluate_bag, progress_bar, write_text
 from mrs_tools.experiment_report import (
     PAPER_CLUSTERS,
@@ -61,6 +60,7 @@ from mrs_tools.experiment_report import (
 )
 from mrs_tools.experiment_ways import WAYS, size_on_wire
 from mrs_tools.figures import PAPER_KEPT
+from mrs_tools.installing import default_file
 from mrs_tools.offline import BagRun, Interval, View, estimate_of
 from mrs_tools.simulate import render_frames, team_file
 from mrs_tools.simulation.layouts import expand

@@ -1,4 +1,4 @@
-"""How to get a module that is not installed, in words.
+"""What is installed: files of the project, and how to get a module that is not, in words.
 
 Ubuntu's and Debian's Python takes nothing from pip (PEP 668). There it is apt, or, for what apt
 does not have, a virtual environment that sees the system's packages, ROS among them.
@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import sys
 import sysconfig
+from contextlib import suppress
 from pathlib import Path
+
+from mrs_people_loc.errors import ConfigError
 
 #: The extra of this project that brings a module that may be missing.
 _EXTRAS = {
@@ -27,6 +30,28 @@ _UBUNTU = {
     "matplotlib": "python3-matplotlib",
     "PIL": "python3-pil",
 }
+
+
+def default_file(*parts: str) -> Path:
+    """A file that comes with the project: of the source tree, or installed into `share/`.
+
+    Of the source tree below this folder, or of that which this package was installed from.
+
+    Raises:
+        ConfigError: It is nowhere.
+    """
+    shares = [Path(sys.prefix, "share", "mrs_people_loc")]
+    with suppress(ImportError, LookupError, OSError):  # no ROS, or none is sourced
+        from ament_index_python.packages import get_package_share_directory
+
+        shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
+    for root in (Path.cwd(), Path(__file__).resolve().parents[2], *shares):
+        if root.joinpath(*parts).exists():
+            return root.joinpath(*parts)
+    raise ConfigError(
+        f"{Path(*parts)} is not here: run this in the folder of the repository, or build the "
+        "workspace again (colcon build) and source it"
+    )
 
 
 def how_to_install(module: str) -> str | None:

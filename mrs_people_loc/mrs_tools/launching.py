@@ -14,6 +14,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from mrs_people_loc.errors import ConfigError
+from mrs_ros.network import given_domain
 from mrs_tools.network import discovery_environment
 
 #: What `ros2 launch` itself takes besides a launch file's arguments.
@@ -62,8 +63,10 @@ def team_file(context: Any, *, further: tuple[str, ...] = ()) -> str:
         further: Names of arguments of the launch file besides `arguments`.
 
     Raises:
-        ConfigError: An argument was given that the launch file does not have.
+        ConfigError: An argument was given that the launch file does not have, or ROS_DOMAIN_ID is
+            no domain.
     """
+    given_domain()
     known = [*further, *(argument.name for argument in arguments())]
     given = [text.partition(":=")[0] for text in context.argv] if _is_ours(context) else []
     for name in given:

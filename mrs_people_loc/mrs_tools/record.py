@@ -33,7 +33,7 @@ from rosbags.interfaces import (
 from mrs_people_loc.errors import BagError
 from mrs_tools.bags import BagWriter, default_typestore, matching, part_of, require_types
 from mrs_tools.plain import plain
-from mrs_tools.replay import message_class, node
+from mrs_tools.replay import NO_NAME, message_class, node
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -110,9 +110,13 @@ class Recorder:
             context: The ROS context to use; None: one of its own, from the environment.
 
         Raises:
-            BagError: The bag exists already or cannot be written.
+            BagError: The bag exists already or cannot be written, or a name or pattern fits none
+                that a topic can have.
         """
         self.patterns = tuple(topics)
+        for pattern in self.patterns:
+            if not _may_exist(pattern):
+                raise BagError(f"{pattern!r} fits no topic: it is {NO_NAME}; and * ? [abc]")
         self.sizes: dict[str, int] = {}
         self.skipped: dict[str, str] = {}
         self.left_out: set[str] = set()
@@ -308,6 +312,19 @@ class _Fit(NamedTuple):
                 DurabilityPolicy.TRANSIENT_LOCAL if self.latched else DurabilityPolicy.VOLATILE
             ),
         )
+
+
+def _may_exist(pattern: str) -> bool:
+    """Whether a topic can have a name that fits."""
+    from rclpy.exceptions import InvalidTopicNameException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
+
+    name = re.sub(r"\*|\?|\[[^]]+\]", "a", pattern)
+    try:
+        validate_full_topic_name(name if name.startswith("/") else f"/{name}")
+    except InvalidTopicNameException:
+        return False
+    return True
 
 
 def _problem(offers: list[TopicEndpointInfo]) -> str | None:

@@ -17,7 +17,7 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -27,8 +27,9 @@ import typer
 from rosbags.interfaces import QosDurability
 
 from mrs_people_loc.errors import BagError
+from mrs_ros.network import given_domain
 from mrs_tools.bags import BagReader, Topic
-from mrs_tools.domain import given_domain
+from mrs_tools.domain import meet_others
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
@@ -49,11 +50,14 @@ _SETTLED_S = 1.0
 # How long messages under way may take to arrive, after the last one was published.
 _FLUSH_S = 2.0
 _PROGRESS_EVERY_NS = 100_000_000
-# Before topics are announced others are looked for, until none has come for so long, or at most for
-# so long; and while the bag plays, every so often.
-_ALONE_S, _LOOK_S, _LOOK_AGAIN_S = 0.5, 5.0, 0.5
+# While the bag plays, others are looked for every so often.
+_LOOK_AGAIN_S = 0.5
 # What publishes is known a moment before its node's name is.
 _NAMES_S = 0.3
+NO_NAME = (
+    "no ROS 2 name; allowed: / before each part, and parts of letters, digits and _ that do not "
+    "begin with a digit"
+)
 # Many publish these, each of them frames of its own.
 _SHARED = ("/tf", "/tf_static")
 # Messages kept for subscribers that are slow or, for transient-local topics, late.
@@ -96,6 +100,7 @@ class Replayer:
     Attributes:
         bag: The open bag.
         skipped: Topics that are not published, and why.
+        taken: Those among them that others publish, and the names of their nodes.
     """
 
     def __init__(
@@ -129,21 +134,21 @@ class Replayer:
             raise ValueError(f"rate must be a positive number, not {rate}")
         self.rate = rate
         self.skipped: dict[str, str] = {}
+        self.taken: dict[str, list[str]] = {}
         self._publishers: dict[str, Publisher] = {}
         self._clock: Publisher | None = None
         self._looked_s = 0.0
         with ExitStack() as stack:
             self.bag = stack.enter_context(BagReader(bag))
             self._node = stack.enter_context(node("mrs_replay", context))
-            self._meet_others()
+            meet_others(self._node)
             for name in self.bag.select(topics):
                 self._announce(self.bag.topics[name], named=name in topics)
             if not self._publishers:
                 reasons = "; ".join(f"{t}: {why}" for t, why in self.skipped.items())
                 raise BagError(f"{self.bag.path}: no topic can be published. {reasons}")
-            others = self._others("/clock") if clock else ""
-            if others:
-                self.skipped["/clock"] = others
+            if clock and (others := self._others("/clock")):
+                self._leave("/clock", others)
             elif clock and "/clock" not in self._publishers:
                 self._clock = self._node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
             self._open = stack.pop_all()
@@ -157,15 +162,13 @@ class Replayer:
         problem = f"its type {topic.type} is not installed"
         try:
             validate_full_topic_name(topic.name)
-            others = self._others(topic.name)
         except InvalidTopicNameException:
-            others = (
-                "no ROS 2 name; allowed: / before each part, and parts of letters, digits and _ "
-                "that do not begin with a digit"
-            )
-        if others:
-            problem = others
-        elif cls is not None:
+            cls, problem = None, NO_NAME
+        else:
+            if others := self._others(topic.name):
+                self._leave(topic.name, others)
+                cls, problem = None, self.skipped[topic.name]
+        if cls is not None:
             publisher = self._node.create_publisher(cls, topic.name, _offered_qos(topic))
             if self._same_definition(topic):
                 self._publishers[topic.name] = publisher
@@ -176,22 +179,16 @@ class Replayer:
             raise BagError(f"{self.bag.path}: cannot publish {topic.name}: {problem}")
         self.skipped[topic.name] = problem
 
-    def _meet_others(self) -> None:
-        """Wait until it is known who else publishes."""
-        end = time.monotonic() + _LOOK_S
-        before, changed = -1, time.monotonic()
-        while (now := time.monotonic()) < min(end, changed + _ALONE_S):
-            names = [name for name, _ in self._node.get_topic_names_and_types()]
-            count = sum(map(self._node.count_publishers, names))
-            if count != before:
-                before, changed = count, now
-            time.sleep(0.02)
+    def _leave(self, topic: str, others: list[str]) -> None:
+        """Note that a topic is left to others."""
+        self.taken[topic] = others
+        self.skipped[topic] = f"{_and(others)} publish{'es' if len(others) == 1 else ''} it"
 
-    def _others(self, topic: str) -> str:
-        """Who else publishes a topic, in words; empty: nobody, or many are meant to."""
+    def _others(self, topic: str) -> list[str]:
+        """The nodes of others that publish a topic; none, also where many are meant to."""
         own = int(topic in self._publishers or (topic == "/clock" and self._clock is not None))
         if topic in _SHARED or self._node.count_publishers(topic) <= own:
-            return ""
+            return []
         end = time.monotonic() + _NAMES_S
         while True:
             names = {
@@ -203,27 +200,29 @@ class Replayer:
             if not unknown or time.monotonic() > end:
                 break
             time.sleep(0.02)
-        who = "another node" if unknown else ", ".join(sorted(names))
-        return f"{who} publishes it" if names else ""
+        return ["another node"] if unknown else sorted(names)
 
-    def _leave_to_others(self, on_left_out: Callable[[str, str], None] | None = None) -> None:
+    def _leave_to_others(self, on_left_out: Callable[[list[str], str], None] | None = None) -> None:
         """Publish no more what somebody else publishes, too."""
         now = time.monotonic()
         if now - self._looked_s < _LOOK_AGAIN_S:
             return
         self._looked_s = now
+        left = []
         for topic in [*self._publishers, *(["/clock"] if self._clock else [])]:
             others = self._others(topic)
             if not others:
                 continue
-            self.skipped[topic] = others
+            self._leave(topic, others)
+            left.append(topic)
             if topic in self._publishers:
                 self._node.destroy_publisher(self._publishers.pop(topic))
             elif self._clock is not None:
                 clock, self._clock = self._clock, None
                 self._node.destroy_publisher(clock)
-            if on_left_out:
-                on_left_out(topic, self.skipped[topic])
+        if on_left_out:
+            for why, topics in by_reason({t: self.skipped[t] for t in left}).items():
+                on_left_out(topics, why)
 
     def _same_definition(self, topic: Topic) -> bool:
         """Whether subscribers here will read the bytes as they were written.
@@ -293,7 +292,7 @@ class Replayer:
         loop: bool = False,
         stop: threading.Event | None = None,
         on_progress: Callable[[Progress], None] | None = None,
-        on_left_out: Callable[[str, str], None] | None = None,
+        on_left_out: Callable[[list[str], str], None] | None = None,
     ) -> Replayed:
         """Publish the messages, each at its time; blocks.
 
@@ -305,7 +304,7 @@ class Replayer:
                 back.
             stop: When set (from another thread or a signal handler), ends within 0.1 s.
             on_progress: Called about ten times a second.
-            on_left_out: Called with a topic that is left out from now on, and why.
+            on_left_out: Called with topics that are left out from now on, and why.
 
         Returns:
             What was published.
@@ -475,6 +474,19 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
             rclpy.shutdown(context=context)
 
 
+def by_reason(skipped: Mapping[str, str]) -> dict[str, list[str]]:
+    """Topics that are left out, by why: each reason once."""
+    topics: dict[str, list[str]] = {}
+    for topic, why in skipped.items():
+        topics.setdefault(why, []).append(topic)
+    return topics
+
+
+def _and(names: Sequence[str]) -> str:
+    """A list of names as people write it."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
 def message_class(msgtype: str) -> Any:
     """The class of an installed message type, None if it is not installed."""
     package, _, name = msgtype.partition("/msg/")
@@ -529,7 +541,8 @@ def command(
 
     Starts when the number of subscribers has been the same for a second, after --wait seconds at
     the latest. Every topic is offered as reliable, and as transient local where it was recorded
-    so. Topics that others on the network publish are left out. Ctrl-C ends it.
+    so. Topics that others on the network publish are left out, but not /tf and /tf_static, which
+    many share. Ctrl-C ends it.
     """
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
@@ -549,8 +562,11 @@ def command(
         Replayer(bag, rate=rate, clock=clock, topics=names) as player,
     ):
 
-        def left_out(topic: str, why: str) -> None:
-            note(f"{topic} is left out: {why}")
+        def left_out(topics: list[str], why: str) -> None:
+            if len(topics) > 1:
+                why = re.sub(" it$", " them", re.sub("^its type ", "their type ", why))
+            verb = "is" if len(topics) == 1 else "are"
+            note(f"{_and(topics)} {verb} left out: {why}")
 
         if player.is_old:
             note(
@@ -559,8 +575,8 @@ def command(
                 "the nodes with use_sim_time:=true"
             )
         matched = player.wait_for_subscribers(wait, stop)
-        for topic, why in player.skipped.items():
-            left_out(topic, why)
+        for why, left in by_reason(player.skipped).items():
+            left_out(left, why)
         for topic in player.mismatched():
             note(f"a subscriber of {topic} gets nothing: its quality of service does not fit")
         if not any(matched.values()) and not stop.is_set():

@@ -26,8 +26,8 @@ import typer
 
 from mrs_people_loc.config import load_yaml
 from mrs_people_loc.errors import ConfigError
-from mrs_tools.demo import default_file
-from mrs_tools.domain import given_domain
+from mrs_ros.network import given_domain
+from mrs_tools.installing import default_file
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import Scene, load_scene, read_scene
 

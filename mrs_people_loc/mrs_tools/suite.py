@@ -25,8 +25,8 @@ import yaml
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, PlannerConfig, RobotConfig
 from mrs_people_loc.errors import PeopleLocError
-from mrs_tools.demo import default_file
 from mrs_tools.evaluate import Result, evaluate_bag, progress_bar, write_text
+from mrs_tools.installing import default_file
 from mrs_tools.simulate import simulate_suite, suite_file, suite_scenes, with_tracks
 from mrs_tools.simulation.scene import Scene
 

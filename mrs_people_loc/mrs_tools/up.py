@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mrs_tools.domain import given_domain
+from mrs_ros.network import given_domain
 from mrs_tools.network import discovery_environment
 from mrs_tools.team import NodeProcess, RunningTeam, team_processes
 

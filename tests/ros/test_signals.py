@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -94,6 +95,29 @@ def test_node_ends_with_who_holds_its_lifeline(
         said, _ = process.communicate(timeout=DEADLINE_S)  # closes its standard input
         assert process.returncode == code, said
         assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("text", ["abc", "300"])
+def test_node_with_a_wrong_domain_says_what_is_allowed(
+    domain: int, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    process = program("callback", 0)
+    said, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 2, said
+    assert f"error: ROS_DOMAIN_ID is '{text}'; allowed: a whole number from 0 to 232" in said
+
+
+def test_second_interrupt_ends_a_node_that_hangs(domain: int) -> None:
+    process = program("hang", signal.SIGINT)
+    assert process.stdout is not None
+    while process.stdout.readline() != "ready\n":
+        assert process.poll() is None
+    time.sleep(1.0)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == -signal.SIGINT
 
 
 def test_standard_input_is_no_lifeline_unless_it_is_said(domain: int) -> None:

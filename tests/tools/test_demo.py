@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import re
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +29,7 @@ from mrs_people_loc.people import measure
 from mrs_people_loc.planner import People
 from mrs_people_loc.poses import Pose
 from mrs_ros import convert
-from mrs_tools import demo
+from mrs_tools import demo, installing
 from mrs_tools.cli import app
 from tools.made_views import group_of, person, walk
 
@@ -121,7 +123,9 @@ def test_the_pictures(tmp_path):
     [
         ("picture.gif", r"wanted: a name that ends in .*\.png"),
         ("picture", r"wanted: a name that ends in .*\.png"),
-        ("none/picture.png", "none/picture.png: there is no .*none$"),
+        ("none/picture.png", "none/picture.png: there is no folder .*none$"),
+        ("file/picture.png", "file/picture.png: there is no folder .*file$"),
+        ("/proc/picture.png", r"/proc/picture\.png: cannot be written \("),
         ("folder.png", "folder.png is a folder; wanted: a file"),
         ("other.png", "other.gif is a folder; wanted: a file"),
     ],
@@ -129,6 +133,7 @@ def test_the_pictures(tmp_path):
 def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, name, message):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "other.gif").mkdir()
+    (tmp_path / "file").touch()
     arguments = ["demo", str(tmp_path / "no_bag"), "--out", str(tmp_path / name)]
     done = CliRunner().invoke(app, arguments, env={"COLUMNS": "400"})
     assert done.exit_code == 1
@@ -137,16 +142,32 @@ def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, 
 
 def test_a_target_that_may_not_be_written_is_said(tmp_path, monkeypatch):
     demo.check_pictures(tmp_path / "picture.png")
-    monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)
+    assert not list(tmp_path.iterdir())
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(PeopleLocError, match=r"picture\.png: cannot be written"):
         demo.check_pictures(tmp_path / "picture.png")
 
 
 def test_what_comes_with_the_project_is_found_or_missed_in_a_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert demo.default_file("bags", "walking_group").samefile(ROOT / "bags" / "walking_group")
-    monkeypatch.setattr(demo, "__file__", str(tmp_path / "a" / "b" / "demo.py"))
-    installed = demo.default_file("bags", "walking_group")
+    assert installing.default_file("bags", "walking_group").samefile(
+        ROOT / "bags" / "walking_group"
+    )
+    monkeypatch.setattr(installing, "__file__", str(tmp_path / "a" / "b" / "installing.py"))
+    installed = installing.default_file("bags", "walking_group")
     assert installed.parts[-4:] == ("share", "mrs_people_loc", "bags", "walking_group")
     with pytest.raises(ConfigError, match=r"^bags/none is not here: run this in the folder of"):
-        demo.default_file("bags", "none")
+        installing.default_file("bags", "none")
+
+
+def test_what_comes_with_the_project_is_found_without_rosbags():
+    program = (
+        "import sys; sys.modules['rosbags'] = None; "
+        "from mrs_tools.simulate import suite_file; print(suite_file())"
+    )
+    run = [sys.executable, "-c", program]
+    assert "suite.yaml" in subprocess.run(run, capture_output=True, text=True, check=True).stdout

@@ -10,25 +10,34 @@ from typing import Any
 import pytest
 
 from mrs_people_loc.errors import ConfigError, PeopleLocError
+from mrs_ros.network import given_domain
 from mrs_tools import domain
 
 
 @pytest.mark.parametrize(("text", "number"), [("", None), ("0", 0), ("42", 42), ("232", 232)])
 def test_the_environment_names_a_domain(monkeypatch, text, number):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
-    assert domain.given_domain() == number
+    assert given_domain() == number
 
 
 @pytest.mark.parametrize("text", ["abc", "-1", "1.0", " 7", "233", "9" * 30, "٣"])
 def test_what_is_no_domain_is_refused(monkeypatch, text):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID is '.*'; allowed: a whole number"):
-        domain.given_domain()
+        given_domain()
 
 
 def test_two_never_have_the_same_domain():
     with domain.own_domain() as one, domain.own_domain() as other:
         assert one != other
+
+
+def test_a_folder_of_locks_that_is_none_of_ours_is_said(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / f"mrs_people_loc-domains-{os.getuid()}").write_text("somebody else's")
+    wanted = r"domains-\d+: cannot be used \(.*; remove it, or set"
+    with pytest.raises(ConfigError, match=wanted), domain.own_domain():
+        pass
 
 
 @pytest.mark.parametrize("participant", [0, 3])
@@ -66,8 +75,12 @@ def test_whoever_else_publishes_is_named():
 
     heard = {"/clock": [publisher("/", "play")], "/people": [publisher("/", "planner_node")]}
     node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda topic: heard.get(topic, []))
-    domain.refuse_others(node, ["/people", "/clock", "/robot_a/points"])
+    own = {"/people": "/planner_node", "/clock": "/play", "/robot_a/points": ""}
+    domain.refuse_others(node, own)
     heard["/people"].append(publisher("/site", "planner_node"))
-    message = "2 publishers on /people: /planner_node, /site/planner_node; end the others"
+    message = r"/people has 1 other publisher: /site/planner_node\. End the others"
     with pytest.raises(PeopleLocError, match=message):
-        domain.refuse_others(node, ["/people", "/clock"])
+        domain.refuse_others(node, own)
+    message = "/people has 2 other publishers: /planner_node, /site/planner_node"
+    with pytest.raises(PeopleLocError, match=message):
+        domain.refuse_others(node, {**own, "/people": ""})

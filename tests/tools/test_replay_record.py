@@ -33,10 +33,12 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2  # noqa: E402
 from std_msgs.msg import Int32, String  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
+from typer.testing import CliRunner  # noqa: E402
 
 from mrs_people_loc.errors import BagError  # noqa: E402
 from mrs_tools import replay  # noqa: E402
 from mrs_tools.bags import BagReader, BagWriter, default_typestore  # noqa: E402
+from mrs_tools.cli import app  # noqa: E402
 from mrs_tools.record import Recorder  # noqa: E402
 from mrs_tools.replay import Progress, Replayer, message_class, node  # noqa: E402
 from ros.harness import own_domain  # noqa: E402
@@ -527,19 +529,34 @@ def test_what_a_live_node_publishes_is_left_out(ros, tmp_path):
         Replayer(bag, topics=["/live"])
 
 
+def test_what_the_same_nodes_publish_is_left_out_in_one_line(monkeypatch, tmp_path):
+    others = ["/camera", "/robot_a/robot_node"]
+    monkeypatch.setattr(Replayer, "_others", lambda _, topic: others if topic != "/three" else [])
+    with BagWriter(tmp_path / "b.mcap") as bag:
+        for topic in ("/one", "/two", "/three"):
+            bag.add_topic(topic, "std_msgs/msg/String")
+            bag.write_raw(topic, START_NS, serialize_message(String()))
+    done = CliRunner().invoke(app, ["replay", str(tmp_path / "b.mcap"), "--clock", "--wait", "0"])
+    wanted = (
+        "note: /one, /two and /clock are left out: /camera and /robot_a/robot_node publish them"
+    )
+    assert wanted in done.stderr.replace("\n", " ")
+    assert done.stderr.count("left out") == 1
+
+
 def test_who_begins_to_publish_while_a_bag_plays_has_the_topic_to_itself(ros, tmp_path):
     arrived = {topic: raw_subscription(ros, String, topic) for topic in ("/live", "/free")}
     left_out = {}
     with Replayer(two_topics(tmp_path / "b.mcap"), clock=True) as player:
         player.wait_for_subscribers()
-        with running(player.play, on_left_out=left_out.__setitem__):
+        with running(player.play, on_left_out=lambda topics, why: left_out.update({why: topics})):
             until(lambda: arrived["/live"])
             ros.create_publisher(String, "/live", RELIABLE)
-            until(lambda: "/live" in left_out)
+            until(lambda: left_out)
             assert ros.count_publishers("/live") <= 2  # its own, and the one that is ending
             until(lambda: len(arrived["/free"]) == 20)
     assert len(arrived["/live"]) < 20
-    assert left_out == {"/live": f"/{ros.get_name()} publishes it"}
+    assert left_out == {f"/{ros.get_name()} publishes it": ["/live"]}
 
 
 def test_two_replays_at_once_do_not_fight_over_the_clock(ros, tmp_path):
@@ -731,6 +748,13 @@ def test_record_overwrites_nothing(tmp_path):
     assert code == 1
     assert "exists already" in said
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["/bad topic!", "/a//b", "/1st", "/robot_*/"])
+def test_record_refuses_a_name_that_no_topic_can_have(tmp_path, name):
+    with pytest.raises(BagError, match="fits no topic: it is no ROS 2 name; allowed: / before"):
+        Recorder(tmp_path / "z.mcap", ["*", "/robot_[ab]/*", "talk", "*/image_*", "/?", name])
+    assert not list(tmp_path.iterdir())
 
 
 def test_record_of_nothing_leaves_nothing(tmp_path):

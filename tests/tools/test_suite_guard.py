@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mrs_tools.demo import default_file
+from mrs_tools.installing import default_file
 from mrs_tools.simulate import suite_file, suite_scenes
 from mrs_tools.suite import run_suite
 

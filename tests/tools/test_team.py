@@ -184,6 +184,9 @@ def test_the_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
     command = [sys.executable, "-m", "planner_node", "--ros-args", "-p", "robots:=[robot_x]"]
     planner = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
     try:
+        assert planner.stderr is not None
+        while b": active" not in planner.stderr.readline():
+            assert planner.poll() is None
         done = subprocess.run(
             mrs("demo", FORMATION, "--out", tmp_path / "demo.png"),
             env=environment,
@@ -196,9 +199,59 @@ def test_the_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
         planner.communicate(timeout=50)
     assert done.returncode == 1
     assert f"in ROS domain {environment['ROS_DOMAIN_ID']}, as ROS_DOMAIN_ID says" in done.stdout
-    assert "replaying" not in done.stdout
-    wanted = "2 publishers on /people: /planner_node, /planner_node; end the others, or unset ROS_D"
+    assert "starting" not in done.stdout  # before our nodes speak in a live team's domain
+    wanted = "/people has 1 other publisher: /planner_node. End the others, or unset ROS_DOMAIN_ID"
     assert wanted in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+#: A node that offers a topic, and says when it does.
+DRIVER = """
+import sys
+from importlib import import_module
+from mrs_tools.replay import node
+
+topic, package, kind = sys.argv[1:]
+with node("driver") as driver:
+    driver.create_publisher(getattr(import_module(package + ".msg"), kind), topic, 10)
+    print(driver.get_name(), flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind"),
+    [
+        ("/clock", ("rosgraph_msgs", "Clock")),
+        ("/robot_a/left/camera_info", ("sensor_msgs", "CameraInfo")),
+        ("/robot_b/odom", ("nav_msgs", "Odometry")),
+    ],
+)
+def test_the_demo_refuses_a_domain_where_somebody_else_sends_what_the_bag_has(
+    tmp_path, environment, topic, kind
+):
+    """The replay would leave that to them, and the team would be on a foreign clock or camera."""
+    with subprocess.Popen(
+        [sys.executable, "-c", DRIVER, topic, *kind],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as driver:  # which ends it, too: its input is closed
+        assert driver.stdout is not None
+        # Fast DDS may write lines of its own.
+        name = next(line.strip() for line in driver.stdout if line.startswith("driver_"))
+        done = subprocess.run(
+            mrs("demo", FORMATION, "--out", tmp_path / "demo.png"),
+            env=environment,
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+        )
+        driver.communicate()
+    assert done.returncode == 1, done.stdout
+    assert f"{topic} has 1 other publisher: /{name}. End the others" in done.stderr
+    assert "replaying" not in done.stdout
     assert not list(tmp_path.iterdir())
 
 
