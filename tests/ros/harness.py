@@ -36,6 +36,8 @@ from mrs_tools.domain import own_domain as own_domain
 ROOT = Path(__file__).resolve().parents[2]
 #: What a condition is waited for, at most, on a machine that is busy with other things [s].
 DEADLINE_S = 40.0
+#: Who listens to a new publisher knows it after this, mostly much sooner [s].
+_MEETING_S = 0.2
 OK, WARN, ERROR, STALE = (bytes([level]) for level in range(4))
 #: Hears reliable and best-effort publishers, and loses nothing of what a test sends.
 HEAR_ALL = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -213,6 +215,7 @@ class Peer:
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
+        self._met: set[str] = set()
         self._clients: dict[str, Any] = {}
         self._findings: dict[str, dict[str, Finding]] = defaultdict(dict)
         self._reports: dict[str, int] = defaultdict(int)
@@ -270,11 +273,16 @@ class Peer:
         """Publishes a message to somebody who listens."""
         publisher = self.publisher(type(message), topic)
         self.until(publisher.get_subscription_count, f"nobody listens to {topic}")
+        if topic not in self._met:
+            # Who listens learns of us by itself; what comes before, and is not reliable, is lost.
+            self.spin(_MEETING_S)
+            self._met.add(topic)
         publisher.publish(message)
 
     def silence(self, topic: str) -> None:
         """Ends the publisher of a topic."""
         self.node.destroy_publisher(self._publishers.pop(topic))
+        self._met.discard(topic)
 
     def published_by(self, node: str) -> dict[str, list[str]]:
         """Topics and types that a node publishes, without those of every node."""
