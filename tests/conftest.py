@@ -1,6 +1,7 @@
 """What every test needs. No ROS here: the core's tests also run where there is none."""
 
 import os
+import signal
 import sys
 from collections.abc import Callable
 
@@ -8,6 +9,10 @@ import pytest
 
 # A pip install sets nothing, and the ament index is not found without it.
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+# A shell lets what it starts in the background ignore Ctrl-C, and all that is started by that:
+# `ros2 launch` would not end when it is asked to.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(trylast=True)
