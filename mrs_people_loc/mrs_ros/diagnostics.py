@@ -32,6 +32,7 @@ from mrs_people_loc.health import (
     of_stream,
 )
 from mrs_people_loc.messages import stamp_ns_of
+from mrs_ros.network import node_of
 
 __all__ = ["ERROR", "OK", "OLD_STAMP_S", "SILENCE_S", "STALE", "WARN"]
 
@@ -221,9 +222,7 @@ class Input:
             refused_lately=self._losses.lately(refused),
             last_error=self.last_error,
             last_kind=self._last_kind,
-            publishers=[
-                (f"{p.node_namespace.rstrip('/')}/{p.node_name}", p.topic_type) for p in publishers
-            ],
+            publishers=[(node_of(p), p.topic_type) for p in publishers],
             incompatible=self._incompatible,
             once=self._once,
             taken=self._taken,

@@ -272,10 +272,10 @@ class ManagedNode(LifecycleNode):
             OutdatedError: It is.
         """
         if self._ended_ns:
-            stamp_ns, earliest_ns = stamp_ns_of(message.header.stamp), self._now_ns() + RESET_NS
-            if earliest_ns >= self._ended_ns + RESET_NS:
+            stamp_ns, now_ns = stamp_ns_of(message.header.stamp), self._now_ns()
+            if now_ns >= self._ended_ns:
                 self._ended_ns = 0
-            elif earliest_ns < stamp_ns <= self._ended_ns + RESET_NS:
+            elif now_ns < stamp_ns - RESET_NS <= self._ended_ns:
                 raise OutdatedError(f"stamp is {stamp_ns} ns, of before the time jumped back")
 
     def _now_ns(self) -> int:

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from mrs_people_loc.errors import ConfigError
 
@@ -43,6 +44,11 @@ def given_domain() -> int | None:
             "(on Linux up to 101), or unset it"
         )
     return int(text)
+
+
+def node_of(endpoint: Any) -> str:
+    """Full name of the node of a publisher or a subscription (rclpy's TopicEndpointInfo)."""
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 
 def use_shipped_profile() -> str:

@@ -15,6 +15,7 @@ import typer
 
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
 from mrs_people_loc.health import Code
+from mrs_ros.network import node_of
 from mrs_tools import shared_memory
 from mrs_tools.plain import plain
 
@@ -433,9 +434,11 @@ def look(node: Node, duration_s: float, spin: Any) -> Facts:
     facts.viewers = sorted(f"{ns.rstrip('/')}/{name}" for name, ns in names if _is_viewer(name))
     for topic, types in node.get_topic_names_and_types():
         if _PEOPLE in types:
-            facts.people_from[topic] = sorted(map(_name, node.get_publishers_info_by_topic(topic)))
+            facts.people_from[topic] = sorted(
+                map(node_of, node.get_publishers_info_by_topic(topic))
+            )
         elif topic.endswith("/points"):
-            heard = map(_name, node.get_subscriptions_info_by_topic(topic))
+            heard = map(node_of, node.get_subscriptions_info_by_topic(topic))
             facts.shared_robots[topic] = [h for h in heard if h.endswith(f"/{PLANNER_NODE}")]
     for full in dict.fromkeys(facts.nodes):
         facts.states[full] = _state(node, full, spin)
@@ -464,17 +467,13 @@ def _mismatches(node: Node, names: Iterable[tuple[str, str]]) -> Iterable[tuple[
             for subscriber in node.get_subscriptions_info_by_topic(topic):
                 if not {publisher.node_name, subscriber.node_name} & set(_KINDS):
                     continue
-                pair = f"{_name(publisher)} publishes it and {_name(subscriber)} subscribes"
+                pair = f"{node_of(publisher)} publishes it and {node_of(subscriber)} subscribes"
                 if publisher.topic_type != subscriber.topic_type:
                     yield topic, f"{pair}: {publisher.topic_type}, {subscriber.topic_type}"
                     continue
                 fits, why = qos_check_compatible(publisher.qos_profile, subscriber.qos_profile)
                 if fits == QoSCompatibility.ERROR:
                     yield topic, f"{pair} with incompatible QoS: {why.strip().rstrip(';')}"
-
-
-def _name(end: Any) -> str:
-    return f"{end.node_namespace.rstrip('/')}/{end.node_name}"
 
 
 def _sim_time(node: Node, full_name: str, spin: Any) -> bool | None:

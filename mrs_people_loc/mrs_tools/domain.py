@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mrs_people_loc.errors import ConfigError, PeopleLocError
-from mrs_ros.network import given_domain
+from mrs_ros.network import given_domain, node_of
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -110,7 +110,7 @@ def refuse_others(node: Node, own: Mapping[str, str]) -> None:
     """
     for topic, ours in own.items():
         publishers = node.get_publishers_info_by_topic(topic)
-        names = Counter(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
+        names = Counter(map(node_of, publishers))
         if len(publishers) > bool(ours):
             raise somebody_else({topic: sorted((names - Counter([ours])).elements())})
 

@@ -27,7 +27,7 @@ import typer
 from rosbags.interfaces import QosDurability
 
 from mrs_people_loc.errors import BagError
-from mrs_ros.network import given_domain
+from mrs_ros.network import given_domain, node_of
 from mrs_tools.bags import BagReader, Topic
 from mrs_tools.domain import meet_others
 from mrs_tools.plain import plain
@@ -192,7 +192,7 @@ class Replayer:
         end = time.monotonic() + _NAMES_S
         while True:
             names = {
-                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                node_of(info)
                 for info in self._node.get_publishers_info_by_topic(topic)
                 if info.node_name != self._node.get_name()
             }

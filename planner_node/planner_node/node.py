@@ -39,6 +39,7 @@ from mrs_ros.diagnostics import (
     recording_hint,
 )
 from mrs_ros.managed_node import ManagedNode
+from mrs_ros.network import node_of
 from mrs_ros.qos import POSES, STREAM
 
 #: As map_server publishes: the last map, also for who comes later than it.
@@ -286,7 +287,7 @@ class PlannerNode(ManagedNode):
         topic = self.resolve_topic_name("people")
         if self.count_publishers(topic) > 1:
             publishers = self.get_publishers_info_by_topic(topic)
-            names = sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
+            names = sorted(map(node_of, publishers))
             text = (
                 f"{len(names)} publishers on {topic}: {', '.join(names)}; another planner, or a "
                 "replay of what one said, is at work in this ROS domain: end it, or give it a "
