@@ -82,7 +82,7 @@ fit: setup ## Fit the body model to the suite's train half and its variants (hal
 	$(BIN)/mrs simulate --suite train .suite/train
 	$(BIN)/mrs simulate --suite train --variants 32 .suite/more
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
-	    --out mrs_people_loc/mrs_people_loc/body_model.json
+	    --out mrs_people_loc/mrs_people_loc/bodies/body_model.json
 
 # --- checks ---------------------------------------------------------------------------------------
 
@@ -105,7 +105,7 @@ fuzz: setup ## Fuzz all that comes in (18 minutes; FUZZ_SECONDS=3600 for each of
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
 test-oldest: $(OLDEST)/.installed ## Test the method alone with the oldest versions it allows
-	$(OLDEST)/bin/python -m pytest tests/core $(PYTEST_ARGS)
+	$(OLDEST)/bin/python -m pytest tests/core tests/tools/scoring $(PYTEST_ARGS)
 
 # Not with Python 3.13: it is younger than those versions.
 $(OLDEST)/.made: FORCE

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc import messages, timing
-from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import CameraError, ImageError, UncalibratedError, WaitedError
-from mrs_people_loc.images import Gray, ImagePreparer, Pairer, StereoImages
 from mrs_people_loc.robot import RobotPipeline, Stages
+from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
+from mrs_people_loc.sensing.images import Gray, ImagePreparer, Pairer, StereoImages
 
 
 @dataclass(frozen=True)

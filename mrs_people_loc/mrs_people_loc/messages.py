@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mrs_people_loc.camera import CameraModel
 from mrs_people_loc.errors import (
     CameraError,
     GridError,
@@ -22,12 +21,13 @@ from mrs_people_loc.errors import (
     StampError,
 )
 from mrs_people_loc.geometry import Float, yaw_from_quaternion
-from mrs_people_loc.masking import OccupancyGrid
-from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
+from mrs_people_loc.sensing.camera import CameraModel
+from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_people_loc.team.poses import Pose
 
 if TYPE_CHECKING:
-    from mrs_people_loc.images import Gray
+    from mrs_people_loc.sensing.images import Gray
 
 Message = Any
 

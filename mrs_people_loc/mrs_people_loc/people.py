@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.fusion import ShortTermMap
+from mrs_people_loc.bodies.joining import Joined
 from mrs_people_loc.geometry import Float
-from mrs_people_loc.joining import Joined
-from mrs_people_loc.poses import Pose, pose_effect, stack
+from mrs_people_loc.team.fusion import ShortTermMap
+from mrs_people_loc.team.poses import Pose, pose_effect, stack
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mrs_people_loc.clustering import cluster
+from mrs_people_loc.bodies.joining import are_people, join, place_bodies
+from mrs_people_loc.cells.clustering import cluster
+from mrs_people_loc.cells.splitting import split, split_at
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
-from mrs_people_loc.fusion import ShortTermMap, fuse
-from mrs_people_loc.groups import Groups
-from mrs_people_loc.joining import are_people, join, place_bodies
-from mrs_people_loc.masking import OccupancyGrid, Walls, are_masked, bodies_of_robots
+from mrs_people_loc.following.groups import Groups
+from mrs_people_loc.following.tracks import NOBODY, Tracker
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.people import (
     Clusters,
@@ -26,11 +26,11 @@ from mrs_people_loc.people import (
     measure,
     people_of_bodies,
 )
-from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Scan
-from mrs_people_loc.splitting import split, split_at
+from mrs_people_loc.team.fusion import ShortTermMap, fuse
+from mrs_people_loc.team.masking import OccupancyGrid, Walls, are_masked, bodies_of_robots
+from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
-from mrs_people_loc.tracking import NOBODY, Tracker
 
 
 @dataclass(frozen=True)

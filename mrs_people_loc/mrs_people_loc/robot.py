@@ -7,13 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc import bodies, filters, search
-from mrs_people_loc.camera import StereoCamera
-from mrs_people_loc.cloud import CloudMaker
+from mrs_people_loc.bodies import finder as bodies
+from mrs_people_loc.bodies import search
+from mrs_people_loc.cells import filters
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.disparity import StereoMatcher
-from mrs_people_loc.images import StereoImages
 from mrs_people_loc.scan import Cells, Scan
+from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.cloud import CloudMaker
+from mrs_people_loc.sensing.disparity import StereoMatcher
+from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.timing import StageTimes
 
 Float32 = NDArray[np.float32]

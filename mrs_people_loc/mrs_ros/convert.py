@@ -30,13 +30,13 @@ from std_msgs.msg import ColorRGBA, Header
 from stereo_msgs.msg import DisparityImage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mrs_people_loc.camera import StereoCamera, robot_from_optical
 from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
-from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Scan
+from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
+from mrs_people_loc.team.poses import Pose
 
 _FIELD_TYPES = {"f4": PointField.FLOAT32, "u4": PointField.UINT32, "i4": PointField.INT32}
 #: Variance of a heading that nothing is known of: uniform over the circle [rad^2].
@@ -128,7 +128,7 @@ def disparity(
     message.valid_window.height = height
     message.min_disparity = camera.disparity_of(config.max_range)
     message.max_disparity = camera.disparity_of(config.min_range)
-    from mrs_people_loc.disparity import SUBPIXELS  # here: a planner does without OpenCV
+    from mrs_people_loc.sensing.disparity import SUBPIXELS  # here: a planner does without OpenCV
 
     message.delta_d = 1.0 / SUBPIXELS
     return message

@@ -14,7 +14,7 @@ from rclpy.time import Time
 
 from mrs_people_loc import messages
 from mrs_people_loc.errors import ConfigError, PoseError
-from mrs_people_loc.poses import Pose
+from mrs_people_loc.team.poses import Pose
 
 #: As tf2_ros' broadcasters have it.
 _TF_QOS = QoSProfile(depth=100)

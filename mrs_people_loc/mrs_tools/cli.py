@@ -35,29 +35,50 @@ from mrs_tools.plain import plain
 
 # name: (module:function, what it does). The function may also be a typer.Typer of its own.
 COMMANDS = {
-    "demo": ("mrs_tools.demo:command", "Replay a recorded team and compare with the truth."),
-    "simulate": ("mrs_tools.simulate:command", "Draw what a team would see, with ground truth."),
-    "evaluate": ("mrs_tools.evaluate:command", "Score bags against their ground truth."),
-    "experiment": ("mrs_tools.experiment:command", "Repeat the paper's experiment, simulated."),
-    "suite": ("mrs_tools.suite:command", "Score the published suite, step by step."),
-    "fit": ("mrs_tools.fit:command", "Fit the body model to bags with ground truth."),
-    "calibrate": ("mrs_tools.calibrate:command", "Measure a head's mounting by the floor."),
-    "plot": ("mrs_tools.figures:command", "Draw the paper's figures from a bag, or an animation."),
-    "bench": ("mrs_tools.bench:command", "Measure speed, after comparing with plain loops."),
-    "up": ("mrs_tools.up:command", "Start every node of a team on this machine."),
+    "demo": (
+        "mrs_tools.commands.demo:command",
+        "Replay a recorded team and compare with the truth.",
+    ),
+    "simulate": (
+        "mrs_tools.commands.simulate:command",
+        "Draw what a team would see, with ground truth.",
+    ),
+    "evaluate": ("mrs_tools.commands.evaluate:command", "Score bags against their ground truth."),
+    "experiment": (
+        "mrs_tools.commands.experiment:command",
+        "Repeat the paper's experiment, simulated.",
+    ),
+    "suite": ("mrs_tools.commands.suite:command", "Score the published suite, step by step."),
+    "fit": ("mrs_tools.commands.fit:command", "Fit the body model to bags with ground truth."),
+    "calibrate": (
+        "mrs_tools.commands.calibrate:command",
+        "Measure a head's mounting by the floor.",
+    ),
+    "plot": (
+        "mrs_tools.commands.plot:command",
+        "Draw the paper's figures from a bag, or an animation.",
+    ),
+    "bench": (
+        "mrs_tools.commands.bench:command",
+        "Measure speed, after comparing with plain loops.",
+    ),
+    "up": ("mrs_tools.commands.up:command", "Start every node of a team on this machine."),
     "discovery-server": (
-        "mrs_tools.discovery_server:command",
+        "mrs_tools.commands.discovery_server:command",
         "Let a team find each other without multicast.",
     ),
-    "people": ("mrs_tools.people:command", "Show a running team live in the terminal."),
+    "people": ("mrs_tools.commands.people:command", "Show a running team live in the terminal."),
     "doctor": (
-        "mrs_tools.doctor:command",
+        "mrs_tools.commands.doctor:command",
         "Say what is wrong with a running team, and what to do.",
     ),
-    "replay": ("mrs_tools.replay:command", "Publish a bag's messages over ROS, in their timing."),
-    "record": ("mrs_tools.record:command", "Record topics into a bag."),
-    "keys": ("mrs_tools.keys:app", "Make hosts members of a team, and revoke them."),
-    "convert": ("mrs_tools.convert:app", "Write foreign recordings as bags."),
+    "replay": (
+        "mrs_tools.commands.replay:command",
+        "Publish a bag's messages over ROS, in their timing.",
+    ),
+    "record": ("mrs_tools.commands.record:command", "Record topics into a bag."),
+    "keys": ("mrs_tools.commands.keys:app", "Make hosts members of a team, and revoke them."),
+    "convert": ("mrs_tools.commands.convert:app", "Write foreign recordings as bags."),
 }
 
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrs_people_loc.health import Code
+from mrs_people_loc.health.findings import Code
 
 MEMORY = Path("/dev/shm")
 #: The most that the kernel keeps for a socket until it is read [bytes].

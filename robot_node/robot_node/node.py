@@ -11,11 +11,11 @@ from stereo_msgs.msg import DisparityImage
 
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import CameraError, ConfigError, ImageError, WaitedError
-from mrs_people_loc.floor import FloorWatch, in_words
 from mrs_people_loc.head import Head, View
-from mrs_people_loc.health import Code, of_scans
+from mrs_people_loc.health.findings import Code, of_scans
+from mrs_people_loc.health.floor import FloorWatch, in_words
+from mrs_people_loc.health.sight import SightWatch
 from mrs_people_loc.robot import Stages
-from mrs_people_loc.sight import SightWatch
 from mrs_ros import convert
 from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, Growth, Input, recording_hint
 from mrs_ros.managed_node import ManagedNode

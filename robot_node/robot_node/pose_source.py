@@ -12,11 +12,11 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from mrs_people_loc import messages
-from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import PoseInput, RobotConfig
 from mrs_people_loc.errors import PoseError
-from mrs_people_loc.health import Code
-from mrs_people_loc.poses import Pose, PoseIntake, static_pose
+from mrs_people_loc.health.findings import Code
+from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.diagnostics import ERROR, OK, SILENCE_S, Finding
 from mrs_ros.managed_node import ManagedNode

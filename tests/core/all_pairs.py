@@ -3,7 +3,7 @@
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.joining import BodiesOnMap, Joined
+from mrs_people_loc.bodies.joining import BodiesOnMap, Joined
 
 LEAST_SCORE = -2.0
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import Mounting, RobotConfig, load_team
-from mrs_people_loc.images import StereoImages
 from mrs_people_loc.scan import Cells
+from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
+from mrs_people_loc.sensing.images import StereoImages
 
 PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 

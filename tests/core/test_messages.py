@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc import messages
-from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.errors import (
     CameraError,
     GridError,
@@ -20,9 +19,10 @@ from mrs_people_loc.errors import (
     StampError,
 )
 from mrs_people_loc.geometry import quaternion_from_rotation, rotation_from_rpy
-from mrs_people_loc.images import ImagePreparer, StereoImages
-from mrs_people_loc.masking import Walls
-from mrs_people_loc.poses import Pose
+from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.images import ImagePreparer, StereoImages
+from mrs_people_loc.team.masking import Walls
+from mrs_people_loc.team.poses import Pose
 
 NAN, INF = math.nan, math.inf
 

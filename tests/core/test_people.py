@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.fusion import ShortTermMap
 from mrs_people_loc.people import Clusters, Person, gather, is_human, locate, measure
-from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Cells
+from mrs_people_loc.team.fusion import ShortTermMap
+from mrs_people_loc.team.poses import Pose
 
 EXACT = Pose(0, 0.0, 0.0, 0.0)
 

@@ -9,8 +9,8 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.geometry import wrap_angle
 from mrs_people_loc.planner import People, Planner
-from mrs_people_loc.poses import Pose
 from mrs_people_loc.scan import Cells, Scan
+from mrs_people_loc.team.poses import Pose
 
 PI = math.pi
 BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]  # 0.3 x 0.1 m

@@ -1,9 +1,9 @@
 """The same pipeline on two real recordings, with only its configuration changed.
 
 An OAK-D stereo video that looks down on people who walk by, and PCL's RGB-D frame of five people.
-Both are converted to bags with `mrs_tools.convert`, read back, rectified, matched with StereoBM,
-filtered, clustered and judged by the project's own code. Nobody shipped ground truth: which
-frames show a person was read from the left video by eye, the torsos from the Kinect's depth.
+Both are converted to bags with `mrs_tools.commands.convert`, read back, rectified, matched with
+StereoBM, filtered, clustered and judged by the project's own code. Nobody shipped ground truth:
+which frames show a person was read from the left video by eye, the torsos from the Kinect's depth.
 
 The recordings are not part of the repository.
 """
@@ -17,19 +17,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import load_team
-from mrs_people_loc.evaluation import match
-from mrs_people_loc.images import ImagePreparer, StereoImages
 from mrs_people_loc.messages import read_camera_info, read_image, read_pose
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.robot import RobotPipeline, Stages
+from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.images import ImagePreparer, StereoImages
+from mrs_tools.scoring.positions import match
 
 pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 pytest.importorskip("typer", reason="the converter is part of the mrs command, which needs typer")
 
-from mrs_tools.bags import BagReader
-from mrs_tools.convert import EPOCH_NS, convert_oak, convert_pcl, torsos_in_map
+from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.commands.convert import EPOCH_NS, convert_oak, convert_pcl, torsos_in_map
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"

@@ -6,17 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrs_people_loc import bodies, filters, messages, search, timing
-from mrs_people_loc.camera import StereoCamera
-from mrs_people_loc.cloud import CloudMaker
+from mrs_people_loc import messages, timing
+from mrs_people_loc.bodies import finder as bodies
+from mrs_people_loc.bodies import search
+from mrs_people_loc.cells import filters
 from mrs_people_loc.config import Mounting, RobotConfig, load_team
-from mrs_people_loc.disparity import StereoMatcher
 from mrs_people_loc.errors import CameraError, ImageError
-from mrs_people_loc.images import ImagePreparer, Pairer, StereoImages
-from mrs_people_loc.interval import IntervalCollector
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.scan import BODY_DTYPE, Scan
+from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.cloud import CloudMaker
+from mrs_people_loc.sensing.disparity import StereoMatcher
+from mrs_people_loc.sensing.images import ImagePreparer, Pairer, StereoImages
+from mrs_people_loc.team.intervals import IntervalCollector
 from mrs_people_loc.timing import StageTimes
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -29,12 +29,12 @@ TIMEOUT_S = 20
 with atheris.instrument_imports(
     include=[
         "mrs_people_loc",
-        "mrs_tools.bag_checks",
-        "mrs_tools.bags",
-        "mrs_tools.convert",
-        "mrs_tools.doctor",
-        "mrs_tools.offline",
-        "mrs_tools.people",
+        "mrs_tools.bags.checks",
+        "mrs_tools.bags.rosbag",
+        "mrs_tools.commands.convert",
+        "mrs_tools.commands.doctor",
+        "mrs_tools.bags.offline",
+        "mrs_tools.commands.people",
         "mrs_tools.simulation",
         "rosbags.rosbag2",
         "pypcd4",

@@ -26,15 +26,15 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
-from mrs_people_loc.interval import IntervalCollector
 from mrs_people_loc.planner import Planner
-from mrs_people_loc.poses import Pose, PoseBuffer, PoseIntake
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
-from mrs_tools.bags import BagReader, BagWriter, default_typestore
-from mrs_tools.convert import read_oak_calibration, read_rgbd
-from mrs_tools.doctor import Facts, diagnose, figures
-from mrs_tools.offline import read_estimate, read_truth, robots_of
-from mrs_tools.people import LivePeople
+from mrs_people_loc.team.intervals import IntervalCollector
+from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseIntake
+from mrs_tools.bags.offline import read_estimate, read_truth, robots_of
+from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
+from mrs_tools.commands.convert import read_oak_calibration, read_rgbd
+from mrs_tools.commands.doctor import Facts, diagnose, figures
+from mrs_tools.commands.people import LivePeople
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import load_scene
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_tools.cli import stop_on_signals
-from mrs_tools.replay import node
+from mrs_tools.commands.replay import node
 
 
 def say(**what: Any) -> None:

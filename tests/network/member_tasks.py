@@ -35,7 +35,7 @@ def feed(robot: str, frame_hz: str) -> None:
     import rclpy
 
     from mrs_people_loc.config import load_team
-    from mrs_tools.bench_live import Feeder, read_recorded
+    from mrs_tools.bench.live import Feeder, read_recorded
 
     team = load_team(TEAM)
     one = dataclasses.replace(team, robots={robot: team.robots[robot]})
@@ -75,8 +75,8 @@ def spy(name: str) -> None:
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import PointCloud2
 
-    from mrs_people_loc.poses import Pose
     from mrs_people_loc.scan import Cells, Scan
+    from mrs_people_loc.team.poses import Pose
     from mrs_ros import convert
 
     rclpy.init()

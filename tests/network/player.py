@@ -18,7 +18,7 @@ from sensor_msgs.msg import PointCloud2
 
 from mrs_ros.network import use_shipped_profile
 from mrs_tools.cli import stop_on_signals
-from mrs_tools.replay import node
+from mrs_tools.commands.replay import node
 
 
 def stamped(message: bytes) -> bytes:

@@ -21,7 +21,7 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from mrs_ros import convert
-from mrs_tools.offline import BagRun
+from mrs_tools.bags.offline import BagRun
 from network.hosts import Hosts
 
 ROOT = Path(__file__).resolve().parents[2]

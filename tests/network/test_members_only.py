@@ -25,7 +25,7 @@ from typing import Any
 
 import pytest
 
-from mrs_tools.keys import RECHECK_S, TeamKeys
+from mrs_tools.commands.keys import RECHECK_S, TeamKeys
 from network import hosts as network
 from network.hosts import Hosts
 

@@ -16,11 +16,11 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from mrs_people_loc import messages
-from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.images import ImagePreparer, StereoImages
 from mrs_people_loc.robot import RobotPipeline, Stages
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
+from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.images import ImagePreparer, StereoImages
 
 #: OpenCV's StereoBM does not repeat itself with small blocks and a cap over 31: some pixels
 #: differ from call to call. What is compared bit for bit is made with this cap.

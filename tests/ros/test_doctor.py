@@ -18,8 +18,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from mrs_tools import doctor as tool
-from mrs_tools.doctor import Check
+from mrs_tools.commands import doctor as tool
+from mrs_tools.commands.doctor import Check
 from ros.harness import DEADLINE_S, Finding, Peer, Team
 from ros.harness import ERROR as ERROR_LEVEL
 from ros.recording import Recording, set_stamp

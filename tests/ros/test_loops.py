@@ -18,7 +18,7 @@ from mrs_people_msgs.msg import People
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from mrs_tools.bags import BagReader, BagWriter
+from mrs_tools.bags.rosbag import BagReader, BagWriter
 from ros.harness import DEADLINE_S, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, pose_of
 from ros.recording import stamp_of

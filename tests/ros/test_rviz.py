@@ -17,7 +17,7 @@ from rclpy.qos import ReliabilityPolicy
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.planner import Planner
-from mrs_people_loc.poses import Pose
+from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from planner_node.node import PlannerNode
 from ros.harness import ROOT

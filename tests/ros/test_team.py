@@ -26,11 +26,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import load_team
-from mrs_people_loc.evaluation import match
 from mrs_people_loc.planner import People as CorePeople
 from mrs_people_loc.planner import Planner
-from mrs_people_loc.poses import Pose, PoseBuffer
 from mrs_people_loc.scan import Scan
+from mrs_people_loc.team.poses import Pose, PoseBuffer
+from mrs_tools.scoring.positions import match
 from ros.harness import ERROR, OK, ROOT, NodeProcess, Peer, Team
 from ros.recording import DEFAULTS, Recording, records_of, stages_of, stamp_of, stamped
 

@@ -13,9 +13,9 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from mrs_people_loc.camera import StereoCamera, robot_from_optical
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.messages import read_camera_info
+from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
 from ros.harness import ERROR, OK, Peer, Team
 from ros.recording import PARAMS, Recording, set_stamp, stamp_of
 from ros.robot_peer import RobotPeer

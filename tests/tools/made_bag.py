@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc.scan import CELL_DTYPE
-from mrs_tools.bags import BagWriter, default_typestore
+from mrs_tools.bags.rosbag import BagWriter, default_typestore
 
 START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000

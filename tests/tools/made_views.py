@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc.people import Group, Person
-from mrs_people_loc.poses import Pose
-from mrs_tools.plots import TopView
+from mrs_people_loc.team.poses import Pose
+from mrs_tools.figures.plots import TopView
 
 SECOND = 1_000_000_000
 

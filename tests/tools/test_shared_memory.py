@@ -8,7 +8,7 @@ from contextlib import ExitStack
 import pytest
 
 from mrs_tools import shared_memory
-from mrs_tools.doctor import ERROR, OK, WARN, Facts, diagnose
+from mrs_tools.commands.doctor import ERROR, OK, WARN, Facts, diagnose
 from mrs_tools.shared_memory import Memory, left_behind, lost_images, memory
 
 ROBOT = "/robot_a/robot_node"

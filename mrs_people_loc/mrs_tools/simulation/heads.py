@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.camera import CameraModel, StereoCamera
 from mrs_people_loc.config import Mounting, load_yaml
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
 from mrs_tools.simulation.meshes import Float32
 from mrs_tools.simulation.scene import Head, Imaging
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.masking import OccupancyGrid
+from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_tools.simulation import textures
 from mrs_tools.simulation.meshes import Mesh, box, cylinder, ellipsoid, make, merge, quad
 from mrs_tools.simulation.scene import Furniture, Room

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.camera import StereoCamera
 from mrs_people_loc.geometry import rotation_from_rpy
+from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_tools.simulation import motion
 from mrs_tools.simulation.bodies import Body
 from mrs_tools.simulation.heads import Camera, Gray, camera_models, expose, is_raw, make_camera

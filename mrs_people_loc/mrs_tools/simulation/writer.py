@@ -20,8 +20,8 @@ from rosbags.interfaces import (
 )
 
 from mrs_people_loc.geometry import quaternion_from_yaw
-from mrs_tools.bags import BagWriter, default_typestore
-from mrs_tools.convert import Recording
+from mrs_tools.bags.rosbag import BagWriter, default_typestore
+from mrs_tools.commands.convert import Recording
 from mrs_tools.simulation.odometry import PoseSample
 from mrs_tools.simulation.rooms import floor_plan
 from mrs_tools.simulation.world import Frame, World

@@ -1,0 +1,1 @@
+"""The paper's method: zones, noise windows, cells; clusters of cells of human size."""

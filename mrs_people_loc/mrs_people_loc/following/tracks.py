@@ -1,0 +1,472 @@
+"""Tracking: who is who from interval to interval, and how fast everybody walks.
+
+Each person is a Kalman filter of place and velocity (constant velocity, driven by white noise of
+acceleration; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation,
+2001, section 6.2), which takes what the planner found with its measured covariance. Found people
+are assigned to known ones by the least sum of squared Mahalanobis distances within a gate.
+
+What is found brings log-odds of being a person. A track's evidence is their mean of late: views of
+one thing resemble each other, so that a lamp seen ten times is no surer a person than a lamp seen
+once, and the sum would say so. A track becomes a person when it has enough of it, coasts when it is
+not seen, and ends when the evidence has gone or the time is out. Who has ended is remembered for a
+while and may come back under the same id.
+
+Time is an argument. Where it jumps back by more than `clocks.RESET_NS`, everybody is new, and ids
+go on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.bodies.joining import bounded
+from mrs_people_loc.cells.clustering import connected
+from mrs_people_loc.geometry import Float, squared_mahalanobis
+from mrs_people_loc.neighbours import pairs_between
+from mrs_people_loc.people import Person
+from mrs_people_loc.team.clocks import RESET_NS
+
+Int = NDArray[np.intp]
+Bool = NDArray[np.bool_]
+
+#: What is found says no more for a person than this.
+_LARGEST_SCORE = 8.0
+#: A height says no more than this against a pair, as a squared Mahalanobis distance.
+_HEIGHT_SAYS = 4.0
+#: What was found is taken for no older than this [s].
+_LONGEST_DELAY = 1.0
+#: No variance of a place or a velocity grows beyond this [m^2, m^2/s^2].
+_LARGEST_VARIANCE = 25.0
+#: Nobody appears farther from where he was lost than this and what he may have walked [m].
+_REACH = 0.5
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Where people are expected, a struct of arrays of one length (n,).
+
+    Attributes:
+        xy: Predicted places [m], shape (n, 2).
+        covariance: Of the places [m^2], shape (n, 2, 2).
+    """
+
+    xy: Float
+    covariance: Float
+
+    def __len__(self) -> int:
+        """How many they are."""
+        return len(self.xy)
+
+    def near(self, xy: Float, covariance: Float, *, gate: float, reach: float) -> Int:
+        """Which of them something at a place may be, the nearest in sigmas; -1: none of them.
+
+        Args:
+            xy: Places [m], shape (m, 2).
+            covariance: Of the places [m^2], shape (m, 2, 2).
+            gate: No farther than this [sigmas],
+            reach: ... and this [m].
+
+        Returns:
+            Indices, shape (m,).
+        """
+        if not len(self) or not len(xy):
+            return np.full(len(xy), -1, dtype=np.intp)
+        one, other, _ = pairs_between(xy, self.xy, reach)
+        offset = xy[one] - self.xy[other]
+        squared = squared_mahalanobis(offset, covariance[one] + self.covariance[other])
+        nearest = np.full(len(xy), -1, dtype=np.intp)
+        farthest_first = np.argsort(-squared, kind="stable")
+        farthest_first = farthest_first[squared[farthest_first] <= gate**2]
+        nearest[one[farthest_first]] = other[farthest_first]  # the last one stays
+        return nearest
+
+
+NOBODY = Expected(np.empty((0, 2)), np.empty((0, 2, 2)))
+
+
+@dataclass
+class _Tracks:
+    """A struct of arrays of one length (n,).
+
+    Attributes:
+        id: From 1; 0: no person yet.
+        state: Place [m] and velocity [m/s], shape (n, 4).
+        covariance: Of the state, shape (n, 4, 4).
+        noise: Mean covariance of late of what was found [m^2], shape (n, 2, 2).
+        evidence: Mean log-odds of late of being a person.
+        height: Mean height of late [m].
+        age_s: Since it was first seen [s].
+        seen: Whether it is seen in this interval.
+        unseen_s: Since it was last seen [s].
+        seen_s: For how long it was seen, in all [s].
+        last: What was last found of it.
+    """
+
+    id: Int
+    state: Float
+    covariance: Float
+    noise: Float
+    evidence: Float
+    height: Float
+    age_s: Float
+    seen: Bool
+    unseen_s: Float
+    seen_s: Float
+    last: NDArray[np.object_]
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def of(self, chosen: Int | Bool) -> _Tracks:
+        """Some of them."""
+        return _Tracks(**{name: value[chosen] for name, value in vars(self).items()})
+
+    def and_(self, others: _Tracks) -> _Tracks:
+        """These and others."""
+        mine, theirs = vars(self), vars(others)
+        return _Tracks(**{name: np.concatenate([mine[name], theirs[name]]) for name in mine})
+
+    def predict(self, dt_s: float, acceleration: float) -> None:
+        """Moves everybody on by a time."""
+        if dt_s <= 0:
+            return
+        t, q = dt_s, acceleration**2
+        move = np.eye(4)
+        move[0, 2] = move[1, 3] = t
+        noise = np.zeros((4, 4))
+        noise[(0, 1), (0, 1)] = q * t**3 / 3.0
+        noise[(0, 1, 2, 3), (2, 3, 0, 1)] = q * t**2 / 2.0
+        noise[(2, 3), (2, 3)] = q * t
+        self.state = self.state @ move.T
+        self.covariance = move @ self.covariance @ move.T + noise
+        # Bounded by one factor each, so that it stays a covariance.
+        largest = self.covariance[:, (0, 1, 2, 3), (0, 1, 2, 3)].max(axis=1, initial=0.0)
+        factor = np.minimum(1.0, _LARGEST_VARIANCE / np.maximum(largest, 1e-12))
+        self.covariance *= factor[:, np.newaxis, np.newaxis]
+        self.age_s = self.age_s + t
+        self.unseen_s = self.unseen_s + t
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What was found, a struct of arrays of one length (n,); of one track each once it is one."""
+
+    persons: NDArray[np.object_]
+    xy: Float
+    covariance: Float
+    score: Float
+    delay_s: Float
+    height: Float
+
+    @classmethod
+    def of(cls, persons: Sequence[Person], time_ns: int) -> _Found:
+        each = np.empty(len(persons), dtype=object)
+        each[:] = persons
+        return cls(
+            persons=each,
+            xy=np.array([p.position for p in persons]).reshape(-1, 2),
+            covariance=bounded(np.array([p.covariance for p in persons]).reshape(-1, 2, 2)),
+            score=np.minimum([p.score for p in persons], _LARGEST_SCORE).reshape(-1),
+            delay_s=np.clip([(time_ns - p.stamp_ns) / 1e9 for p in persons], 0.0, _LONGEST_DELAY),
+            height=np.array([p.height for p in persons]),
+        )
+
+
+class Tracker:
+    """Follows people over time.
+
+    Args:
+        config: Its parameters; may be replaced at any time.
+
+    Attributes:
+        config: Likewise.
+        jumps_back: How often the time has jumped back, by more than `RESET_NS`.
+        turned_away: How often somebody new was not followed because there were too many.
+    """
+
+    def __init__(self, config: cfg.Tracking) -> None:
+        self.config = config
+        self.jumps_back = 0
+        self.turned_away = 0
+        self._time_ns: int | None = None
+        self._followed_s = 0.0
+        self._next_id = 1
+        self._tracks = _begun(_Found.of((), 0), config)
+        self._lost = self._tracks
+
+    def begin_anew(self) -> None:
+        """Forgets everybody: the time jumped back. Ids go on, so that none means two people."""
+        self.jumps_back += 1
+        self._time_ns = None
+        self._followed_s = 0.0
+        self._tracks = self._lost = _begun(_Found.of((), 0), self.config)
+
+    def expect(self, time_ns: int) -> Expected:
+        """Where the people who are followed will be at a time [ns]; the tracker stays as it is."""
+        if self._is_another(time_ns):
+            return NOBODY
+        known = self._tracks.of(self._tracks.id > 0)
+        if not len(known):
+            return NOBODY
+        known.predict(self._since(time_ns), self.config.acceleration)
+        xy, velocity = known.state[:, :2], known.state[:, 2:]
+        return Expected(xy - self._late(time_ns) * velocity, known.covariance[:, :2, :2])
+
+    def step(self, persons: Sequence[Person], time_ns: int) -> tuple[Person, ...]:
+        """Takes what was found in an interval.
+
+        Args:
+            persons: What was found, with log-odds and delays.
+            time_ns: Time of the interval [ns]; a little older than the last one: scans that came
+                late by themselves; older by more than `RESET_NS`: everybody is new.
+
+        Returns:
+            Everybody who is followed, seen or not, by id.
+        """
+        if self._is_another(time_ns):
+            self.begin_anew()
+        dt_s, late_s = self._since(time_ns), self._late(time_ns)
+        if self._time_ns is None or not late_s:
+            self._time_ns = time_ns
+        self._followed_s += dt_s
+        self._tracks.predict(dt_s, self.config.acceleration)
+        self._lost.predict(dt_s, self.config.acceleration)
+        self._take(_Found.of(persons, self._time_ns), dt_s)
+        return self._persons(late_s)
+
+    def _since(self, time_ns: int) -> float:
+        return 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / 1e9)
+
+    def _late(self, time_ns: int) -> float:
+        """How much a time is before the last one [s]; 0 if it is not."""
+        return 0.0 if self._time_ns is None else max(0.0, (self._time_ns - time_ns) / 1e9)
+
+    def _is_another(self, time_ns: int) -> bool:
+        """Whether time has jumped back."""
+        return self._time_ns is not None and self._time_ns - time_ns > RESET_NS
+
+    def _take(self, found: _Found, dt_s: float) -> None:
+        config, tracks = self.config, self._tracks
+        tracks.seen[:] = False
+        # First who is known, then who may become so.
+        free = np.arange(len(found.xy))
+        for known in (True, False):
+            rows = np.flatnonzero((tracks.id > 0) == known)
+            one, other = _assign(tracks, rows, found, free, config)
+            _update(tracks, one, found, other, config, dt_s)
+            free = np.setdiff1d(free, other)
+        # Nobody is believed in unseen, or remembered, for longer than he was seen.
+        coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
+        limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
+        ended = ~tracks.seen & (tracks.unseen_s > limit)
+        ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)
+        gone = self._lost.and_(tracks.of(ended & (tracks.id > 0)))
+        gone = gone.of(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
+        self._lost = gone.of(np.argsort(gone.unseen_s, kind="stable")[: config.max_tracks])
+        tracks = tracks.of(~ended)
+
+        free = free[found.score[free] >= config.doubt_score]
+        room = max(0, config.max_tracks - len(tracks))
+        if len(free) > room:
+            free = free[np.argsort(-found.score[free], kind="stable")]
+            self.turned_away += len(free) - room
+        tracks = tracks.and_(_begun(_pick(found, free[:room]), config))
+        self._tracks = tracks
+        self._name(np.flatnonzero(tracks.id == 0))
+
+    def _name(self, rows: Int) -> None:
+        """Gives ids to tracks that are people by now: a new one, or that of somebody lost."""
+        config, tracks = self.config, self._tracks
+        old = tracks.age_s[rows] >= config.birth_time
+        least = np.where(old, min(config.birth_score, config.sure_score), config.sure_score)
+        sure = tracks.evidence[rows] >= least
+        # In the beginning everybody is new; later on, hardly anybody appears out of nowhere.
+        sure |= self._followed_s < config.start_time
+        for row in rows[sure & tracks.seen[rows]].tolist():
+            lost = self._who_was(row)
+            if lost is None:
+                tracks.id[row] = self._next_id
+                self._next_id += 1
+                continue
+            tracks.id[row] = self._lost.id[lost]
+            tracks.age_s[row] = self._lost.age_s[lost]
+            tracks.seen_s[row] += self._lost.seen_s[lost]
+            self._lost = self._lost.of(np.arange(len(self._lost)) != lost)
+
+    def _who_was(self, row: int) -> int | None:
+        """The one among the lost whom a new track continues; None: nobody."""
+        lost, tracks = self._lost, self._tracks
+        if not len(lost):
+            return None
+        here, velocity = tracks.state[row, :2], lost.state[:, 2:]
+        total = lost.covariance[:, :2, :2] + tracks.covariance[row, :2, :2]
+        squared = squared_mahalanobis(here - lost.state[:, :2], total)
+        seen_at = lost.state[:, :2] - lost.unseen_s[:, np.newaxis] * velocity
+        possible = squared <= self.config.gate**2
+        possible &= np.hypot(*(here - seen_at).T) <= _REACH + self.config.max_speed * lost.unseen_s
+        if not possible.any():
+            return None
+        cost = (
+            squared
+            + np.log(_determinant(total))
+            + _height_cost(tracks.height[row], lost.height, self.config)
+        )
+        return int(np.where(possible, cost, np.inf).argmin())
+
+    def _persons(self, late_s: float) -> tuple[Person, ...]:
+        """Everybody as he was so long before the tracker's time."""
+        tracks = self._tracks
+        rows = np.flatnonzero(tracks.id > 0)
+        rows = rows[np.argsort(tracks.id[rows], kind="stable")]
+        # Errors of what is found stay alike from interval to interval: no mean makes them small.
+        unsure_of = tracks.covariance[rows, :2, :2] + self.config.lasting_share * tracks.noise[rows]
+        places = tracks.state[rows, :2] - late_s * tracks.state[rows, 2:]
+        velocities, unsure = tracks.state[rows, 2:], tracks.covariance[rows, 2:, 2:]
+        persons = []
+        for index, row in enumerate(rows.tolist()):
+            last: Person = tracks.last[row]
+            seen = bool(tracks.seen[row])
+            persons.append(
+                Person(
+                    position=places[index],
+                    covariance=unsure_of[index],
+                    height=float(tracks.height[row]),
+                    sigma=last.sigma,
+                    robots=last.robots if seen else (),
+                    label=last.label if seen else -1,
+                    score=float(tracks.evidence[row]),
+                    stamp_ns=last.stamp_ns,
+                    id=int(tracks.id[row]),
+                    velocity=velocities[index],
+                    velocity_covariance=unsure[index],
+                    age_s=float(tracks.age_s[row]),
+                    coasting=not seen,
+                )
+            )
+        return tuple(persons)
+
+
+def _pick(found: _Found, index: Int) -> _Found:
+    return _Found(**{name: value[index] for name, value in vars(found).items()})
+
+
+def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
+    """A track of each."""
+    count = len(found.xy)
+    covariance = np.zeros((count, 4, 4))
+    covariance[:, :2, :2] = found.covariance
+    covariance[:, (2, 3), (2, 3)] = config.any_velocity**2
+    return _Tracks(
+        id=np.zeros(count, dtype=np.intp),
+        state=np.concatenate([found.xy, np.zeros((count, 2))], axis=1),
+        covariance=covariance,
+        noise=found.covariance.copy(),
+        evidence=found.score.astype(np.float64),
+        height=found.height.astype(np.float64),
+        age_s=np.zeros(count),
+        seen=np.ones(count, dtype=bool),
+        unseen_s=np.zeros(count),
+        seen_s=np.zeros(count),
+        last=found.persons,
+    )
+
+
+def _looked_for(tracks: _Tracks, rows: Int, delay_s: Float) -> tuple[Float, Float]:
+    """Where tracks were so long ago: places, shape (n, 2), and covariances, shape (n, 2, 2)."""
+    state, p = tracks.state[rows], tracks.covariance[rows]
+    d = delay_s[:, np.newaxis]
+    d2 = d[:, :, np.newaxis]
+    cross = p[:, :2, 2:]
+    place = p[:, :2, :2] - d2 * (cross + cross.transpose(0, 2, 1)) + d2**2 * p[:, 2:, 2:]
+    return state[:, :2] - d * state[:, 2:], place
+
+
+def _assign(
+    tracks: _Tracks, rows: Int, found: _Found, free: Int, config: cfg.Tracking
+) -> tuple[Int, Int]:
+    """Which track was found as what: indices of both, of one length."""
+    if not len(rows) or not len(free):
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    reach = config.max_distance + config.max_speed * float(found.delay_s[free].max())
+    row, column, _ = pairs_between(tracks.state[rows, :2], found.xy[free], reach)
+    one, other = rows[row], free[column]
+    places, covariances = _looked_for(tracks, one, found.delay_s[other])
+    measured = found.covariance[other]
+    total = covariances + measured
+    offset = found.xy[other] - places
+    squared = squared_mahalanobis(offset, total)
+    away = np.hypot(*offset.T)
+    squared = np.where(away <= config.body, np.minimum(squared, config.gate**2), squared)
+    # Besides the likelihood's determinant, against that of what was found: who is lost for long
+    # may be anywhere, and must not take what is near to somebody else.
+    cost = squared + np.log(_determinant(total) / _determinant(measured))
+    cost += _height_cost(tracks.height[one], found.height[other], config)
+    # A pair is worth what it is better than no pair.
+    worth = cost - 2.0 * config.gate**2
+    near = (squared <= config.gate**2) & (away <= config.max_distance)
+    possible = np.flatnonzero(near & (worth < 0))
+    best = possible[_best(row[possible], column[possible], worth[possible], len(rows), len(free))]
+    return one[best], other[best]
+
+
+def _best(row: Int, column: Int, worth: Float, rows: int, columns: int) -> Int:
+    """Which pairs to take, each row and column once, so that the sum of their worth is least.
+
+    Pairs that nothing links have nothing to do with each other: each knot is solved for itself.
+    """
+    knot = connected(row, rows + column, rows + columns)[row]
+    size = np.bincount(knot, minlength=rows)
+    taken = [np.flatnonzero(size[knot] == 1)]
+    for number in np.flatnonzero(size > 1):
+        from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+
+        mine = np.flatnonzero(knot == number)
+        (_, i), (_, j) = (np.unique(of[mine], return_inverse=True) for of in (row, column))
+        table = np.zeros((i.max() + 1, j.max() + 1))
+        table[i, j] = worth[mine]
+        chosen = np.zeros(table.shape, dtype=bool)
+        chosen[linear_sum_assignment(table)] = True
+        taken.append(mine[chosen[i, j]])
+    return np.concatenate(taken)
+
+
+def _update(
+    tracks: _Tracks, rows: Int, found: _Found, index: Int, config: cfg.Tracking, dt_s: float
+) -> None:
+    """The Kalman filter's update of some tracks with what was found of them."""
+    if not len(rows):
+        return
+    delay_s = found.delay_s[index]
+    place, innovation = _looked_for(tracks, rows, delay_s)
+    p = tracks.covariance[rows]
+    # H = [1, -delay]: what was found is where somebody was when he was looked at.
+    h_p = p[:, :2] - delay_s[:, np.newaxis, np.newaxis] * p[:, 2:]
+    total = innovation + found.covariance[index]
+    gain = np.linalg.solve(total, h_p).transpose(0, 2, 1)
+    off = found.xy[index] - place
+    tracks.state[rows] += (gain @ off[:, :, np.newaxis])[:, :, 0]
+    updated = p - gain @ h_p
+    tracks.covariance[rows] = 0.5 * (updated + updated.transpose(0, 2, 1))
+    share = -math.expm1(-dt_s / config.evidence_time)
+    tracks.noise[rows] += share * (found.covariance[index] - tracks.noise[rows])
+    tracks.evidence[rows] += share * (found.score[index] - tracks.evidence[rows])
+    tracks.height[rows] += share * (found.height[index] - tracks.height[rows])
+    tracks.seen[rows] = True
+    tracks.unseen_s[rows] = 0.0
+    tracks.seen_s[rows] += dt_s
+    tracks.last[rows] = found.persons[index]
+
+
+def _height_cost(one: Float, other: Float, config: cfg.Tracking) -> Float:
+    squared = ((one - other) / config.height_sigma) ** 2
+    return np.asarray(np.fmin(squared, _HEIGHT_SAYS))  # also where a height is not known
+
+
+def _determinant(matrices: Float) -> Float:
+    return np.asarray(matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0])

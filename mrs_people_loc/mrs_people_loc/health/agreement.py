@@ -1,0 +1,194 @@
+"""Agreement: whether a robot sees people where the others see them; if not, its pose is off.
+
+For a while the places where each robot sees people are kept. A robot whose people fall on the
+others' is where it says. One whose people fall on nobody's, but all of them would after one and the
+same small move and turn of the robot, is not: a person seen twice is two people then.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.bodies.joining import place_bodies
+from mrs_people_loc.cells.clustering import cluster
+from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.people import is_human, measure
+from mrs_people_loc.scan import Cells
+from mrs_people_loc.team.fusion import ShortTermMap
+from mrs_people_loc.team.masking import are_masked, bodies_of_robots
+from mrs_people_loc.team.poses import Pose
+
+#: Places of two robots this near each other are of one person [m].
+_SAME = 0.35
+#: A pose is not sought farther off than this [m]: beyond, a neighbour is as good an explanation.
+_REACH = 1.0
+#: ... with one of these turns as a start [rad], the likeliest first.
+_TURNS = np.radians([0.0, 6.0, -6.0, 12.0, -12.0, 18.0, -18.0])
+#: Samples that are kept, and the fewest that say anything.
+_SAMPLES, _ENOUGH = 20, 8
+#: So many robots are compared with the others at a time: each takes some milliseconds.
+_AT_ONCE = 4
+#: People that agree per sample, on average, at least: one alone fits anywhere.
+_LEAST_PEOPLE = 1.8
+#: Share of a robot's people that agree where it says it is, at most, and where it would be.
+_FEW, _MOST = 0.35, 0.65
+
+
+@dataclass(frozen=True)
+class Misplaced:
+    """How a robot would have to be moved and turned for its people to agree with the others'.
+
+    Attributes:
+        move: In the map [m], shape (2,).
+        turn: To the left [rad].
+        agreed: Share of its people that agree with the others' as it is.
+        would_agree: Likewise, after that.
+    """
+
+    move: Float
+    turn: float
+    agreed: float
+    would_agree: float
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """One interval: by robot where it is, and the places of the people it sees."""
+
+    robots: Mapping[str, Float]
+    places: Mapping[str, Float]
+
+
+@dataclass
+class Agreement:
+    """Keeps what robots saw lately, and compares.
+
+    Attributes:
+        misplaced: The robots that do not agree with the others, and what would mend it.
+    """
+
+    misplaced: dict[str, Misplaced] = field(default_factory=dict)
+    _next: int = 0
+    _samples: deque[_Sample] = field(default_factory=lambda: deque(maxlen=_SAMPLES))
+
+    def add(
+        self, fused: ShortTermMap, poses: Mapping[str, Pose], config: cfg.PlannerConfig
+    ) -> None:
+        """Takes an interval, and compares some robots, in turn; about once a second is enough.
+
+        Args:
+            fused: Its map.
+            poses: By robot, the pose that its cells were placed with.
+            config: What is human.
+        """
+        robots = {name: np.array([poses[name].x, poses[name].y]) for name in fused.robots}
+        self._samples.append(_Sample(robots, _places_of_people(fused, poses, config)))
+        names = sorted({name for sample in self._samples for name in sample.places})
+        for gone in set(self.misplaced) - set(names):
+            del self.misplaced[gone]
+        for _ in range(min(_AT_ONCE, len(names))):
+            self._next = (self._next + 1) % len(names)
+            name = names[self._next]
+            self.misplaced.pop(name, None)
+            found = self._compare(name)
+            if found is not None:
+                self.misplaced[name] = found
+
+    def _compare(self, name: str) -> Misplaced | None:
+        own, others = [], []  # relative to the robot, per sample
+        for sample in self._samples:
+            if name not in sample.places:
+                continue
+            rest = [places for other, places in sample.places.items() if other != name]
+            mine, theirs = sample.places[name], np.concatenate([np.empty((0, 2)), *rest])
+            if len(mine) and len(theirs):
+                own.append(mine - sample.robots[name])
+                others.append(theirs - sample.robots[name])
+        if len(own) < _ENOUGH:
+            return None
+        agreed = len(_pairs(own, others, np.zeros(2), 0.0)[0]) / sum(map(len, own))
+        if agreed > _FEW:
+            return None
+        starts = [(_coarse_move(own, others, turn), turn) for turn in _TURNS]
+        move, turn = max(starts, key=lambda start: len(_pairs(own, others, *start)[0]))
+        for _ in range(5):
+            mine, theirs = _pairs(own, others, move, turn)
+            if len(mine) < _LEAST_PEOPLE * len(own):
+                return None
+            move, turn = _fit(mine, theirs)
+        would_agree = len(_pairs(own, others, move, turn)[0]) / sum(map(len, own))
+        if would_agree < _MOST or np.hypot(*move) > _REACH:
+            return None
+        return Misplaced(move, turn, agreed, would_agree)
+
+
+def _places_of_people(
+    fused: ShortTermMap, poses: Mapping[str, Pose], config: cfg.PlannerConfig
+) -> dict[str, Float]:
+    """By robot, where it alone sees people, shape (n, 2) [m]."""
+    bodies = place_bodies(fused, poses, line_of_sight=config.joining.line_of_sight)
+    robots = bodies_of_robots(bodies, fused.robots, poses, config.masking)
+    likely = (bodies.score >= config.joining.min_score) & ~robots
+    all_plain = np.flatnonzero(bodies.of_cell < 0)
+    all_plain = all_plain[~are_masked(fused, all_plain, poses, None, config.masking)]
+    places = {}
+    for index, name in enumerate(fused.robots):
+        plain = all_plain[fused.robot[all_plain] == index]
+        cells = Cells.from_records(fused.cells.to_records()[plain])
+        part = ShortTermMap((name,), np.zeros(len(plain), np.intp), fused.xy[plain], cells, (0,))
+        clusters = measure(part, cluster(part.xy, distance=config.clustering.distance))
+        places[name] = np.concatenate(
+            [
+                bodies.xy[(bodies.robot == index) & likely],
+                clusters.centroid[is_human(clusters, config.human)],
+            ]
+        )
+    return places
+
+
+def _pairs(own: list[Float], others: list[Float], move: Float, turn: float) -> tuple[Float, Float]:
+    """Places that agree after a turn and a move: of each of its own the nearest of the others'."""
+    mine, theirs = [np.empty((0, 2))], [np.empty((0, 2))]
+    rotation = rotation_2d(turn)
+    for here, there in zip(own, others, strict=True):
+        offset = there - (here @ rotation.T + move)[:, np.newaxis]
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        nearest = distance.argmin(axis=1)
+        near = distance[np.arange(len(here)), nearest] < _SAME
+        mine.append(here[near])
+        theirs.append(there[nearest[near]])
+    return np.concatenate(mine), np.concatenate(theirs)
+
+
+def _coarse_move(own: list[Float], others: list[Float], turn: float) -> Float:
+    """After a turn: the difference between places that most others are like [m], shape (2,)."""
+    rotation = rotation_2d(turn)
+    offsets = np.concatenate(
+        [
+            (there - (here @ rotation.T)[:, np.newaxis]).reshape(-1, 2)
+            for here, there in zip(own, others, strict=True)
+        ]
+    )
+    offsets = offsets[np.hypot(*offsets.T) < _REACH]
+    if not len(offsets):
+        return np.zeros(2)
+    edges = np.linspace(-_REACH, _REACH, 21)
+    counts, _, _ = np.histogram2d(offsets[:, 0], offsets[:, 1], bins=[edges, edges])
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(counts, 1), (3, 3))
+    counts = around.sum(axis=(2, 3))  # each with those around it
+    peak = np.unravel_index(counts.argmax(), counts.shape)
+    centre = np.array([(edges[i] + edges[i + 1]) / 2.0 for i in peak])
+    return np.asarray(offsets[np.hypot(*(offsets - centre).T) < _SAME].mean(axis=0))
+
+
+def _fit(here: Float, there: Float) -> tuple[Float, float]:
+    """Move and turn that bring places nearest to others (least squares)."""
+    centre_here, centre_there = here.mean(axis=0), there.mean(axis=0)
+    a, b = here - centre_here, there - centre_there
+    turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
+    return centre_there - rotation_2d(turn) @ centre_here, turn

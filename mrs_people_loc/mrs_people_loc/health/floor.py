@@ -1,0 +1,443 @@
+"""The floor that a head sees: where the head sits over it, and whether it still sits there.
+
+A plane is a plane in disparity space, too (v-disparity: Labayrade, Aubert & Tarel 2002): with m the
+floor's normal, downwards, over the lens's height, a floor pixel's disparity is linear in m,
+
+    d = f B (m . ray),    height = 1 / |m|,
+
+so three pixels give a hypothesis and least squares the rest. Of all planes that may be the floor
+the one counts that most pixels lie on and few lie below: nothing is under a floor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.errors import FloorError
+from mrs_people_loc.geometry import BODY_FROM_OPTICAL, Float, rotation_from_rpy, wrap_angle
+from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.disparity import SUBPIXELS
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+#: The head may be turned against its configuration by this [rad]: beyond, a wall could be a floor.
+MAX_PITCH_CHANGE, MAX_ROLL_CHANGE = math.radians(55.0), math.radians(30.0)
+#: Heights of the lens [m].
+LEAST_HEIGHT, GREATEST_HEIGHT = 0.2, 5.0
+
+#: A pixel on a plane differs from it by less [px]; while the floor is refined, by ever less.
+_TOLERANCE_PX = 0.4
+_TOLERANCES_PX = (0.4, 0.3, 0.2)
+#: A pixel that is farther from the lens than the floor by more is below it [px].
+_BELOW_PX = 1.0
+#: Far floor is drawn to what stands before and behind it: less disparity does not count [px].
+_LEAST_DISPARITY_PX = 2.0
+#: The slope at a pixel is taken over so many rows up and down; on a plane the three agree within
+#: [px] and the slope with the plane's within a fixed part [px] and one of the plane's slope.
+_ROWS, _STRAIGHT_PX, _SLOPE_PX, _SLOPE_SHARE = 5, 0.3, 0.1, 0.3
+#: Matching draws the floor beside something that stands on it towards that, as far as its blocks
+#: reach; single pixels do nothing.
+_SPECKLE = np.ones((2, 2), np.uint8)
+#: The largest block of the default matching [px].
+BLOCK_PX = 11
+#: StereoBM rounds up to the next sixteenth [px].
+_ROUNDED_PX = 0.5 / SUBPIXELS
+#: What rectification and matching err by over whole images, standard deviations [px]: an offset,
+#: and a slope from the image's middle to its border, across and down. With these, 19 of 20
+#: mountings of simulated heads are within two of the standard deviations that come out. The offset
+#: is that of `BLOCK_PX` and grows with the block.
+_OFFSET_PX, _ACROSS_PX, _DOWN_PX = 0.10, 0.04, 0.08
+#: Errors of matching are alike within a tile of this side [px].
+_TILE_PX = 16
+#: Pixels that hypotheses are compared on, first all of them and then the best.
+_COARSE, _FINE, _BEST = 400, 2000, 24
+#: The floor must fill so much of a view at least, on average.
+_LEAST_PART = 0.025
+#: The head's tilt must come out this surely [rad]: less so by as much as the floor fills more of
+#: a view than a part that is no accident. And its height, over itself.
+_WORST_ANGLE, _LARGE_PART, _WORST_HEIGHT = math.radians(1.6), 0.05, 0.05
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Where a head sits, by the floor that it sees.
+
+    Attributes:
+        height: Of the lens over the floor [m].
+        pitch: As `config.Mounting` [rad].
+        roll: As `config.Mounting` [rad].
+        covariance: Of height, pitch and roll, shape (3, 3).
+        part: How much of a view lies on the floor, 0 to 1.
+        frames: Views that it was seen in.
+    """
+
+    height: float
+    pitch: float
+    roll: float
+    covariance: Float
+    part: float
+    frames: int
+
+    @property
+    def sigma(self) -> tuple[float, float, float]:
+        """Standard deviations of height [m], pitch and roll [rad]."""
+        height, pitch, roll = np.sqrt(np.diag(self.covariance))
+        return float(height), float(pitch), float(roll)
+
+    @property
+    def sigma_tilt(self) -> float:
+        """Standard deviation of which way is down [rad].
+
+        Unlike that of roll it stays small where the head looks straight down, for there roll and
+        yaw turn about the same axis.
+        """
+        return max(self.sigma[1], self.sigma[2] * abs(math.cos(self.pitch)))
+
+
+@dataclass(frozen=True)
+class _Pixels:
+    """Pixels of several views, a struct of arrays: where, the ray, disparity and its slope."""
+
+    frame: NDArray[np.intp]
+    pixel: NDArray[np.intp]
+    rays: Float32
+    disparity: Float32
+    slope: Float32
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def __getitem__(self, chosen: Any) -> _Pixels:
+        return _Pixels(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+def in_words(mounting: Floor | cfg.Mounting) -> str:
+    """Height, pitch and roll for people."""
+    return (
+        f"height {mounting.height:.2f} m, pitch {math.degrees(mounting.pitch):.1f} deg, "
+        f"roll {math.degrees(mounting.roll):.1f} deg"
+    )
+
+
+class FloorFinder:
+    """Finds the floor in disparity images of one head.
+
+    Args:
+        camera: The head. Its mounting says which way is about down.
+        hypotheses: Planes that are tried.
+        least_part: The floor must fill so much of a view at least, on average.
+        block_px: The largest block that disparities were matched with [px].
+    """
+
+    def __init__(
+        self,
+        camera: StereoCamera,
+        *,
+        hypotheses: int = 4000,
+        least_part: float = _LEAST_PART,
+        block_px: int = BLOCK_PX,
+    ) -> None:
+        self.camera = camera
+        self._hypotheses = hypotheses
+        self._least_pixels = least_part * camera.width * camera.height
+        mounting = camera.mounting
+        u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        rays = np.stack(
+            [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)]
+        )
+        # As the configuration has it: x ahead (the floor says nothing of yaw), z up.
+        self._level = rotation_from_rpy(mounting.roll, mounting.pitch, 0.0) @ BODY_FROM_OPTICAL
+        scaled = camera.depth_disparity * (self._level @ rays.reshape(3, -1))
+        self._rays = np.ascontiguousarray(scaled.T, dtype=np.float32)
+        across = -(-camera.width // _TILE_PX)
+        self._tile = (v // _TILE_PX * across + u // _TILE_PX).reshape(-1)
+        per_row = 2 * _ROWS * camera.depth_disparity / camera.fy
+        self._slope = (per_row * self._level[:, 1]).astype(np.float32)
+        height = max(mounting.height, LEAST_HEIGHT)
+        self._configured = np.array([[0.0, 0.0, -1.0 / height]], dtype=np.float32)
+        block_px = max(block_px, BLOCK_PX)
+        self._beside = np.ones((block_px, block_px), np.uint8)
+        reach = np.abs(rays[:2]).max(axis=(1, 2))
+        offset = _OFFSET_PX * block_px / BLOCK_PX
+        optical = np.diag([_ACROSS_PX / reach[0], _DOWN_PX / reach[1], offset])
+        root = self._level @ optical / camera.depth_disparity
+        self._systematic: Float = root @ root.T
+
+    def __call__(self, disparities: Sequence[Float32]) -> Floor:
+        """The floor in one view or several of the same mounting.
+
+        Args:
+            disparities: [px], float32, each of shape (height, width), NaN where there is none.
+
+        Raises:
+            FloorError: There is not enough floor in view; it says why.
+        """
+        frames = len(disparities)
+        views = np.stack(disparities).reshape(frames, -1)
+        views -= np.float32(self.camera.disparity_offset_px + _ROUNDED_PX)
+        pixels = self._straight(views)
+        if len(pixels) < self._least_pixels * frames:
+            raise FloorError("hardly any surface in view has a disparity")
+        plane = self._search(views, pixels)
+        if plane is None:
+            raise FloorError("nothing in view looks like a floor")
+        plane, pixels = self._refine(plane, views, pixels)
+        part = len(pixels) / views.size
+        if len(pixels) < self._least_pixels * frames:
+            raise FloorError(
+                f"only {part:.1%} of a view looks like floor; "
+                f"wanted: {self._least_pixels / views.shape[1]:.1%}"
+            )
+        if not self._plausible(plane[np.newaxis])[0]:
+            raise FloorError("no floor is near where the configured mounting has it")
+        height, pitch, roll, covariance = self._measure(plane, self._covariance(plane, pixels))
+        floor = Floor(height, pitch, roll, covariance, part, frames)
+        if (
+            floor.sigma_tilt > _WORST_ANGLE * max(1.0, part / _LARGE_PART)
+            or floor.sigma[0] > _WORST_HEIGHT * height
+        ):
+            raise FloorError(
+                "what is in view of the floor says too little: height "
+                f"+-{floor.sigma[0]:.2f} m, tilt +-{math.degrees(floor.sigma_tilt):.1f} deg"
+            )
+        return floor
+
+    def _straight(self, views: Float32) -> _Pixels:
+        """The pixels about which disparity grows evenly downwards: not at an edge or a corner."""
+        shape = (len(views), self.camera.height, self.camera.width)
+        above, below = np.full((2, *shape), np.nan, dtype=np.float32)
+        above[:, _ROWS:] = views.reshape(shape)[:, :-_ROWS]
+        below[:, :-_ROWS] = views.reshape(shape)[:, _ROWS:]
+        bent = np.abs((above + below).reshape(views.shape) - 2.0 * views)
+        frame, pixel = np.nonzero((bent < _STRAIGHT_PX) & (views >= _LEAST_DISPARITY_PX))
+        slope = (below - above).reshape(views.shape)[frame, pixel]
+        return _Pixels(frame, pixel, self._rays[pixel], views[frame, pixel], slope)
+
+    def _search(self, views: Float32, pixels: _Pixels) -> Float | None:
+        """The plane that most speaks for (MSAC: Torr & Zisserman 2000); None if there is none."""
+        rng = np.random.default_rng(len(pixels))
+        triple = rng.integers(len(pixels), size=(3, self._hypotheses))
+        a, b, c = (pixels.rays[index] for index in triple)
+        # The plane through three pixels: the rows of the inverse are cross products.
+        bc, ca, ab = np.cross(b, c), np.cross(c, a), np.cross(a, b)
+        da, db, dc = (pixels.disparity[index][:, np.newaxis] for index in triple)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            planes = (da * bc + db * ca + dc * ab) / np.einsum("ij,ij->i", a, bc)[:, np.newaxis]
+        planes = np.concatenate([self._configured, planes])
+        planes = planes[self._plausible(planes)]
+        for count in (_COARSE, _FINE):
+            step = max(1, len(pixels) // count)
+            some = pixels[slice(None, None, step)]
+            off = some.disparity - planes @ some.rays.T
+            on = np.maximum(0.0, 1.0 - np.square(off * np.float32(1.0 / _TOLERANCE_PX)))
+            on *= self._slope_fits(some.slope, (planes @ self._slope)[:, np.newaxis])
+            score = step * on.sum(axis=1)
+            # Nothing is under a floor; a pixel without a disparity says nothing.
+            step = max(1, views.size // count)
+            index = np.arange(step // 2, views.size, step)
+            rays = self._rays[index % views.shape[1]]
+            off = views.reshape(-1)[index] - planes @ rays.T
+            score -= step * np.count_nonzero(off < -_BELOW_PX, axis=1)
+            planes = planes[np.argsort(-score)[:_BEST]]
+        return planes[0].astype(np.float64) if len(planes) else None
+
+    def _refine(self, plane: Float, views: Float32, pixels: _Pixels) -> tuple[Float, _Pixels]:
+        """Least squares of the pixels on the plane, with ever less tolerance; and which they are.
+
+        Most of what is not floor is a little above it, so the mean would be, too.
+        """
+        shape = (len(views), self.camera.height, self.camera.width)
+        found = pixels[:0]
+        for tolerance in _TOLERANCES_PX:
+            above = views - self._rays @ plane.astype(np.float32) > _TOLERANCE_PX
+            beside = above.reshape(shape).astype(np.uint8)
+            for view in beside:
+                cv2.dilate(cv2.erode(view, _SPECKLE), self._beside, dst=view)
+            free = pixels[beside.reshape(views.shape)[pixels.frame, pixels.pixel] == 0]
+            for _ in range(3):
+                off = free.disparity - free.rays @ plane.astype(np.float32)
+                on = np.abs(off) < tolerance
+                on &= self._slope_fits(free.slope, float(self._slope @ plane))
+                found = free[on]
+                if len(found) < self._least_pixels:
+                    return plane, found
+                rays = found.rays.astype(np.float64)
+                plane = np.linalg.pinv(rays.T @ rays) @ (rays.T @ found.disparity)
+        return plane, found
+
+    @staticmethod
+    def _slope_fits(slope: Float32, wanted: NDArray[np.floating] | float) -> Mask:
+        fits: Mask = np.abs(slope - wanted) < _SLOPE_PX + _SLOPE_SHARE * np.abs(wanted)
+        return fits
+
+    def _plausible(self, planes: NDArray[np.floating]) -> Mask:
+        """Which planes, shape (n, 3), are within the limits of the mounting."""
+        x, y, z = planes.T
+        with np.errstate(invalid="ignore", over="ignore"):
+            inverse = np.sqrt(x * x + y * y + z * z)
+            good: Mask = (
+                (inverse >= 1.0 / GREATEST_HEIGHT)
+                & (inverse <= 1.0 / LEAST_HEIGHT)
+                & (np.abs(x) <= -z * math.tan(MAX_PITCH_CHANGE))
+                & (np.abs(y) <= -z * math.tan(MAX_ROLL_CHANGE))
+            )
+        return good
+
+    def _covariance(self, plane: Float, pixels: _Pixels) -> Float:
+        """Of the plane, shape (3, 3): from its residuals, and of what all pixels have in common.
+
+        Residuals are alike within a part of the image and within a view: they count as one for
+        each (cluster-robust; Cameron, Gelbach & Miller 2011).
+        """
+        rays = pixels.rays.astype(np.float64)
+        inverse = np.linalg.pinv(rays.T @ rays)
+        pull = rays * (pixels.disparity - rays @ plane)[:, np.newaxis]
+        total = self._systematic.copy()
+        for cluster in (self._tile[pixels.pixel], pixels.frame):
+            sums = np.stack([np.bincount(cluster, part) for part in pull.T])
+            count = np.count_nonzero(np.bincount(cluster))
+            if count > 1:
+                total += inverse @ (sums @ sums.T) @ inverse * (count / (count - 1))
+        return total
+
+    def _measure(self, plane: Float, covariance: Float) -> tuple[float, float, float, Float]:
+        """Height, pitch and roll of a plane, and their covariance, to first order."""
+        values = self._mounting_of(plane)
+        step = 1e-6 * float(np.linalg.norm(plane))
+        jacobian = np.stack(
+            [
+                (self._mounting_of(plane + step * axis) - self._mounting_of(plane - step * axis))
+                / (2 * step)
+                for axis in np.eye(3)
+            ],
+            axis=1,
+        )
+        height, pitch, roll = (float(value) for value in values)
+        return height, pitch, roll, jacobian @ covariance @ jacobian.T
+
+    def _mounting_of(self, plane: Float) -> Float:
+        """Height, pitch and roll: of the two ways to say it, the one nearer the configuration."""
+        inverse = float(np.linalg.norm(plane))
+        # `down` in the head's own axes; there it is (sin pitch, -cos pitch sin roll, ...).
+        x, y, z = BODY_FROM_OPTICAL @ self._level.T @ plane / inverse
+        level = math.hypot(y, z)
+        configured = self.camera.mounting
+        ways = (
+            (math.atan2(x, level), math.atan2(-y, -z)),
+            (math.atan2(x, -level), math.atan2(y, z)),
+        )
+        pitch, roll = min(
+            ways,
+            key=lambda way: (
+                abs(wrap_angle(way[0] - configured.pitch))
+                + abs(wrap_angle(way[1] - configured.roll))
+            ),
+        )
+        return np.array([1.0 / inverse, pitch, roll])
+
+
+class FloorWatch:
+    """Whether a head still sits where its configuration says, by the floor that it sees.
+
+    It looks now and then, at a disparity image that was made anyway, and judges by the median of a
+    few looks, so that nothing that passes by counts.
+
+    Args:
+        camera: The head.
+        config: By how much it may have moved.
+        block_px: The largest block that disparities are matched with [px].
+
+    Attributes:
+        camera: The head.
+        config: By how much it may have moved.
+        floor: What the last looks say; None: too few of them saw the floor.
+        moved: Whether the head sits somewhere else. Once it does, that holds until it is seen to
+            sit right again.
+        why_not: Why the last look did not see the floor; empty if it did.
+    """
+
+    #: From one look to the next, and for how long a look counts [s].
+    PERIOD_S, KEPT_S = 2.0, 30.0
+    #: Looks that are judged together.
+    LOOKS = 5
+    #: The floor fills so much of a view at least; with blocks larger than `BLOCK_PX`, twice that.
+    LEAST_PART = 0.015
+
+    def __init__(
+        self, camera: StereoCamera, config: cfg.Floor, *, block_px: int = BLOCK_PX
+    ) -> None:
+        self.camera = camera
+        self.config = config
+        self.floor: Floor | None = None
+        self.moved = False
+        self.why_not = "not looked at yet"
+        least_part = self.LEAST_PART * (2 if block_px > BLOCK_PX else 1)
+        self._find = FloorFinder(camera, hypotheses=200, least_part=least_part, block_px=block_px)
+        self._looks: deque[tuple[int, Floor]] = deque(maxlen=self.LOOKS)
+        self._looked_ns: int | None = None
+
+    def step(self, disparity: Float32, stamp_ns: int) -> None:
+        """Takes a view; most of them are not looked at.
+
+        Args:
+            disparity: [px], float32, shape (height, width), NaN where there is none.
+            stamp_ns: Its stamp [ns]; when stamps jump back everything begins anew.
+        """
+        if self._looked_ns is not None:
+            since_s = (stamp_ns - self._looked_ns) / 1e9
+            if since_s < 0:
+                self._looks.clear()
+            elif since_s < self.PERIOD_S:
+                return
+        self._looked_ns = stamp_ns
+        try:
+            found = self._find([disparity])
+        except FloorError as err:
+            self.why_not = str(err)
+        else:
+            self.why_not = ""
+            self._looks.append((stamp_ns, found))
+        while self._looks and stamp_ns - self._looks[0][0] > self.KEPT_S * 1e9:
+            self._looks.popleft()
+        self._judge()
+
+    def _judge(self) -> None:
+        if len(self._looks) < self.LOOKS:
+            self.floor = None
+            return
+        looks = [floor for _, floor in self._looks]
+        height, pitch, roll = np.median([(f.height, f.pitch, f.roll) for f in looks], axis=0)
+        # No surer than one look: what matching errs by in this view is in all of them.
+        sigma = np.median([f.sigma for f in looks], axis=0)
+        self.floor = Floor(
+            float(height),
+            float(pitch),
+            float(roll),
+            np.diag(sigma**2),
+            part=float(np.mean([f.part for f in looks])),
+            frames=len(looks),
+        )
+        configured = self.camera.mounting
+        turned = math.acos(min(1.0, float(_down(self.floor) @ _down(configured))))
+        # To clear takes more than not to warn.
+        sigmas = 1.0 if self.moved else 2.0
+        self.moved = bool(
+            turned > self.config.max_angle + sigmas * self.floor.sigma_tilt
+            or abs(height - configured.height) > self.config.max_height + sigmas * sigma[0]
+        )
+
+
+def _down(mounting: Floor | cfg.Mounting) -> Float:
+    """Straight down in the head's own axes."""
+    down: Float = -rotation_from_rpy(mounting.roll, mounting.pitch, 0.0)[2]
+    return down

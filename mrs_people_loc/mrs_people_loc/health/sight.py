@@ -1,0 +1,82 @@
+"""Whether a stereo head still sees: a covered lens, darkness, a camera that stands still."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.sensing.images import Gray, StereoImages
+
+#: Grey levels: an image is black below this mean, white above that one, flat below this deviation.
+_BLACK, _WHITE, _FLAT = 10.0, 245.0, 3.0
+#: An image that is bit for bit the one before, so often in a row, stands still.
+_STILL = 3
+
+
+class SightWatch:
+    """Says that a head is blind, and which of its cameras it is.
+
+    Args:
+        config: When it is.
+
+    Attributes:
+        config: When it is.
+        trouble: What is wrong, in words; empty as long as the head sees.
+        values: Share of valid pixels, and mean and deviation of each image [grey levels].
+    """
+
+    def __init__(self, config: cfg.Sight) -> None:
+        self.config = config
+        self.trouble = ""
+        self.values: dict[str, float] = {}
+        self._in_a_row = 0
+        self._before: dict[str, Gray] = {}
+        self._still: dict[str, int] = {}
+
+    def step(self, images: StereoImages, disparity: NDArray[np.float32]) -> None:
+        """Takes a view.
+
+        Args:
+            images: Its images.
+            disparity: [px], float32, NaN where there is none.
+        """
+        now = self._look(images, disparity)
+        self._in_a_row = self._in_a_row + 1 if bool(now) != bool(self.trouble) else 0
+        if self._in_a_row >= self.config.frames:
+            self._in_a_row = 0
+            self.trouble = now
+        elif now and self.trouble:
+            self.trouble = now
+
+    def _look(self, images: StereoImages, disparity: NDArray[np.float32]) -> str:
+        """What is wrong with one view."""
+        cameras = {"left": images.left, "right": images.right, "top": images.top}
+        valid = np.count_nonzero(disparity == disparity) / disparity.size
+        self.values = {"valid_pixels": valid}
+        wrong = []
+        for camera, image in cameras.items():
+            if image is None:
+                continue
+            mean, deviation = (float(value[0, 0]) for value in cv2.meanStdDev(image))
+            self.values |= {f"{camera}_mean": mean, f"{camera}_deviation": deviation}
+            if mean < _BLACK:
+                wrong.append(f"{camera} image is black (mean {mean:.0f} of 255)")
+            elif mean > _WHITE:
+                wrong.append(f"{camera} image is white (mean {mean:.0f} of 255)")
+            elif deviation < _FLAT:
+                wrong.append(f"{camera} image is flat (all of it about {mean:.0f} of 255)")
+            same = camera in self._before and np.array_equal(self._before[camera], image)
+            self._still[camera] = self._still.get(camera, 0) + 1 if same else 0
+            self._before[camera] = image
+        still = [camera for camera, count in self._still.items() if count >= _STILL]
+        # Where all stand still it is a recording that does.
+        if len(still) < len(self._still):
+            wrong += [f"{camera} image stands still" for camera in still]
+        if not wrong and valid < self.config.min_valid:
+            wrong.append(
+                f"only {valid:.0%} of the pixels have a disparity (sight.min_valid: "
+                f"{self.config.min_valid:.0%}) although no image is dark or flat"
+            )
+        return "; ".join(wrong)

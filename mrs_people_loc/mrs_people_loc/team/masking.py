@@ -1,0 +1,361 @@
+"""Masking: what stands at known places and is no person — the team's robots, walls and furniture.
+
+A robot is where its pose says. Walls and furniture are where an operator's occupancy grid says. Of
+plain cells, those that are theirs are left out before clustering, so that a person beside them
+stays a cluster of his own size; a body is judged as a whole, by where it is and how sure that is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.bodies.joining import BodiesOnMap
+from mrs_people_loc.errors import GridError
+from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.neighbours import pairs_between
+from mrs_people_loc.team.fusion import (
+    CELL_SIGMA_RANGE,
+    ShortTermMap,
+    covariance_of_places,
+    sights,
+)
+from mrs_people_loc.team.poses import Pose
+
+Int = NDArray[np.intp]
+Bool = NDArray[np.bool_]
+
+#: A robot is looked for no farther away than this, however unsure its place is: along the line of
+#: sight and across it [m].
+_REACH_ALONG, _REACH_ACROSS = 0.8, 0.4
+#: Log-odds of a body that is no robot unless it stands within a robot's radius.
+_CLEARLY_A_PERSON = 5.0
+#: Standard deviation of plain cells across the line of sight [m].
+_CELL_SIGMA_ACROSS = 0.03
+#: A wall's cells are looked for no farther along the line of sight than this [m].
+_WALL_REACH = 0.3
+
+
+# ----------------------------------------------------------------------------------- robots ----
+
+
+def are_robots(
+    xy: Float,
+    covariance: Float,
+    robot: Int,
+    names: Sequence[str],
+    poses: Mapping[str, Pose],
+    *,
+    radius: float,
+    score: Float | None = None,
+) -> Bool:
+    """What stands where another robot of the team stands, shape (n,).
+
+    Seen from another one, a robot looks like a person. What is as near to it as its radius or,
+    where its pose or what was seen is less sure than that, within 2.5 sigma is the robot; both
+    along the line of sight and across it. Beyond its radius, what clearly looks like a person is
+    somebody beside it.
+
+    Args:
+        xy: Places of what was seen, in the common frame [m], shape (n, 2).
+        covariance: Of the places [m^2], shape (n, 2, 2).
+        robot: Which of the names saw it, shape (n,).
+        names: Names of robots.
+        poses: By robot, its pose in the common frame; also of those that saw nothing.
+        radius: Of a robot [m]; 0: robots are not told from people.
+        score: Log-odds that it is a person, where they are known, shape (n,).
+    """
+    masked = np.zeros(len(xy), dtype=bool)
+    if not len(xy) or radius <= 0:
+        return masked
+    index = {name: k for k, name in enumerate(poses)}
+    place = _places(poses)
+    own = np.array([index[name] for name in names], dtype=np.intp)[robot]
+    what, which, away = pairs_between(xy, place, _farthest(radius))
+    others = which != own[what]
+    what, which, away = what[others], which[others], away[others]
+    sight = sights(xy[what] - place[own[what]])
+    aside = np.stack([-sight[:, 1], sight[:, 0]], axis=1)
+    offset = place[which] - xy[what]
+    of_robots = np.array([pose.covariance[:2, :2] for pose in poses.values()])
+    there = np.ones(len(what), dtype=bool)
+    with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
+        total = covariance[what] + of_robots[which]
+        for axis, most in ((sight, _REACH_ALONG), (aside, _REACH_ACROSS)):
+            sigma = np.sqrt(np.einsum("nj,njk,nk->n", axis, total, axis))
+            reach = np.maximum(radius, np.fmin(2.5 * sigma, most))
+            there &= np.abs(np.einsum("nj,nj->n", offset, axis)) < reach
+    if score is not None:
+        there &= (away < radius) | (score[what] < _CLEARLY_A_PERSON)
+    masked[what[there]] = True
+    return masked
+
+
+def bodies_of_robots(
+    bodies: BodiesOnMap, names: Sequence[str], poses: Mapping[str, Pose], config: cfg.Masking
+) -> Bool:
+    """Which bodies are robots of the team, shape (n,).
+
+    Args:
+        bodies: The bodies.
+        names: Names of the robots that saw them.
+        poses: By robot, its pose in the common frame; also of those that saw nothing.
+        config: Parameters.
+    """
+    return are_robots(
+        bodies.xy,
+        bodies.covariance,
+        bodies.robot,
+        names,
+        poses,
+        radius=config.robot_radius,
+        score=bodies.score,
+    )
+
+
+def _places(poses: Mapping[str, Pose]) -> Float:
+    return np.array([(pose.x, pose.y) for pose in poses.values()]).reshape(-1, 2)
+
+
+def _farthest(radius: float) -> float:
+    """How far from a robot what is taken for it may be [m]."""
+    return math.hypot(max(radius, _REACH_ALONG), max(radius, _REACH_ACROSS))
+
+
+# ------------------------------------------------------------------------------------ walls ----
+
+#: Sides of a grid's cells that make sense [m].
+_FINEST, _COARSEST = 0.005, 1.0
+#: What is unknown and nearer than this to something occupied is its inside [m].
+_INSIDE = 0.5
+#: Nearer than this to a wall or furniture is beside it: within arm's length [m].
+_BESIDE = 0.6
+#: Distances are needed up to this: the largest `wall_margin` [m].
+_NEEDED = 1.0
+#: They are computed tile by tile, of so many cells a side at least; of so many new cells at once at
+#: most, and so many are kept.
+_TILE, _CELLS_AT_ONCE, _CELLS_KEPT = 256, 2_000_000, 16_000_000
+#: Places about one, in standard deviations along the two axes of its covariance, and their weights.
+_STEPS = np.linspace(-2.4, 2.4, 9)
+_DRAWS: Float = np.stack(np.meshgrid(_STEPS, _STEPS), axis=-1).reshape(-1, 2)
+_WEIGHTS: Float = np.exp(-0.5 * (_DRAWS**2).sum(axis=1))
+_WEIGHTS /= _WEIGHTS.sum()
+#: No share of the draws is surer than this.
+_TINY = 1e-9
+
+
+@dataclass(frozen=True)
+class OccupancyGrid:
+    """What is known of a floor, cell by cell (nav_msgs/OccupancyGrid, REP 103 axes).
+
+    Attributes:
+        resolution: Side of a cell [m].
+        x: Of the outer corner of cell (0, 0) in the common frame [m].
+        y: Likewise [m].
+        yaw: How far the grid is turned about that corner [rad].
+        data: 0 free ... 100 occupied, -1 unknown; int8, rows along the grid's y, shape (height,
+            width).
+
+    Raises:
+        GridError: Naming what cannot be used, what it is and what is wanted.
+    """
+
+    resolution: float
+    x: float
+    y: float
+    yaw: float
+    data: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        """Checks all values."""
+        if not _FINEST <= self.resolution <= _COARSEST:  # NaN compares false
+            raise GridError(
+                f"resolution is {self.resolution} m; allowed: {_FINEST:g} to {_COARSEST:g} m"
+            )
+        if not np.isfinite([self.x, self.y, self.yaw]).all():
+            raise GridError(
+                f"origin is ({self.x}, {self.y}, {self.yaw}); wanted: finite x, y [m], yaw [rad]"
+            )
+        if self.data.ndim != 2 or self.data.dtype != np.int8 or not self.data.size:
+            raise GridError(
+                f"data is {self.data.dtype} of shape {self.data.shape}; wanted: int8 of shape "
+                "(height, width), one cell at least"
+            )
+        low, high = int(self.data.min()), int(self.data.max())
+        if low < -1 or high > 100:
+            raise GridError(f"data goes from {low} to {high}; wanted: -1, or 0 to 100")
+
+
+class Walls:
+    """Where nobody can stand: how far it is to walls and furniture, wherever somebody asks.
+
+    What is unknown just behind something occupied is taken for its inside: a range that is too long
+    puts what was seen of a wall there.
+
+    Distances are computed where they are asked for, tile by tile, so a grid may be of a whole
+    factory: it is worked on where robots see something. Places of more tiles than can be computed
+    at once are answered from the next time on.
+
+    Args:
+        grid: The grid.
+        occupied_from: Its cells from this value on are occupied.
+    """
+
+    def __init__(self, grid: OccupancyGrid, *, occupied_from: int) -> None:
+        self._grid = grid
+        self._occupied_from = occupied_from
+        self._border = math.ceil(_INSIDE / grid.resolution)
+        height, width = grid.data.shape
+        self._shape = height + 2 * self._border, width + 2 * self._border
+        # What is farther from a tile than this changes no distance up to `_NEEDED` in it.
+        self._around = math.ceil((_NEEDED + _INSIDE) / grid.resolution) + 1
+        self._side = min(max(_TILE, 2 * self._around), max(self._shape))
+        rows, columns = (-(-size // self._side) for size in self._shape)
+        self._slot = np.full((rows, columns), -1)  # of each tile, where it is kept
+        kept = max(1, min(rows * columns, _CELLS_KEPT // self._side**2))
+        self._kept = np.empty((kept, self._side, self._side), dtype=np.float32)
+        self._tile_in = np.full(kept, -1)  # of each slot, which tile is in it
+        self._next = 0
+
+    def _compute(self, tile: int) -> None:
+        """Computes a tile, in the place of the one that was computed first."""
+        row, column = (k * self._side for k in divmod(tile, self._slot.shape[1]))
+        top, left = max(row - self._around, 0), max(column - self._around, 0)
+        bottom = min(row + self._side + self._around, self._shape[0])
+        right = min(column + self._side + self._around, self._shape[1])
+        border, (height, width) = self._border, self._grid.data.shape
+        data = np.full((bottom - top, right - left), -1, dtype=np.int8)
+        on = self._grid.data[
+            max(top - border, 0) : max(min(bottom - border, height), 0),
+            max(left - border, 0) : max(min(right - border, width), 0),
+        ]
+        first = max(border - top, 0), max(border - left, 0)
+        data[first[0] : first[0] + on.shape[0], first[1] : first[1] + on.shape[1]] = on
+        occupied: Bool = data >= self._occupied_from
+        inside: Bool = (data < 0) & (self._to_nearest(occupied) < _INSIDE)
+        distance = self._to_nearest(occupied | inside)[
+            row - top : row - top + self._side, column - left : column - left + self._side
+        ]
+        slot, self._next = self._next, (self._next + 1) % len(self._kept)
+        if self._tile_in[slot] >= 0:
+            self._slot.flat[self._tile_in[slot]] = -1
+        self._slot.flat[tile], self._tile_in[slot] = slot, tile
+        self._kept[slot, : distance.shape[0], : distance.shape[1]] = distance
+
+    def _to_nearest(self, occupied: Bool) -> NDArray[np.float32]:
+        """Distance of each cell's centre to the border of the nearest occupied cell [m]."""
+        if not occupied.any():
+            return np.full(occupied.shape, np.inf, dtype=np.float32)
+        import cv2  # here: most planners do without it, and are there sooner
+
+        free = (~occupied).view(np.uint8)
+        cells = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        resolution = np.float32(self._grid.resolution)
+        return np.asarray(np.maximum(cells - np.float32(0.5), 0) * resolution)
+
+    def distance(self, xy: Float) -> Float:
+        """Distance to the nearest wall or furniture [m], to half a cell; inf far off the grid.
+
+        Where it is more than 1 m it may be given as more than it is.
+
+        Args:
+            xy: Places in the common frame [m], shape (..., 2).
+
+        Returns:
+            Shape (...).
+        """
+        grid, side = self._grid, self._side
+        with np.errstate(over="ignore", invalid="ignore"):  # places as far away as float64 goes
+            place = (xy - (grid.x, grid.y)) @ rotation_2d(grid.yaw) / grid.resolution
+            place += self._border
+        height, width = self._shape
+        on = np.asarray(((place >= 0) & (place < (width, height))).all(axis=-1))
+        column, row = np.moveaxis(np.where(on[..., np.newaxis], place, 0).astype(np.intp), -1, 0)
+        slot = self._slot[row // side, column // side]
+        missing = on & (slot < 0)
+        if missing.any():
+            tile = (row // side) * self._slot.shape[1] + column // side
+            most = max(1, _CELLS_AT_ONCE // (side + 2 * self._around) ** 2)
+            for number in np.unique(tile[missing])[:most].tolist():
+                self._compute(number)
+            slot = self._slot[row // side, column // side]
+            on &= slot >= 0
+        found = self._kept[np.where(on, slot, 0), row % side, column % side]
+        return np.where(on, found, np.inf).astype(np.float64)
+
+    def log_odds(self, xy: Float, covariance: Float, config: cfg.Masking) -> Float:
+        """What the grid says for and against somebody being at a place, shape (n,).
+
+        Against it, where the place (with what it is unsure by) is in a wall or in furniture, or too
+        near to be a person's axis: up to `config.wall_score`. For it, up to `config.beside_score`,
+        beside them: what a robot sees behind a person there speaks against a person, and the grid
+        says that it is the wall.
+
+        Args:
+            xy: Places in the common frame [m], shape (n, 2).
+            covariance: Of them [m^2], shape (n, 2, 2).
+            config: Parameters.
+        """
+        values, vectors = np.linalg.eigh(covariance)
+        axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+        places = xy[:, np.newaxis] + _DRAWS @ axes.transpose(0, 2, 1)
+        inside = (self.distance(places) < config.wall_margin) @ _WEIGHTS
+        gain = np.where(self.distance(xy) < _BESIDE, config.beside_score, 0.0)
+        odds = np.log((1.0 - inside + _TINY) / (inside + _TINY))
+        return np.asarray(np.clip(odds, -config.wall_score, gain))
+
+
+# ------------------------------------------------------------------------------------- cells ----
+
+#: So many pairs of a cell and a robot are looked at at once.
+_PAIRS_AT_ONCE = 500_000
+
+
+def are_masked(
+    fused: ShortTermMap,
+    cells: Int,
+    poses: Mapping[str, Pose],
+    walls: Walls | None,
+    config: cfg.Masking,
+) -> Bool:
+    """Which plain cells of a map are of robots, walls or furniture, shape (n,).
+
+    Args:
+        fused: The map.
+        cells: Indices of the cells, shape (n,).
+        poses: By robot, its pose in the common frame; also of those without cells.
+        walls: What is known of walls and furniture.
+        config: Parameters.
+    """
+    xy, robot = fused.xy[cells], fused.robot[cells]
+    masked = np.zeros(len(xy), dtype=bool)
+    if not len(xy) or (walls is None and config.robot_radius <= 0):
+        return masked
+    seen_from = [poses[name] for name in fused.robots]
+    away = xy - _places(dict(zip(fused.robots, seen_from, strict=True)))[robot]
+    with np.errstate(over="ignore"):
+        sigma = CELL_SIGMA_RANGE * (away**2).sum(axis=1)
+    places, farthest = _places(poses), _farthest(config.robot_radius)
+    at_once = max(1, _PAIRS_AT_ONCE // len(poses))
+    for start in range(0, len(xy), at_once):
+        near = start + np.unique(pairs_between(xy[start : start + at_once], places, farthest)[0])
+        covariance = covariance_of_places(
+            xy[near],
+            robot[near],
+            seen_from,
+            along=sigma[near] ** 2,
+            across=np.full(len(near), _CELL_SIGMA_ACROSS**2),
+        )
+        masked[near] = are_robots(
+            xy[near], covariance, robot[near], fused.robots, poses, radius=config.robot_radius
+        )
+    if walls is not None:
+        reach = sights(away) * np.minimum(sigma, _WALL_REACH)[:, np.newaxis]
+        for step in (-1.0, -0.5, 0.0, 0.5, 1.0):
+            masked |= walls.distance(xy + step * reach) < config.wall_margin
+    return masked

@@ -1,0 +1,381 @@
+"""Poses of robots over time."""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.errors import ConfigError, PoseError
+from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
+from mrs_people_loc.team.clocks import RESET_NS, Order, StampOrder
+
+#: How fast a robot whose speed is not known may drive and turn, as standard deviations of x, y
+#: [m/s] and yaw [rad/s], and by how much a known speed may change in a second [m/s^2, rad/s^2].
+_SPEEDS: Float = np.array([1.0, 1.0, 1.0])
+_CHANGES: Float = np.array([1.0, 1.0, 1.0])
+#: A pose jumps where it is farther from the one before than this [m] and this speed [m/s] explain.
+_JUMP_M, _FASTEST = 1.0, 3.0
+
+
+def _no_uncertainty() -> Float:
+    return np.zeros((3, 3))
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Planar pose of a robot's base_link in some frame: the paper's (x, z, theta).
+
+    Attributes:
+        stamp_ns: Time [ns].
+        x: Position [m].
+        y: Position [m].
+        yaw: Heading [rad].
+        covariance: Of x, y, yaw [m, m, rad], shape (3, 3); zero: exact.
+    """
+
+    stamp_ns: int
+    x: float
+    y: float
+    yaw: float
+    covariance: Float = field(default_factory=_no_uncertainty)
+
+    def __post_init__(self) -> None:
+        """Checks the values.
+
+        Raises:
+            PoseError: A value is not finite, or the covariance is none.
+        """
+        if not np.isfinite([self.x, self.y, self.yaw]).all():
+            raise PoseError(f"pose is x={self.x}, y={self.y}, yaw={self.yaw}; wanted: finite")
+        cov = self.covariance
+        if cov.shape != (3, 3) or not np.isfinite(cov).all() or (np.diag(cov) < 0).any():
+            raise PoseError(
+                "covariance of x, y, yaw is no covariance (finite, with variances of at least 0): "
+                f"{cov.tolist()}"
+            )
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """The pose `other`, given in this pose's frame, in the frame that this one is given in.
+
+        Stamp is that of `other`; both covariances enter, to first order.
+        """
+        rotation = rotation_2d(self.yaw)
+        dx, dy = rotation @ (other.x, other.y)
+        of_self = np.eye(3)
+        of_self[0, 2], of_self[1, 2] = -dy, dx
+        of_other = np.eye(3)
+        of_other[:2, :2] = rotation
+        return Pose(
+            other.stamp_ns,
+            self.x + float(dx),
+            self.y + float(dy),
+            wrap_angle(self.yaw + other.yaw),
+            of_self @ self.covariance @ of_self.T + of_other @ other.covariance @ of_other.T,
+        )
+
+
+@dataclass
+class PoseBuffer:
+    """The last poses of one robot, to be read at any time between them.
+
+    Attributes:
+        span_ns: Poses older than the newest by more are forgotten [ns].
+        jumps: How often a pose was farther from the one before than a robot drives, so far.
+        last_jump: From where to where it was last.
+    """
+
+    span_ns: int = 5_000_000_000
+    jumps: int = 0
+    last_jump: tuple[Pose, Pose] | None = None
+    _stamps: list[int] = field(default_factory=list)
+    _poses: list[Pose] = field(default_factory=list)
+    _order: StampOrder = field(default_factory=StampOrder)
+
+    #: The speed past a pose is that over this last stretch before it [ns]. Poses that are no
+    #: farther apart leave no gap: in half of it `_CHANGES` make a millimetre.
+    _SPEED_SPAN_NS = 100_000_000
+
+    def __len__(self) -> int:
+        """Number of poses held."""
+        return len(self._poses)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest pose [ns]; None: there is none."""
+        return self._stamps[-1] if self._stamps else None
+
+    @property
+    def newest(self) -> Pose | None:
+        """The newest pose; None: there is none."""
+        return self._poses[-1] if self._poses else None
+
+    @property
+    def resets(self) -> int:
+        """How often stamps jumped back and went on from there, so far."""
+        return self._order.resets
+
+    def clear(self) -> None:
+        """Forgets all poses."""
+        self._stamps.clear()
+        self._poses.clear()
+        self._order.begin_anew()
+
+    def add(self, pose: Pose) -> None:
+        """Takes a pose; those that come late are put in their place.
+
+        Raises:
+            PoseError: A pose of this stamp is there already, or it comes later than `RESET_NS`.
+        """
+        newest_ns, newest = self._order.newest_ns, self.newest
+        order = self._order.take(pose.stamp_ns)
+        if order is Order.ANEW:
+            self._stamps.clear()
+            self._poses.clear()
+        elif order is Order.LATE and newest_ns is not None:
+            late_ns = newest_ns - pose.stamp_ns
+            if late_ns > RESET_NS:
+                raise PoseError(
+                    f"stamp is {late_ns / 1e9:.3f} s older than the newest; "
+                    f"allowed: {RESET_NS / 1e9:g} s"
+                )
+        index = bisect.bisect_left(self._stamps, pose.stamp_ns)
+        if index < len(self._stamps) and self._stamps[index] == pose.stamp_ns:
+            raise PoseError(f"stamp {pose.stamp_ns} ns is repeated; wanted: one pose per stamp")
+        if order is Order.NEWER and newest is not None and _is_jump(newest, pose):
+            self.jumps += 1
+            self.last_jump = newest, pose
+        self._stamps.insert(index, pose.stamp_ns)
+        self._poses.insert(index, pose)
+        first = bisect.bisect_left(self._stamps, self._stamps[-1] - self.span_ns)
+        if first:
+            del self._stamps[:first], self._poses[:first]
+
+    def covers(self, stamp_ns: int) -> bool:
+        """Whether there are poses on both sides of a time, or one at it."""
+        return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
+
+    def at(self, stamp_ns: int, max_age_ns: int) -> Pose:
+        """The pose at a time: interpolated, or beyond the nearest one carried on at its speed.
+
+        Position and covariance are interpolated linearly, the heading along the shorter arc.
+        Each variance gets the square of what may have happened where no pose says:
+
+        - between poses that are t1 and t2 away and more than 100 ms apart, a t1 t2 / 2: so far is
+          the straight way off where the speed changes by a in a second;
+        - t beyond the last pose before a gap or the first one after it, the way that it was carried
+          and a t^2 / 2, where another pose within 100 ms tells the speed;
+        - v t, where none does, and the pose stays where it is.
+
+        v is 1 m/s and 1 rad/s, a is 1 m/s^2 and 1 rad/s^2.
+
+        Args:
+            stamp_ns: Time [ns].
+            max_age_ns: The poses used are no farther from it than this [ns].
+
+        Raises:
+            PoseError: No pose is near enough; says how near.
+        """
+        if not self._stamps:
+            raise PoseError("no pose has arrived")
+        index = bisect.bisect_left(self._stamps, stamp_ns)
+        if index < len(self._stamps) and self._stamps[index] == stamp_ns:
+            return self._poses[index]
+        before = self._poses[index - 1] if index else None
+        after = self._poses[index] if index < len(self._poses) else None
+        near = [p for p in (before, after) if p and abs(p.stamp_ns - stamp_ns) <= max_age_ns]
+        if not near:
+            ages = [abs(p.stamp_ns - stamp_ns) / 1e9 for p in (before, after) if p]
+            raise PoseError(
+                f"the nearest pose is {min(ages):.3f} s from the scan's stamp; "
+                f"allowed: {max_age_ns / 1e9:g} s"
+            )
+        if len(near) == 2:
+            made = _between(near[0], near[1], stamp_ns)
+            if near[1].stamp_ns - near[0].stamp_ns <= self._SPEED_SPAN_NS:
+                return made
+            s1, s2 = (abs(pose.stamp_ns - stamp_ns) / 1e9 for pose in near)
+            return _less_sure(made, 0.5 * s1 * s2 * _CHANGES)
+        return self._carried_on(near[0], stamp_ns)
+
+    def near(self, stamp_ns: int, max_age_ns: int, max_distance_ns: int) -> Pose:
+        """The pose at a time as `at` gives it, or the one nearest to it, less sure by v t.
+
+        Args:
+            stamp_ns: Time [ns].
+            max_age_ns: As for `at`.
+            max_distance_ns: The nearest is no farther from the time than this [ns].
+
+        Raises:
+            PoseError: No pose is so near.
+        """
+        try:
+            return self.at(stamp_ns, max_age_ns)
+        except PoseError:
+            if not self._poses:
+                raise
+        nearest = min(self._poses, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
+        away_ns = abs(nearest.stamp_ns - stamp_ns)
+        if away_ns > max_distance_ns:
+            raise PoseError(
+                f"the nearest pose is {away_ns / 1e9:.3f} s away; "
+                f"allowed: {max_distance_ns / 1e9:g} s"
+            )
+        return _less_sure(dataclasses.replace(nearest, stamp_ns=stamp_ns), away_ns / 1e9 * _SPEEDS)
+
+    def _carried_on(self, end: Pose, stamp_ns: int) -> Pose:
+        """A pose that a gap follows, or is before, at a time in that gap."""
+        seconds = abs(stamp_ns - end.stamp_ns) / 1e9
+        if stamp_ns > end.stamp_ns:
+            index = bisect.bisect_left(self._stamps, end.stamp_ns - self._SPEED_SPAN_NS)
+        else:
+            index = bisect.bisect_right(self._stamps, end.stamp_ns + self._SPEED_SPAN_NS) - 1
+        other = self._poses[index]
+        if other is end:
+            return _less_sure(dataclasses.replace(end, stamp_ns=stamp_ns), seconds * _SPEEDS)
+        made = _between(other, end, stamp_ns)
+        carried = np.array([made.x - end.x, made.y - end.y, wrap_angle(made.yaw - end.yaw)])
+        return _less_sure(made, carried, 0.5 * seconds**2 * _CHANGES)
+
+
+def _less_sure(pose: Pose, *sigmas: Float) -> Pose:
+    """A pose with more variance of x, y and yaw: the squares of these [m, m, rad]."""
+    more = np.diag(np.sum(np.square(sigmas), axis=0))
+    return dataclasses.replace(pose, covariance=pose.covariance + more)
+
+
+def _is_jump(one: Pose, other: Pose) -> bool:
+    seconds = (other.stamp_ns - one.stamp_ns) / 1e9
+    return math.hypot(other.x - one.x, other.y - one.y) > _JUMP_M + _FASTEST * seconds
+
+
+def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
+    """Linear in time between two poses (or past them; the covariance stays within them)."""
+    part = (stamp_ns - one.stamp_ns) / (other.stamp_ns - one.stamp_ns)
+    weight = min(max(part, 0.0), 1.0)
+    return Pose(
+        stamp_ns,
+        one.x + part * (other.x - one.x),
+        one.y + part * (other.y - one.y),
+        wrap_angle(one.yaw + part * wrap_angle(other.yaw - one.yaw)),
+        (1.0 - weight) * one.covariance + weight * other.covariance,
+    )
+
+
+def static_pose(config: cfg.PoseInput, stamp_ns: int) -> Pose:
+    """The pose of a robot that stands where its parameters say, at any time.
+
+    Raises:
+        ConfigError: They do not say it.
+    """
+    if not config.static:
+        raise ConfigError(
+            "pose.source is static but pose.static is empty; allowed: x, y [m] and yaw [rad] of "
+            "base_link in the map"
+        )
+    x, y, yaw = config.static
+    return Pose(stamp_ns, x, y, wrap_angle(yaw), np.diag(np.square(config.sigmas or (0.0,) * 3)))
+
+
+@dataclass
+class PoseIntake:
+    """Which of the poses that a robot hears go out: in the map, in order, at most so many a second.
+
+    Attributes:
+        config: What brings them to the map, and their rate.
+        frame_in_map: Says where a frame is in the map, for poses in it where
+            `config.map_from_odom` does not; None: nothing does.
+        last: The last pose that went out, in the map; None before the first.
+    """
+
+    config: cfg.PoseInput
+    frame_in_map: Callable[[str], Pose] | None = None
+    last: Pose | None = None
+    _due_ns: int = 0
+    _order: StampOrder = field(default_factory=StampOrder)
+
+    def __call__(self, pose: Pose, frame_id: str) -> Pose | None:
+        """Takes a pose.
+
+        Args:
+            pose: The pose as it came.
+            frame_id: Its frame.
+
+        Returns:
+            The pose in the map; None if it is too early after the last one.
+
+        Raises:
+            PoseError: Its frame is not known in the map, or it is not newer than the last one.
+        """
+        pose = self._in_map(pose, frame_id.lstrip("/"))
+        stamp_ns, period_ns = pose.stamp_ns, round(1e9 / self.config.max_rate)
+        newest_ns = self._order.newest_ns
+        order = self._order.take(stamp_ns)
+        if order is Order.LATE:
+            raise PoseError(f"stamp is {stamp_ns} ns; wanted: newer than {newest_ns} ns")
+        if order is Order.ANEW or newest_ns is None:
+            due_ns = stamp_ns
+        else:
+            # A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next is due a
+            # period after this one was, so that the rate holds in the long run.
+            due_ns = self._due_ns
+            if due_ns - stamp_ns > period_ns // 10:
+                return None
+            if stamp_ns - due_ns >= period_ns:
+                due_ns = stamp_ns
+        self._due_ns = due_ns + period_ns
+        self.last = pose
+        return pose
+
+    def begin_anew(self) -> None:
+        """Takes any stamp next."""
+        self._order.begin_anew()
+        self.last = None
+
+    def _in_map(self, pose: Pose, frame_id: str) -> Pose:
+        if frame_id == self.config.map_frame:
+            return pose
+        if not self.config.map_from_odom:
+            why = ""
+            if self.frame_in_map is not None:
+                try:
+                    return self.frame_in_map(frame_id) @ pose
+                except PoseError as err:
+                    why = f"; {err}"
+            raise PoseError(
+                f"frame_id is {frame_id!r}; wanted: {self.config.map_frame!r}, or the parameter "
+                f"pose.map_from_odom (x, y, yaw of that frame in the map){why}"
+            )
+        x, y, yaw = self.config.map_from_odom
+        return Pose(pose.stamp_ns, x, y, yaw) @ pose
+
+
+def stack(poses: Iterable[Pose]) -> tuple[Float, Float]:
+    """Places [m], shape (n, 2), and covariances of poses, shape (n, 3, 3)."""
+    all_of_them = list(poses)
+    places = np.array([(pose.x, pose.y) for pose in all_of_them]).reshape(-1, 2)
+    return places, np.array([pose.covariance for pose in all_of_them]).reshape(-1, 3, 3)
+
+
+def pose_effect(places: Float, covariances: Float, positions: Float) -> Float:
+    """Covariance of places that were measured from uncertain poses [m^2].
+
+    Args:
+        places: Where each was measured from [m], shape (m, 2).
+        covariances: Of that pose, shape (m, 3, 3).
+        positions: What was measured [m], shape (m, 2).
+
+    Returns:
+        Shape (m, 2, 2).
+    """
+    lever = np.zeros((len(positions), 2, 3))
+    lever[:, 0, 0] = lever[:, 1, 1] = 1.0
+    lever[:, 0, 2], lever[:, 1, 2] = (places - positions)[:, 1], (positions - places)[:, 0]
+    with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
+        effect: Float = lever @ covariances @ lever.transpose(0, 2, 1)
+    return effect

@@ -1,0 +1,1 @@
+"""Bags: reading, writing, and running one through the pipeline in this process."""

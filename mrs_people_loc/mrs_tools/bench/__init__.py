@@ -1,0 +1,1 @@
+"""The benchmark: scenes, references that results are compared with, timings."""

@@ -1,0 +1,1 @@
+"""The subcommands of `mrs`, a file each."""

@@ -1,0 +1,1 @@
+"""The paper's experiment, simulated: its figures beside ours."""

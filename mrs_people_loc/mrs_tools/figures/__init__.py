@@ -1,0 +1,1 @@
+"""Drawing: figures of the paper, top views, animations."""

@@ -1,0 +1,183 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mrs_people_loc.cells.clustering import cluster, connected
+
+CELL = 0.05
+
+
+def labels(points, distance=0.15) -> list[int]:
+    return cluster(np.array(points, dtype=float).reshape(-1, 2), distance=distance).tolist()
+
+
+def clusters_by_brute_force(points: list[tuple[int, int]], distance: int) -> list[int]:
+    """Union-find over all pairs of whole numbers; clusters are numbered by their least point."""
+    parent = list(range(len(points)))
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            i = parent[i]
+        return i
+
+    for i, (xi, yi) in enumerate(points):
+        for j, (xj, yj) in enumerate(points[:i]):
+            if (xi - xj) ** 2 + (yi - yj) ** 2 <= distance**2:
+                parent[root(i)] = root(j)
+    roots = [root(i) for i in range(len(points))]
+    least: dict[int, tuple[int, int]] = {}
+    for r, point in zip(roots, points, strict=True):
+        least[r] = min(point, least.get(r, point))
+    order = sorted(least, key=least.__getitem__)
+    return [order.index(r) for r in roots]
+
+
+@pytest.mark.parametrize(
+    ("points", "expected"),
+    [
+        ([], []),
+        ([(3, 4)], [0]),
+        ([(0, 0), (0.14, 0)], [0, 0]),
+        ([(0, 0), (0.15, 0)], [0, 0]),  # d <= d_th
+        ([(0, 0), (0.1501, 0)], [0, 1]),
+        ([(0, 0), (0, 0.15)], [0, 0]),
+        ([(0, 0), (0.09, 0.12)], [0, 0]),  # 3-4-5: 0.15 m along a diagonal
+        ([(0, 0), (0.12, 0.12)], [0, 1]),  # near along each axis, not on the plane
+        ([(0, 0), (0, 0), (5, 5)], [0, 0, 1]),
+        # Eq. 8: two free points; eq. 9: a third joins; eq. 10: two clusters become one.
+        ([(0, 0), (0.1, 0), (0.2, 0)], [0, 0, 0]),
+        ([(0, 0), (0.1, 0), (0.4, 0), (0.3, 0)], [0, 0, 1, 1]),
+        ([(0, 0), (0.1, 0), (0.4, 0), (0.3, 0), (0.2, 0)], [0, 0, 0, 0, 0]),
+        # A chain is one cluster however long it is.
+        ([(0.15 * i, 0) for i in range(100)], [0] * 100),
+        # Numbered by the least point: x, then y.
+        ([(2, 0), (1, 5), (1, -5), (0, 9)], [3, 2, 1, 0]),
+        ([(2, 0), (0, 0), (2.1, 0), (0.1, 0)], [1, 0, 1, 0]),
+    ],
+)
+def test_clusters_by_hand(points, expected):
+    assert labels(points) == expected
+
+
+@pytest.mark.parametrize("distance", [0.05, 0.15, 0.5, 2.0])
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 2.0])
+def test_the_distance_is_inclusive_also_in_float32(distance, yaw):
+    # Cell centres up to 100 m from their robot, rounded to float32, then turned and moved.
+    x = np.arange(distance / 2, 100, distance).astype(np.float32).astype(float)
+    points = np.stack([5 + x * np.cos(yaw), -3 + x * np.sin(yaw)], axis=1)
+    assert cluster(points, distance=distance).max() == 0
+    assert cluster(points, distance=distance - 1e-4).max() == len(x) - 1
+
+
+cells = st.lists(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), max_size=40)
+
+
+@given(cells, st.integers(1, 5))
+def test_cells_against_brute_force(points, distance):
+    # On a grid of 5 cm many pairs are exactly the distance apart.
+    xy = np.array(points, dtype=np.float32).reshape(-1, 2) * np.float32(CELL)
+    got = cluster(xy.astype(float), distance=distance * CELL)
+    assert got.tolist() == clusters_by_brute_force(points, distance)
+
+
+@given(st.lists(st.tuples(st.integers(-500, 500), st.integers(-500, 500)), max_size=40))
+def test_points_against_brute_force(points):
+    assert labels(np.array(points) / 1000) == clusters_by_brute_force(points, 150)
+
+
+@given(cells, st.randoms(use_true_random=False))
+def test_clusters_do_not_depend_on_the_order(points, random):
+    xy = np.array(points, dtype=float).reshape(-1, 2) * CELL
+    order = np.array(random.sample(range(len(points)), len(points)), dtype=int)
+    shuffled, ordered = (cluster(p, distance=0.15) for p in (xy[order], xy))
+    np.testing.assert_array_equal(shuffled, ordered[order])
+
+
+def test_labels_are_indices():
+    for points in ([], [(0, 0)], [(0, 0), (1, 1)]):
+        assert cluster(np.array(points, dtype=float).reshape(-1, 2), distance=0.15).dtype == np.intp
+
+
+@pytest.mark.parametrize("far", [(1e5, 0.0), (-1e8, -1e8), (0.0, -1e20), (1e20, 1e20)])
+def test_a_far_point_changes_nothing_for_the_others(far):
+    xy = np.random.default_rng(3).uniform(0, 4, (400, 2))
+    alone = cluster(xy, distance=0.15)
+    labels = cluster(np.vstack([xy, far]), distance=0.15)
+    assert labels[-1] not in labels[:-1]
+    assert len(set(zip(labels[:-1], alone, strict=True))) == alone.max() + 1 == labels.max()
+
+
+# ------------------------------------------------------------------------------------- crowds ----
+
+
+def blobs(rng: np.random.Generator, count: int) -> np.ndarray:
+    middles = rng.uniform(0, 1.5, (count // 60, 2))
+    return middles[rng.integers(len(middles), size=count)] + rng.normal(0, 0.02, (count, 2))
+
+
+def rings(rng: np.random.Generator, count: int) -> np.ndarray:
+    """As far from each other as clusters just are not, or just are."""
+    angle, radius = rng.uniform(0, 6.3, count), 0.151 * rng.integers(1, 5, count)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def two_heaps(rng: np.random.Generator, count: int) -> np.ndarray:
+    points = rng.normal(0, 1e-3, (count, 2))
+    points[::2, 0] += rng.choice([0.149, 0.15, 0.151])
+    return points
+
+
+def on_a_fine_grid(rng: np.random.Generator, count: int) -> np.ndarray:
+    return rng.integers(-12, 12, (count, 2)) * 0.03 + 50.0
+
+
+def far_apart(rng: np.random.Generator, count: int) -> np.ndarray:
+    points = rng.uniform(0, 0.5, (count, 2))
+    points[: count // 2] += (1e6, -3e7)
+    points[-count // 4 :, 1] += np.arange(count // 4 + (count % 4 > 0)) * 7e4
+    return points
+
+
+SHAPES = [blobs, rings, two_heaps, on_a_fine_grid, far_apart]
+
+
+@pytest.mark.parametrize("make", SHAPES)
+@pytest.mark.parametrize("distance", [0.05, 0.15, 0.4])
+def test_crowds_against_all_pairs(make, distance):
+    for seed in range(4):
+        xy = make(np.random.default_rng(seed), 900)
+        xy = xy[np.lexsort((xy[:, 1], xy[:, 0]))]
+        near = ((xy[:, np.newaxis] - xy) ** 2).sum(axis=2) <= (distance + 1e-5) ** 2
+        one, other = np.nonzero(near)
+        root = connected(one, other, len(xy))
+        expected = np.unique(root, return_inverse=True)[1].reshape(-1)
+        np.testing.assert_array_equal(cluster(xy, distance=distance), expected)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.1, 1.0])
+def test_memory_grows_with_the_number_of_points_and_not_with_its_square(size):
+    """All of a scan's cells in one place: a list of all pairs would take gigabytes."""
+    xy = np.random.default_rng(1).uniform(0, size, (20_000, 2))
+    cluster(xy[:100], distance=0.15)  # loads SciPy
+    tracemalloc.start()
+    try:
+        assert cluster(xy, distance=0.15).max() == 0
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 50e6
+
+
+def test_far_points_that_are_far_from_each_other_are_not_compared_either():
+    xy = np.zeros((20_000, 2))
+    xy[10_001:, 1] = 1e6 + 5.0 * np.arange(9_999)
+    tracemalloc.start()
+    try:
+        assert cluster(xy, distance=0.15).max() == 9_999
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 50e6

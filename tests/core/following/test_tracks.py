@@ -1,0 +1,515 @@
+"""Tracking: filters to the equation, who is who, births, ends, and time that does as it likes."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.following.tracks import NOBODY, Expected, Tracker
+from mrs_people_loc.people import Person
+
+MS = 1_000_000
+SIGMA = 0.04
+
+
+def person(x, y, *, at_ns, score=4.0, sigma=SIGMA, height=1.7, robots=("a",), covariance=None):
+    if covariance is None:
+        covariance = np.eye(2) * sigma**2
+    return Person(
+        np.array([x, y], dtype=float), covariance, height, 0.1, robots, 0, score, stamp_ns=at_ns
+    )
+
+
+def tracker(**changes) -> Tracker:
+    return Tracker(cfg.PlannerConfig.from_mapping({"tracking": changes}).tracking)
+
+
+def follow(follower: Tracker, ways, *, steps, dt_ms=100, noise=SIGMA, seed=0, **fields):
+    """Runs people who are where `ways(t)` says, NaN: not found; what comes out, by step."""
+    rng = np.random.default_rng(seed)
+    out = []
+    for step in range(steps):
+        now = step * dt_ms * MS
+        places = np.array(ways(step * dt_ms / 1000.0), dtype=float)
+        found = [
+            person(*(place + rng.normal(0, noise, 2)), at_ns=now, **fields)
+            for place in places
+            if np.isfinite(place).all()
+        ]
+        out.append(follower.step(found, now))
+    return out
+
+
+def ids(people) -> list[int]:
+    return [one.id for one in people]
+
+
+# ------------------------------------------------------------------------------ the filter ----
+
+
+def textbook(found, stamps_ns, times_ns, covariances, acceleration, any_velocity=0.8):
+    """The filter of one person, one matrix at a time."""
+    x = np.array([*found[0], 0.0, 0.0])
+    p = np.diag([0.0, 0.0, any_velocity**2, any_velocity**2])
+    p[:2, :2] = covariances[0]
+    out = [(x, p)]
+    for k in range(1, len(found)):
+        t, q = (times_ns[k] - times_ns[k - 1]) / 1e9, acceleration**2
+        move = np.eye(4)
+        move[0, 2] = move[1, 3] = t
+        one = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * q
+        x, p = move @ x, move @ p @ move.T + np.kron(one, np.eye(2))
+        delay = (times_ns[k] - stamps_ns[k]) / 1e9
+        h = np.array([[1.0, 0, -delay, 0], [0, 1.0, 0, -delay]])
+        gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + covariances[k])
+        x, p = x + gain @ (found[k] - h @ x), (np.eye(4) - gain @ h) @ p
+        out.append((x, p))
+    return out
+
+
+def test_filter_is_the_textbook_s():
+    """Irregular intervals, covariances of any direction, scans that are older than the interval."""
+    rng = np.random.default_rng(3)
+    times = np.cumsum(rng.integers(40, 300, 40)) * MS
+    stamps = times - rng.integers(0, 90, 40) * MS
+    stamps[0] = times[0]
+    covariances = []
+    for _ in times:
+        root = rng.normal(0, 0.05, (2, 2))
+        covariances.append(root @ root.T + 4e-4 * np.eye(2))
+    way = np.stack([1.0 + 0.8 * stamps / 1e9, 2.0 - 0.5 * stamps / 1e9], axis=1)
+    found = [
+        np.array(rng.multivariate_normal(at, c)) for at, c in zip(way, covariances, strict=True)
+    ]
+    follower = tracker(acceleration=0.6, lasting_share=0.0, gate=20.0)
+    wanted = textbook(found, stamps, times, covariances, 0.6)
+    for k, now in enumerate(times.tolist()):
+        (got,) = follower.step(
+            [person(*found[k], at_ns=int(stamps[k]), covariance=covariances[k])], now
+        )
+        state, covariance = wanted[k]
+        np.testing.assert_allclose(got.position, state[:2], atol=1e-9)
+        np.testing.assert_allclose(got.velocity, state[2:], atol=1e-9)
+        np.testing.assert_allclose(got.covariance, covariance[:2, :2], atol=1e-9)
+        np.testing.assert_allclose(got.velocity_covariance, covariance[2:, 2:], atol=1e-9)
+        assert got.id == 1
+        assert not got.coasting
+
+
+def test_what_is_said_of_places_and_velocities_is_true():
+    """Of white noise: the share of the truth in the 95 % ellipses, over many people."""
+    inside, inside_v, total = 0, 0, 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        follower = tracker(acceleration=0.5, lasting_share=0.0, gate=20.0)
+        state, q = np.array([0.0, 0.0, rng.normal(0, 0.5), rng.normal(0, 0.5)]), 0.25
+        for k in range(60):
+            t = 0.1
+            one = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * q
+            state = state + [t * state[2], t * state[3], 0, 0]
+            state = state + rng.multivariate_normal(np.zeros(4), np.kron(one, np.eye(2)))
+            place = state[:2] + rng.normal(0, SIGMA, 2)
+            (got,) = follower.step([person(*place, at_ns=k * 100 * MS)], k * 100 * MS)
+            off, off_v = got.position - state[:2], got.velocity - state[2:]
+            inside += off @ np.linalg.solve(got.covariance, off) < 5.991
+            inside_v += off_v @ np.linalg.solve(got.velocity_covariance, off_v) < 5.991
+            total += 1
+    assert 0.93 < inside / total < 0.97
+    assert 0.93 < inside_v / total < 0.97
+
+
+def test_velocity_of_a_walker():
+    out = follow(tracker(), lambda t: [(1.2 * t, 0.3 * t)], steps=60)
+    velocities = np.array([people[0].velocity for people in out[20:]])
+    assert np.abs(velocities.mean(axis=0) - (1.2, 0.3)).max() < 0.05
+    assert np.hypot(*(velocities - (1.2, 0.3)).T).mean() < 0.18
+
+
+def test_a_share_of_the_variance_lasts():
+    still = lambda t: [(1.0, 1.0)]  # noqa: E731
+    sure = follow(tracker(lasting_share=0.0), still, steps=50)[-1][0].covariance
+    lasting = follow(tracker(lasting_share=0.5), still, steps=50)[-1][0].covariance
+    np.testing.assert_allclose(lasting - sure, 0.5 * SIGMA**2 * np.eye(2), rtol=1e-6)
+
+
+# ------------------------------------------------------------------------------ who is who ----
+
+
+def test_each_person_keeps_an_id_whatever_the_order():
+    rng = np.random.default_rng(0)
+    follower = tracker()
+    places = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.2), (3.0, 3.0)])
+    names = {}
+    for k in range(50):
+        now = k * 100 * MS
+        order = rng.permutation(4)
+        moved = places + (0.05 * k, 0.02 * k)
+        out = follower.step([person(*moved[i], at_ns=now) for i in order], now)
+        assert ids(out) == [1, 2, 3, 4]
+        for i, place in enumerate(moved):
+            nearest = min(out, key=lambda one: math.dist(one.position, place))
+            assert names.setdefault(i, nearest.id) == nearest.id
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("hidden", [False, True])
+def test_two_who_pass_within_30_cm_keep_their_ids(seed, hidden):
+    """Towards each other, 1 m/s each; one may hide the other nearer than 0.6 m."""
+
+    def ways(t):
+        one, other = np.array([t - 2.0, 0.0]), np.array([2.0 - t, 0.3])
+        if hidden and np.hypot(*(one - other)) < 0.6:
+            other = np.array([np.nan, np.nan])
+        return [one, other]
+
+    out = follow(tracker(), ways, steps=41, seed=seed)
+    (one, other), (one_after, other_after) = out[5], out[-1]
+    assert (one_after.id, other_after.id) == (one.id, other.id)
+    if one.position[0] > 0:
+        one_after, other_after = other_after, one_after
+    assert one_after.position[0] > 1.5
+    assert other_after.position[0] < -1.5
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_two_who_walk_side_by_side_keep_their_ids(seed):
+    out = follow(tracker(), lambda t: [(t, 0.0), (t, 0.4)], steps=100, seed=seed)
+    assert {tuple(ids(people)) for people in out} == {(1, 2)}
+    below, above = sorted(out[0], key=lambda one: one.position[1])
+    for people in out:
+        by_id = {one.id: one.position[1] for one in people}
+        assert by_id[below.id] < by_id[above.id]
+
+
+def test_the_assignment_is_the_best_one_not_the_nearest_first():
+    """The nearest pair first would leave the other one out of reach."""
+    follower = tracker(gate=4.0)
+    for k in range(10):
+        follower.step([person(0.0, 0, at_ns=0), person(0.3, 0, at_ns=0)], k * 100 * MS)
+    now = 1000 * MS
+    out = follower.step([person(0.16, 0, at_ns=now), person(0.44, 0, at_ns=now)], now)
+    assert ids(out) == [1, 2]
+    assert not any(one.coasting for one in out)
+    assert out[0].position[0] < out[1].position[0]
+
+
+def test_a_height_tells_people_apart():
+    """Who stood close together and is found between both places is the one of that height."""
+    follower = tracker()
+    for k in range(20):
+        now = k * 100 * MS
+        follower.step(
+            [person(0, 0, at_ns=now, height=1.5), person(0.4, 0, at_ns=now, height=1.9)], now
+        )
+    out = follower.step([person(0.2, 0.0, at_ns=2000 * MS, height=1.9)], 2000 * MS)
+    assert [one.coasting for one in out] == [True, False]
+
+
+# ------------------------------------------------------------------------- births and ends ----
+
+
+def test_who_is_surely_a_person_is_one_at_once():
+    (one,) = tracker(sure_score=2.0, start_time=0.0).step([person(1, 2, at_ns=0, score=2.0)], 0)
+    assert one.id == 1
+    np.testing.assert_array_equal(one.velocity, (0, 0))
+    np.testing.assert_allclose(one.velocity_covariance, 0.8**2 * np.eye(2))
+
+
+def test_who_may_be_a_person_is_one_after_evidence():
+    follower = tracker(sure_score=3.0, birth_score=0.5, birth_time=0.25, start_time=0.0)
+    said = [
+        follower.step([person(1, 2, at_ns=k * 100 * MS, score=1.0)], k * 100 * MS) for k in range(6)
+    ]
+    assert [len(people) for people in said] == [0, 0, 0, 1, 1, 1]
+    assert said[-1][0].age_s == pytest.approx(0.5)
+
+
+def test_in_the_beginning_everybody_is_new():
+    follower = tracker(birth_score=0.5, start_time=0.35, birth_time=0.2)
+    for k in range(4):
+        out = follower.step([person(5.0 * i, 0, at_ns=0, score=1.0) for i in range(k + 1)], k * MS)
+        assert ids(out) == list(range(1, k + 2))
+    found = [person(5.0 * i, 0, at_ns=0, score=1.0) for i in range(5)]
+    assert ids(follower.step(found, 500 * MS)) == [1, 2, 3, 4]
+    assert ids(follower.step(found, 700 * MS)) == [1, 2, 3, 4, 5]
+
+
+def test_what_flickers_is_nobody():
+    follower = tracker(sure_score=3.0, doubt_time=0.1, start_time=0.0)
+    for k in range(40):
+        found = [person(1, 2, at_ns=0, score=2.0)] if k % 5 == 0 else []
+        assert follower.step(found, k * 100 * MS) == ()
+
+
+def test_what_has_too_low_a_score_is_nobody_however_often_it_is_seen():
+    follower = tracker(birth_score=0.5, doubt_score=0.0, start_time=0.0)
+    for k in range(100):
+        assert follower.step([person(1, 2, at_ns=0, score=0.3)], k * 100 * MS) == ()
+
+
+def test_a_person_whose_evidence_fades_is_one_no_more():
+    follower = tracker(keep_score=-1.0, evidence_time=0.5)
+    lengths = [
+        len(follower.step([person(1, 2, at_ns=0, score=4.0 if k < 10 else -3.0)], k * 100 * MS))
+        for k in range(40)
+    ]
+    assert lengths[:10] == [1] * 10
+    assert lengths[-1] == 0
+
+
+def hidden_between(begin, end, speed=0.5):
+    def ways(t):
+        return [(speed * t, 0.0) if not begin <= t < end else (np.nan, np.nan)]
+
+    return ways
+
+
+def test_who_is_hidden_coasts_on_his_way():
+    out = follow(tracker(coast_time=1.5), hidden_between(3.0, 4.0), steps=60)
+    assert all(ids(people) == [1] for people in out)
+    assert [people[0].coasting for people in out] == [30 <= k < 40 for k in range(60)]
+    hidden = out[39][0]
+    assert math.dist(hidden.position, (0.5 * 3.9, 0.0)) < 0.35
+    assert hidden.robots == ()
+    assert hidden.label == -1
+    assert hidden.covariance[0, 0] > 4 * out[29][0].covariance[0, 0]
+    assert hidden.height == pytest.approx(1.7)
+
+
+def test_who_is_hidden_for_long_ends_and_comes_back_as_himself():
+    out = follow(tracker(coast_time=1.0, memory=5.0), hidden_between(3.0, 5.5), steps=80)
+    assert [len(people) for people in out[30:58]] == [1] * 10 + [0] * 17 + [1]
+    assert {one.id for people in out for one in people} == {1}
+    assert out[-1][0].age_s == pytest.approx(7.9)
+
+
+@pytest.mark.parametrize(("off", "who"), [(0.29, 1), (0.6, 2)])
+def test_what_is_found_within_a_body_of_somebody_is_him_however_sure_both_are(off, who):
+    follower = tracker()
+    for step in range(20):
+        follower.step([person(0, 0, at_ns=step * 100 * MS)], step * 100 * MS)
+    for step in range(20, 25):  # 0.3 m is more than four times sqrt(0.04^2 + 0.03^2) m
+        out = follower.step([person(off, 0, at_ns=step * 100 * MS, score=8.0)], step * 100 * MS)
+        assert out[-1].id == who
+
+
+def test_who_has_just_come_back_and_is_hidden_again_is_remembered():
+    def ways(t):
+        hidden = 3.0 <= t < 5.45 or 5.75 < t < 6.45
+        return [(np.nan, np.nan) if hidden else (0.4 * t, 0.0)]
+
+    out = follow(tracker(coast_time=1.0, memory=5.0), ways, steps=80)
+    assert [len(people) for people in out[55:68]] == [0, 0, 1, *[1] * 7, 1, 1, 1]
+    assert {one.id for people in out for one in people} == {1}
+
+
+def test_who_comes_back_after_the_memory_or_from_elsewhere_is_somebody_else():
+    late = follow(tracker(coast_time=1.0, memory=2.0), hidden_between(3.0, 5.5), steps=80)
+    assert ids(late[-1]) == [2]
+
+    def elsewhere(t):
+        return [(0.0, 0.0) if t < 3 else (np.nan, np.nan) if t < 5 else (9.0, 9.0)]
+
+    assert ids(follow(tracker(), elsewhere, steps=80)[-1]) == [2]
+
+
+def test_of_several_who_were_lost_the_likeliest_comes_back():
+    """One was lost long ago 3.4 m away, and may be anywhere; the other one 0.4 m away just now."""
+    follower = tracker(coast_time=0.5, memory=10.0)
+    for k in range(150):
+        now = k * 100 * MS
+        places = [(0.0, 0.0)] if k < 60 else []
+        places += [(3.0, 0.0)] if k < 120 else []
+        follower.step([person(*place, at_ns=now) for place in places], now)
+    for k in range(150, 155):
+        out = follower.step([person(3.4, 0.0, at_ns=k * 100 * MS)], k * 100 * MS)
+    assert ids(out) == [2]
+
+
+def test_nobody_comes_back_faster_than_people_walk():
+    """Lost for 8 s at 1.5 m/s, he is expected 12 m on; 17 m from where he was seen is too far."""
+    for reached, wanted in ((12.0, 1), (17.5, 2)):
+        follower = tracker(memory=10.0, gate=20.0)
+        for k in range(100):
+            follower.step([person(0.15 * k, 0, at_ns=k * 100 * MS)], k * 100 * MS)
+        x = 0.15 * 99 + reached
+        for k in range(179, 184):
+            out = follower.step([person(x, 0, at_ns=k * 100 * MS)], k * 100 * MS)
+        assert ids(out) == [wanted]
+
+
+def test_nobody_coasts_for_longer_than_he_was_seen():
+    follower = tracker(coast_share=0.5, doubt_time=0.0)
+    follower.step([person(0, 0, at_ns=0)], 0)
+    follower.step([person(0, 0, at_ns=0)], 400 * MS)
+    assert len(follower.step([], 500 * MS)) == 1
+    assert len(follower.step([], 600 * MS)) == 1
+    assert len(follower.step([], 700 * MS)) == 0
+
+
+def test_ids_never_repeat():
+    follower = tracker(memory=0.0, coast_time=0.0)
+    seen = []
+    for k in range(30):
+        found = [person(5.0 * (k % 3), 0, at_ns=0, score=9.0)] if k % 2 else []
+        out = follower.step(found, k * 100 * MS)
+        seen += ids(out)
+    assert seen == sorted(set(seen))
+    assert len(seen) == 15
+
+
+def test_state_is_bounded():
+    follower = tracker(max_tracks=10)
+    rng = np.random.default_rng(0)
+    for k in range(50):
+        now = k * 100 * MS
+        found = [person(*place, at_ns=now) for place in rng.uniform(-50, 50, (30, 2))]
+        assert len(follower.step(found, now)) <= 10
+        held = len(follower._tracks) + len(follower._lost)
+        assert held <= 20
+    assert follower.turned_away > 0
+
+
+# ------------------------------------------------------------------------------------ time ----
+
+
+def test_two_intervals_of_one_time():
+    """The scan of a robot that is late comes by itself: nobody gets older, nobody is lost."""
+    follower = tracker(start_time=0.0)
+    follow(follower, lambda t: [(1.0, 0.0), (3.0, 0.0)], steps=10)
+    before = follower.step([person(1, 0, at_ns=0), person(3, 0, at_ns=0)], 1000 * MS)
+    after = follower.step([person(3, 0, at_ns=0, robots=("b",))], 1000 * MS)
+    assert ids(before) == ids(after) == [1, 2]
+    assert [one.age_s for one in before] == [one.age_s for one in after]
+    assert [one.coasting for one in after] == [True, False]
+    assert [(one.robots, one.label) for one in after] == [((), -1), (("b",), 0)]
+    assert after[1].covariance[0, 0] < before[1].covariance[0, 0]
+    assert follower.jumps_back == 0
+
+
+def test_who_is_surely_at_a_place_and_who_may_be_anywhere():
+    """One cell is a cluster without extent; poses may say that they know nothing."""
+    follower = tracker()
+    for k in range(5):
+        now = k * 100 * MS
+        sure = person(1, 0, at_ns=now, covariance=np.zeros((2, 2)))
+        unsure = person(5, 0, at_ns=now, covariance=np.full((2, 2), np.inf))
+        out = follower.step([sure, unsure], now)
+    assert ids(out) == [1, 2]
+    assert all(np.isfinite(one.covariance).all() for one in out)
+    assert not out[0].coasting
+
+
+@pytest.mark.parametrize("back_s", [1.1, 100.0])
+def test_where_time_jumps_back_everybody_is_new(back_s):
+    """A clock that is set, or a bag that begins again, even if people stand where they stood."""
+    follower = tracker()
+    offset = 200_000 * MS
+    for k in range(20):
+        follower.step([person(1, 1, at_ns=0), person(3, 1, at_ns=0)], offset + k * 100 * MS)
+    # Seen as before, somebody else, and nobody where the second one was: no ghost of them is left.
+    start = offset + 1900 * MS - round(back_s * 1e9)
+    for k in range(20):
+        now = start + k * 100 * MS
+        assert len(follower.expect(now)) == (2 if k else 0)
+        out = follower.step([person(1, 1, at_ns=now), person(9, 1, at_ns=now)], now)
+        assert ids(out) == [3, 4]  # from the first interval on, as in the beginning
+        assert not any(one.coasting for one in out)
+    assert follower.jumps_back == 1
+    assert out[0].age_s == pytest.approx(1.9)
+
+
+def test_time_that_is_set_back_by_a_second_loses_nobody():
+    follower = tracker()
+    for now in [*range(0, 2001, 100), *range(1000, 3001, 100)]:
+        out = follower.step([person(1, 1, at_ns=now * MS)], now * MS)
+        assert ids(out) == [1]
+    assert follower.jumps_back == 0
+    assert out[0].age_s == pytest.approx(3.0)
+
+
+def test_scans_that_come_late_by_themselves_do_not_turn_the_time_back():
+    """One robot's every 0.1 s, another's 50 ms older and after it: the walker walks at 1 m/s."""
+    follower = tracker()
+    for k in range(100):
+        now, late = k * 100 * MS, k * 100 * MS - 50 * MS
+        (one,) = follower.step([person(0.1 * k, 0, at_ns=now)], now)
+        (other,) = follower.step([person(0.1 * k - 0.05, 0, at_ns=late)], late)
+    assert follower.jumps_back == 0
+    assert one.age_s == other.age_s == pytest.approx(9.9)
+    assert one.velocity is not None
+    assert one.velocity[0] == pytest.approx(1.0, abs=0.01)
+    assert one.position[0] == pytest.approx(9.9, abs=0.01)
+    assert other.position[0] == pytest.approx(9.85, abs=0.01)  # where he was at that time
+
+
+def test_what_was_said_stays_as_it_was_said():
+    follower = tracker()
+    follow(follower, lambda t: [(1.0, 0.0)], steps=5)
+    (before,) = follower.step([person(1, 0, at_ns=500 * MS)], 500 * MS)
+    x, y = before.position
+    follower.step([person(1.1, 0, at_ns=500 * MS)], 500 * MS)
+    assert tuple(before.position) == (x, y)
+
+
+def test_missing_intervals_lose_nobody_who_stands():
+    follower = tracker()
+    follow(follower, lambda t: [(1.0, 1.0), (2.0, 1.0)], steps=30)
+    out = follower.step([person(1, 1, at_ns=5000 * MS), person(2, 1, at_ns=5000 * MS)], 5000 * MS)
+    assert ids(out) == [1, 2]
+
+
+def test_a_scan_that_is_late_is_where_somebody_was():
+    """He walks at 1 m/s and is looked at 0.1 s before the interval: what is said is of its time."""
+    follower = tracker()
+    for k in range(60):
+        now = k * 100 * MS
+        (one,) = follower.step([person(0.1 * k - 0.1, 0, at_ns=now - 100 * MS)], now)
+    assert one.position[0] == pytest.approx(5.9, abs=0.01)
+
+
+# -------------------------------------------------------------------------------- expected ----
+
+
+def test_where_people_are_expected():
+    follower = tracker()
+    assert len(follower.expect(0)) == 0
+    follow(follower, lambda t: [(0.5 * t, 0.0), (5.0, 5.0)], steps=40, noise=0.0)
+    expected = follower.expect(4400 * MS)
+    np.testing.assert_allclose(expected.xy, [(2.2, 0.0), (5.0, 5.0)], atol=0.02)
+    assert (expected.covariance[:, 0, 0] > SIGMA**2 / 4).all()
+    (one, _) = follower.step([], 3900 * MS)
+    assert one.position[0] == pytest.approx(1.95, abs=0.02)  # it stayed as it was
+
+
+def test_who_may_be_whom():
+    expected = Expected(np.array([(0.0, 0.0), (1.0, 0.0)]), np.tile(0.01 * np.eye(2), (2, 1, 1)))
+    xy = np.array([(0.1, 0.0), (0.9, 0.1), (0.5, 3.0), (0.45, 0.0)])
+    covariance = np.tile(0.01 * np.eye(2), (4, 1, 1))
+    assert expected.near(xy, covariance, gate=4.0, reach=1.0).tolist() == [0, 1, -1, 0]
+    assert NOBODY.near(xy, covariance, gate=4.0, reach=1.0).tolist() == [-1] * 4
+    assert expected.near(np.empty((0, 2)), np.empty((0, 2, 2)), gate=4.0, reach=1.0).tolist() == []
+
+
+def test_parameters_may_change_at_any_time():
+    follower = tracker()
+    follow(follower, lambda t: [(1.0, 1.0)], steps=10)
+    follower.config = tracker(coast_time=0.0).config
+    assert follower.step([], 1000 * MS) == ()
+
+
+def test_all_orders_of_what_is_found_give_the_same_people():
+    places = [(0.0, 0.0), (0.5, 0.1), (0.2, 0.6)]
+    results = []
+    for order in itertools.permutations(range(3)):
+        follower = tracker()
+        for k in range(12):
+            now = k * 100 * MS
+            found = [person(places[i][0] + 0.02 * k, places[i][1], at_ns=now) for i in order]
+            out = follower.step(found, now)
+        results.append(sorted(tuple(one.position.round(9)) for one in out))
+    assert all(result == results[0] for result in results)

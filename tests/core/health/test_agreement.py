@@ -1,0 +1,101 @@
+import math
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.health.agreement import Agreement
+from mrs_people_loc.scan import Scan
+from mrs_people_loc.team.fusion import fuse
+from mrs_people_loc.team.poses import Pose
+
+CONFIG = PlannerConfig()
+PEOPLE = np.array([(3.0, 3.0), (3.2, 4.1), (4.5, 3.5), (4.1, 2.2), (2.0, 3.8)])
+TRUE = {
+    "robot_a": Pose(0, 6.0, 3.5, math.pi),
+    "robot_b": Pose(0, 0.5, 2.0, 0.4),
+    "robot_c": Pose(0, 0.5, 5.0, -0.4),
+}
+BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]
+
+
+@pytest.fixture(scope="session")
+def watch(make_cells):
+    """What agreement says of robots that say they stand elsewhere than they do."""
+
+    def run(said, seen=None, steps=10, noise=0.08, seed=1):
+        agreement, random = Agreement(), np.random.default_rng(seed)
+        walked = np.zeros(2)
+        for _ in range(steps):
+            walked = walked + random.normal(0.1, 0.05, 2)
+            scans = []
+            for name, pose in TRUE.items():
+                if name not in said:
+                    continue
+                which = slice(None) if seen is None else seen[name]
+                c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+                places = PEOPLE[which] + walked + random.normal(0, noise, PEOPLE[which].shape)
+                here = (places - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
+                cells = [(x + dx, y + dy) for x, y in here for dx, dy in BODY]
+                scans.append(Scan(name, 0, make_cells(cells, top=[1.7] * len(cells))))
+            agreement.add(fuse(scans, said), said, CONFIG)
+        return agreement.misplaced
+
+    return run
+
+
+def moved(name: str, x: float, y: float, turn: float = 0.0) -> dict[str, Pose]:
+    pose = TRUE[name]
+    return {**TRUE, name: Pose(0, pose.x + x, pose.y + y, pose.yaw + turn)}
+
+
+def test_robots_that_agree(watch):
+    assert watch(TRUE) == {}
+    assert watch(moved("robot_b", 0.1, -0.1)) == {}  # near enough
+
+
+@pytest.mark.parametrize(
+    ("name", "x", "y", "turn"),
+    [
+        ("robot_c", 0.6, -0.3, 0.0),
+        ("robot_a", 0.0, 0.7, 0.0),
+        ("robot_b", 0.0, 0.0, math.radians(12)),
+        ("robot_b", -0.4, -0.3, math.radians(-6)),
+    ],
+)
+def test_a_pose_that_is_off_is_named_and_by_how_much(watch, name, x, y, turn):
+    found = watch(moved(name, x, y, turn))
+    assert list(found) == [name]
+    one = found[name]
+    assert one.turn == pytest.approx(-turn, abs=math.radians(2.5))
+    np.testing.assert_allclose(one.move, (-x, -y), atol=0.12)
+    assert one.agreed < 0.3 < 0.8 < one.would_agree
+
+
+def test_of_two_robots_either_may_be_wrong(watch):
+    said = moved("robot_b", 0.7, 0.0)
+    del said["robot_c"]
+    found = watch(said)
+    assert sorted(found) == ["robot_a", "robot_b"]
+    np.testing.assert_allclose(found["robot_a"].move, (0.7, 0.0), atol=0.12)
+    np.testing.assert_allclose(found["robot_b"].move, (-0.7, 0.0), atol=0.12)
+
+
+def test_robots_that_see_others_do_not_disagree(watch):
+    seen = {"robot_a": [0, 1], "robot_b": [2], "robot_c": [3, 4]}
+    assert watch(TRUE, seen) == {}
+
+
+def test_one_person_says_nothing(watch):
+    seen = {name: [0] for name in TRUE}
+    assert watch(moved("robot_b", 0.7, 0.0), seen) == {}
+
+
+def test_too_few_samples_say_nothing(watch):
+    assert watch(moved("robot_c", 0.6, -0.3), steps=7) == {}
+    assert Agreement().misplaced == {}
+
+
+def test_nobody_and_one_robot(watch):
+    assert watch({"robot_a": TRUE["robot_a"]}) == {}
+    assert watch(moved("robot_c", 0.6, 0.0), {name: [] for name in TRUE}) == {}
