@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from mrs_people_loc.bodies.joining import are_people, join, place_bodies
-from mrs_people_loc.cells.clustering import cluster
-from mrs_people_loc.cells.splitting import split, split_at
+from mrs_people_loc.bodies import detector as bodies
+from mrs_people_loc.cells import detector as cells
+from mrs_people_loc.clusters import Clusters
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.following.groups import Groups
-from mrs_people_loc.following.tracks import NOBODY, Tracker
-from mrs_people_loc.neighbours import pairs_between
-from mrs_people_loc.people import (
-    Clusters,
-    Group,
-    Person,
-    gather,
-    is_human,
-    locate,
-    measure,
-    people_of_bodies,
-)
+from mrs_people_loc.following.tracks import Tracker
+from mrs_people_loc.people import NOBODY, Group, Person, gather
 from mrs_people_loc.scan import Scan
-from mrs_people_loc.team.fusion import ShortTermMap, fuse
-from mrs_people_loc.team.masking import OccupancyGrid, Walls, are_masked, bodies_of_robots
+from mrs_people_loc.team.fusion import ShortTermMap, allow_for_walking, fuse, place_bodies
+from mrs_people_loc.team.masking import OccupancyGrid, Walls, mask
 from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
 
@@ -113,98 +100,48 @@ class Planner:
             ScanError: A robot has two scans.
             PoseError: A robot has no pose.
         """
-        scans = sorted(scans, key=lambda scan: scan.robot)
-        names = [scan.robot for scan in scans]
-        if len(set(names)) < len(names):
-            raise ScanError(f"two scans of one robot in an interval: {', '.join(names)}")
-        missing = [name for name in names if name not in poses]
-        if missing:
-            raise PoseError(f"no pose for the scan of {', '.join(missing)}")
+        scans = _in_order(scans, poses)
         config, times = self.config, StageTimes()
-        tracking = config.tracking
-        self.tracker.config, self.groups.config = tracking, config.groups
-        expected = self.tracker.expect(time_ns) if tracking.enabled else NOBODY
-        placed = _at_one_time(scans, poses, time_ns, config.interval.walking_speed)
+        self.tracker.config, self.groups.config = config.tracking, config.groups
+        expected = self.tracker.expect(time_ns) if config.tracking.enabled else NOBODY
+        placed = allow_for_walking(scans, poses, time_ns, config.interval.walking_speed)
         fused = fuse(scans, placed)
         times.mark("fusion")
-        # Cells of bodies are joined body by body, all others cluster by cluster.
-        bodies = place_bodies(fused, placed, line_of_sight=config.joining.line_of_sight)
-        robots = bodies_of_robots(bodies, fused.robots, poses, config.masking)
-        plain = np.flatnonzero(bodies.of_cell < 0)
-        masked = are_masked(fused, plain, poses, self._walls, config.masking)
+        in_view = place_bodies(fused, placed, line_of_sight=config.joining.line_of_sight)
+        known = mask(fused, in_view, poses, self._walls, config.masking)
         times.mark("masking")
-        joined = join(bodies, ~robots, config.joining)
-        if self._walls is not None:
-            said = self._walls.log_odds(joined.xy, joined.covariance, config.masking)
-            joined = dataclasses.replace(joined, score=joined.score + said)
-        nearby = {"gate": tracking.gate, "reach": tracking.max_distance}
-        who = expected.near(joined.xy, joined.covariance, **nearby)
+        joined = bodies.detect(fused, in_view, known, self._walls, expected, config)
         times.mark("joining")
-        # First the clusters that may be people, then joined bodies, then all that is masked.
-        label = np.full(len(fused), -1, dtype=np.intp)
-        distance = config.clustering.distance
-        possible = plain[~masked]
-        pieces = cluster(fused.xy[possible], distance=distance)
-        pieces = split_at(expected.xy, fused, possible, pieces, config.human)
-        label[possible], too_wide = split(
-            fused, possible, pieces, poses, config.splitting, config.human
-        )
-        first = int(label.max(initial=-1)) + 1
-        none = joined.of_body < 0  # robots, and what is one too many in its place
-        of_body = np.where(none, len(joined) + np.cumsum(none) - 1, joined.of_body)
-        of_bodies = bodies.of_cell >= 0
-        label[of_bodies] = first + of_body[bodies.of_cell[of_bodies]]
-        beyond = first + len(joined) + int(none.sum())
-        label[plain[masked]] = beyond + cluster(fused.xy[plain[masked]], distance=distance)
+        clusters = cells.detect(fused, known, placed, expected, config)
+        found = clusters.unite(joined, apart=config.joining.apart)
         times.mark("clustering")
-        clusters = measure(fused, label)
-        human = strong = is_human(clusters, config.human)
-        if len(expected):
-            fewer = round(config.human.min_points * tracking.expected_points)
-            weak = is_human(clusters, dataclasses.replace(config.human, min_points=max(1, fewer)))
-            near_one = expected.near(clusters.centroid, clusters.scatter, **nearby) >= 0
-            human = strong | (weak & near_one)
-        human = human & (np.arange(len(clusters)) < first)
-        said = np.where(who >= 0, tracking.expected_score, 0.0)
-        likely = are_people(
-            dataclasses.replace(joined, score=joined.score + said),
-            bodies,
-            config.joining,
-            expected=who,
+        persons, groups, events = self._follow(found.persons, time_ns, times)
+        used = {scan.robot: poses[scan.robot] for scan in scans}
+        return People(
+            time_ns, used, persons, groups, fused, found.clusters, found.too_wide, events, times.ms
         )
-        persons = people_of_bodies(fused, clusters, joined, likely, first + np.arange(len(joined)))
-        # Where some robots seek bodies and others do not, both may see the same person.
-        centroids = clusters.centroid[human]
-        alone = np.ones(len(centroids), dtype=bool)
-        near, _, away = pairs_between(centroids, joined.xy[likely], config.joining.apart)
-        alone[near[away < config.joining.apart]] = False
-        human[human] = alone
-        persons += tuple(
-            person if strong[person.label] else dataclasses.replace(person, score=0.0)
-            for person in locate(fused, clusters, human, placed)
-        )
-        times.mark("people")
-        if tracking.enabled:
-            persons = self.tracker.step(persons, time_ns)
-            times.mark("tracking")
-            groups, events = self.groups.step(persons, time_ns)
-            times.mark("groups")
-        else:
+
+    def _follow(
+        self, persons: tuple[Person, ...], time_ns: int, times: StageTimes
+    ) -> tuple[tuple[Person, ...], tuple[Group, ...], tuple[str, ...]]:
+        """Who these are over time, in which groups, and what has happened to the groups."""
+        if not self.config.tracking.enabled:
             everybody = gather(persons)
-            groups, events = (everybody,) if everybody else (), ()
-        used = {name: poses[name] for name in names}
-        return People(time_ns, used, persons, groups, fused, clusters, too_wide, events, times.ms)
+            return persons, (everybody,) if everybody else (), ()
+        persons = self.tracker.step(persons, time_ns)
+        times.mark("tracking")
+        groups, events = self.groups.step(persons, time_ns)
+        times.mark("groups")
+        return persons, groups, events
 
 
-def _at_one_time(
-    scans: Sequence[Scan], poses: Mapping[str, Pose], time_ns: int, walking_speed: float
-) -> dict[str, Pose]:
-    """The poses that place the scans, less sure by what people walk from a scan to the interval."""
-    placed = dict(poses)
-    for scan in scans:
-        walked = walking_speed * (time_ns - scan.stamp_ns) / 1e9
-        if walked:
-            spread = np.diag([walked**2, walked**2, 0.0])
-            pose = poses[scan.robot]
-            placed[scan.robot] = dataclasses.replace(pose, covariance=pose.covariance + spread)
-    return placed
+def _in_order(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> list[Scan]:
+    """The scans by the names of their robots, each of which has one, and a pose."""
+    scans = sorted(scans, key=lambda scan: scan.robot)
+    names = [scan.robot for scan in scans]
+    if len(set(names)) < len(names):
+        raise ScanError(f"two scans of one robot in an interval: {', '.join(names)}")
+    missing = [name for name in names if name not in poses]
+    if missing:
+        raise PoseError(f"no pose for the scan of {', '.join(missing)}")
+    return scans

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float32, StructOfArrays
 from mrs_people_loc.errors import ScanError
-
-Float32 = NDArray[np.float32]
 
 #: One cell on the wire (`points`, sensor_msgs/PointCloud2), little-endian.
 CELL_DTYPE = np.dtype(
@@ -32,7 +31,7 @@ _MISSING: Any = None
 
 
 @dataclass(frozen=True)
-class Cells:
+class Cells(StructOfArrays):
     """Occupied cells of the ground plane, a struct of arrays of one length (n,).
 
     Attributes:
@@ -81,10 +80,6 @@ class Cells:
                 if bad:
                     raise ScanError(f"{name} is NaN or infinite in {bad} of {size} points")
 
-    def __len__(self) -> int:
-        """Number of cells."""
-        return len(self.x)
-
     @classmethod
     def empty(cls) -> Cells:
         """No cell at all."""
@@ -105,11 +100,7 @@ class Cells:
     @classmethod
     def concatenate(cls, parts: Sequence[Cells]) -> Cells:
         """All cells of several scans, in their order."""
-        if not parts:
-            return cls.empty()
-        return cls(
-            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _NAMES}
-        )
+        return super().concatenate(parts) if parts else cls.empty()
 
     def to_records(self) -> NDArray[np.void]:
         """The cells as a structured array, shape (n,), of `BODY_DTYPE` if any is of a body."""
@@ -132,3 +123,18 @@ class Scan:
     robot: str
     stamp_ns: int
     cells: Cells
+
+
+@dataclass(frozen=True)
+class ScanStages:
+    """Everything that one view went through; scanners add stages of their own.
+
+    Attributes:
+        disparity: [px], float32, shape (height, width), NaN where there is none.
+        scan: The cells (W).
+        times_ms: What each stage took, by name [ms].
+    """
+
+    disparity: Float32
+    scan: Scan
+    times_ms: dict[str, float]

@@ -3,7 +3,8 @@
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.bodies.joining import BodiesOnMap, Joined
+from mrs_people_loc.bodies.joining import Joined
+from mrs_people_loc.team.fusion import BodiesOnMap
 
 LEAST_SCORE = -2.0
 

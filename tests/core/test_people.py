@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.people import Clusters, Person, gather, is_human, locate, measure
+from mrs_people_loc.cells.human import is_human, locate
+from mrs_people_loc.clusters import Clusters, measure
+from mrs_people_loc.people import Person, gather
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.poses import Pose

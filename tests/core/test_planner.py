@@ -62,7 +62,7 @@ def test_people_of_a_scene(scene):
     np.testing.assert_allclose(people.group.centre, (3.5, 3.5), atol=1e-6)
     assert people.group.size == 3
     assert len(people.fused) == 3 * 4 * len(BODY)
-    stages = ["fusion", "masking", "joining", "clustering", "people", "tracking", "groups"]
+    stages = ["fusion", "masking", "joining", "clustering", "tracking", "groups"]
     assert list(people.times_ms) == stages
 
 

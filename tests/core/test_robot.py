@@ -32,7 +32,7 @@ PERSON = {
 }  # fmt: skip
 STAGES = ["disparity", "cloud", "zones", "noise", "cells", "tops"]
 STAGES_OF_BODIES = [
-    "disparity", "cloud", "zones", "search", "patches", "vote", "evidence", "judge", "cells",
+    "disparity", "search", "patches", "vote", "evidence", "judge", "cells",
 ]  # fmt: skip
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Float, Float32, Int, StructOfArrays
 from mrs_people_loc.bodies import model as body_model
 from mrs_people_loc.bodies import votes as voting
 from mrs_people_loc.bodies.model import BodyModel, Evidence, gather_evidence
@@ -24,10 +24,6 @@ from mrs_people_loc.scan import Cells
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.timing import StageTimes
-
-Float32 = NDArray[np.float32]
-Float = NDArray[np.float64]
-Int = NDArray[np.intp]
 
 #: Where the model does not say how sure a place is: along the line of sight a part that does not
 #: depend on range [m] and one in disparity [px], and across [m].
@@ -58,7 +54,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Bodies:
+class Bodies(StructOfArrays):
     """Bodies of one view, likeliest first, a struct of arrays of one length (n,).
 
     Attributes:
@@ -82,10 +78,6 @@ class Bodies:
     sigma_across: Float
     top: Float
     patches: Patches
-
-    def __len__(self) -> int:
-        """Number of bodies."""
-        return len(self.x)
 
     @functools.cached_property
     def silhouettes(self) -> tuple[NDArray[np.bool_], Float]:
@@ -199,7 +191,7 @@ class BodyFinder:
             top=_tops(view.patches, view.vote.contrast),
             patches=view.patches,
         )
-        return _select(all_bodies, self._alone(all_bodies))
+        return all_bodies.select(self._alone(all_bodies))
 
     def _alone(self, bodies: Bodies) -> Int:
         """Those that are likely enough, and that no likelier one of this view already is."""
@@ -217,16 +209,6 @@ class BodyFinder:
             if not (same | (away < _APART)).any():
                 kept.append(int(i))
         return np.array(kept, dtype=np.intp)
-
-
-def _select(bodies: Bodies, index: Int) -> Bodies:
-    """Some of the bodies."""
-    parts: dict[str, Any] = vars(bodies).copy()
-    patches: dict[str, Any] = vars(parts.pop("patches"))
-    return Bodies(
-        **{name: value[index] for name, value in parts.items()},
-        patches=Patches(**{name: value[index] for name, value in patches.items()}),
-    )
 
 
 #: Mean contrast of a row that is not of the body.

@@ -8,7 +8,6 @@ different robots become one; what each robot says for and against a person there
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,18 +17,11 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.geometry import Float, squared_mahalanobis
 from mrs_people_loc.neighbours import pairs_within
-from mrs_people_loc.team.fusion import ShortTermMap, covariance_of_places
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.fusion import BodiesOnMap
 
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
-#: No standard deviation is taken for smaller [m].
-_LEAST_SIGMA = 0.01
-#: ... and none for larger [m]: what a message says of its uncertainty may be anything.
-_LARGEST_SIGMA = 100.0
-#: A covariance with anything larger says nothing [m^2].
-_USABLE = 1e12
 #: One robot says no more against a person than this.
 _LEAST_SCORE = -2.0
 #: In a square of this side [m] so many bodies take part, the likeliest: more than fifty robots see
@@ -37,80 +29,6 @@ _LEAST_SCORE = -2.0
 _PLACE, _MOST_IN_PLACE = 0.5, 100
 #: So many pairs are looked at at once.
 _BLOCK = 50_000
-
-
-@dataclass(frozen=True)
-class BodiesOnMap:
-    """Bodies in the common frame, a struct of arrays of one length (n,).
-
-    Attributes:
-        of_cell: Body of each cell of the map; -1: of none, shape (cells,).
-        robot: Which robot of the map saw it.
-        xy: Its place [m], shape (n, 2).
-        covariance: Of its place, the pose's part included [m^2], shape (n, 2, 2).
-        score: Log-odds that it is a person.
-    """
-
-    of_cell: Int
-    robot: Int
-    xy: Float
-    covariance: Float
-    score: Float
-
-    def __len__(self) -> int:
-        """Number of bodies."""
-        return len(self.robot)
-
-
-def place_bodies(
-    fused: ShortTermMap, poses: Mapping[str, Pose], *, line_of_sight: bool
-) -> BodiesOnMap:
-    """The bodies whose cells are on a map: each is where its cells' centre of gravity is.
-
-    Args:
-        fused: The map.
-        poses: By robot, the pose that its cells were placed with.
-        line_of_sight: Whether covariances are long along the line of sight; if not, they are round,
-            of the same area.
-    """
-    cells = fused.cells
-    of_cell = np.full(len(fused), -1, dtype=np.intp)
-    mine = np.flatnonzero(cells.body)
-    if not len(mine):
-        places = np.empty((0, 2)), np.empty((0, 2, 2))
-        return BodiesOnMap(of_cell, np.empty(0, np.intp), *places, np.empty(0))
-    key = fused.robot[mine].astype(np.int64) << 32 | cells.body[mine].astype(np.int64)
-    _, first, number = np.unique(key, return_index=True, return_inverse=True)
-    of_cell[mine] = number
-    count = len(first)
-    weight = np.maximum(cells.count[mine].astype(np.float64), 1.0)
-    total = np.bincount(number, weight, minlength=count)
-    xy = np.stack(
-        [np.bincount(number, weight * fused.xy[mine, k], minlength=count) / total for k in (0, 1)],
-        axis=1,
-    )
-    first = mine[first]
-    robot = fused.robot[first]
-    along, across = (
-        np.clip(sigma[first].astype(np.float64), _LEAST_SIGMA, _LARGEST_SIGMA) ** 2
-        for sigma in (cells.sigma_range, cells.sigma_across)
-    )
-    if not line_of_sight:
-        along = across = np.sqrt(along * across)
-    seen_from = [poses[name] for name in fused.robots]
-    covariance = covariance_of_places(xy, robot, seen_from, along=along, across=across)
-    covariance = bounded(covariance)
-    return BodiesOnMap(of_cell, robot, xy, covariance, cells.score[first].astype(np.float64))
-
-
-def bounded(covariance: Float) -> Float:
-    """Covariances with standard deviations between a least and a largest one, whatever came in."""
-    largest = _LARGEST_SIGMA**2
-    usable: Any = (np.abs(covariance) < _USABLE).all(axis=(1, 2))  # NaN compares false
-    covariance = np.where(usable[:, np.newaxis, np.newaxis], covariance, largest * np.eye(2))
-    values, vectors = np.linalg.eigh(covariance)
-    values = np.clip(values, _LEAST_SIGMA**2, largest)
-    return np.asarray((vectors * values[:, np.newaxis]) @ vectors.transpose(0, 2, 1))
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Bool, Float, Float32, StructOfArrays
 from mrs_people_loc.bodies.search import tolerance_px
 from mrs_people_loc.sensing.camera import StereoCamera
-
-Float32 = NDArray[np.float32]
-Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 #: Across the line of sight, to the left [m], and over the floor [m].
 ACROSS: Float32 = np.linspace(-0.70, 0.70, 29, dtype=np.float32)
@@ -40,7 +37,7 @@ SILHOUETTE = span(np.abs(ACROSS) < 0.33)
 
 
 @dataclass(frozen=True)
-class Patches:
+class Patches(StructOfArrays):
     """Patches of n places; arrays over samples have the shape (n, heights, across).
 
     Attributes:
@@ -63,10 +60,6 @@ class Patches:
     difference: Float32
     inside: Bool
     tolerance: Float
-
-    def __len__(self) -> int:
-        """Number of patches."""
-        return len(self.bearing)
 
 
 class PatchSampler:

@@ -12,13 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float, Float32, StructOfArrays
 from mrs_people_loc.errors import CameraError
 from mrs_people_loc.sensing.camera import StereoCamera
-
-Float32 = NDArray[np.float32]
-Float = NDArray[np.float64]
 
 #: Heights that count [m]: what is lower is mostly floor, what is higher mostly wall.
 LOWEST, HIGHEST = 0.25, 1.95
@@ -51,7 +48,7 @@ def tolerance_px(inverse_range: Float, depth_disparity: float) -> Float:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class Candidates(StructOfArrays):
     """Places where a body may be, best first, a struct of arrays of one length (n,).
 
     Attributes:
@@ -63,10 +60,6 @@ class Candidates:
     bearing: Float
     inverse_range: Float
     extent: Float
-
-    def __len__(self) -> int:
-        """Number of candidates."""
-        return len(self.bearing)
 
 
 class BodySearch:

@@ -16,13 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.arrays import Float, Int, StructOfArrays
 from mrs_people_loc.neighbours import pairs_between, pairs_within
 from mrs_people_loc.team.fusion import CELL_SIGMA_RANGE, ShortTermMap, sights
 from mrs_people_loc.team.poses import Pose
-
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
 
 #: More people than this in one cluster are not told apart.
 _MOST = 8
@@ -92,7 +89,7 @@ def split(
     for number in np.flatnonzero(too_wide):
         mine = np.flatnonzero(label == number)
         part = _parts(
-            view.of(mine),
+            view.select(mine),
             limit,
             first=max(2, int(spread[number] / limit)),
             least_points=human.min_points,
@@ -150,7 +147,7 @@ def split_at(expected: Float, fused: ShortTermMap, cells: Int, label: Int, human
 
 
 @dataclass(frozen=True)
-class _View:
+class _View(StructOfArrays):
     """Cells as they were seen, a struct of arrays of one length (n,).
 
     Attributes:
@@ -166,10 +163,6 @@ class _View:
     smear: Float
     points: Float
     weight: Float
-
-    def of(self, chosen: Int) -> _View:
-        """Some of the cells."""
-        return _View(**{name: value[chosen] for name, value in vars(self).items()})
 
     def centres(self, part: Int, count: int) -> Float:
         """Centres of gravity of the parts, shape (count, 2)."""

@@ -25,15 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.bodies.joining import bounded
+from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.cells.clustering import connected
-from mrs_people_loc.geometry import Float, squared_mahalanobis
+from mrs_people_loc.geometry import squared_mahalanobis
 from mrs_people_loc.neighbours import pairs_between
-from mrs_people_loc.people import Person
+from mrs_people_loc.people import NOBODY, Expected, Person
 from mrs_people_loc.team.clocks import RESET_NS
-
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
+from mrs_people_loc.uncertainty import bounded
 
 #: What is found says no more for a person than this.
 _LARGEST_SCORE = 8.0
@@ -47,51 +45,8 @@ _LARGEST_VARIANCE = 25.0
 _REACH = 0.5
 
 
-@dataclass(frozen=True)
-class Expected:
-    """Where people are expected, a struct of arrays of one length (n,).
-
-    Attributes:
-        xy: Predicted places [m], shape (n, 2).
-        covariance: Of the places [m^2], shape (n, 2, 2).
-    """
-
-    xy: Float
-    covariance: Float
-
-    def __len__(self) -> int:
-        """How many they are."""
-        return len(self.xy)
-
-    def near(self, xy: Float, covariance: Float, *, gate: float, reach: float) -> Int:
-        """Which of them something at a place may be, the nearest in sigmas; -1: none of them.
-
-        Args:
-            xy: Places [m], shape (m, 2).
-            covariance: Of the places [m^2], shape (m, 2, 2).
-            gate: No farther than this [sigmas],
-            reach: ... and this [m].
-
-        Returns:
-            Indices, shape (m,).
-        """
-        if not len(self) or not len(xy):
-            return np.full(len(xy), -1, dtype=np.intp)
-        one, other, _ = pairs_between(xy, self.xy, reach)
-        offset = xy[one] - self.xy[other]
-        squared = squared_mahalanobis(offset, covariance[one] + self.covariance[other])
-        nearest = np.full(len(xy), -1, dtype=np.intp)
-        farthest_first = np.argsort(-squared, kind="stable")
-        farthest_first = farthest_first[squared[farthest_first] <= gate**2]
-        nearest[one[farthest_first]] = other[farthest_first]  # the last one stays
-        return nearest
-
-
-NOBODY = Expected(np.empty((0, 2)), np.empty((0, 2, 2)))
-
-
 @dataclass
-class _Tracks:
+class _Tracks(StructOfArrays):
     """A struct of arrays of one length (n,).
 
     Attributes:
@@ -120,18 +75,6 @@ class _Tracks:
     seen_s: Float
     last: NDArray[np.object_]
 
-    def __len__(self) -> int:
-        return len(self.id)
-
-    def of(self, chosen: Int | Bool) -> _Tracks:
-        """Some of them."""
-        return _Tracks(**{name: value[chosen] for name, value in vars(self).items()})
-
-    def and_(self, others: _Tracks) -> _Tracks:
-        """These and others."""
-        mine, theirs = vars(self), vars(others)
-        return _Tracks(**{name: np.concatenate([mine[name], theirs[name]]) for name in mine})
-
     def predict(self, dt_s: float, acceleration: float) -> None:
         """Moves everybody on by a time."""
         if dt_s <= 0:
@@ -154,7 +97,7 @@ class _Tracks:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Found(StructOfArrays):
     """What was found, a struct of arrays of one length (n,); of one track each once it is one."""
 
     persons: NDArray[np.object_]
@@ -165,7 +108,7 @@ class _Found:
     height: Float
 
     @classmethod
-    def of(cls, persons: Sequence[Person], time_ns: int) -> _Found:
+    def from_persons(cls, persons: Sequence[Person], time_ns: int) -> _Found:
         each = np.empty(len(persons), dtype=object)
         each[:] = persons
         return cls(
@@ -197,7 +140,7 @@ class Tracker:
         self._time_ns: int | None = None
         self._followed_s = 0.0
         self._next_id = 1
-        self._tracks = _begun(_Found.of((), 0), config)
+        self._tracks = _begun(_Found.from_persons((), 0), config)
         self._lost = self._tracks
 
     def begin_anew(self) -> None:
@@ -205,13 +148,13 @@ class Tracker:
         self.jumps_back += 1
         self._time_ns = None
         self._followed_s = 0.0
-        self._tracks = self._lost = _begun(_Found.of((), 0), self.config)
+        self._tracks = self._lost = _begun(_Found.from_persons((), 0), self.config)
 
     def expect(self, time_ns: int) -> Expected:
         """Where the people who are followed will be at a time [ns]; the tracker stays as it is."""
         if self._is_another(time_ns):
             return NOBODY
-        known = self._tracks.of(self._tracks.id > 0)
+        known = self._tracks.select(self._tracks.id > 0)
         if not len(known):
             return NOBODY
         known.predict(self._since(time_ns), self.config.acceleration)
@@ -237,7 +180,7 @@ class Tracker:
         self._followed_s += dt_s
         self._tracks.predict(dt_s, self.config.acceleration)
         self._lost.predict(dt_s, self.config.acceleration)
-        self._take(_Found.of(persons, self._time_ns), dt_s)
+        self._take(_Found.from_persons(persons, self._time_ns), dt_s)
         return self._persons(late_s)
 
     def _since(self, time_ns: int) -> float:
@@ -255,7 +198,7 @@ class Tracker:
         config, tracks = self.config, self._tracks
         tracks.seen[:] = False
         # First who is known, then who may become so.
-        free = np.arange(len(found.xy))
+        free = np.arange(len(found))
         for known in (True, False):
             rows = np.flatnonzero((tracks.id > 0) == known)
             one, other = _assign(tracks, rows, found, free, config)
@@ -266,17 +209,17 @@ class Tracker:
         limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
         ended = ~tracks.seen & (tracks.unseen_s > limit)
         ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)
-        gone = self._lost.and_(tracks.of(ended & (tracks.id > 0)))
-        gone = gone.of(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
-        self._lost = gone.of(np.argsort(gone.unseen_s, kind="stable")[: config.max_tracks])
-        tracks = tracks.of(~ended)
+        gone = _Tracks.concatenate([self._lost, tracks.select(ended & (tracks.id > 0))])
+        gone = gone.select(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
+        self._lost = gone.select(np.argsort(gone.unseen_s, kind="stable")[: config.max_tracks])
+        tracks = tracks.select(~ended)
 
         free = free[found.score[free] >= config.doubt_score]
         room = max(0, config.max_tracks - len(tracks))
         if len(free) > room:
             free = free[np.argsort(-found.score[free], kind="stable")]
             self.turned_away += len(free) - room
-        tracks = tracks.and_(_begun(_pick(found, free[:room]), config))
+        tracks = _Tracks.concatenate([tracks, _begun(found.select(free[:room]), config)])
         self._tracks = tracks
         self._name(np.flatnonzero(tracks.id == 0))
 
@@ -297,7 +240,7 @@ class Tracker:
             tracks.id[row] = self._lost.id[lost]
             tracks.age_s[row] = self._lost.age_s[lost]
             tracks.seen_s[row] += self._lost.seen_s[lost]
-            self._lost = self._lost.of(np.arange(len(self._lost)) != lost)
+            self._lost = self._lost.select(np.arange(len(self._lost)) != lost)
 
     def _who_was(self, row: int) -> int | None:
         """The one among the lost whom a new track continues; None: nobody."""
@@ -352,13 +295,9 @@ class Tracker:
         return tuple(persons)
 
 
-def _pick(found: _Found, index: Int) -> _Found:
-    return _Found(**{name: value[index] for name, value in vars(found).items()})
-
-
 def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
     """A track of each."""
-    count = len(found.xy)
+    count = len(found)
     covariance = np.zeros((count, 4, 4))
     covariance[:, :2, :2] = found.covariance
     covariance[:, (2, 3), (2, 3)] = config.any_velocity**2

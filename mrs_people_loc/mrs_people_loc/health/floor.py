@@ -14,14 +14,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import StructOfArrays
 from mrs_people_loc.errors import FloorError
 from mrs_people_loc.geometry import BODY_FROM_OPTICAL, Float, rotation_from_rpy, wrap_angle
 from mrs_people_loc.sensing.camera import StereoCamera
@@ -105,7 +105,7 @@ class Floor:
 
 
 @dataclass(frozen=True)
-class _Pixels:
+class _Pixels(StructOfArrays):
     """Pixels of several views, a struct of arrays: where, the ray, disparity and its slope."""
 
     frame: NDArray[np.intp]
@@ -113,12 +113,6 @@ class _Pixels:
     rays: Float32
     disparity: Float32
     slope: Float32
-
-    def __len__(self) -> int:
-        return len(self.pixel)
-
-    def __getitem__(self, chosen: Any) -> _Pixels:
-        return _Pixels(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 def in_words(mounting: Floor | cfg.Mounting) -> str:
@@ -237,7 +231,7 @@ class FloorFinder:
         planes = planes[self._plausible(planes)]
         for count in (_COARSE, _FINE):
             step = max(1, len(pixels) // count)
-            some = pixels[slice(None, None, step)]
+            some = pixels.select(slice(None, None, step))
             off = some.disparity - planes @ some.rays.T
             on = np.maximum(0.0, 1.0 - np.square(off * np.float32(1.0 / _TOLERANCE_PX)))
             on *= self._slope_fits(some.slope, (planes @ self._slope)[:, np.newaxis])
@@ -257,18 +251,18 @@ class FloorFinder:
         Most of what is not floor is a little above it, so the mean would be, too.
         """
         shape = (len(views), self.camera.height, self.camera.width)
-        found = pixels[:0]
+        found = pixels.select(slice(0))
         for tolerance in _TOLERANCES_PX:
             above = views - self._rays @ plane.astype(np.float32) > _TOLERANCE_PX
             beside = above.reshape(shape).astype(np.uint8)
             for view in beside:
                 cv2.dilate(cv2.erode(view, _SPECKLE), self._beside, dst=view)
-            free = pixels[beside.reshape(views.shape)[pixels.frame, pixels.pixel] == 0]
+            free = pixels.select(beside.reshape(views.shape)[pixels.frame, pixels.pixel] == 0)
             for _ in range(3):
                 off = free.disparity - free.rays @ plane.astype(np.float32)
                 on = np.abs(off) < tolerance
                 on &= self._slope_fits(free.slope, float(self._slope @ plane))
-                found = free[on]
+                found = free.select(on)
                 if len(found) < self._least_pixels:
                     return plane, found
                 rays = found.rays.astype(np.float64)

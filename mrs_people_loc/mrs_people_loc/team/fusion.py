@@ -1,16 +1,19 @@
-"""Fusion: the cells of all robots on the common map, for one interval (eq. 6, section 5.4)."""
+"""Fusion: the cells and the bodies of all robots on the common map, for one interval (eq. 6)."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.arrays import Float, Int
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.poses import Pose, pose_effect, stack
+from mrs_people_loc.uncertainty import LARGEST_SIGMA, LEAST_SIGMA, bounded
 
 #: Plain cells carry no uncertainty. Standard deviation of their range, per square of it [1/m]: a
 #: quarter of a pixel of disparity at the paper's 10.5 px m.
@@ -51,6 +54,27 @@ def map_from_robot(points: Float, pose: Pose) -> Float:
         x, y in the common frame [m], shape (n, 2).
     """
     return points @ rotation_2d(pose.yaw).T + (pose.x, pose.y)
+
+
+def allow_for_walking(
+    scans: Sequence[Scan], poses: Mapping[str, Pose], time_ns: int, walking_speed: float
+) -> dict[str, Pose]:
+    """The poses that place the scans, less certain by what people walk from a scan to the interval.
+
+    Args:
+        scans: One per robot.
+        poses: By robot, its pose in the common frame at its scan's stamp.
+        time_ns: Time of the interval [ns].
+        walking_speed: Standard deviation of what people walk in a second [m/s].
+    """
+    placed = dict(poses)
+    for scan in scans:
+        walked = walking_speed * (time_ns - scan.stamp_ns) / 1e9
+        if walked:
+            spread = np.diag([walked**2, walked**2, 0.0])
+            pose = poses[scan.robot]
+            placed[scan.robot] = dataclasses.replace(pose, covariance=pose.covariance + spread)
+    return placed
 
 
 def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
@@ -109,3 +133,67 @@ def covariance_of_places(
     covariance = across[:, np.newaxis, np.newaxis] * (np.eye(2) - outer)
     covariance += along[:, np.newaxis, np.newaxis] * outer
     return covariance + pose_effect(origin[robot], of_poses[robot], xy)
+
+
+@dataclass(frozen=True)
+class BodiesOnMap:
+    """Bodies in the common frame, a struct of arrays of one length (n,).
+
+    Attributes:
+        of_cell: Body of each cell of the map; -1: of none, shape (cells,).
+        robot: Which robot of the map saw it.
+        xy: Its place [m], shape (n, 2).
+        covariance: Of its place, the pose's part included [m^2], shape (n, 2, 2).
+        score: Log-odds that it is a person.
+    """
+
+    of_cell: Int
+    robot: Int
+    xy: Float
+    covariance: Float
+    score: Float
+
+    def __len__(self) -> int:
+        """Number of bodies."""
+        return len(self.robot)
+
+
+def place_bodies(
+    fused: ShortTermMap, poses: Mapping[str, Pose], *, line_of_sight: bool
+) -> BodiesOnMap:
+    """The bodies whose cells are on a map: each is where its cells' centre of gravity is.
+
+    Args:
+        fused: The map.
+        poses: By robot, the pose that its cells were placed with.
+        line_of_sight: Whether covariances are long along the line of sight; if not, they are round,
+            of the same area.
+    """
+    cells = fused.cells
+    of_cell = np.full(len(fused), -1, dtype=np.intp)
+    mine = np.flatnonzero(cells.body)
+    if not len(mine):
+        places = np.empty((0, 2)), np.empty((0, 2, 2))
+        return BodiesOnMap(of_cell, np.empty(0, np.intp), *places, np.empty(0))
+    key = fused.robot[mine].astype(np.int64) << 32 | cells.body[mine].astype(np.int64)
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    of_cell[mine] = number
+    count = len(first)
+    weight = np.maximum(cells.count[mine].astype(np.float64), 1.0)
+    total = np.bincount(number, weight, minlength=count)
+    xy = np.stack(
+        [np.bincount(number, weight * fused.xy[mine, k], minlength=count) / total for k in (0, 1)],
+        axis=1,
+    )
+    first = mine[first]
+    robot = fused.robot[first]
+    along, across = (
+        np.clip(sigma[first].astype(np.float64), LEAST_SIGMA, LARGEST_SIGMA) ** 2
+        for sigma in (cells.sigma_range, cells.sigma_across)
+    )
+    if not line_of_sight:
+        along = across = np.sqrt(along * across)
+    seen_from = [poses[name] for name in fused.robots]
+    covariance = covariance_of_places(xy, robot, seen_from, along=along, across=across)
+    covariance = bounded(covariance)
+    return BodiesOnMap(of_cell, robot, xy, covariance, cells.score[first].astype(np.float64))

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.bodies.joining import BodiesOnMap
 from mrs_people_loc.errors import GridError
 from mrs_people_loc.geometry import Float, rotation_2d
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.team.fusion import (
     CELL_SIGMA_RANGE,
+    BodiesOnMap,
     ShortTermMap,
     covariance_of_places,
     sights,
@@ -359,3 +359,45 @@ def are_masked(
         for step in (-1.0, -0.5, 0.0, 0.5, 1.0):
             masked |= walls.distance(xy + step * reach) < config.wall_margin
     return masked
+
+
+# --------------------------------------------------------------------------------------- all ----
+
+
+@dataclass(frozen=True)
+class Known:
+    """What of a map stands at known places and is no person.
+
+    Attributes:
+        plain: Indices of the cells that belong to no body, shape (p,).
+        cells: Which of them are of robots, walls or furniture, shape (p,).
+        bodies: Which bodies are robots, shape (n,).
+    """
+
+    plain: Int
+    cells: Bool
+    bodies: Bool
+
+
+def mask(
+    fused: ShortTermMap,
+    bodies: BodiesOnMap,
+    poses: Mapping[str, Pose],
+    walls: Walls | None,
+    config: cfg.Masking,
+) -> Known:
+    """Finds the team's robots, walls and furniture on a map.
+
+    Args:
+        fused: The map.
+        bodies: Its bodies.
+        poses: By robot, its pose in the common frame; also of those that saw nothing.
+        walls: What is known of walls and furniture.
+        config: Parameters.
+    """
+    plain = np.flatnonzero(bodies.of_cell < 0)
+    return Known(
+        plain=plain,
+        cells=are_masked(fused, plain, poses, walls, config),
+        bodies=bodies_of_robots(bodies, fused.robots, poses, config),
+    )

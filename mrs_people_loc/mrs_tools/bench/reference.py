@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.cells.splitting import split
+from mrs_people_loc.clusters import Clusters
 from mrs_people_loc.config import Disparity, Human, PlannerConfig, RobotConfig
-from mrs_people_loc.people import Clusters, Group, Person
+from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
@@ -474,15 +475,16 @@ def check_people(scans: Sequence[Scan], people: People, config: PlannerConfig) -
     label = [-1] * len(fused)
     for i, of in zip(plain, of_plain, strict=True):
         label[i] = of
-    # Then what bodies are together, then those that are robots, then other cells of robots.
+    # Then other cells of robots, then what bodies are together, then those that are robots.
     first = max(of_plain, default=-1) + 1
-    joined, of_robots = bench_bodies.joined_of(fused, people.poses, placed, config.joining, radius)
-    for number, inside in enumerate([*(body.cells for body in joined), *of_robots], first):
-        for i in inside:
-            label[i] = number
     of_masked = clusters_of([places[i] for i in masked], config.clustering.distance)
     for i, of in zip(masked, of_masked, strict=True):
-        label[i] = first + len(joined) + len(of_robots) + of
+        label[i] = first + of
+    joined, of_robots = bench_bodies.joined_of(fused, people.poses, placed, config.joining, radius)
+    of_bodies = first + max(of_masked, default=-1) + 1
+    for number, inside in enumerate([*(body.cells for body in joined), *of_robots], of_bodies):
+        for i in inside:
+            label[i] = number
     same(f"{name}: clusters", clusters.label, np.array(label, dtype=np.intp))
     robots = [fused.robots[i] for i in fused.robot]
     bodies = bodies_of(places, label, fused.cells, robots)
@@ -498,7 +500,7 @@ def check_people(scans: Sequence[Scan], people: People, config: PlannerConfig) -
             position=one.xy,
             covariance=one.covariance,
         )
-        for index, one in enumerate(joined, first)
+        for index, one in enumerate(joined, of_bodies)
         for of_cells in [person_of(bodies[index], index, placed)]
         if one.is_person
     ]

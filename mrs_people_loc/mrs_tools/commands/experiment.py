@@ -34,9 +34,9 @@ import typer
 
 from mrs_people_loc import timing
 from mrs_people_loc.cells import filters
+from mrs_people_loc.clusters import Clusters
 from mrs_people_loc.config import Human, PlannerConfig, Team
 from mrs_people_loc.geometry import Float, wrap_angle
-from mrs_people_loc.people import Clusters
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.fusion import map_from_robot
 from mrs_people_loc.team.poses import Pose

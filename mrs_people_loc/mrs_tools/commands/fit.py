@@ -33,8 +33,7 @@ from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_people_loc.robot import Stages
-from mrs_people_loc.scan import Cells, Scan
+from mrs_people_loc.scan import Cells, Scan, ScanStages
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import StereoMatcher
 from mrs_people_loc.sensing.images import StereoImages
@@ -114,13 +113,11 @@ class _Looker:
         self._find = BodyFinder(camera, config.bodies, min_range=config.disparity.min_range)
         self.views: list[tuple[int, View]] = []
 
-    def stages(self, images: StereoImages) -> Stages:
+    def stages(self, images: StereoImages) -> ScanStages:
         disparity = self._match(images)
         view = self._find.look(disparity, images, StageTimes())
         self.views.append((images.stamp_ns, view))
-        nothing = np.empty((0, 3), np.float32)
-        scan = Scan(self.robot, images.stamp_ns, Cells.empty())
-        return Stages(disparity, nothing, nothing, nothing, scan)
+        return ScanStages(disparity, Scan(self.robot, images.stamp_ns, Cells.empty()), {})
 
 
 def examples_of(

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from mrs_people_loc.cells.scanner import filter_cloud
 from mrs_people_loc.config import RobotConfig, Team
 from mrs_people_loc.errors import ConfigError, ScanError
 from mrs_people_loc.messages import read_scan
 from mrs_people_loc.planner import People, Planner
-from mrs_people_loc.robot import filter_cloud
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import map_from_robot
 from mrs_people_loc.team.poses import Pose

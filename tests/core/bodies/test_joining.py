@@ -10,17 +10,11 @@ from hypothesis import strategies as st
 from core import all_pairs
 from mrs_people_loc import config as cfg
 from mrs_people_loc.bodies import joining
-from mrs_people_loc.bodies.joining import (
-    BodiesOnMap,
-    Joined,
-    are_people,
-    join,
-    place_bodies,
-)
+from mrs_people_loc.bodies.joining import Joined, are_people, join
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import Cells, Scan
-from mrs_people_loc.team.fusion import fuse
+from mrs_people_loc.team.fusion import BodiesOnMap, fuse, place_bodies
 from mrs_people_loc.team.poses import Pose
 
 ROUND = 0.05**2 * np.eye(2)

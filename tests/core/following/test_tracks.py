@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.following.tracks import NOBODY, Expected, Tracker
-from mrs_people_loc.people import Person
+from mrs_people_loc.following.tracks import Tracker
+from mrs_people_loc.people import NOBODY, Expected, Person
 
 MS = 1_000_000
 SIGMA = 0.04

@@ -21,9 +21,9 @@ from PIL import Image
 from rich.console import Console
 from typer.testing import CliRunner
 
+from mrs_people_loc.clusters import measure
 from mrs_people_loc.config import PlannerConfig, Team
 from mrs_people_loc.errors import ConfigError, PeopleLocError
-from mrs_people_loc.people import measure
 from mrs_people_loc.planner import People
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose

@@ -423,7 +423,7 @@ def test_points_and_poses_run_through_the_planner_only(make_bag):
     assert people["error_m"]["mean"] == pytest.approx(0.03, abs=1e-6)
     assert result.report()["group"]["centre_error_m"]["mean"] == pytest.approx(0.03, abs=1e-6)
     assert result.report()["stages"] == {}
-    assert set(result.times_ms) >= {"fusion", "clustering", "people", "planner"}
+    assert set(result.times_ms) >= {"fusion", "joining", "clustering", "planner"}
     assert result.notes == []
 
 

@@ -16,7 +16,8 @@ pytest.importorskip("rich", reason="the tables need rich")
 
 from rich.console import Console
 
-from mrs_people_loc.people import Group, Person, measure
+from mrs_people_loc.clusters import measure
+from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose

@@ -1,0 +1,76 @@
+"""The default detector: bodies of all robots, joined, that are likely people."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Bool
+from mrs_people_loc.bodies.joining import Joined, are_people, join
+from mrs_people_loc.clusters import Clusters, mean_stamp, measure
+from mrs_people_loc.people import Detections, Expected, Person
+from mrs_people_loc.team.fusion import BodiesOnMap, ShortTermMap
+from mrs_people_loc.team.masking import Known, Walls
+
+
+def detect(
+    fused: ShortTermMap,
+    bodies: BodiesOnMap,
+    known: Known,
+    walls: Walls | None,
+    expected: Expected,
+    config: cfg.PlannerConfig,
+) -> Detections:
+    """People among the bodies of a map.
+
+    Args:
+        fused: The map.
+        bodies: Its bodies.
+        known: Which of them are robots.
+        walls: What is known of walls and furniture.
+        expected: Where people are expected: there, less evidence is enough.
+        config: Parameters.
+
+    Returns:
+        The joined bodies as clusters; robots, and what is one too many in its place, come last.
+    """
+    if not len(bodies):
+        return Detections.nothing(fused)
+    tracking = config.tracking
+    joined = join(bodies, ~known.bodies, config.joining)
+    if walls is not None:
+        log_odds = walls.log_odds(joined.xy, joined.covariance, config.masking)
+        joined = dataclasses.replace(joined, score=joined.score + log_odds)
+    near = expected.near(
+        joined.xy, joined.covariance, gate=tracking.gate, reach=tracking.max_distance
+    )
+    prior = np.where(near >= 0, tracking.expected_score, 0.0)
+    likely = dataclasses.replace(joined, score=joined.score + prior)
+    people = are_people(likely, bodies, config.joining, expected=near)
+
+    cells = np.flatnonzero(bodies.of_cell >= 0)
+    none = joined.of_body < 0  # robots, and what is one too many in its place
+    number = np.where(none, len(joined) + np.cumsum(none) - 1, joined.of_body)
+    clusters = measure(fused, number[bodies.of_cell[cells]], cells)
+    return Detections(cells, clusters, _people(fused, clusters, joined, people))
+
+
+def _people(
+    fused: ShortTermMap, clusters: Clusters, joined: Joined, people: Bool
+) -> tuple[Person, ...]:
+    """The people among joined bodies: place and covariance are those of the joining."""
+    return tuple(
+        Person(
+            position=joined.xy[i],
+            covariance=joined.covariance[i],
+            height=float(clusters.height[i]),
+            sigma=float(clusters.sigma[i]),
+            robots=clusters.seen_from(fused.robots, int(i)),
+            label=int(i),
+            score=float(joined.score[i]),
+            stamp_ns=mean_stamp(fused, clusters.seen_by[i]),
+        )
+        for i in np.flatnonzero(people)
+    )
