@@ -1,4 +1,4 @@
-"""How `mrs bench` compares results with its references."""
+"""How results are compared."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TOLERANCE = 1e-9
 
 
 class DiffersError(PeopleLocError):
-    """What the core computes differs from the reference."""
+    """A result differs from what it should be."""
 
 
 def same(what: str, got: Any, wanted: Any) -> None:
@@ -29,7 +29,7 @@ def same(what: str, got: Any, wanted: Any) -> None:
     else:
         same = got == wanted
     if not same:
-        raise DiffersError(f"{what} differs from the reference: {_difference(got, wanted)}")
+        raise DiffersError(f"{what} differs from the oracle: {_difference(got, wanted)}")
 
 
 def near(what: str, got: Any, wanted: Any, tolerance: float = TOLERANCE) -> None:
@@ -42,7 +42,7 @@ def near(what: str, got: Any, wanted: Any, tolerance: float = TOLERANCE) -> None
     if got.size == wanted.size == 0:
         return
     if got.shape != wanted.shape or not (np.abs(got - wanted) <= tolerance).all():
-        raise DiffersError(f"{what} differs from the reference: {_difference(got, wanted)}")
+        raise DiffersError(f"{what} differs from the oracle: {_difference(got, wanted)}")
 
 
 def _difference(got: Any, wanted: Any) -> str:
@@ -51,9 +51,9 @@ def _difference(got: Any, wanted: Any) -> str:
         return f"shape {np.shape(got)}; wanted: {np.shape(wanted)}"
     if not np.shape(wanted) or isinstance(wanted, tuple):
         return f"{got}; wanted: {wanted}"
-    numeric = np.asarray(got).dtype.kind == "f"
-    differ = np.asarray(got) != np.asarray(wanted)
-    if numeric:
+    got, wanted = np.asarray(got), np.asarray(wanted)
+    differ = got != wanted
+    if got.dtype.kind == "f":
         differ &= ~(np.isnan(got) & np.isnan(wanted))
     first = tuple(int(i) for i in np.argwhere(differ)[0])
     return (

@@ -1,11 +1,11 @@
 """What the planner costs as the team grows: part of `mrs bench`.
 
-Teams from 1 robot to hundreds, simulated (`bench_scenes`): for every four robots there are ten more
+Teams from 1 robot to hundreds, simulated (`scenes`): for every four robots there are ten more
 people and another 8 x 7 m of floor. Two floors: rooms that lie apart, and one without walls.
 
-Before they are timed, the small teams are compared with the plain loops of `bench_reference`, which
-take every pair of bodies and of cells; and on the floor of rooms, however large, the people must be
-those that each room has by itself, to the last bit.
+Before they are timed, teams of up to eight robots are compared with the oracle, which takes every
+pair of bodies and of cells; and on the floor of rooms, however large, the people must be those that
+each room has by itself, to the last bit.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from mrs_people_loc import timing
 from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team
 from mrs_people_loc.people import Person
 from mrs_people_loc.planner import People, Planner
-from mrs_tools.bench import reference as bench_reference
 from mrs_tools.bench.differs import same
+from mrs_tools.bench.oracle import Oracle
 from mrs_tools.bench.scenes import INTERVAL_NS, ROBOTS, Scene, in_rooms, on_one_floor, people_of
 
 #: Robots of the largest team.
 LARGEST = 256
 #: Where the per-robot cost of larger teams is compared with: a whole room.
 _ROOM = len(ROBOTS)
-#: Teams up to this are compared with the plain loops, whose cost is that of all pairs.
-_PLAIN = 8
+#: Teams up to this are compared with the oracle, whose cost is that of all pairs.
+_COMPARED = 8
 #: Scenes of each size, and rooms that differ, each with noise of its own.
 _NOISES = 4
 #: Each size gets so many intervals, and the small ones so many more in a round that they are long.
@@ -45,6 +45,8 @@ _FLOORS: Mapping[str, Callable[[RobotConfig, int, int], Scene]] = {
 def time_growth(
     configs: Mapping[str, Path],
     largest: int = LARGEST,
+    oracle: Oracle | None = None,
+    *,
     rounds: int = _ROUNDS,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> dict[str, dict[str, list[dict[str, Any]]]]:
@@ -53,6 +55,7 @@ def time_growth(
     Args:
         configs: Parameter files by name.
         largest: The largest team.
+        oracle: What the small teams are compared with before; None: nothing.
         rounds: Each size is run so often, at least; sizes take turns, so that what else the machine
             does slows them alike.
         on_step: Told what is done now.
@@ -74,7 +77,7 @@ def time_growth(
             scenes = {n: [draw(config, n, noise) for noise in range(_NOISES)] for n in sizes}
             found = {n: alone.step(*scenes[n][0], 0) for n in sizes}
             for n, people in found.items():
-                _check(floor, scenes[n][0], people, team.planner)
+                _check(floor, scenes[n][0], people, team.planner, oracle)
             on_step(f"timing {name}, {floor}, up to {sizes[-1]} robots")
             took = _time({n: Planner(team.planner) for n in sizes}, scenes, rounds)
             result.setdefault(name, {})[floor] = [
@@ -115,10 +118,12 @@ def _time(
     return {n: float(np.median(ms)) for n, ms in took.items()}
 
 
-def _check(floor: str, scene: Scene, people: People, config: PlannerConfig) -> None:
+def _check(
+    floor: str, scene: Scene, people: People, config: PlannerConfig, oracle: Oracle | None
+) -> None:
     scans, poses = scene
-    if len(scans) <= _PLAIN:
-        bench_reference.check_people(scans, people, config)
+    if oracle is not None and len(scans) <= _COMPARED:
+        oracle.check_people(scans, people, config)
     if floor != "rooms apart":
         return
     alone: list[Person] = []
