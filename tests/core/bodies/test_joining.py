@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import all_pairs
 from mrs_people_loc import config as cfg
 from mrs_people_loc.bodies import joining
 from mrs_people_loc.bodies.joining import Joined, are_people, join
@@ -16,6 +15,8 @@ from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.fusion import BodiesOnMap, fuse, place_bodies
 from mrs_people_loc.team.poses import Pose
+from oracle import joining as plain
+from oracle.fusion import Seen
 
 ROUND = 0.05**2 * np.eye(2)
 
@@ -30,6 +31,15 @@ def bodies_of(*bodies) -> BodiesOnMap:
         covariance=np.array(covariance, dtype=float).reshape(-1, 2, 2),
         score=np.array(score, dtype=float),
     )
+
+
+def seen_of(bodies: BodiesOnMap) -> list[Seen]:
+    """The same for the oracle, numbered by their cells."""
+    fields = zip(bodies.robot, bodies.xy, bodies.covariance, bodies.score, strict=True)
+    return [
+        Seen(str(robot), (k,), xy, covariance, float(score))
+        for k, (robot, xy, covariance, score) in enumerate(fields)
+    ]
 
 
 def joined_of(bodies: BodiesOnMap, **config) -> Joined:
@@ -143,14 +153,12 @@ def test_robots_that_agree_add_up_as_matrices_say(sights, random):
         c, s = math.cos(angle), math.sin(angle)
         turn = np.array([[c, -s], [s, c]])
         bodies.append((robot, (x, y), turn @ np.diag([along**2, across**2]) @ turn.T, score))
-    information = [np.linalg.inv(covariance) for _, _, covariance, _ in bodies]
-    covariance = np.linalg.inv(sum(information))
-    xy = covariance @ sum(i @ b[1] for i, b in zip(information, bodies, strict=True))
+    wanted = plain.one_of(seen_of(bodies_of(*bodies)))
     random.shuffle(bodies)
     joined = joined_of(bodies_of(*bodies), gate=10.0)
     np.testing.assert_array_equal(joined.of_body, 0)
-    np.testing.assert_allclose(joined.xy, [xy], atol=1e-9)
-    np.testing.assert_allclose(joined.covariance, [covariance], atol=1e-12)
+    np.testing.assert_allclose(joined.xy, [wanted.xy], atol=1e-9)
+    np.testing.assert_allclose(joined.covariance, [wanted.covariance], atol=1e-12)
     np.testing.assert_allclose(joined.score, [sum(b[3] for b in bodies)])
 
 
@@ -412,17 +420,16 @@ def test_a_crowd_is_joined_as_if_all_pairs_were_compared(seed):
         fragment_distance=rng.choice([0.3, 1.0]),
     )
     joined = join(bodies, used, config)
-    groups = all_pairs.groups_of(bodies, used, config)
-    assert [np.flatnonzero(joined.of_body == k).tolist() for k in range(len(joined))] == groups
+    seen = seen_of(bodies)
+    wanted = plain.joined_of([seen[k] for k in np.flatnonzero(used)], config)
+    groups = [np.flatnonzero(joined.of_body == k).tolist() for k in range(len(joined))]
+    assert groups == [one.cells for one in wanted]
     assert (joined.of_body[~used] == -1).all()
-    for k, members in enumerate(groups):
-        xy, covariance = all_pairs.place_of(members, bodies)
-        np.testing.assert_allclose(joined.xy[k], xy, atol=1e-9)
-        np.testing.assert_allclose(joined.covariance[k], covariance, atol=1e-9)
-        score = np.maximum(bodies.score[members], all_pairs.LEAST_SCORE).sum()
-        assert joined.score[k] == pytest.approx(score, abs=1e-12)
-    people = are_people(joined, bodies, config)
-    assert people.tolist() == all_pairs.people_among(groups, joined, bodies, config)
+    for k, one in enumerate(wanted):
+        np.testing.assert_allclose(joined.xy[k], one.xy, atol=1e-9)
+        np.testing.assert_allclose(joined.covariance[k], one.covariance, atol=1e-9)
+        assert joined.score[k] == pytest.approx(one.score, abs=1e-12)
+    assert are_people(joined, bodies, config).tolist() == plain.are_people(wanted, config)
 
 
 @pytest.mark.parametrize("block", [1, 7, 100])

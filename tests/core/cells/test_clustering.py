@@ -5,34 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.cells.clustering import cluster, connected
+from mrs_people_loc.cells.clustering import cluster
+from oracle.clusters import clusters_of
 
 CELL = 0.05
 
 
 def labels(points, distance=0.15) -> list[int]:
     return cluster(np.array(points, dtype=float).reshape(-1, 2), distance=distance).tolist()
-
-
-def clusters_by_brute_force(points: list[tuple[int, int]], distance: int) -> list[int]:
-    """Union-find over all pairs of whole numbers; clusters are numbered by their least point."""
-    parent = list(range(len(points)))
-
-    def root(i: int) -> int:
-        while parent[i] != i:
-            i = parent[i]
-        return i
-
-    for i, (xi, yi) in enumerate(points):
-        for j, (xj, yj) in enumerate(points[:i]):
-            if (xi - xj) ** 2 + (yi - yj) ** 2 <= distance**2:
-                parent[root(i)] = root(j)
-    roots = [root(i) for i in range(len(points))]
-    least: dict[int, tuple[int, int]] = {}
-    for r, point in zip(roots, points, strict=True):
-        least[r] = min(point, least.get(r, point))
-    order = sorted(least, key=least.__getitem__)
-    return [order.index(r) for r in roots]
 
 
 @pytest.mark.parametrize(
@@ -80,12 +60,12 @@ def test_cells_against_brute_force(points, distance):
     # On a grid of 5 cm many pairs are exactly the distance apart.
     xy = np.array(points, dtype=np.float32).reshape(-1, 2) * np.float32(CELL)
     got = cluster(xy.astype(float), distance=distance * CELL)
-    assert got.tolist() == clusters_by_brute_force(points, distance)
+    assert got.tolist() == clusters_of(points, distance)
 
 
 @given(st.lists(st.tuples(st.integers(-500, 500), st.integers(-500, 500)), max_size=40))
 def test_points_against_brute_force(points):
-    assert labels(np.array(points) / 1000) == clusters_by_brute_force(points, 150)
+    assert labels(np.array(points) / 1000) == clusters_of(points, 150)
 
 
 @given(cells, st.randoms(use_true_random=False))
@@ -149,12 +129,7 @@ SHAPES = [blobs, rings, two_heaps, on_a_fine_grid, far_apart]
 def test_crowds_against_all_pairs(make, distance):
     for seed in range(4):
         xy = make(np.random.default_rng(seed), 900)
-        xy = xy[np.lexsort((xy[:, 1], xy[:, 0]))]
-        near = ((xy[:, np.newaxis] - xy) ** 2).sum(axis=2) <= (distance + 1e-5) ** 2
-        one, other = np.nonzero(near)
-        root = connected(one, other, len(xy))
-        expected = np.unique(root, return_inverse=True)[1].reshape(-1)
-        np.testing.assert_array_equal(cluster(xy, distance=distance), expected)
+        assert cluster(xy, distance=distance).tolist() == clusters_of(xy.tolist(), distance)
 
 
 @pytest.mark.parametrize("size", [0.0, 0.1, 1.0])

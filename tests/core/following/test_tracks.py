@@ -11,6 +11,7 @@ import pytest
 from mrs_people_loc import config as cfg
 from mrs_people_loc.following.tracks import Tracker
 from mrs_people_loc.people import NOBODY, Expected, Person
+from oracle.tracks import filtered
 
 MS = 1_000_000
 SIGMA = 0.04
@@ -51,26 +52,6 @@ def ids(people) -> list[int]:
 # ------------------------------------------------------------------------------ the filter ----
 
 
-def textbook(found, stamps_ns, times_ns, covariances, acceleration, any_velocity=0.8):
-    """The filter of one person, one matrix at a time."""
-    x = np.array([*found[0], 0.0, 0.0])
-    p = np.diag([0.0, 0.0, any_velocity**2, any_velocity**2])
-    p[:2, :2] = covariances[0]
-    out = [(x, p)]
-    for k in range(1, len(found)):
-        t, q = (times_ns[k] - times_ns[k - 1]) / 1e9, acceleration**2
-        move = np.eye(4)
-        move[0, 2] = move[1, 3] = t
-        one = np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]]) * q
-        x, p = move @ x, move @ p @ move.T + np.kron(one, np.eye(2))
-        delay = (times_ns[k] - stamps_ns[k]) / 1e9
-        h = np.array([[1.0, 0, -delay, 0], [0, 1.0, 0, -delay]])
-        gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + covariances[k])
-        x, p = x + gain @ (found[k] - h @ x), (np.eye(4) - gain @ h) @ p
-        out.append((x, p))
-    return out
-
-
 def test_filter_is_the_textbook_s():
     """Irregular intervals, covariances of any direction, scans that are older than the interval."""
     rng = np.random.default_rng(3)
@@ -86,7 +67,7 @@ def test_filter_is_the_textbook_s():
         np.array(rng.multivariate_normal(at, c)) for at, c in zip(way, covariances, strict=True)
     ]
     follower = tracker(acceleration=0.6, lasting_share=0.0, gate=20.0)
-    wanted = textbook(found, stamps, times, covariances, 0.6)
+    wanted = filtered(found, covariances, stamps.tolist(), times.tolist(), follower.config)
     for k, now in enumerate(times.tolist()):
         (got,) = follower.step(
             [person(*found[k], at_ns=int(stamps[k]), covariance=covariances[k])], now

@@ -13,6 +13,7 @@ from mrs_people_loc.team import masking as module
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.masking import OccupancyGrid, Walls, are_masked, are_robots
 from mrs_people_loc.team.poses import Pose
+from oracle.masking import is_robot
 
 #: A patch of cells as a person's body leaves them, 0.3 x 0.3 m.
 BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-3, 4)]
@@ -154,16 +155,8 @@ def test_many_robots_as_one_by_one():
     score = rng.uniform(0, 8, 200)
     got = are_robots(xy, covariance, seen_by, names, poses, radius=0.25, score=score)
     for k in range(200):
-        own = poses[names[seen_by[k]]]
-        sight = (xy[k] - (own.x, own.y)) / math.dist(xy[k], (own.x, own.y))
-        wanted = False
-        for name, pose in poses.items():
-            offset, total = xy[k] - (pose.x, pose.y), covariance[k] + pose.covariance[:2, :2]
-            inside = name != names[seen_by[k]]
-            for axis, most in ((sight, 0.8), (np.array([-sight[1], sight[0]]), 0.4)):
-                reach = max(0.25, min(2.5 * math.sqrt(axis @ total @ axis), most))
-                inside &= abs(axis @ offset) < reach
-            wanted |= inside and (math.hypot(*offset) < 0.25 or score[k] < 5.0)
+        robot = names[seen_by[k]]
+        wanted = is_robot(robot, xy[k], covariance[k], poses, 0.25, float(score[k]))
         assert got[k] == wanted
     assert 20 < got.sum() < 180
 
