@@ -69,7 +69,7 @@ $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 demo: setup ## Simulated robots follow a walking group: the whole system on this machine
 	$(BIN)/mrs demo
 
-bench: setup ## Measure the speed
+bench: setup ## Compare the results with tests/oracle, then measure the speed
 	$(BIN)/mrs bench
 
 experiment: setup ## Repeat the paper's experiment, simulated; its figures beside ours

@@ -18,6 +18,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -315,30 +316,13 @@ def measure_live(
     Raises:
         PeopleLocError: The bag or a file cannot be used, or the processes do not work.
     """
-    import rclpy
-    from diagnostic_msgs.msg import DiagnosticArray
-    from mrs_people_msgs.msg import People
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.signals import SignalHandlerOptions
-
     from mrs_ros.network import use_shipped_profile
 
     team = load_team(*files)
     recorded = read_recorded(bag, team)
     sizes = sizes_on_the_wire(bag, files)
     use_shipped_profile()
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("mrs_bench", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    heard = [Heard()]  # the last one takes what comes
-    node.create_subscription(People, "people", lambda m: heard[-1].on_people(m), 10)
-    node.create_subscription(
-        DiagnosticArray, "/diagnostics", lambda m: heard[-1].on_diagnostics(m), 10
-    )
-    spinning = threading.Thread(target=executor.spin, daemon=True)
-    try:
+    with _listening() as (node, spinning, listener):
         feeder = Feeder(node, recorded, frame_hz, pose_hz)
         own = dict.fromkeys(feeder.publishers, node.get_fully_qualified_name())
         meet_others(node)
@@ -351,31 +335,104 @@ def measure_live(
             spinning.start()
             _wait_until_ready(node, running, feeder, log)
             refuse_others(node, {"/people": f"/{PLANNER_NODE}", **own})
-            feeder.start()
-            part_s = max(2.0, seconds / 4)
-            on_step(f"poses only, {part_s:g} s")
-            time.sleep(_SETTLE_S)
-            before = _Span(running, feeder, part_s)
-            on_step(f"images at {frame_hz:g} Hz, poses at {pose_hz:g} Hz, {seconds:g} s")
-            feeder.frames_on.set()
-            time.sleep(_SETTLE_S)
-            heard.append(Heard())
-            feeder.late_s = 0.0
-            during = _Span(running, feeder, seconds)
-            result = heard[-1]
-            heard.append(Heard())
-            feeder.stop()
-            if running.ended():
-                log.seek(0)
-                names = ", ".join(f"{n.label} (exit code {c})" for n, c in running.ended().items())
-                raise PeopleLocError(f"ended while it was measured: {names}\n{log.read()}")
+            measured = _measure(running, feeder, listener, seconds, on_step)
+            _check_alive("while it was measured", running, log)
+    return _figures(recorded, sizes, measured)
+
+
+@dataclass
+class _Listener:
+    """What takes the team's messages: the `heard` of now."""
+
+    heard: Heard = field(default_factory=Heard)
+
+
+@contextmanager
+def _listening() -> Iterator[tuple[Any, threading.Thread, _Listener]]:
+    """A ROS node that hears the team.
+
+    Yields:
+        The node, the thread that spins it once it is started, and what takes the messages.
+    """
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
+    from mrs_people_msgs.msg import People
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("mrs_bench", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    listener = _Listener()
+    node.create_subscription(People, "people", lambda m: listener.heard.on_people(m), 10)
+    node.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: listener.heard.on_diagnostics(m), 10
+    )
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    try:
+        yield node, spinning, listener
     finally:
         executor.shutdown()
         if spinning.is_alive():
             spinning.join()
         node.destroy_node()
         rclpy.shutdown(context=context)
-    return _figures(recorded, sizes, before, during, result, feeder)
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What a team took, and said.
+
+    Attributes:
+        before: With poses only.
+        during: With images, too.
+        heard: What it said meanwhile.
+        frame_hz: Frames per second and robot.
+        pose_hz: Poses per second and robot.
+        late_s: By how much a message missed its time at most [s].
+    """
+
+    before: _Span
+    during: _Span
+    heard: Heard
+    frame_hz: float
+    pose_hz: float
+    late_s: float
+
+
+def _measure(
+    running: RunningTeam,
+    feeder: Feeder,
+    listener: _Listener,
+    seconds: float,
+    on_step: Callable[[str], None],
+) -> _Measured:
+    """Measures a team that is ready: first with poses only, then with images, too."""
+    feeder.start()
+    part_s = max(2.0, seconds / 4)
+    on_step(f"poses only, {part_s:g} s")
+    time.sleep(_SETTLE_S)
+    before = _Span(running, feeder, part_s)
+    hz = f"images at {feeder.frame_hz:g} Hz, poses at {feeder.pose_hz:g} Hz"
+    on_step(f"{hz}, {seconds:g} s")
+    feeder.frames_on.set()
+    time.sleep(_SETTLE_S)
+    listener.heard = heard = Heard()
+    feeder.late_s = 0.0
+    during = _Span(running, feeder, seconds)
+    listener.heard = Heard()
+    feeder.stop()
+    return _Measured(before, during, heard, feeder.frame_hz, feeder.pose_hz, feeder.late_s)
+
+
+def _check_alive(when: str, running: RunningTeam, log: Any) -> None:
+    """Raises PeopleLocError with the processes' log if one of them has ended."""
+    if running.ended():
+        log.seek(0)
+        names = ", ".join(f"{n.label} (exit code {c})" for n, c in running.ended().items())
+        raise PeopleLocError(f"ended {when}: {names}\n{log.read()}")
 
 
 def _wait_until_ready(node: Any, running: RunningTeam, feeder: Feeder, log: Any) -> None:
@@ -383,10 +440,7 @@ def _wait_until_ready(node: Any, running: RunningTeam, feeder: Feeder, log: Any)
     deadline = time.monotonic() + _START_S
     robots = [n.namespace for n in running.processes if n.namespace]
     while True:
-        if running.ended():
-            log.seek(0)
-            names = ", ".join(f"{n.label} (exit code {c})" for n, c in running.ended().items())
-            raise PeopleLocError(f"ended at the start: {names}\n{log.read()}")
+        _check_alive("at the start", running, log)
         deaf = [t for t, p in feeder.publishers.items() if not p.get_subscription_count()]
         deaf += [f"/{r}/points" for r in robots if not node.count_subscribers(f"/{r}/points")]
         if not deaf and node.count_publishers("people"):
@@ -444,58 +498,16 @@ def sizes_on_the_wire(bag: Path, files: Sequence[Path]) -> dict[str, tuple[float
 def _figures(
     recorded: Mapping[str, Recorded],
     sizes: Mapping[str, tuple[float, float]],
-    before: _Span,
-    during: _Span,
-    heard: Heard,
-    feeder: Feeder,
+    measured: _Measured,
 ) -> dict[str, Any]:
-    robots, planner = {}, {}
-    intervals = max(1, heard.intervals)
-    for process, used in during.used.items():
-        idle_ms = before.used[process].cpu_ms * during.seconds / before.seconds
-        stages = heard.stages_ms[f"/{process.namespace}/robot_node".replace("//", "/")]
-        robot = process.namespace
-        if not robot:
-            stages = heard.stages_ms["/planner_node"]
-            step_ms = _sum_of_medians(stages)
-            per_interval = (used.cpu_ms - idle_ms) / intervals
-            planner = {
-                "cpu_percent": used.cpu_ms / during.seconds / 10.0,
-                "cpu_percent_poses_only": before.used[process].cpu_ms / before.seconds / 10.0,
-                "cpu_ms_per_interval": per_interval,
-                "step_ms": step_ms,
-                "page_faults_per_interval": used.page_faults / intervals,
-            }
-            continue
-        frames = max(1, during.frames[robot])
-        pipeline_ms = _sum_of_medians(stages)
-        per_frame = (used.cpu_ms - idle_ms) / frames
-        points, pose = sizes[robot]
-        images = recorded[robot].image_bytes
-        robots[robot] = {
-            "cameras": sum("camera_info" in topic for topic in recorded[robot].types),
-            "cpu_percent": used.cpu_ms / during.seconds / 10.0,
-            "cpu_percent_poses_only": before.used[process].cpu_ms / before.seconds / 10.0,
-            "cpu_ms_per_frame": per_frame,
-            "pipeline_ms": pipeline_ms,
-            "around_pipeline_ms": per_frame - pipeline_ms,
-            "cpu_ms_per_pose": before.used[process].cpu_ms / max(1, before.poses[robot]),
-            "page_faults_per_frame": used.page_faults / frames,
-            "frames": frames,
-            "scans_used": heard.scans[robot],
-            "points_bytes": points,
-            "pose_bytes": pose,
-            "points_bytes_per_s": points * feeder.frame_hz,
-            "pose_bytes_per_s": pose * feeder.pose_hz,
-            "images_bytes_per_s": images * feeder.frame_hz,
-        }
+    heard, during = measured.heard, measured.during
     return {
         "seconds": during.seconds,
         "others_cores": during.others_cores,
-        "frame_hz": feeder.frame_hz,
-        "pose_hz": feeder.pose_hz,
+        "frame_hz": measured.frame_hz,
+        "pose_hz": measured.pose_hz,
         "intervals": heard.intervals,
-        "sent_late_ms": feeder.late_s * 1e3,
+        "sent_late_ms": measured.late_s * 1e3,
         "latency_ms": {
             which: {
                 "median": float(np.median(ages)) if ages else math.nan,
@@ -503,8 +515,77 @@ def _figures(
             }
             for which, ages in heard.ages_ms.items()
         },
-        "robots": robots,
-        "planner": planner,
+        "robots": {
+            process.namespace: _robot_figures(
+                process, measured, recorded[process.namespace], *sizes[process.namespace]
+            )
+            for process in during.used
+            if process.namespace
+        },
+        "planner": next(
+            (
+                _planner_figures(process, measured)
+                for process in during.used
+                if not process.namespace
+            ),
+            {},
+        ),
+    }
+
+
+def _shares(process: NodeProcess, measured: _Measured) -> dict[str, float]:
+    """What a process takes of a processor [%], with images and without."""
+    before, during = measured.before, measured.during
+    return {
+        "cpu_percent": during.used[process].cpu_ms / during.seconds / 10.0,
+        "cpu_percent_poses_only": before.used[process].cpu_ms / before.seconds / 10.0,
+    }
+
+
+def _for_images_ms(process: NodeProcess, measured: _Measured) -> float:
+    """Processor time of a process beyond what it takes with poses only [ms]."""
+    before, during = measured.before, measured.during
+    idle_ms = before.used[process].cpu_ms * during.seconds / before.seconds
+    return during.used[process].cpu_ms - idle_ms
+
+
+def _planner_figures(process: NodeProcess, measured: _Measured) -> dict[str, Any]:
+    intervals = max(1, measured.heard.intervals)
+    return {
+        **_shares(process, measured),
+        "cpu_ms_per_interval": _for_images_ms(process, measured) / intervals,
+        "step_ms": _sum_of_medians(measured.heard.stages_ms["/planner_node"]),
+        "page_faults_per_interval": measured.during.used[process].page_faults / intervals,
+    }
+
+
+def _robot_figures(
+    process: NodeProcess,
+    measured: _Measured,
+    recorded: Recorded,
+    points_bytes: float,
+    pose_bytes: float,
+) -> dict[str, Any]:
+    before, during, heard = measured.before, measured.during, measured.heard
+    robot = process.namespace
+    frames = max(1, during.frames[robot])
+    pipeline_ms = _sum_of_medians(heard.stages_ms[f"/{robot}/robot_node"])
+    per_frame = _for_images_ms(process, measured) / frames
+    return {
+        "cameras": sum("camera_info" in topic for topic in recorded.types),
+        **_shares(process, measured),
+        "cpu_ms_per_frame": per_frame,
+        "pipeline_ms": pipeline_ms,
+        "around_pipeline_ms": per_frame - pipeline_ms,
+        "cpu_ms_per_pose": before.used[process].cpu_ms / max(1, before.poses[robot]),
+        "page_faults_per_frame": during.used[process].page_faults / frames,
+        "frames": frames,
+        "scans_used": heard.scans[robot],
+        "points_bytes": points_bytes,
+        "pose_bytes": pose_bytes,
+        "points_bytes_per_s": points_bytes * measured.frame_hz,
+        "pose_bytes_per_s": pose_bytes * measured.pose_hz,
+        "images_bytes_per_s": recorded.image_bytes * measured.frame_hz,
     }
 
 
