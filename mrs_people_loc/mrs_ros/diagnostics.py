@@ -18,6 +18,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
 
+from mrs_people_loc.clocks import BELIEVED, RESET_NS, Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, PeopleLocError
 from mrs_people_loc.health.findings import (
     ERROR,
@@ -31,7 +32,6 @@ from mrs_people_loc.health.findings import (
     of_stream,
 )
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_people_loc.team.clocks import BELIEVED, RESET_NS, Order, StampOrder
 from mrs_ros.network import node_of
 
 __all__ = ["ERROR", "OK", "OLD_STAMP_S", "SILENCE_S", "STALE", "WARN"]

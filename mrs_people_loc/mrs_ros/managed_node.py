@@ -19,11 +19,11 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import Parameter, Section
 from mrs_people_loc.errors import ConfigError, OutdatedError, PeopleLocError
 from mrs_people_loc.health.findings import Code
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_people_loc.team.clocks import RESET_NS
 from mrs_ros import security
 from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
 from mrs_ros.ending import end_in_order, ignore_signals

@@ -18,13 +18,13 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc import messages
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.health.agreement import Agreement
 from mrs_people_loc.health.findings import Code
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team import masking
-from mrs_people_loc.team.clocks import RESET_NS
 from mrs_people_loc.team.intervals import Closed, IntervalCollector, say_offset
 from mrs_ros import convert
 from mrs_ros.diagnostics import (

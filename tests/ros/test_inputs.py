@@ -11,9 +11,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
+from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, ScanError
 from mrs_people_loc.health.findings import OK, WARN, Code
-from mrs_people_loc.team.clocks import Order, StampOrder
 from mrs_ros import diagnostics
 from mrs_ros.diagnostics import Input
 from mrs_ros.qos import STREAM

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.neighbours import connected
 
 Int = NDArray[np.intp]
 
@@ -212,23 +213,3 @@ class _Candidates:
             return found[0]
         ones, others = zip(*found, strict=True)
         return np.concatenate(ones), np.concatenate(others)
-
-
-def connected(one: Int, other: Int, count: int) -> Int:
-    """Connected components: of each of `count` points, the least index that it is joined to.
-
-    Args:
-        one: One end of each edge, shape (m,).
-        other: The other end, shape (m,).
-        count: Number of points.
-    """
-    root = np.arange(count)
-    while len(one):
-        np.minimum.at(root, np.maximum(one, other), np.minimum(one, other))
-        up = root[root]
-        while not np.array_equal(up, root):
-            root, up = up, up[up]
-        one, other = root[one], root[other]
-        apart = one != other
-        one, other = one[apart], other[apart]
-    return root

@@ -15,9 +15,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.clocks import RESET_NS, ClockOffset, Order, StampOrder, right_offset
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.scan import Scan
-from mrs_people_loc.team.clocks import RESET_NS, ClockOffset, Order, StampOrder, right_offset
 from mrs_people_loc.team.poses import Pose, PoseBuffer
 
 #: A robot that was not named at the beginning, and is silent for so long, is forgotten [ns].

@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.cells.clustering import connected
 from mrs_people_loc.geometry import Float
+from mrs_people_loc.neighbours import connected
 from mrs_tools.scoring.positions import (
     MATCH_DISTANCE,
     Bool,
