@@ -8,6 +8,7 @@ what is wanted; the caller adds the topic.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -265,11 +266,13 @@ def _records(message: Message) -> NDArray[np.void]:
     Raises:
         ScanError: A field, the layout or a count is wrong.
     """
-    of_bodies = any(field.name == "body" for field in message.fields)
+    fields = {field.name: field for field in message.fields}
+    # Either a plain scan or one of bodies, which has all of these.
+    of_bodies = "body" in fields
     dtype = BODY_DTYPE if of_bodies else CELL_DTYPE
     names = dtype.names or ()
-    formats, offsets = _formats_and_offsets(message, names)
     point_step, row_step = int(message.point_step), int(message.row_step)
+    formats, offsets = _formats_and_offsets(fields, names, point_step)
     width, height = int(message.width), int(message.height)
     if row_step < width * point_step:
         raise ScanError(f"row_step is {row_step}; wanted: at least {width * point_step}")
@@ -296,13 +299,14 @@ def _records(message: Message) -> NDArray[np.void]:
     return records
 
 
-def _formats_and_offsets(message: Message, names: tuple[str, ...]) -> tuple[list[str], list[int]]:
-    """NumPy formats of the named fields of a PointCloud2, and their first bytes in each point.
+def _formats_and_offsets(
+    fields: Mapping[str, Message], names: tuple[str, ...], point_step: int
+) -> tuple[list[str], list[int]]:
+    """NumPy formats of the named fields of a PointCloud2, and their first bytes in a point.
 
     Raises:
         ScanError: One is missing, is no single number, or does not fit into a point.
     """
-    fields = {field.name: field for field in message.fields}
     missing = [name for name in names if name not in fields]
     if missing:
         raise ScanError(
@@ -319,8 +323,8 @@ def _formats_and_offsets(message: Message, names: tuple[str, ...]) -> tuple[list
                 "wanted: one number"
             )
         end = int(field.offset) + np.dtype(code).itemsize
-        if end > int(message.point_step):
-            raise ScanError(f"field {name} ends at byte {end}; point_step is {message.point_step}")
+        if end > point_step:
+            raise ScanError(f"field {name} ends at byte {end}; point_step is {point_step}")
         formats.append(code)
         offsets.append(int(field.offset))
     return formats, offsets
