@@ -6,8 +6,7 @@ import contextlib
 import resource
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +19,10 @@ from rclpy.qos import QoSPolicyKind, QoSProfile
 
 from mrs_people_loc.clocks import BELIEVED, RESET_NS, Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, PeopleLocError
-from mrs_people_loc.health.findings import (
-    ERROR,
-    OK,
-    OLD_STAMP_S,
-    SILENCE_S,
-    STALE,
-    WARN,
-    Code,
-    Stream,
-    of_stream,
-)
+from mrs_people_loc.health.findings import ERROR, SILENCE_S, Finding
+from mrs_people_loc.health.inputs import InputState, of_input
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.network import node_of
-
-__all__ = ["ERROR", "OK", "OLD_STAMP_S", "SILENCE_S", "STALE", "WARN"]
 
 #: The same trouble is logged at most this often [s].
 LOG_PERIOD_S = 5.0
@@ -68,39 +56,26 @@ class Throttle:
 
 
 class Growth:
-    """Whether a count has grown lately."""
+    """Whether a count has grown within the last `RECENT_S`."""
 
     def __init__(self) -> None:
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._count = 0
         self._grown_s: float | None = None
 
-    def lately(self, count: int) -> bool:
-        """Whether it has, within `RECENT_S`, now that it is this."""
-        now_s = self._clock.now().nanoseconds / 1e9
+    def update(self, count: int) -> None:
+        """Takes the count as it is now."""
         if count > self._count:
-            self._grown_s = now_s
+            self._grown_s = self._now_s()
         self._count = count
-        return self._grown_s is not None and now_s - self._grown_s < RECENT_S
 
+    @property
+    def lately(self) -> bool:
+        """Whether it has grown."""
+        return self._grown_s is not None and self._now_s() - self._grown_s < RECENT_S
 
-@dataclass(frozen=True)
-class Finding:
-    """One line of diagnostics.
-
-    Attributes:
-        name: What it is about.
-        level: OK, WARN, ERROR or STALE.
-        message: What is wrong, and what to do.
-        values: Figures by name.
-        code: What is wrong, for tools; it is published as the value `code`. None: nothing is.
-    """
-
-    name: str
-    level: bytes
-    message: str
-    values: Mapping[str, object] = field(default_factory=dict)
-    code: Code | None = None
+    def _now_s(self) -> float:
+        return self._clock.now().nanoseconds / 1e9
 
 
 class Input:
@@ -148,7 +123,7 @@ class Input:
         self._last_kind = ""
         self._order = StampOrder()
         self._held: list[tuple[str, str]] = []  # refused, maybe for a jump: kind and text
-        self._forgiven = 0
+        self._refused = 0
         self._outdated_since: float | None = None
         self._node = node
         self._callback = callback
@@ -189,37 +164,31 @@ class Input:
         return int(self._node.count_publishers(self.subscription.topic_name))
 
     def finding(self) -> Finding:
-        """How this input is."""
-        silent = self.silent_s
-        total = sum(self.dropped.values())
-        values = {
-            "rate_hz": f"{self.rate_hz:.1f}",
-            "silent_s": f"{silent:.1f}",
-            "received": self.received,
-            "dropped": total,
-            **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
-        }
-        refused = total - len(self._held) - self._forgiven
-        level, code, text = of_stream(self._stream(silent, refused))
-        return Finding(self.topic, level, text, values, code)
+        """What is wrong with this input."""
+        return of_input(self._state())
 
-    def _stream(self, silent_s: float, refused: int) -> Stream:
+    def _state(self) -> InputState:
         node, name = self._node, self.subscription.topic_name
         instead = None
         if self.instead is not None:
             other, remedy = self.instead
             other = node.resolve_topic_name(other)
             instead = (other, remedy) if node.count_publishers(other) else None
-        # Who they are costs more to ask than how many, and matters where something is wrong.
+        silent_s = self.silent_s
+        # Their names cost more to ask for than their number, and matter where something is wrong.
         asked = silent_s > SILENCE_S or self.publishers > 1
         publishers = node.get_publishers_info_by_topic(name) if asked else []
-        return Stream(
+        return InputState(
+            name=self.topic,
             topic=name,
             kind=_type_name(self._message_type),
             silent_s=silent_s,
-            refused=refused,
+            rate_hz=self.rate_hz,
+            received=self.received,
+            dropped=self.dropped,
+            refused=self._refused,
             refused_in_a_row=self._refused_in_a_row,
-            refused_lately=self._losses.lately(refused),
+            refused_lately=self._losses.lately,
             last_error=self.last_error,
             last_kind=self._last_kind,
             publishers=[(node_of(p), p.topic_type) for p in publishers],
@@ -271,7 +240,6 @@ class Input:
             now = self._now()
             self._outdated_since = now if self._outdated_since is None else self._outdated_since
             if now - self._outdated_since <= SILENCE_S:
-                self._forgiven += 1
                 return
         elif order is Order.LATE and len(self._held) < BELIEVED - 1:
             self._held.append((kind, text))
@@ -286,14 +254,15 @@ class Input:
         self.dropped = +self.dropped
         if self._held:
             self.dropped["jumped_back"] += len(self._held)
-        self._forgiven += len(self._held)
         self._held.clear()
 
     def _blame(self) -> None:
         """What was held is refused like all else."""
         if self._held:
             self._last_kind, self.last_error = self._held[-1]
+        self._refused += len(self._held)
         self._refused_in_a_row += len(self._held)
+        self._losses.update(self._refused)
         self._held.clear()
 
     def _on_incompatible(self, event: Any) -> None:
@@ -369,13 +338,17 @@ class ProcessUse:
 
     def __init__(self) -> None:
         self._last = time.monotonic(), time.process_time()
+        self._share = 0.0
 
-    def values(self) -> dict[str, object]:
-        """Share of one processor since it was last asked, and resident memory."""
+    def update(self) -> None:
+        """Measures the share of one processor that it took since the last time."""
         now, before = (time.monotonic(), time.process_time()), self._last
         self._last = now
-        share = (now[1] - before[1]) / max(now[0] - before[0], 1e-3)
-        values: dict[str, object] = {"cpu_percent": f"{100.0 * share:.0f}"}
+        self._share = (now[1] - before[1]) / max(now[0] - before[0], 1e-3)
+
+    def values(self) -> dict[str, object]:
+        """That share, and resident memory."""
+        values: dict[str, object] = {"cpu_percent": f"{100.0 * self._share:.0f}"}
         with contextlib.suppress(OSError):  # only Linux has it
             pages = int(Path("/proc/self/statm").read_text().split()[1])
             values["memory_mb"] = f"{pages * resource.getpagesize() / 1e6:.0f}"

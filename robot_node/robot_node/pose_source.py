@@ -14,11 +14,11 @@ from rclpy.clock_type import ClockType
 from mrs_people_loc import messages
 from mrs_people_loc.config import PoseInput, RobotConfig
 from mrs_people_loc.errors import PoseError
-from mrs_people_loc.health.findings import Code
+from mrs_people_loc.health.findings import Finding
+from mrs_people_loc.health.robot import PoseState, of_pose
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
 from mrs_ros import convert, tf
-from mrs_ros.diagnostics import ERROR, OK, SILENCE_S, Finding
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import POSES
 
@@ -63,7 +63,7 @@ class PoseSource:
         self._standing: Pose | None = None  # as TF says
         self._last: Pose | None = None
         self._asked_ns = 0
-        self._heard_s = 0.0
+        self._heard_s: float | None = None  # when TF last gave something new
         self._scan_at_s = 0.0
         self._error = ""
         self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
@@ -93,7 +93,7 @@ class PoseSource:
         if self._listener is not None:
             self._listener.destroy()
             self._listener = None
-        self._standing, self._error = None, ""
+        self._standing, self._error, self._heard_s = None, "", None
 
     def begin_anew(self) -> None:
         """Forgets what came last: the time was set back."""
@@ -123,15 +123,16 @@ class PoseSource:
             self._send(standing)
 
     def finding(self) -> Finding:
-        """How it is, for `/diagnostics`."""
-        if self._error:
-            return Finding("pose", ERROR, self._error, code=Code.NO_POSE)
-        pose = self._last
-        if pose is None:
-            text = f"no usable pose on {self._config.pose.source} yet"
-            return Finding("pose", ERROR, text, code=Code.NO_POSE)
-        values = {"x": f"{pose.x:.3f}", "y": f"{pose.y:.3f}", "yaw": f"{pose.yaw:.3f}"}
-        return Finding("pose", OK, "ok", values)
+        """Whether the robot knows where it is."""
+        config, last = self._config.pose, self._last
+        state = PoseState(
+            source=config.source,
+            error=self._error,
+            silent_s=0.0 if self._heard_s is None else time.monotonic() - self._heard_s,
+            frames=f"{config.map_frame} -> {self._base_frame}",
+            pose=None if last is None else (last.x, last.y, last.yaw),
+        )
+        return of_pose(state)
 
     def _on_pose(self, message: Any) -> None:
         frame_id = message.header.frame_id
@@ -154,11 +155,7 @@ class PoseSource:
                 taken = self._intake(pose, config.map_frame)
                 if taken is not None:
                     self._send(taken)
-            silent_s = time.monotonic() - self._heard_s
             self._error = ""
-            if silent_s > SILENCE_S:
-                where = f"{config.map_frame} -> {self._base_frame}"
-                self._error = f"TF has nothing new of {where} for {silent_s:.0f} s"
         except PoseError as err:
             self._standing, self._error = None, str(err)
 

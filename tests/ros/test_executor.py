@@ -6,7 +6,7 @@ import pytest
 import rclpy
 from std_msgs.msg import String
 
-from mrs_ros.managed_node import _executor
+from mrs_ros.running import make_executor
 
 
 @pytest.mark.parametrize("has_events", [True, False])
@@ -23,7 +23,7 @@ def test_messages_come_and_errors_go_through(monkeypatch, domain, has_events):
 
         node.create_subscription(String, "words", take, 10)
         node.create_timer(0.05, lambda: publisher.publish(String(data="heard")))
-        executor = _executor()
+        executor = make_executor()
         assert (type(executor).__name__ == "EventsExecutor") == has_events
         executor.add_node(node)
 

@@ -19,6 +19,7 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
+from mrs_ros.markers import markers
 from planner_node.node import PlannerNode
 from ros.harness import ROOT
 from ros.planner_peer import cloud_of, person_cells
@@ -110,6 +111,6 @@ def test_channels_and_namespaces(config: Any) -> None:
     fields = {field.name for field in convert.short_term_map(result, "map").fields}
     for display in displays(config, "PointCloud2"):
         assert display["Channel Name"] in fields
-    drawn = {m.ns for m in convert.markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
+    drawn = {m.ns for m in markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
     for display in displays(config, "MarkerArray"):
         assert display["Namespaces"] == dict.fromkeys(drawn, True)

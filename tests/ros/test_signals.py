@@ -19,7 +19,8 @@ import os, signal, sys, time
 from std_msgs.msg import String
 from mrs_people_loc.config import PlannerConfig
 from mrs_ros import ending
-from mrs_ros.managed_node import ManagedNode, run
+from mrs_ros.managed_node import ManagedNode
+from mrs_ros.running import run
 
 where, number = sys.argv[1], int(sys.argv[2])
 if where == "hang":
