@@ -18,7 +18,7 @@ ask() { "$python" -c "$1" 2>/dev/null; }
 machine=$(uname -sm)
 [ "$machine" = "Linux x86_64" ] ||
     lacks "Linux on x86-64 (this is $machine): the ROS wheels are made for nothing else.
-    With ROS 2 Jazzy from packages build with colcon instead; see README.md."
+    With ROS 2 Jazzy from packages, build with colcon instead; see docs/install.md."
 
 is=$(ask 'import sys; print("%d.%d" % sys.version_info[:2])')
 case " $versions " in
