@@ -127,6 +127,12 @@ class Masking(Section):
         "not told from people",
         low=0.0, high=2.0,
     )  # fmt: skip
+    cell_range_sigma: float = field(
+        0.25 / 10.5, "standard deviation of the range r of a plain cell, over r^2 [m/m^2]: the "
+        "error of disparity [px] over focal length times baseline [px m]; the default is 0.25 px "
+        "over 10.5 px m",
+        low=0.0, high=1.0,
+    )  # fmt: skip
     occupancy_grid: bool = field(
         False, "true: the nav_msgs/OccupancyGrid on `map` says where walls and furniture are; "
         "false: nothing does",
