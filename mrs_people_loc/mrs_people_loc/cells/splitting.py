@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.anthropometry import CLOSEST
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.neighbours import pairs_between, pairs_within
 from mrs_people_loc.team.fusion import ShortTermMap, unit_vectors
@@ -34,13 +35,11 @@ class SplittingTuning:
         rounds: Rounds of k-means, at most.
         expected_within: An expected person belongs to the cluster of the nearest cell, if that is
             no farther than this [m]: about a body's width.
-        least_apart: Two people are no nearer to each other than this [m].
     """
 
     most_people: int = 8
     rounds: int = 8
     expected_within: float = 0.3
-    least_apart: float = 0.25
 
 
 _TUNING = SplittingTuning()
@@ -142,7 +141,7 @@ def split_at(
             continue
         # The halves of one person are nearer to each other than two people.
         middles = np.stack([np.bincount(part, axis) for axis in xy.T], axis=1) / held[:, np.newaxis]
-        if len(pairs_within(middles, tuning.least_apart)[0]):
+        if len(pairs_within(middles, CLOSEST)[0]):
             continue
         label[mine[part > 0]] = fresh + part[part > 0] - 1
         fresh += len(within) - 1
