@@ -1,4 +1,4 @@
-"""`mrs doctor` looking at real nodes over DDS (its words: tests/tools/test_doctor.py).
+"""`mrs doctor` looking at real nodes over DDS (its words: tests/tools/diagnosis).
 
 Each misdiagnosis that it must not make, as it comes about: nodes are processes, what they lack is
 left out or sent wrong, and what stands on top is the cause.
@@ -18,8 +18,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from mrs_tools.commands import doctor as tool
-from mrs_tools.commands.doctor import Check
+from mrs_tools.diagnosis.diagnose import Check, diagnose
+from mrs_tools.diagnosis.facts import ERROR, OK
+from mrs_tools.diagnosis.look import look
 from ros.harness import DEADLINE_S, Finding, Peer, Team
 from ros.harness import ERROR as ERROR_LEVEL
 from ros.recording import Recording, set_stamp
@@ -40,7 +41,7 @@ def looked(peer: Peer, meanwhile: Callable[[], object] = lambda: None) -> list[C
         meanwhile()
         peer.spin(0.1)
 
-    return [c for c in tool.diagnose(tool.look(peer.node, 1.2, spin)) if c.level != tool.OK]
+    return [c for c in diagnose(look(peer.node, 1.2, spin)) if c.level != OK]
 
 
 def until_said(
@@ -171,7 +172,7 @@ def test_images_that_are_all_refused_are_the_error_on_top(
         )
 
     said = until_said(robot.peer, complete, camera(robot, change))
-    errors = [check for check in said if check.level == tool.ERROR]
+    errors = [check for check in said if check.level == ERROR]
     assert [check.subject for check in errors] == subjects
     assert "all of the last" in errors[-1].text
     assert not any("firewall" in check.advice for check in said)
@@ -216,7 +217,7 @@ def test_two_publishers_of_odometry(robot: RobotPeer, domain: int) -> None:
         )
         check = about(checks, f"{ROBOT}: odom")
         assert check is not None
-        assert check.level == tool.ERROR
+        assert check.level == ERROR
         assert "2 publishers on /robot_a/odom: /other_base, /peer; one is wanted" in check.text
     finally:
         other.close()
@@ -253,7 +254,7 @@ def test_life_cycle_and_who_should_not_be_there(robot: RobotPeer, team: Team, do
         assert "hang" not in str([waits.advice, ended.advice])
         assert "without a namespace" in lone.text
         assert people.text == "2 nodes publish it: /planner_node, /planner_two"
-        viewed = tool.diagnose(tool.look(peer.node, 0.5, lambda: peer.spin(0.1)))[-1]
+        viewed = diagnose(look(peer.node, 0.5, lambda: peer.spin(0.1)))[-1]
         assert viewed.text == "2 run: /mrs_people_11, /mrs_people_22"
     finally:
         for one in (second, *viewers):

@@ -1,4 +1,4 @@
-"""`mrs doctor`: what it makes of what it sees (a real team: tests/ros/test_doctor.py)."""
+"""The diagnosis of a team from facts (of a real team: tests/ros/test_doctor.py)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from random import Random
 import pytest
 
 from mrs_people_loc.health.findings import Code
-from mrs_tools.commands.doctor import ERROR, OK, STALE, WARN, Check, Facts, diagnose, figures
+from mrs_tools.diagnosis.diagnose import Check, diagnose
+from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN, Facts, figures
 
 ROBOT, PLANNER = "/robot_a/robot_node", "/planner_node"
 WELL = {"state": (OK, "active", {"cpu_percent": "12"})}
