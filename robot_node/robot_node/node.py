@@ -69,7 +69,7 @@ class RobotNode(ManagedNode):
         }
 
     def start(self) -> None:
-        """Listens to images, calibration and poses."""
+        """Subscribes to images, calibration and poses."""
         rectified = self.config.images.rectified
         image, other = ("image_rect", "image_raw") if rectified else ("image_raw", "image_rect")
         self._images: dict[str, Input] = {}
@@ -80,14 +80,16 @@ class RobotNode(ManagedNode):
                 partial(self._on_camera_info, camera),
                 STREAM,
             )
-            heard = self.listen(Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM)
+            source = self.listen(
+                Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM
+            )
             remedy = f"set images.rectified: {str(not rectified).lower()}"
-            self._images[camera] = heard
-            heard.instead = (f"{camera}/{other}", remedy)
+            self._images[camera] = source
+            source.instead = (f"{camera}/{other}", remedy)
         self._pose.start()
 
     def stop(self) -> None:
-        """Forgets what waits."""
+        """Drops the images that wait for their pair."""
         self._head.reset()
         self._pose.stop()
 
@@ -137,7 +139,7 @@ class RobotNode(ManagedNode):
     # ---- step ----
 
     def _step(self, view: View | None) -> None:
-        """Publishes a view that is complete, and looks after the head."""
+        """Publishes a complete view, and checks the head with it."""
         if view is None:
             return
         self._publish(view)

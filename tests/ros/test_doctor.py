@@ -247,7 +247,7 @@ def test_life_cycle_and_who_should_not_be_there(robot: RobotPeer, team: Team, do
         said = until_said(peer, complete)
         checks = {check.subject: check for check in said}
         waits, ended, lone, people = (checks[node] for node in nodes)
-        assert waits.text.startswith("is unconfigured: hears and sends nothing")
+        assert waits.text.startswith("is unconfigured: receives and sends nothing")
         assert "ros2 lifecycle set /robot_b/robot_node configure" in waits.advice
         assert ended.text.startswith("is finalized: it was shut down")
         assert "/planner_node: robot_a/points" in str(ended.follows)

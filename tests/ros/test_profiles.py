@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from mrs_people_loc.errors import ConfigError
 from mrs_ros.discovery import discovery_environment
-from mrs_ros.team import NodeProcess, RunningTeam
+from mrs_ros.processes import NodeProcess, RunningTeam
 from mrs_tools import cli
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ pytest.importorskip("rclpy")
 from typer.testing import CliRunner
 
 from mrs_people_loc.errors import ConfigError
-from mrs_ros.team import team_processes
+from mrs_ros.processes import team_processes
 from mrs_tools.cli import app
 from ros.harness import own_domain
 
@@ -79,7 +79,7 @@ def test_a_team_of_nobody_is_refused():
 
 
 def test_a_launch_file_needs_no_command_line_library():
-    code = "import sys; sys.modules['typer'] = None; import mrs_ros.team"
+    code = "import sys; sys.modules['typer'] = None; import mrs_ros.processes"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

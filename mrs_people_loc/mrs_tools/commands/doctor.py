@@ -31,7 +31,7 @@ _SETTINGS = (
 
 def command(
     duration: Annotated[
-        float, typer.Option("--duration", min=2.0, help="Listen for so long [s].")
+        float, typer.Option("--duration", min=2.0, help="Listen for this long [s].")
     ] = 4.0,
 ) -> None:
     """Look at a running team for a few seconds; say what is wrong, and what to do.

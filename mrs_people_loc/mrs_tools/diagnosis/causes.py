@@ -86,7 +86,7 @@ class Symptom:
 
     Attributes:
         node: Full name of the node that reports it, or that it is about.
-        subject: What it is about, by the name that the node gives it.
+        subject: What it is about, as the node names it.
         level: warning, error or waiting.
         text: What was found.
         code: Its code; None where a node gives none that is known here.
@@ -137,7 +137,10 @@ class _Place:
 
 
 def by_cause(symptoms: Sequence[Symptom]) -> dict[Symptom, list[Symptom]]:
-    """By symptom that follows from no other one, those that follow from it: it is an error then."""
+    """The consequences of each cause: of each symptom that follows from no other.
+
+    A symptom with consequences is an error.
+    """
     by_node: dict[str | None, list[Symptom]] = {None: list(filter(_is_of_robot, symptoms))}
     for symptom in symptoms:
         by_node.setdefault(symptom.node, []).append(symptom)
@@ -155,9 +158,9 @@ def by_cause(symptoms: Sequence[Symptom]) -> dict[Symptom, list[Symptom]]:
             for other in filter(place.holds, by_node.get(place.node, ())):
                 if cause(other).level == ERROR:
                     yield cause(other)
-        # A camera, or a robot, that is silent altogether is one trouble.
+        # A camera, or a robot, that is completely silent is one problem.
         for other in by_node[symptom.node]:
-            if _is_same_trouble(symptom, other) and cause(other) is other:
+            if _is_same_problem(symptom, other) and cause(other) is other:
                 yield other
 
     def first_cause(symptom: Symptom) -> Symptom:
@@ -179,7 +182,7 @@ def _is_of_robot(symptom: Symptom) -> bool:
     return is_robot(symptom.node)
 
 
-def _is_same_trouble(symptom: Symptom, other: Symptom) -> bool:
+def _is_same_problem(symptom: Symptom, other: Symptom) -> bool:
     """Whether another topic of the same source lacks the same, and is an error."""
     return (
         symptom.code in _LACKS

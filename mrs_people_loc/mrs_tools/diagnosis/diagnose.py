@@ -24,25 +24,25 @@ from mrs_tools.diagnosis.facts import (
 _NETWORK = "it hangs, or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
 
 _NO_ANSWER = (
-    "does not answer: it stands still (end it and start it again), or was killed some seconds ago, "
+    "does not answer: it hangs (end it and start it again), or was killed some seconds ago, "
     "or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
 )
 
-#: What to do about what the nodes report, by its code, where their own words do not say it.
+#: Advice on what the nodes report, by its code, where their sentence does not contain it.
 _ADVICE = {
     Code.NO_PUBLISHER: "start what publishes it, or remap it: `ros2 topic list` shows what there "
     "is; docs/cameras.md",
-    Code.NO_DATA: "it is announced, but nothing comes: its program stands still, or the network "
+    Code.NO_DATA: "it is announced, but nothing comes: its program hangs, or the network "
     "lets only discovery pass (firewall, Wi-Fi): docs/network.md",
     Code.WRONG_TYPE: "two programs mean different things by this name: remap one",
     Code.WRONG_QOS: "let its publisher offer what is asked for; streams are asked for as best "
     "effort, volatile",
-    Code.ALL_REFUSED: "none is used, for the reason that is said: mend their sender, or see "
+    Code.ALL_REFUSED: "none is used, for the reason given: correct their sender, or see "
     "docs/cameras.md",
-    Code.SOME_REFUSED: "messages are refused for the reason that is said: mend their sender",
+    Code.SOME_REFUSED: "messages are refused for the reason given: correct their sender",
     Code.NO_CALIBRATION: "publish camera_info beside the images: docs/cameras.md",
     Code.OUTDATED: "/clock was set back and its stamps are ahead of it since: its sender does not "
-    "follow /clock (use_sim_time), or something else is on this topic besides the replay",
+    "follow /clock (use_sim_time), or something other than the replay publishes this topic, too",
     Code.NO_PAIR: "left and right must come, with stamps of one moment: docs/cameras.md",
     Code.SCAN_SILENT: "its camera, its node or its network has stopped",
     Code.LEFT_OUT_NO_POSE: "its poses come late or not at all: look at <robot>/pose, the load of "
@@ -55,17 +55,20 @@ _ADVICE = {
     ),
 }
 
-#: What a node that is not at work says of itself, and how it is set to work.
+#: By lifecycle state in which a node does not work: what that means, and how to change it.
 _STATES = {
     "unconfigured": (
-        "hears and sends nothing: it was told to wait (autostart:=false), or could not be "
-        "configured, which its log says",
+        "receives and sends nothing: it waits (autostart:=false), or could not be configured, for "
+        "which its log has the reason",
         "ros2 lifecycle set {node} configure && ros2 lifecycle set {node} activate",
     ),
-    "inactive": ("hears and sends nothing until activated", "ros2 lifecycle set {node} activate"),
+    "inactive": (
+        "receives and sends nothing until activated",
+        "ros2 lifecycle set {node} activate",
+    ),
     "finalized": (
-        "it was shut down, and hears and sends nothing",
-        "end its process; start it anew",
+        "it was shut down, and receives and sends nothing",
+        "end its process, and start it again",
     ),
 }
 
@@ -78,7 +81,7 @@ class Check:
         subject: A node and what about it, or a topic.
         level: ok, warning, error or waiting.
         text: What was found.
-        advice: What to do; empty where the text says it, or nothing is to be done.
+        advice: What to do; empty where the text has it, or nothing is to be done.
         follows: What else was found that comes of this.
     """
 

@@ -56,7 +56,7 @@ def _hear_reports(node: Node, duration_s: float, spin: Callable[[], object], fac
     from diagnostic_msgs.msg import DiagnosticArray
 
     def take(message: Any) -> None:
-        # A report is a whole: what is not in it any more is over.
+        # A report is complete: what is no longer in it is over.
         for full_name in {plain(one.name).partition(": ")[0] for one in message.status}:
             facts.reports.pop(full_name, None)
         for status in message.status:
@@ -78,7 +78,7 @@ def _is_viewer(name: str) -> bool:
 
 
 def _mismatches(node: Node, names: Iterable[tuple[str, str]]) -> Iterable[tuple[str, str]]:
-    """Publishers that our nodes do not hear, and subscribers that do not hear our nodes."""
+    """Publishers and subscribers of our nodes' topics that do not match."""
     from rclpy.node import NodeNameNonExistentError
     from rclpy.qos import QoSCompatibility, qos_check_compatible
 

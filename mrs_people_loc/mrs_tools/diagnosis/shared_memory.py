@@ -47,7 +47,7 @@ def memory(folder: Path = MEMORY) -> Memory | None:
         return None
     files = {}
     for name in names:
-        with suppress(OSError):  # it is gone again
+        with suppress(OSError):  # it was deleted meanwhile
             files[name] = (folder / name).stat().st_size
     locked = frozenset(name for name in files if _LOCK.fullmatch(name) and _locked(folder / name))
     return Memory(files, locked, whole.f_blocks * whole.f_frsize, whole.f_bavail * whole.f_frsize)
@@ -61,7 +61,7 @@ def _locked(file: Path) -> bool:
         except BlockingIOError:
             return True
         return False
-    return True  # another user's, or gone: not known to be dead
+    return True  # another user's, or deleted: not known to be dead
 
 
 def left_behind(seen: Memory) -> Mapping[str, int]:

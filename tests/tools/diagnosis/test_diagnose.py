@@ -256,7 +256,7 @@ def test_an_error_is_never_under_what_is_none():
             f"ros2 lifecycle set {ROBOT} configure && ros2 lifecycle set {ROBOT} activate",
         ),
         ("inactive", f"ros2 lifecycle set {ROBOT} activate"),
-        ("finalized", "start it anew"),
+        ("finalized", "start it again"),
     ],
 )
 @pytest.mark.parametrize("reported", [True, False])
@@ -372,7 +372,7 @@ def test_a_robot_that_stands_still_is_not_said_to_be_missing():
     }
     (check,) = trouble(facts(nodes=[PLANNER], reports={PLANNER: {**WELL, **silent}}))
     assert check.subject == f"{PLANNER}: robot_a/points"
-    assert check.advice.startswith("/robot_a/robot_node does not answer: it stands still")
+    assert check.advice.startswith("/robot_a/robot_node does not answer: it hangs")
     assert subjects(check.follows) == [f"{PLANNER}: robot_a/pose"]
 
 
