@@ -27,7 +27,9 @@ def team(tmp_path: Path) -> Iterator[TeamOnHosts]:
         yield made
 
 
-def test_discovery_server(team: TeamOnHosts, show: Show, tmp_path: Path) -> None:
+def test_team_meets_through_a_discovery_server(
+    team: TeamOnHosts, show: Show, tmp_path: Path
+) -> None:
     """It is on the planner's host; the planner is not told which robots there are."""
     env = discovery_environment(server=team.hosts.addresses[PLANNER])
     team.env = dict.fromkeys([*ROBOTS, PLANNER], env)
@@ -72,7 +74,7 @@ def test_discovery_server(team: TeamOnHosts, show: Show, tmp_path: Path) -> None
     team.full_rate()
 
 
-def test_peers(team: TeamOnHosts, show: Show) -> None:
+def test_peers_meet_without_multicast(team: TeamOnHosts, show: Show) -> None:
     """Each robot is told of the planner; nobody has to be told of the robots."""
     env = discovery_environment(peers=team.hosts.addresses[PLANNER])
     team.env = {REAL: env, NEAR: env}  # not FAR, which therefore finds nobody

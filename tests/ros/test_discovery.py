@@ -71,7 +71,7 @@ def test_robot_is_found_when_it_appears(planner: PlannerPeer, robot: PlayedRobot
     assert holds(log, [r"WARN.*found robot_a, and takes it for .*`robots: \[robot_a\]`"]), log
 
 
-def test_one_robot_is_answered_at_once(planner: PlannerPeer, robot: PlayedRobot) -> None:
+def test_single_robot_is_not_waited_for(planner: PlannerPeer, robot: PlayedRobot) -> None:
     """There is nobody to wait for: below `max_wait`, nine times of ten, if the machine is busy."""
     took_s = []
     for _ in range(10):
@@ -84,7 +84,7 @@ def test_one_robot_is_answered_at_once(planner: PlannerPeer, robot: PlayedRobot)
     assert sorted(took_s)[-2] < 4.0
 
 
-def test_what_is_no_robot_is_let_alone(planner: PlannerPeer, robot: PlayedRobot) -> None:
+def test_topics_of_no_robot_are_ignored(planner: PlannerPeer, robot: PlayedRobot) -> None:
     """All of it was there before the robot that was found."""
     _answer(planner, robot)
     wanted = {"/robot_a/points", "/robot_a/pose"}
@@ -115,7 +115,7 @@ def test_robot_in_a_nested_namespace_joins(planner: PlannerPeer, robot: PlayedRo
     planner.peer.must_set(planner.node, interval__robot_timeout=0.2)  # it leaves again
 
 
-def test_robot_without_a_pose_is_named(planner: PlannerPeer, robot: PlayedRobot) -> None:
+def test_robot_without_a_pose_is_reported(planner: PlannerPeer, robot: PlayedRobot) -> None:
     """It offers `pose` but sends none: its scans cannot be placed, the others' are."""
     lost = PlayedRobot(planner.peer, "robot_l", (0.0, 0.0, 0.0))
     lost.announce()
@@ -155,7 +155,7 @@ def test_robot_that_left_and_came_back_joins_again(
     _answer(planner, robot)
 
 
-def test_second_planner_is_named(planner: PlannerPeer) -> None:
+def test_second_planner_is_reported(planner: PlannerPeer) -> None:
     planner.peer.publisher(People, "/people")
     finding = planner.until_finding("people", lambda f: f.level == ERROR)
     wanted = r"2 publishers on /people: /peer, /planner_node; another planner, .* ROS_DOMAIN_ID"

@@ -67,7 +67,7 @@ def about(checks: list[Check], subject: str) -> Check | None:
     return next((check for check in checks if check.subject == subject), None)
 
 
-def test_an_empty_network(domain: int) -> None:
+def test_empty_network_is_an_error(domain: int) -> None:
     told = doctor()
     assert told.returncode == 1, told.stderr
     assert f"no robot_node and no planner_node in ROS domain {domain}" in told.stdout
@@ -86,7 +86,7 @@ def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     return made
 
 
-def test_a_stranger_and_missing_inputs(robot: RobotPeer, domain: int) -> None:
+def test_missing_inputs_and_a_wrong_type_are_reported(robot: RobotPeer, domain: int) -> None:
     """Nobody sends images or odometry, and somebody hears `people` as what it is not."""
     stranger = Peer(domain, "stranger")
     try:
@@ -121,7 +121,7 @@ def camera(robot: RobotPeer, change: Callable[[MutableView], object]) -> Callabl
     return send
 
 
-def test_raw_images_alone(robot: RobotPeer) -> None:
+def test_raw_images_without_rectified_ones_name_the_parameter(robot: RobotPeer) -> None:
     """The driver rectifies nothing: the parameter for that is named."""
     subject, raw = f"{ROBOT}: left/image_rect", "/robot_a/left/image_raw"
     robot.peer.publisher(Image, raw)
@@ -159,7 +159,7 @@ def unstamped(view: MutableView) -> None:
         (unstamped, "stamp is 0: its sender sets none"),
     ],
 )
-def test_images_that_are_all_refused_are_the_error_on_top(
+def test_refused_images_are_the_cause_and_the_rest_follows(
     robot: RobotPeer, change: Callable[[MutableView], None], words: str
 ) -> None:
     """And a planner without data is what follows, not a network to look at."""
@@ -178,7 +178,7 @@ def test_images_that_are_all_refused_are_the_error_on_top(
     assert not any("firewall" in check.advice for check in said)
 
 
-def test_a_stopped_camera_is_silent_and_its_clock_is_right(robot: RobotPeer) -> None:
+def test_stopped_camera_is_not_taken_for_a_wrong_clock(robot: RobotPeer) -> None:
     robot.warm_up()
 
     def wanted(said: list[Check]) -> bool:
@@ -197,7 +197,7 @@ def test_a_stopped_camera_is_silent_and_its_clock_is_right(robot: RobotPeer) -> 
     assert robot_finding.values["code"] == "scan_silent"
 
 
-def test_two_publishers_of_odometry(robot: RobotPeer, domain: int) -> None:
+def test_two_publishers_of_odometry_are_named(robot: RobotPeer, domain: int) -> None:
     """It is said, and by whom, as for `points`."""
     other = Peer(domain, "other_base")
     try:
@@ -223,7 +223,7 @@ def test_two_publishers_of_odometry(robot: RobotPeer, domain: int) -> None:
         other.close()
 
 
-def test_life_cycle_and_who_should_not_be_there(robot: RobotPeer, team: Team, domain: int) -> None:
+def test_inactive_and_surplus_nodes_are_reported(robot: RobotPeer, team: Team, domain: int) -> None:
     """Nodes that wait or were shut down do not hang; who is one too many is named."""
     peer = robot.peer
     team.start("robot_node", namespace="/robot_b", params={"autostart": "false"})

@@ -97,7 +97,7 @@ def test_configuration_that_fails_leaves_nothing(
         (ValueError("a bug"), ERROR, "unconfigured"),
     ],
 )
-def test_activation_that_fails_is_taken_back(
+def test_activation_that_fails_is_undone(
     node: Fragile, error: Exception, result: TransitionCallbackReturn, state: str
 ) -> None:
     assert node.trigger_configure() == SUCCESS

@@ -140,7 +140,9 @@ def refused(ros2: str, home: Path) -> dict[str, Launched]:
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_launch_says_what_is_wrong(refused: dict[str, Launched], home: Path, name: str) -> None:
+def test_launch_reports_wrong_arguments(
+    refused: dict[str, Launched], home: Path, name: str
+) -> None:
     said, _ = refused[name].process.communicate(timeout=DEADLINE_S)
     assert refused[name].process.returncode == 1
     assert holds(said, [WRONG[name][1].replace("HOME", str(home))]), said
@@ -169,7 +171,7 @@ def included(ros2: str, home: Path) -> Iterator[Launched]:
     made.end()
 
 
-def test_team_waits_where_it_is_told_to(
+def test_team_with_autostart_false_waits_unconfigured(
     ros2: str, team: Launched, included: Launched, peer: Peer
 ) -> None:
     """`autostart:=false` is for all nodes, and so is the file: in `~`, with others' sections."""
@@ -190,7 +192,7 @@ def test_team_waits_where_it_is_told_to(
     assert peer.change_state("/robot_a/robot_node", "activate")
 
 
-def test_launch_file_may_be_included_by_one_with_arguments_of_its_own(
+def test_launch_file_can_be_included_by_one_with_more_arguments(
     included: Launched, peer: Peer
 ) -> None:
     """What is asked of that is not refused here; without `autostart` nodes start."""

@@ -186,7 +186,7 @@ def test_closed_terminal_ends_a_launch(ros2: str, team: str, times: int) -> None
 
 
 @pytest.mark.parametrize("times", TIMES)
-def test_launch_that_is_interrupted_leaves_nothing(ros2: str, team: str, times: int) -> None:
+def test_interrupted_launch_leaves_no_process(ros2: str, team: str, times: int) -> None:
     """Ctrl-C reaches everybody in the terminal, and `ros2 launch` passes it on.
 
     Not in the moment in which Python itself starts, which ends with a traceback of its own.
@@ -202,9 +202,7 @@ def test_launch_that_is_interrupted_leaves_nothing(ros2: str, team: str, times: 
 
 
 @pytest.mark.parametrize("times", TIMES)
-def test_restarts_of_everything_in_any_order(
-    domain: int, tmp_path: Path, peer: Peer, times: int
-) -> None:
+def test_nodes_restart_in_any_order(domain: int, tmp_path: Path, peer: Peer, times: int) -> None:
     """At work, by any signal: only who is killed ends badly, and there are people after it."""
     chance = random.Random(times)
     signals = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
