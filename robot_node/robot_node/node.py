@@ -32,6 +32,9 @@ from mrs_ros.qos import STREAM
 from robot_node import pose_source
 from robot_node.pose_source import PoseSource
 
+#: By stage, what the number of its points is called on `/diagnostics`.
+_COUNTED = {"cloud": "points", "zones": "points_in_zone", "noise": "points_after_noise"}
+
 
 class RobotNode(ManagedNode):
     """Images and odometry of one robot in, scan and pose out."""
@@ -227,11 +230,10 @@ class RobotNode(ManagedNode):
         )
 
     def _figures(self, stages: Stages) -> dict[str, object]:
+        made = vars(stages)  # the default method makes points only for debug topics
         return {
             "valid_pixels": f"{np.isfinite(stages.disparity).mean():.2f}",
-            "points": len(stages.cloud),
-            "points_in_zone": len(stages.zones),
-            "points_after_noise": len(stages.noise),
+            **{name: len(made[stage]) for stage, name in _COUNTED.items() if stage in made},
             "cells": len(stages.scan.cells),
             "publish_ms": f"{self._publish_ms:.2f}",
             **{f"{stage}_ms": f"{ms:.2f}" for stage, ms in stages.times_ms.items()},
