@@ -1,4 +1,4 @@
-"""The hosts themselves: what reaches whom."""
+"""The simulated hosts: which datagrams arrive where."""
 
 from __future__ import annotations
 

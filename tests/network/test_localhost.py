@@ -1,4 +1,4 @@
-"""With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST a node of ours stays on its machine.
+"""With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST our nodes stay on their machine.
 
 Our nodes take another range for it, and a profile (docs/network.md, Shared memory).
 """

@@ -397,7 +397,7 @@ def test_member_is_admitted_until_revoked(seen: Seen) -> None:
 
 
 def test_copied_keys_are_refused_when_the_original_is_revoked(seen: Seen) -> None:
-    """Until then both had thrown each other out, three times and more."""
+    """Before that the two evicted each other at least three times."""
     assert seen.copy_came_back == 0
 
 
@@ -407,7 +407,7 @@ def test_robots_key_is_not_accepted_as_the_planners(seen: Seen) -> None:
 
 
 def test_outsiders_do_receive_an_unprotected_team(seen: Seen) -> None:
-    """So they would have heard this one."""
+    """This shows that they would have received the protected team, too."""
     assert set(seen.plain_spies) == {"spy-multicast", "spy-unicast"}
     assert all(lines[-1]["listeners"] for lines in seen.plain_spies.values())
 
@@ -421,7 +421,7 @@ def test_members_send_only_tls(seen: Seen) -> None:
 
 
 def test_members_have_one_open_port_in_all(seen: Seen) -> None:
-    """On the hosts' own network there is one open port in all."""
+    """On the hosts' own network."""
     assert [line.split()[4] for line in seen.sockets["planner"]] == ["0.0.0.0:5101"]
     assert seen.sockets["robot_a"] == seen.sockets["robot_b"] == []
 
@@ -429,7 +429,7 @@ def test_members_have_one_open_port_in_all(seen: Seen) -> None:
 @pytest.mark.soak
 @pytest.mark.timeout(900)
 def test_members_recover_after_outages(world: World, capsys: pytest.CaptureFixture[str]) -> None:
-    """How long until both robots are used again; nobody touches the nodes."""
+    """Prints how long it takes until both robots are used again, with no node restarted."""
     world.end(*world.tasks)
     shutil.rmtree(world.folder / "keys", ignore_errors=True)
     keys = TeamKeys.create(world.folder / "keys", world.hosts.addresses["planner"])

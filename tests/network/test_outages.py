@@ -1,4 +1,4 @@
-"""Cables are pulled, packets are lost, processes are killed; three robots and a planner, each on
+"""Links fail, packets are lost, processes are killed; three robots and a planner, each on
 its host. What is measured is printed, and held against what docs/network.md promises of it.
 """
 
@@ -66,7 +66,7 @@ def back_after(team: TeamOnHosts, outage_s: float) -> float:
 
 
 def test_images_stay_on_their_robot(team: TeamOnHosts, show: Show) -> None:
-    """What leaves a robot's host against the images that its node gets."""
+    """Compares what a robot's host sends with the images that its node receives."""
     before, began = team.hosts.bytes_sent(FAR), time.monotonic()
     time.sleep(3.0)
     rate = (team.hosts.bytes_sent(FAR) - before) / (time.monotonic() - began)
@@ -76,7 +76,7 @@ def test_images_stay_on_their_robot(team: TeamOnHosts, show: Show) -> None:
 
 
 def test_nodes_announce_themselves_at_the_rate_of_the_profile(team: TeamOnHosts) -> None:
-    """By themselves the planner and the listener on its host do at most 4 times in 5 s."""
+    """Without the profile the planner and the listener on its host do so at most 4 times in 5 s."""
     addresses = [team.hosts.addresses[PLAYED[0]], team.hosts.addresses[PLANNER]]
     command = [sys.executable, "-c", ANNOUNCEMENTS, *addresses]
     process = team.hosts.popen(PLAYED[0], command, stdout=subprocess.PIPE, text=True)

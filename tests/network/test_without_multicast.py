@@ -1,4 +1,4 @@
-"""Three robots and a planner on four hosts that get no multicast from each other."""
+"""Three robots and a planner on four hosts without multicast between them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def team(tmp_path: Path) -> Iterator[TeamOnHosts]:
 def test_team_meets_through_a_discovery_server(
     team: TeamOnHosts, show: Show, tmp_path: Path
 ) -> None:
-    """It is on the planner's host; the planner is not told which robots there are."""
+    """The server is on the planner's host; the planner has no list of robots."""
     env = discovery_environment(server=team.hosts.addresses[PLANNER])
     team.env = dict.fromkeys([*ROBOTS, PLANNER], env)
 
@@ -75,7 +75,7 @@ def test_team_meets_through_a_discovery_server(
 
 
 def test_peers_meet_without_multicast(team: TeamOnHosts, show: Show) -> None:
-    """Each robot is told of the planner; nobody has to be told of the robots."""
+    """Each robot has the planner as a peer; the planner has none."""
     env = discovery_environment(peers=team.hosts.addresses[PLANNER])
     team.env = {REAL: env, NEAR: env}  # not FAR, which therefore finds nobody
     team.listen()

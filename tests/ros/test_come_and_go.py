@@ -1,4 +1,4 @@
-"""Robots and planners that are killed, start again, join and leave; nobody restarts the others."""
+"""Robots and planners are killed, restarted, join and leave; the others keep running."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_robots_join_one_after_another(life: Life) -> None:
 
 
 def test_late_scans_of_a_resumed_robot_are_in_no_interval(life: Life) -> None:
-    """What it had in its hands is seconds old when it comes."""
+    """What it was working on when it was stopped is seconds old when it arrives."""
     life.until_seen_by(*ROBOTS)
     first = len(life.people)
     for _ in range(2):
@@ -92,7 +92,7 @@ def _message(life: Life, name: str) -> str:
 
 
 def test_planner_is_on_the_network_before_its_libraries_are_loaded() -> None:
-    """What takes longest is loaded while it meets the robots, or not at all."""
+    """The slowest libraries are loaded during discovery, or not at all."""
     code = "import sys, planner_node.node; print({'cv2', 'scipy'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"

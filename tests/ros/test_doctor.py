@@ -1,7 +1,7 @@
-"""`mrs doctor` looking at real nodes over DDS (its words: tests/tools/diagnosis).
+"""`mrs doctor` with real nodes over DDS (its sentences: tests/tools/diagnosis).
 
-Each misdiagnosis that it must not make, as it comes about: nodes are processes, what they lack is
-left out or sent wrong, and what stands on top is the cause.
+Nodes are processes whose inputs are missing or wrong; the cause must be on top, and below it what
+follows from it.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
 
 
 def test_missing_inputs_and_a_wrong_type_are_reported(robot: RobotPeer, domain: int) -> None:
-    """Nobody sends images or odometry, and somebody hears `people` as what it is not."""
+    """No images or odometry are published, and a subscriber has the wrong type for `people`."""
     stranger = Peer(domain, "stranger")
     try:
         stranger.hear(String, "/people")
@@ -122,7 +122,7 @@ def camera(robot: RobotPeer, change: Callable[[MutableView], object]) -> Callabl
 
 
 def test_raw_images_without_rectified_ones_name_the_parameter(robot: RobotPeer) -> None:
-    """The driver rectifies nothing: the parameter for that is named."""
+    """The driver does not rectify: the parameter for that is named."""
     subject, raw = f"{ROBOT}: left/image_rect", "/robot_a/left/image_raw"
     robot.peer.publisher(Image, raw)
     try:
@@ -162,7 +162,7 @@ def unstamped(view: MutableView) -> None:
 def test_refused_images_are_the_cause_and_the_rest_follows(
     robot: RobotPeer, change: Callable[[MutableView], None], words: str
 ) -> None:
-    """And a planner without data is what follows, not a network to look at."""
+    """The planner's missing data follows from that, and is not blamed on the network."""
     subjects = [f"{ROBOT}: {side}/image_rect" for side in ("left", "right")]
 
     def complete(said: list[Check]) -> bool:
@@ -198,7 +198,7 @@ def test_stopped_camera_is_not_taken_for_a_wrong_clock(robot: RobotPeer) -> None
 
 
 def test_two_publishers_of_odometry_are_named(robot: RobotPeer, domain: int) -> None:
-    """It is said, and by whom, as for `points`."""
+    """With the names of their nodes, as for `points`."""
     other = Peer(domain, "other_base")
     try:
         publisher = other.publisher(Odometry, "/robot_a/odom")
@@ -224,7 +224,7 @@ def test_two_publishers_of_odometry_are_named(robot: RobotPeer, domain: int) -> 
 
 
 def test_inactive_and_surplus_nodes_are_reported(robot: RobotPeer, team: Team, domain: int) -> None:
-    """Nodes that wait or were shut down do not hang; who is one too many is named."""
+    """Nodes that wait or were shut down are not reported as hanging; duplicates are named."""
     peer = robot.peer
     team.start("robot_node", namespace="/robot_b", params={"autostart": "false"})
     team.start("robot_node")

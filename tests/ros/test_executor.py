@@ -1,4 +1,4 @@
-"""What waits for messages, with and without the executor that rclpy calls experimental."""
+"""The nodes' executor, with and without the one that rclpy calls experimental."""
 
 import sys
 

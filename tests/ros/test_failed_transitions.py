@@ -1,4 +1,4 @@
-"""A transition that fails leaves a managed node as it was before, in what it says and in fact."""
+"""A transition that fails leaves a managed node in the state that it reports."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_activation_that_fails_is_undone(
 
 @pytest.mark.parametrize("error", [CameraError("broken"), ValueError("a bug")])
 def test_node_that_cannot_stop_is_torn_down(node: Fragile, error: Exception) -> None:
-    """Half stopped is not active: the state says what it is."""
+    """A node that is stopped in part is not active."""
     assert node.trigger_configure() == SUCCESS
     assert node.trigger_activate() == SUCCESS
     node.failures["stop"] = error

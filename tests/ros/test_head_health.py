@@ -1,4 +1,4 @@
-"""What robot_node says of its head: it sits elsewhere than configured, or it is blind."""
+"""robot_node reports a head that is not where it is configured to be, or that is blind."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_correctly_mounted_head_that_sees_is_ok(robot: RobotPeer, views: Views) 
 
 
 def test_mounting_that_is_three_degrees_off_is_reported(robot: RobotPeer, views: Views) -> None:
-    """The head stays; it is the configuration that moves."""
+    """Here the configuration is changed, not the head."""
     robot.peer.must_set(robot.node, mounting__pitch=TILTED)
     views.send(6)
     finding = robot.until_finding("mounting", lambda f: f.level == WARN)
@@ -107,7 +107,7 @@ def test_covered_lens_is_reported_with_its_camera(
 
 
 def test_views_before_a_jump_back_of_stamps_do_not_count(robot: RobotPeer, views: Views) -> None:
-    """A bag that begins again: one view is enough for a head that was blind."""
+    """As in a bag that loops: one view is enough for a head that was blind."""
     views.send(6, apart_s=0.1, black="left")
     robot.until_finding("head", lambda f: f.level == WARN)
     views.stamp_ns -= 100 * SECOND
@@ -126,7 +126,7 @@ def test_views_before_a_jump_back_of_stamps_do_not_count(robot: RobotPeer, views
 
 
 def test_calibrate_measures_a_running_head(robot: RobotPeer, peer: Peer, tmp_path: Path) -> None:
-    """The command as a process of its own, on the images that the robot gets."""
+    """The command runs as a process of its own, on the images that the robot receives."""
     command = [sys.executable, "-m", "mrs_tools", "calibrate", "-r", robot.namespace, "-d", "6"]
     out, err = tmp_path / "out", tmp_path / "err"
     with out.open("wb") as to_out, err.open("wb") as to_err:
@@ -156,7 +156,7 @@ def test_calibrate_measures_a_running_head(robot: RobotPeer, peer: Peer, tmp_pat
 def test_waiting_images_that_do_not_fit_count_against_the_image_topic(
     team: Team, peer: Peer, recording: Recording
 ) -> None:
-    """Not that of the camera_info that came last, which is as right as the others."""
+    """Not against the camera_info that came last, which is as correct as the others."""
     node = team.start("robot_node", namespace="/robot_wide", params=PARAMS)
     robot = RobotPeer(peer, node, recording, "robot_wide")
     peer.until_active(node.name)

@@ -1,4 +1,4 @@
-"""What an input says of what it refuses: whose fault it is, and whose it is not."""
+"""Which refused messages an input counts as faults of their sender."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_single_late_message_is_a_fault(heard: Heard) -> None:
 
 @pytest.mark.parametrize("seconds", [[10.0], [5.0, 5.0, 5.0], [0.0, 0.0, 0.0], [9.5]])
 def test_stamps_that_do_not_increase_are_a_fault(heard: Heard, seconds: list[float]) -> None:
-    """Repeated stamps, a clock that stands still, none at all, or a little late."""
+    """Repeated stamps, a stopped clock, no stamps, and stamps that are a little late."""
     heard.take(10.0, *seconds)
     assert heard.says()[1] in (Code.SOME_REFUSED, Code.ALL_REFUSED)
     assert dict(heard.input.dropped) == {"ScanError": len(seconds)}

@@ -174,7 +174,7 @@ def included(ros2: str, home: Path) -> Iterator[Launched]:
 def test_team_with_autostart_false_waits_unconfigured(
     ros2: str, team: Launched, included: Launched, peer: Peer
 ) -> None:
-    """`autostart:=false` is for all nodes, and so is the file: in `~`, with others' sections."""
+    """`autostart:=false` and the file, in `~` and with sections of others, apply to all nodes."""
     for node in ("/robot_a/robot_node", "/planner_node"):
         peer.until(lambda n=node: peer.state(n) == "unconfigured", f"{node} does not wait")  # type: ignore[misc]
     where = ("/robot_a/robot_node", "--no-daemon", "--spin-time", "2")
@@ -195,7 +195,7 @@ def test_team_with_autostart_false_waits_unconfigured(
 def test_launch_file_can_be_included_by_one_with_more_arguments(
     included: Launched, peer: Peer
 ) -> None:
-    """What is asked of that is not refused here; without `autostart` nodes start."""
+    """The arguments of that file are not refused here; without `autostart` the nodes start."""
     peer.until_active("/robot_b/robot_node")
 
 

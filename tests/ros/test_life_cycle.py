@@ -1,4 +1,4 @@
-"""Managed nodes: they start themselves, or are led through their states; and they end cleanly."""
+"""Managed nodes start by themselves or by lifecycle transitions, and end cleanly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bag that is replayed in a loop: each pass begins anew, and none leaves anything to the next."""
+"""A bag that is replayed in a loop: each pass begins anew."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def planning(team: Team, peer: Peer, *, simulated: bool) -> Iterator[PlannerPeer
 def test_each_of_ten_loops_begins_with_new_ids(
     team: Team, peer: Peer, bag: Path, clock: bool
 ) -> None:
-    """Everybody is new in each pass, from its first interval on; ids and group ids go on."""
+    """From the first interval of each pass on all tracks are new; ids and group ids go on."""
     events = peer.hear(String, "/events")
     reports = peer.hear(DiagnosticArray, "/diagnostics")
     with planning(team, peer, simulated=clock) as planner:
@@ -121,7 +121,7 @@ def test_each_of_ten_loops_begins_with_new_ids(
 def test_recording_of_a_team_replays_onto_live_nodes_without_duplicates(
     team: Team, peer: Peer, bag: Path, tmp_path: Path
 ) -> None:
-    """README's own pair: record, without naming topics, and replay."""
+    """`mrs record` without topics, then `mrs replay`, as documented."""
     out = tmp_path / "out.mcap"
     with planning(team, peer, simulated=True) as planner:
         with mrs("record", out) as recorder:

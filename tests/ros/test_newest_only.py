@@ -1,4 +1,4 @@
-"""Streams: of what comes while a node is at work, only the newest waits."""
+"""Streams keep only the newest message while a node is busy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is started ends: terminals closed, parents killed, everything restarted in any order.
+"""Processes end when terminals are closed or parents killed, and restart in any order.
 
 Here each once; `make soak` does each ten times, at any moment.
 """
@@ -187,7 +187,7 @@ def test_closed_terminal_ends_a_launch(ros2: str, team: str, times: int) -> None
 
 @pytest.mark.parametrize("times", TIMES)
 def test_interrupted_launch_leaves_no_process(ros2: str, team: str, times: int) -> None:
-    """Ctrl-C reaches everybody in the terminal, and `ros2 launch` passes it on.
+    """Ctrl-C reaches all processes of the terminal, and `ros2 launch` passes it on.
 
     Not in the moment in which Python itself starts, which ends with a traceback of its own.
     """
@@ -203,7 +203,7 @@ def test_interrupted_launch_leaves_no_process(ros2: str, team: str, times: int) 
 
 @pytest.mark.parametrize("times", TIMES)
 def test_nodes_restart_in_any_order(domain: int, tmp_path: Path, peer: Peer, times: int) -> None:
-    """At work, by any signal: only who is killed ends badly, and there are people after it."""
+    """While busy, by any signal: only killed nodes exit with other codes than 0; people are found."""
     chance = random.Random(times)
     signals = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
     started = {"/robot_a": "robot_node", "/robot_b": "robot_node", "/": "planner_node"}

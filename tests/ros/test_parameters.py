@@ -1,4 +1,4 @@
-"""Parameters: bad ones stop the start and say why; at run time they are taken or refused."""
+"""Parameters: bad ones prevent the start and name the reason; at run time they are refused."""
 
 from __future__ import annotations
 
@@ -381,7 +381,7 @@ def _with(changes: Mapping[str, Any]) -> RobotConfig:
 def test_body_search_and_a_steeply_tilted_head_exclude_each_other(
     robot: RobotPeer, planner: PlannerPeer
 ) -> None:
-    """Refused as long as bodies are sought, and the other way round."""
+    """The mounting is refused while bodies are searched for, and the search with that mounting."""
 
     def narrow() -> Any:
         view = robot.view()
@@ -417,7 +417,7 @@ def test_body_search_and_a_steeply_tilted_head_exclude_each_other(
 def test_related_parameters_are_set_together(
     robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
 ) -> None:
-    """One by one this would pass through what is not allowed: low over high."""
+    """One by one this would pass through a forbidden state: low over high."""
     low, high = robot.peer.set(robot.node, zones__low=1.6, zones__high=1.9)
     assert not low.successful
     assert "zones.low is 1.6; allowed: less than zones.high, 1.5" in low.reason
@@ -495,7 +495,7 @@ def test_unknown_parameter_is_refused(robot: RobotPeer, planner: PlannerPeer) ->
 def test_parameter_that_does_not_fit_the_camera_is_refused(
     robot: RobotPeer, planner: PlannerPeer
 ) -> None:
-    """Allowed for other cameras, but not with this baseline."""
+    """It is allowed for other cameras, but not with this baseline."""
 
     def wide() -> Any:
         view = robot.view()
@@ -514,7 +514,7 @@ def test_parameter_that_does_not_fit_the_camera_is_refused(
 def test_setting_a_parameter_to_its_value_is_no_change(
     robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
 ) -> None:
-    """Tools that set all parameters of a file at once do so with the others, too."""
+    """Tools that set all parameters of a file at once rely on this."""
     robot.peer.must_set(robot.node, images__top=False, pose__source="odom", zones__low=0.3)
     robot.check(RobotConfig.from_mapping({"zones.low": 0.3}, base=papers))
     robot.peer.must_set(robot.node, zones__low=0.2)
@@ -554,7 +554,7 @@ def test_parameters_of_the_joining_take_effect(robot: RobotPeer, planner: Planne
 def test_parameters_of_the_size_of_people_take_effect(
     robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
 ) -> None:
-    """Where no bodies are sought."""
+    """Without the search for bodies."""
     peer = robot.peer
     peer.until(lambda: _people(robot, planner, papers) > 0, lambda: planner.process.log)
     peer.must_set(planner.node, human__min_points=1_000_000)

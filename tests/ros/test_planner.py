@@ -115,7 +115,7 @@ def test_silence_and_wrong_types_are_reported(planner: PlannerPeer, domain: int)
 def test_robots_named_in_advance_are_waited_for(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
-    """Also the first interval is of all of them."""
+    """The first interval has all of them, too."""
     robot_a, robot_b, robot_c = robots
     for robot in robots:  # connections stand before the first scan
         planner.peer.until(
@@ -236,7 +236,7 @@ def test_scan_is_placed_with_the_pose_at_its_stamp(
 
 
 def test_scans_wait_for_their_poses(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
-    """Scans that overtake their poses are not placed by guessing ahead."""
+    """Scans that arrive before their poses are not placed by extrapolation."""
     robot_a, *others = robots
     _still_works(planner, robots)
     stamp_ns = planner.now() + SECOND // 5
@@ -342,7 +342,7 @@ def test_scan_that_is_too_old_is_left_out(
 def test_scan_that_is_older_than_the_last_interval_is_left_out(
     planner: PlannerPeer, robots: list[PlayedRobot], live: Callable[..., None]
 ) -> None:
-    """It comes by itself: people do not go back to where they were."""
+    """It arrives alone: people must not jump back."""
     live(interval__max_wait=0.05)
     _still_works(planner, robots)
     before = planner.peer.next_findings(planner.node)[planner.node]["robot robot_b"]
@@ -634,7 +634,7 @@ def test_bad_message_is_reported_counted_and_dropped(
 
 @pytest.mark.parametrize("name", BAD)
 def test_good_messages_are_used_after_a_bad_one(outcomes: Mapping[str, Outcome], name: str) -> None:
-    """All robots see somebody, and it is one person."""
+    """All robots see one person."""
     assert outcomes[name].trouble == ""
 
 
@@ -701,7 +701,7 @@ def test_point_fields_are_read_by_name(
 
 
 def test_late_poses_are_sorted_by_stamp(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
-    """Order of arrival does not matter, only stamps do."""
+    """Only stamps matter, not the order of arrival."""
     stamp_ns = planner.now() + SECOND // 5
     robot_a, *others = robots
     robot_a.send_pose(pose_of(stamp_ns + 20_000_000, 2.0, 0.0, 0.0))
@@ -717,7 +717,7 @@ def test_late_poses_are_sorted_by_stamp(planner: PlannerPeer, robots: list[Playe
 def test_planner_begins_anew_when_all_stamps_jump_back(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
-    """A bag that loops: all robots jump; once three scans in succession say so, it is believed."""
+    """As in a bag that loops: all robots jump, and three scans in succession confirm it."""
     _still_works(planner, robots)
     before = planner.peer.next_findings(planner.node)[planner.node]
     old = planner.now() - 100 * SECOND

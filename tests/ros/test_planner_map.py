@@ -1,4 +1,4 @@
-"""planner_node and what stands at known places: walls by a map that was there before it, robots."""
+"""planner_node masks walls of a map that was published before it started."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_missing_map_is_reported_and_masks_nothing(
 
 
 def test_unusable_map_stays_an_error_and_masks_nothing(planner: PlannerPeer) -> None:
-    """It is latched and comes once: that is said as long as there is no other."""
+    """It is latched and arrives once: it is reported until there is another."""
     planner.peer.publisher(OccupancyGrid, "/team/map", LATCHED).publish(room("odom"))
     text = "none of 1 can be used; last: frame_id is 'odom'; wanted: 'map'"
     planner.until_finding("map", lambda f: f.level == ERROR and f.message == text, text)

@@ -1,4 +1,4 @@
-"""How a team's nodes are told to find each other, and the Fast DDS profile that they use."""
+"""The options by which a team's nodes find each other, and their Fast DDS profile."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ def test_other_middleware_is_left_alone():
 
 @pytest.mark.parametrize("file", ["team.xml", "localhost.xml"])
 def test_both_profiles_have_the_same_settings(file):
-    """Lease and announcements, and UDP with room: everything else stays with ROS and the user."""
+    """Lease, announcements and UDP buffers; everything else is left to ROS and the user."""
     space = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
     root = ET.parse(FAST_DDS / file).getroot()
     (config,) = root.iter(f"{space}discovery_config")

@@ -1,4 +1,4 @@
-"""robot_node: what it takes in, what it gives out, and what is the same as in one process.
+"""robot_node: inputs, outputs, and that they equal those of the method in one process.
 
 One process does all of it; where a parameter takes a new beginning, it is cleaned up and
 configured again, as a user does.
@@ -149,7 +149,7 @@ def test_points_equal_those_of_the_papers_method_bit_for_bit(
 
 
 def test_bodies_are_read_back_as_they_were_sent(robot: RobotPeer) -> None:
-    """Every field comes back, also through the reader of the planner."""
+    """Every field, also as read by the planner."""
     view = robot.view()
     robot.check(DEFAULTS, view)
     sent = stages_of(view, DEFAULTS).scan.cells
@@ -185,7 +185,7 @@ def test_scan_has_the_stamp_of_the_left_image(robot: RobotPeer, live: Change) ->
 @pytest.mark.parametrize("encoding", ["bgr8", "rgb8", "bgra8"])
 @pytest.mark.parametrize("pad", [0, 7])
 def test_colour_images_are_converted_to_grey(robot: RobotPeer, encoding: str, pad: int) -> None:
-    """Grey is 0.299 R + 0.587 G + 0.114 B: here it comes out as the recorded image."""
+    """Grey is 0.299 R + 0.587 G + 0.114 B, here the recorded image."""
     view, coloured = robot.view(), {}
     rng = np.random.default_rng(1)
     for camera in ("left", "right"):
@@ -419,7 +419,7 @@ def test_pose_in_can_be_the_source(robot: RobotPeer, reconfigured: Change) -> No
 
 @pytest.mark.parametrize(("max_rate", "every"), [(100.0, 1), (50.0, 2), (20.0, 5)])
 def test_pose_rate_is_limited(robot: RobotPeer, live: Change, max_rate: float, every: int) -> None:
-    """Of odometry at 100 Hz, with some jitter, as many poses go out as the rate allows."""
+    """From odometry at 100 Hz with some jitter, as many poses are published as the rate allows."""
     live(pose__max_rate=max_rate)
     start = robot.now() + 1_000_000_000
     stamps = [start + 10_000_000 * i + (200_000 if i % 3 else 0) for i in range(41)]
@@ -428,7 +428,7 @@ def test_pose_rate_is_limited(robot: RobotPeer, live: Change, max_rate: float, e
 
 @pytest.mark.parametrize("max_rate", [10.0, 30.0, 70.0])
 def test_pose_rate_holds_in_the_long_run(robot: RobotPeer, live: Change, max_rate: float) -> None:
-    """Also where the odometry's period is no part of the allowed one."""
+    """Also where the allowed period is no multiple of the odometry's."""
     live(pose__max_rate=max_rate)
     start = robot.now() + 1_000_000_000
     stamps = [start + 10_000_000 * i for i in range(201)]
@@ -500,7 +500,7 @@ def test_debug_topics_show_the_stages(robot: RobotPeer) -> None:
 def test_debug_topics_are_published_only_while_subscribed(
     peer: Peer, recording: Recording, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The node in this process, so that what it hands to its publishers can be seen."""
+    """The node runs in this process, so that the calls of its publishers can be counted."""
     published: list[str] = []
     publish = LifecyclePublisher.publish
 

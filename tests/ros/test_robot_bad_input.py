@@ -1,4 +1,4 @@
-"""robot_node and what is wrong with its inputs: named, counted, dropped; the next good one counts.
+"""robot_node reports, counts and drops bad inputs, and uses the next good one.
 
 Every case sends something bad to the same running node and looks at its `/diagnostics`; then a good
 view and a good pose must come out as ever.
@@ -60,7 +60,7 @@ def _still_works(robot: RobotPeer) -> None:
 def test_silence_wrong_types_and_missing_calibration_are_reported(
     robot: RobotPeer, silent: RobotPeer, domain: int
 ) -> None:
-    """A robot that gets nothing it can use, and how it is put right, step by step."""
+    """A robot without usable inputs, corrected step by step."""
     stranger = Peer(domain, "stranger")
     peer, node = silent.peer, silent.node
     try:
@@ -291,7 +291,7 @@ BAD = {
 
 
 def test_problems_of_several_topics_are_all_logged(robot: RobotPeer) -> None:
-    """Three kinds of trouble at one time are three lines."""
+    """Three kinds of problems at a time are three lines."""
     kinds = (BAD["image encoding"], BAD["camera_info with NaN"], BAD["pose with NaN"])
     for bad in kinds:
         bad.send(robot)
@@ -370,14 +370,14 @@ def test_bad_message_is_reported_counted_and_dropped(
 
 @pytest.mark.parametrize("name", BAD)
 def test_good_messages_are_used_after_a_bad_one(outcomes: Mapping[str, Outcome], name: str) -> None:
-    """A view and a pose come out as ever."""
+    """A view and a pose are published as usual."""
     assert outcomes[name].trouble == ""
 
 
 def test_bad_message_counts_only_against_its_topic(
     outcomes: Mapping[str, Outcome], robot: RobotPeer, silent: RobotPeer
 ) -> None:
-    """Of all the bad messages above, each was counted where it came in."""
+    """Each of the bad messages above was counted at its own topic."""
     kinds = {bad.topic: {f"dropped.{bad.kind}"} for bad in BAD.values()}
     findings = robot.peer.next_findings(robot.node, silent.node).values()
     for topic, wanted in kinds.items():
@@ -391,7 +391,7 @@ def test_bad_message_counts_only_against_its_topic(
 
 
 def test_robot_begins_anew_when_image_stamps_jump_back(robot: RobotPeer) -> None:
-    """A bag that loops: once three images in succession say so, it is believed."""
+    """As in a bag that loops: three images in succession confirm it."""
     before = robot.peer.next_findings(robot.node)[robot.node]["pairs"]
     then = robot.now() - 100 * SECOND
     for step in range(2):
@@ -422,7 +422,7 @@ def test_robot_begins_anew_when_pose_stamps_jump_back(robot: RobotPeer) -> None:
 
 
 def test_images_that_never_pair_are_reported_with_their_difference(robot: RobotPeer) -> None:
-    """The difference that is seen is said, so that the parameter can be set."""
+    """The observed difference is reported, so that the parameter can be set."""
     robot.peer.must_set(robot.node, images__queue_size=2)  # which also starts to count anew
     began_ns = robot.now()
     for frame in range(4):  # at 30 Hz, and half a frame apart
@@ -466,7 +466,7 @@ def test_images_of_any_quality_of_service_arrive(
     reliability: ReliabilityPolicy,
     durability: DurabilityPolicy,
 ) -> None:
-    """There is no combination that a driver might offer and the node would not hear."""
+    """Every combination that a driver may offer is compatible with the node's."""
     qos = QoSProfile(depth=5, reliability=reliability, durability=durability)
     driver = Peer(domain, "driver")
     try:
@@ -487,7 +487,7 @@ def test_images_of_any_quality_of_service_arrive(
 
 
 def test_incompatible_quality_of_service_is_reported(peer: Peer, domain: int) -> None:
-    """By an input that asks for more than is offered; those of our nodes ask for the least."""
+    """By an input that requests more than is offered; those of our nodes request the least."""
     other = Peer(domain, "other")
     try:
         other.publisher(
@@ -503,7 +503,7 @@ def test_incompatible_quality_of_service_is_reported(peer: Peer, domain: int) ->
 
 
 def test_subscriber_that_requests_reliable_points_is_logged(robot: RobotPeer) -> None:
-    """`points` is best effort, as sensor data is; a reader that asks for more hears nothing."""
+    """`points` is best effort, as sensor data is; who requests more receives nothing."""
     reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
     subscription = robot.peer.node.create_subscription(
         PointCloud2, "/robot_a/points", lambda message: None, reliable

@@ -1,4 +1,4 @@
-"""config/*.rviz: RViz2's own classes, on topics that the planner publishes, of the type they draw.
+"""config/*.rviz uses RViz2's own classes, with topics of the planner and the types they display.
 
 RViz itself is not among the wheels; on a file that names what it does not know it shows an error
 at that display only.

@@ -1,4 +1,4 @@
-"""DDS Security: nodes that cannot have it do not start, and the policy allows what they do."""
+"""DDS Security: nodes that require it start only with it; the policy matches the nodes."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_node_does_not_start_without_required_security(
 def test_node_logs_that_it_may_be_unprotected(
     team: Team, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`Permissive` is ROS's word for this: where there are no keys it goes without."""
+    """With `Permissive` a node without keys starts unprotected."""
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     process = team.start("robot_node", namespace="/unsure")
     peer.until(lambda: security.UNSURE in process.log, lambda: process.log)

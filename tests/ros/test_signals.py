@@ -1,4 +1,4 @@
-"""A node that is told to end while it is at work: it finishes that, and leaves without a word."""
+"""A node that receives a signal while it is busy finishes its callback and ends cleanly."""
 
 from __future__ import annotations
 

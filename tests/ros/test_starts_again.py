@@ -1,4 +1,4 @@
-"""How soon people are there again after a process was killed: what docs/network.md promises."""
+"""How soon people are found again after a process was killed, as docs/network.md promises."""
 
 from __future__ import annotations
 

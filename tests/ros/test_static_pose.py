@@ -1,4 +1,4 @@
-"""A robot without odometry: its pose is a parameter, and good at the stamp of every scan."""
+"""A robot without odometry: its pose is a parameter, valid at the stamp of every scan."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _planar(message: Any) -> tuple[float, float, float]:
 
 
 def test_static_pose_is_published_before_the_first_scan(robot: RobotPeer) -> None:
-    """A team may have it in view, whether its cameras work or not."""
+    """Others may have it in view, whether its cameras work or not."""
     robot.peer.until_active(robot.node)
     before = robot.now()
     robot.peer.until(lambda: robot.poses and stamp_of(robot.poses[-1]) > before, "poses")
@@ -74,7 +74,7 @@ def test_static_pose_is_published_before_the_first_scan(robot: RobotPeer) -> Non
 def test_every_scan_has_a_static_pose_and_no_interval_waits(
     robot: RobotPeer, people: list[Any]
 ) -> None:
-    """Also scans of old stamps: of a recording, that is, without simulated time."""
+    """Also scans with old stamps, as of a recording without simulated time."""
     for start_ns in (robot.now(), 1_700_000_000 * SECOND, robot.now()):
         stamps = itertools.count(start_ns, SECOND // 10)
 

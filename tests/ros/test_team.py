@@ -1,4 +1,4 @@
-"""Three robots and the planner, four processes: the answer is that of the method in one process.
+"""Three robots and the planner as four processes: the result equals that of the method in one.
 
 Each frame is sent when the one before it has been answered, so nothing depends on the machine's
 speed. The odometry of the first run moves and is uncertain, so that the place of a scan has to be
@@ -360,7 +360,7 @@ def test_people_equal_those_of_the_method(run: Run) -> None:
 
 
 def test_people_can_be_computed_from_the_poses_in_the_message(run: Run) -> None:
-    """Also without the `pose` topic: what the message names is enough."""
+    """The message is sufficient, without the topic `pose`."""
     for message in run.people:
         named = messages.read_people_scans(message)
         scans: list[Scan] = []
@@ -453,7 +453,7 @@ def test_markers_show_people_centre_and_robots(run: Run) -> None:
 
 
 def test_all_five_people_are_found_where_they_are(run: Run) -> None:
-    """Everybody and nobody else: within 6 cm, or by what the odometry was bent more."""
+    """All people and no others, within 6 cm, or more by as much as the odometry was perturbed."""
     errors = []
     for message in run.full:
         found = np.array([_xy(person.pose.pose.position) for person in message.persons])
@@ -470,7 +470,7 @@ def test_all_five_people_are_found_where_they_are(run: Run) -> None:
 
 @once
 def test_images_go_to_their_robot_only(run: Run) -> None:
-    """What DDS shows of every image topic: one reader, the robot's own node."""
+    """In DDS every image topic has one reader, the robot's own node."""
     image = "sensor_msgs/msg/Image"
     node = run.peer.node
     topics = [name for name, types in node.get_topic_names_and_types() if image in types]
@@ -503,7 +503,7 @@ def test_robots_publish_no_images(run: Run) -> None:
 
 
 def test_scans_and_poses_are_small_against_images(run: Run) -> None:
-    """Scans and poses of a frame, against its images."""
+    """Per frame, in bytes."""
     for robot in ROBOTS:
         sent = run.sent[robot]
         stamps = {stamp_of(view["left"][0]) for view in sent}
@@ -559,7 +559,7 @@ def test_two_robots_of_one_name_are_reported(run: Run, team: Team) -> None:
 
 @once
 def test_no_message_was_lost(run: Run) -> None:
-    """Last: no robot dropped anything."""
+    """The last test: no robot dropped anything."""
     nodes = [f"/{robot}/robot_node" for robot in ROBOTS]
     for findings in run.peer.next_findings(*nodes).values():
         assert findings["pairs"].count("stamp_resets") == 0

@@ -94,7 +94,7 @@ def test_up_reports_a_wrong_team_file(tmp_path, environment):
 
 @pytest.mark.timeout(180)
 def test_up_and_people_run_until_ctrl_c(environment):
-    """A team without cameras: the planner is there, finds no one, and says what is missing."""
+    """A team without cameras: the planner runs, finds nobody, and reports what is missing."""
     team = subprocess.Popen(
         mrs("up", TEAM), env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -124,7 +124,7 @@ def test_up_and_people_run_until_ctrl_c(environment):
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_demo_finds_all_people(tmp_path, environment):
-    """On a machine that is busy with other things nobody is lost either, if it gets more time."""
+    """On a busy machine, too, if it gets more time."""
     picture = tmp_path / "demo.png"
     del environment["ROS_DOMAIN_ID"]
     for rate in (0.5, 0.2, 0.1):
@@ -156,7 +156,7 @@ def test_demo_finds_all_people(tmp_path, environment):
 @pytest.mark.slow
 @pytest.mark.timeout(420)
 def test_demo_tracks_a_walking_group(tmp_path, environment):
-    """Likewise; one of them falls behind, and one joins."""
+    """One of them falls behind, and one joins."""
     picture = tmp_path / "demo.png"
     for rate in (0.5, 0.2, 0.1):
         done = subprocess.run(
@@ -230,7 +230,7 @@ with node("driver") as driver:
 def test_demo_refuses_a_domain_with_publishers_of_the_bags_topics(
     tmp_path, environment, topic, kind
 ):
-    """The replay would leave that to them, and the team would be on a foreign clock or camera."""
+    """The replay would leave that to them, and the team would use their clock or camera."""
     with subprocess.Popen(
         [sys.executable, "-c", DRIVER, topic, *kind],
         env=environment,

@@ -1,4 +1,4 @@
-"""TF: the frames that a robot tells, and poses that come from there."""
+"""TF: the frames that a robot publishes, and poses from TF."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_static_robot_publishes_map_to_base_link(standing: RobotPeer, tf: Tf) ->
 
 
 def test_camera_frames_agree_with_the_method(standing: RobotPeer, tf: Tf) -> None:
-    """The trinocular head, numerically: through TF, and through what the method computes with."""
+    """The trinocular head, numerically: by TF, and by the geometry of the method."""
     view = standing.view()
     standing.send(view, top=True)
     standing.points_at(stamp_of(view["left"][0]))
@@ -198,7 +198,7 @@ def test_turned_head_is_published_again(standing: RobotPeer, tf: Tf) -> None:
 
 
 def test_base_link_has_one_parent(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """Odometry in a frame of its own: its base says odom to base_link, we say map to odom."""
+    """Odometry in its own frame: the base publishes odom to base_link, the node map to odom."""
     robot = robots("robot_b", pose__map_from_odom=[5.0, 6.0, 1.0])
 
     def placed() -> Any:
@@ -247,7 +247,7 @@ def test_frames_are_published_as_the_parameter_says(
 
 
 def test_pose_can_come_from_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """Where the chain is: map to odom from whoever localizes, odom to base_link from the base."""
+    """The chain is map to odom from a localization, and odom to base_link from the base."""
     robot = robots("robot_e", pose__source="tf", pose__sigmas=[0.1, 0.1, 0.02])
     finding = robot.until_finding("pose", lambda f: f.level == ERROR and "TF has no" in f.message)
     assert finding.message.startswith("TF has no map -> robot_e/base_link: ")
@@ -281,7 +281,7 @@ def test_pose_can_come_from_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None
 
 
 def test_static_transform_is_a_pose_at_any_time(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """As static_transform_publisher says it: good at the stamp of each scan."""
+    """As from static_transform_publisher: valid at the stamp of each scan."""
     tf.tell(told("map", "robot_f/base_link", -1.0, 0.5, 3.0), static=True)
     robot = robots("robot_f", pose__source="tf")
     robot.peer.until(lambda: robot.poses, "a pose without a scan")
@@ -292,7 +292,7 @@ def test_static_transform_is_a_pose_at_any_time(robots: Callable[..., RobotPeer]
 
 
 def test_tf_places_odometry_in_the_map(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """Where no parameter says where its frame is in the map."""
+    """Without the parameter pose.map_from_odom."""
     robot = robots("robot_g")
 
     def sent() -> Any:

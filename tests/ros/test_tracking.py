@@ -1,4 +1,4 @@
-"""The planner follows people: ids, velocities and groups on the wire, over time as it comes."""
+"""The planner tracks people: ids, velocities and groups in its messages over time."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_walkers_are_one_group(walked: Walk) -> None:
 
 
 def test_tracks_equal_those_of_a_planner_in_process(walked: Walk) -> None:
-    """Every field: it was told the same from the beginning."""
+    """Every field, given the same inputs from the beginning."""
     planner = Planner(PlannerConfig(robots=NAMES))
     for sent, message in zip(walked.sent, walked.heard, strict=True):
         scans = [messages.read_scan(cloud, robot) for robot, cloud in sent.items()]
@@ -183,7 +183,7 @@ def until_said(peer: Peer, events: list[String], wanted: str) -> None:
 
 
 def test_straggler_is_announced(walked: Walk, peer: Peer, events: list[String]) -> None:
-    """The two walk on; the one who stands is a straggler, and no more when they come back."""
+    """Two walk on; the one that stays is a straggler until they come back."""
     for k in range(40, 90):
         message = walked.step(*walkers(k / 10))
     (group,) = [g for g in message.groups if g.id == 1]
@@ -199,7 +199,7 @@ def test_straggler_is_announced(walked: Walk, peer: Peer, events: list[String]) 
 
 
 def test_live_parameters_lose_no_track(walked: Walk) -> None:
-    """Another gate, and memory off and on again."""
+    """With another gate, and memory switched off and on."""
     peer, node = walked.planner.peer, walked.planner.node
     places = walkers(2.0)
     for _ in range(30):  # whoever was elsewhere is forgotten
