@@ -503,7 +503,7 @@ def test_incompatible_quality_of_service_is_reported(peer: Peer, domain: int) ->
 
 
 def test_subscriber_that_requests_reliable_points_is_logged(robot: RobotPeer) -> None:
-    """`points` is best effort, as sensor data is; who requests more receives nothing."""
+    """`points` is best effort, as sensor data is; one that requests more receives nothing."""
     reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
     subscription = robot.peer.node.create_subscription(
         PointCloud2, "/robot_a/points", lambda message: None, reliable
