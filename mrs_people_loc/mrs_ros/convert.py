@@ -171,7 +171,7 @@ def camera_transforms(
         stamp_ns: Stamp [ns].
         base_frame: `<robot>/base_link`.
         mounting: Pose of the left camera on it.
-        camera: The calibrated head, which says where the others are; None: not known yet.
+        camera: The calibrated head, which gives the baselines; None: not known yet.
     """
     left, right, top = (
         base_frame.removesuffix("base_link") + f"{name}_camera_optical"
@@ -282,7 +282,7 @@ def _duration(seconds: float) -> Duration:
 
 
 def people_poses(result: People, frame_id: str) -> PoseArray:
-    """The positions, for tools that know nothing of our messages."""
+    """The positions, for tools without our message types."""
     return PoseArray(
         header=header(result.stamp_ns, frame_id),
         poses=[floor_pose(person.position) for person in result.persons],
@@ -290,7 +290,7 @@ def people_poses(result: People, frame_id: str) -> PoseArray:
 
 
 def group_centroid(result: People, frame_id: str) -> PointStamped | None:
-    """The largest group's centre of gravity; None if nobody is there."""
+    """The largest group's centre of gravity; None if there are no people."""
     if result.group is None:
         return None
     return PointStamped(

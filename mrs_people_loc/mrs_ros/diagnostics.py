@@ -1,4 +1,4 @@
-"""What arrives, what is dropped and why: throttled log lines, and `/diagnostics` at 1 Hz."""
+"""Inputs that count what arrives and what is dropped, and `/diagnostics` at 1 Hz."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from mrs_people_loc.health.inputs import InputState, of_input
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.network import node_of
 
-#: The same trouble is logged at most this often [s].
+#: The same problem is logged at most this often [s].
 LOG_PERIOD_S = 5.0
-#: What was dropped is a warning for so long [s].
+#: Drops are a warning for this long [s].
 RECENT_S = 10.0
 
 
 class Throttle:
     """Lets something of each kind through at most once in a while.
 
-    rclpy's own throttle goes by the place in the code: there, one topic's trouble would keep
-    another's out of the log.
+    rclpy's own throttle goes by the line of code: there, one topic's problem would keep another's
+    out of the log.
 
     Args:
         period_s: How long a kind is kept back after it was let through [s].
@@ -79,14 +79,14 @@ class Growth:
 
 
 class Input:
-    """A subscription that knows what it should hear.
+    """A subscription that knows what should arrive on it.
 
-    Messages go to `callback`; errors of ours that it raises are counted, logged and dropped with
-    their message, and the node lives on.
+    Messages go to `callback`. A `PeopleLocError` that it raises is counted and logged, its message
+    dropped, and the node goes on.
 
-    Where stamps jump back, the first messages after it are refused until the jump is believed, and
-    after a jump of `/clock` those that were under way. They are counted (`jumped_back`,
-    `OutdatedError`); that is part of a new beginning, and their sender is not to blame.
+    Where stamps jump back, the first messages after it are refused until the jump is believed;
+    after a jump of `/clock`, those that were on their way. They are counted (`jumped_back`,
+    `OutdatedError`), but not as faults of their sender.
 
     Args:
         node: The node.
@@ -94,8 +94,7 @@ class Input:
         topic: Relative name.
         callback: Takes a message.
         qos: Quality of service that is asked for.
-        once: One message that can be used is enough: silence after it is no fault, but nothing
-            besides it is one.
+        once: One usable message is enough: silence after it is no fault.
 
     Attributes:
         instead: Relative name of a topic that may be published in place of this one, and what to do
@@ -122,7 +121,7 @@ class Input:
         self._refused_in_a_row = 0
         self._last_kind = ""
         self._order = StampOrder()
-        self._held: list[tuple[str, str]] = []  # refused, maybe for a jump: kind and text
+        self._held: list[tuple[str, str]] = []  # refused, perhaps because of a jump: kind and text
         self._refused = 0
         self._outdated_since: float | None = None
         self._node = node
@@ -160,7 +159,7 @@ class Input:
 
     @property
     def publishers(self) -> int:
-        """How many publish this topic, as far as is known here."""
+        """Number of publishers of this topic, as far as is known here."""
         return int(self._node.count_publishers(self.subscription.topic_name))
 
     def finding(self) -> Finding:
@@ -199,7 +198,7 @@ class Input:
         )
 
     def refuse(self, error: PeopleLocError) -> None:
-        """Counts and logs a message that was taken, and turns out to be of no use."""
+        """Counts and logs a message that the callback took, and that turned out to be unusable."""
         self._refuse(type(error).__name__, str(error), Order.NEWER)
 
     def _take(self, message: Any) -> None:
@@ -222,7 +221,7 @@ class Input:
             self._refuse(type(refused).__name__, str(refused), order)
 
     def _order_of(self, message: Any) -> Order:
-        """LATE where it may be the first after a jump, or else as `StampOrder` has it."""
+        """As `StampOrder`; LATE only where it may be the first after a jump."""
         if self._once:
             return Order.NEWER
         stamp_ns, newest_ns = stamp_ns_of(message.header.stamp), self._order.newest_ns
@@ -248,7 +247,7 @@ class Input:
         self._blame()
 
     def _forgive(self) -> None:
-        """What was held belongs to a jump of the stamps."""
+        """Counts the held messages as part of a jump of the stamps."""
         for kind, _ in self._held:
             self.dropped[kind] -= 1
         self.dropped = +self.dropped
@@ -257,7 +256,7 @@ class Input:
         self._held.clear()
 
     def _blame(self) -> None:
-        """What was held is refused like all else."""
+        """Counts the held messages as refused."""
         if self._held:
             self._last_kind, self.last_error = self._held[-1]
         self._refused += len(self._held)
@@ -305,7 +304,7 @@ class Reporter:
         self._node.destroy_publisher(self._publisher)
 
     def report(self) -> None:
-        """Publishes now; what is wrong and was not a moment ago is logged, too."""
+        """Publishes now; new errors are logged, too."""
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         for finding in self._collect():
@@ -327,21 +326,21 @@ class Reporter:
 
 
 def recording_hint(node: Node) -> str:
-    """What to do about stamps of another time, if they are a recording's."""
+    """Advice on stamps far from the clock, which a recording may cause."""
     if node.get_parameter("use_sim_time").value:
         return ""
     return "; for a recording use `mrs replay --clock` and the parameter use_sim_time:=true"
 
 
 class ProcessUse:
-    """What this process takes of the machine."""
+    """Processor time and memory of this process."""
 
     def __init__(self) -> None:
         self._last = time.monotonic(), time.process_time()
         self._share = 0.0
 
     def update(self) -> None:
-        """Measures the share of one processor that it took since the last time."""
+        """Measures the share of one processor since the last call."""
         now, before = (time.monotonic(), time.process_time()), self._last
         self._last = now
         self._share = (now[1] - before[1]) / max(now[0] - before[0], 1e-3)

@@ -26,9 +26,9 @@ AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the 
 class ManagedNode(LifecycleNode):
     """Base of our nodes: parameters, inputs, diagnostics and life cycle.
 
-    A node hands in its configuration class and says what to do in `set_up` (make publishers),
-    `start` (listen) and `stop`; inputs made with `listen` and outputs made with
-    `offer` are ended for it.
+    A node passes its configuration class and overrides `set_up` (make publishers), `start`
+    (subscribe) and `stop`; inputs made with `listen` and outputs made with `offer` are destroyed
+    for it.
 
     Args:
         name: The node's name.
@@ -44,8 +44,8 @@ class ManagedNode(LifecycleNode):
         declare(self, AUTOSTART, self.autostart, read_only=True)
         self.inputs: dict[str, Input] = {}
         self._use = ProcessUse()
-        # Whether the node is what its lifecycle state says, and what has to be ended before it is
-        # no more: set up and started in part, it is neither configured nor active.
+        # Set after the work that they stand for; the stacks undo that work, also where it failed
+        # halfway.
         self._configured = self._active = False
         self._made = ExitStack()
         self._begun = ExitStack()
@@ -72,7 +72,7 @@ class ManagedNode(LifecycleNode):
         """Ends the work."""
 
     def jumped_back(self) -> None:
-        """Begins anew: the time, as a bag gives it, was set back by more than a second."""
+        """Forgets the past: the time on `/clock` was set back by more than a second."""
 
     def changed(self, config: Any) -> None:
         """Takes a configuration that was changed while the node exists.
@@ -82,14 +82,14 @@ class ManagedNode(LifecycleNode):
         """
 
     def observe(self) -> None:
-        """Brings up to date what `findings` tells, once a second while the node is active."""
+        """Updates what `findings` reports; called once a second while the node is active."""
 
     def findings(self) -> list[Finding]:
-        """What is published on `/diagnostics` besides the inputs; changes nothing."""
+        """What is published on `/diagnostics` in addition to the inputs; has no side effects."""
         return []
 
     def waits_for(self) -> str:
-        """What it needs to be of use, in words: said when it has started."""
+        """What the node needs to be of use, for the log line at its start."""
         return ", ".join(made.subscription.topic_name for made in self.inputs.values())
 
     # ---- for the node to use ----
@@ -134,10 +134,10 @@ class ManagedNode(LifecycleNode):
         self.inputs[topic] = made
         return made
 
-    def end(self, heard: Input) -> None:
+    def end(self, source: Input) -> None:
         """Ends a subscription before the node stops."""
-        del self.inputs[heard.topic]
-        heard.destroy()
+        del self.inputs[source.topic]
+        source.destroy()
 
     def offer(self, message_type: type, topic: str, qos: QoSProfile | int) -> Any:
         """Makes a publisher that works while the node is active."""
@@ -262,7 +262,7 @@ class ManagedNode(LifecycleNode):
             self.jumped_back()
 
     def _check_is_of_now(self, message: Any) -> None:
-        """Refuses what was under way when /clock jumped back: it would be of the future now.
+        """Refuses a message that was on its way when `/clock` jumped back: it is of the future now.
 
         Raises:
             OutdatedError: It is.
@@ -279,7 +279,7 @@ class ManagedNode(LifecycleNode):
 
     @property
     def _lacks_clock(self) -> bool:
-        """Whether it takes its time from /clock, and nobody has told it yet."""
+        """Whether it takes its time from `/clock`, and none has arrived yet."""
         return bool(self.get_parameter("use_sim_time").value) and not self._now_ns()
 
     def _report(self) -> list[Finding]:

@@ -83,7 +83,7 @@ def _join_network(argv: list[str]) -> tuple[str, str]:
         ConfigError: The environment or an argument is wrong.
     """
     secured = security.asked(os.environ)
-    given_domain()  # rclpy says only that the domain is invalid
+    given_domain()  # rclpy reports only that the domain is invalid
     try:
         own_network = use_shipped_profile()
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)

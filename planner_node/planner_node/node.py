@@ -41,7 +41,7 @@ MAP_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-#: How often `max_wait` is looked at, and the graph for new robots [s].
+#: Periods of checking `max_wait`, and the graph for new robots [s].
 _TICK_S, _DISCOVERY_S = 0.01, 0.2
 #: What is counted of a robot's poses, beside the scans that were left out (`LEFT_OUT`).
 _JUMPS = "jumps"
@@ -61,9 +61,9 @@ class PlannerNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("planner_node", PlannerConfig)
-        # It follows people from one configuration of the node to the next: ids never repeat.
+        # Kept from one configuration of the node to the next: ids never repeat.
         self._planner = Planner(self.config)
-        # The node is on the network now, and meets the robots meanwhile.
+        # The node is on the network now, and discovers the robots meanwhile.
         threading.Thread(target=_load, name="load").start()
 
     # ---- parameters and life cycle ----
@@ -84,7 +84,7 @@ class PlannerNode(ManagedNode):
         self._outputs = Outputs(self)
 
     def start(self) -> None:
-        """Listens to the robots, and for robots."""
+        """Subscribes to the robots, and looks for more."""
         if self.config.masking.occupancy_grid:
             self.listen(OccupancyGrid, "map", self._on_map, MAP_QOS, once=True)
         for robot in self.config.robots:
@@ -119,7 +119,7 @@ class PlannerNode(ManagedNode):
         return f"`points` and `pose` of {', '.join(self.config.robots)}"
 
     def jumped_back(self) -> None:
-        """Everybody is new."""
+        """Begins anew: everybody gets a new id."""
         self._collector.begin_anew()
         self._begin_anew()
 
@@ -225,7 +225,7 @@ class PlannerNode(ManagedNode):
 
     def _members(self) -> Iterator[MemberState]:
         robots, now_ns, interval = self._roster.robots, self._now_ns(), self.config.interval
-        rates_hz = {robot: self._roster.heard(robot, "points").rate_hz for robot in robots}
+        rates_hz = {robot: self._roster.input(robot, "points").rate_hz for robot in robots}
         astray_ns = self._collector.clocks_astray(now_ns)
         for robot in robots:
             state, losses = self._collector.robot(robot), self._losses[robot]
@@ -236,7 +236,7 @@ class PlannerNode(ManagedNode):
                 points_publishers=self.count_publishers(topic),
                 scan_hz=rates_hz[robot],
                 expected_hz=interval.scan_rate or max(rates_hz.values()),
-                pose_hz=self._roster.heard(robot, "pose").rate_hz,
+                pose_hz=self._roster.input(robot, "pose").rate_hz,
                 poses_held=len(state.poses),
                 stamp_resets=state.order.resets + state.poses.resets,
                 dropped=state.dropped,

@@ -33,12 +33,12 @@ class Outputs:
         self._markers = node.offer(MarkerArray, "markers", 2)
 
     def begin_anew(self) -> None:
-        """Says on `events` that everybody is new."""
+        """Forgets the trails; publishes on `events` that everybody is new."""
         self._trails = Trails()
         self._events.publish(String(data="the time jumped back: everybody is new"))
 
     def publish(self, result: People, config: PlannerConfig) -> None:
-        """Publishes an interval; what is only looked at, while somebody subscribes to it."""
+        """Publishes an interval; the map and the markers only while somebody subscribes."""
         frame = config.map_frame
         self._people.publish(convert.people(result, frame))
         self._people_poses.publish(convert.people_poses(result, frame))

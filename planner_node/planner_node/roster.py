@@ -1,4 +1,4 @@
-"""The robots that the planner listens to: those that `robots` lists, or that it discovers."""
+"""The robots that the planner subscribes to: as listed in `robots`, or discovered."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mrs_ros.qos import POSES, STREAM
 
 _POINTS = "sensor_msgs/msg/PointCloud2"
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-#: A robot that was discovered has left when nobody has published its topics for so long [s].
+#: A discovered robot has left when its topics had no publisher for this long [s].
 _LEFT_S = 30.0
 
 
@@ -45,12 +45,12 @@ class Roster:
         }
 
     def add(self, robot: str) -> None:
-        """Listens to a robot."""
+        """Subscribes to a robot."""
         self.robots.append(robot)
         for topic, (kind, callback, qos) in self._topics.items():
             self._node.listen(kind, f"{robot}/{topic}", partial(callback, robot), qos)
 
-    def heard(self, robot: str, topic: str) -> Input:
+    def input(self, robot: str, topic: str) -> Input:
         """The input of a robot's `points` or `pose`."""
         return self._node.inputs[f"{robot}/{topic}"]
 
@@ -74,14 +74,14 @@ class Roster:
                 self.add(robot)
 
     def drop_absent(self) -> list[str]:
-        """Listens no more to robots that have left.
+        """Ends the subscriptions to robots that have left.
 
         Returns:
             Their names.
         """
         left = []
         for robot in list(self.robots):
-            inputs = [self.heard(robot, topic) for topic in self._topics]
+            inputs = [self.input(robot, topic) for topic in self._topics]
             if all(one.silent_s > _LEFT_S and not one.publishers for one in inputs):
                 self._node.get_logger().info(f"{robot} has left")
                 self.robots.remove(robot)

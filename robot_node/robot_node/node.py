@@ -32,6 +32,9 @@ from mrs_ros.qos import STREAM
 from robot_node import pose_source
 from robot_node.pose_source import PoseSource
 
+#: By stage, what the number of its points is called on `/diagnostics`.
+_COUNTED = {"cloud": "points", "zones": "points_in_zone", "noise": "points_after_noise"}
+
 
 class RobotNode(ManagedNode):
     """Images and odometry of one robot in, scan and pose out."""
@@ -69,7 +72,7 @@ class RobotNode(ManagedNode):
         }
 
     def start(self) -> None:
-        """Listens to images, calibration and poses."""
+        """Subscribes to images, calibration and poses."""
         rectified = self.config.images.rectified
         image, other = ("image_rect", "image_raw") if rectified else ("image_raw", "image_rect")
         self._images: dict[str, Input] = {}
@@ -80,14 +83,16 @@ class RobotNode(ManagedNode):
                 partial(self._on_camera_info, camera),
                 STREAM,
             )
-            heard = self.listen(Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM)
+            source = self.listen(
+                Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM
+            )
             remedy = f"set images.rectified: {str(not rectified).lower()}"
-            self._images[camera] = heard
-            heard.instead = (f"{camera}/{other}", remedy)
+            self._images[camera] = source
+            source.instead = (f"{camera}/{other}", remedy)
         self._pose.start()
 
     def stop(self) -> None:
-        """Forgets what waits."""
+        """Drops the images that wait for their pair."""
         self._head.reset()
         self._pose.stop()
 
@@ -137,7 +142,7 @@ class RobotNode(ManagedNode):
     # ---- step ----
 
     def _step(self, view: View | None) -> None:
-        """Publishes a view that is complete, and looks after the head."""
+        """Publishes a complete view, and checks the head with it."""
         if view is None:
             return
         self._publish(view)
@@ -225,11 +230,10 @@ class RobotNode(ManagedNode):
         )
 
     def _figures(self, stages: Stages) -> dict[str, object]:
+        made = vars(stages)  # the default method makes points only for debug topics
         return {
             "valid_pixels": f"{np.isfinite(stages.disparity).mean():.2f}",
-            "points": len(stages.cloud),
-            "points_in_zone": len(stages.zones),
-            "points_after_noise": len(stages.noise),
+            **{name: len(made[stage]) for stage, name in _COUNTED.items() if stage in made},
             "cells": len(stages.scan.cells),
             "publish_ms": f"{self._publish_ms:.2f}",
             **{f"{stage}_ms": f"{ms:.2f}" for stage, ms in stages.times_ms.items()},

@@ -32,7 +32,7 @@ with atheris.instrument_imports(
         "mrs_tools.bags.checks",
         "mrs_tools.bags.rosbag",
         "mrs_tools.commands.convert",
-        "mrs_tools.commands.doctor",
+        "mrs_tools.diagnosis",
         "mrs_tools.bags.offline",
         "mrs_tools.commands.people",
         "mrs_tools.simulation",

@@ -33,8 +33,9 @@ from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseIntake
 from mrs_tools.bags.offline import read_estimate, read_truth, robots_of
 from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
 from mrs_tools.commands.convert import read_oak_calibration, read_rgbd
-from mrs_tools.commands.doctor import Facts, diagnose, figures
 from mrs_tools.commands.people import LivePeople
+from mrs_tools.diagnosis.diagnose import diagnose
+from mrs_tools.diagnosis.facts import Facts, figures
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import load_scene
 

@@ -1,4 +1,4 @@
-"""What waits for messages, with and without the executor that rclpy calls experimental."""
+"""The nodes' executor, with and without the one that rclpy calls experimental."""
 
 import sys
 
@@ -10,7 +10,7 @@ from mrs_ros.running import make_executor
 
 
 @pytest.mark.parametrize("has_events", [True, False])
-def test_messages_come_and_errors_go_through(monkeypatch, domain, has_events):
+def test_executor_delivers_messages_and_raises_errors(monkeypatch, domain, has_events):
     if not has_events:
         monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)

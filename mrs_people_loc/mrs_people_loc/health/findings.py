@@ -1,7 +1,7 @@
 """What nodes publish on `/diagnostics`: per subject a level, a code and a sentence.
 
 People read the sentences, which may change; tools go by the codes (the value `code` of an entry on
-`/diagnostics`), which do not. What a finding is made of is in the module of its subject:
+`/diagnostics`), which do not. The modules of this package have the findings by subject:
 
 | module | findings about |
 |---|---|
@@ -26,7 +26,7 @@ OLD_STAMP_S = 5.0
 
 
 class Code(str, Enum):
-    """What a finding says, for tools."""
+    """What is wrong, for tools."""
 
     # of a node
     INACTIVE = "inactive"
@@ -104,7 +104,7 @@ def of_state(*, active: bool, values: Mapping[str, object]) -> Finding:
     """
     if active:
         return Finding("state", OK, "active", values)
-    text = "inactive: hears and sends nothing until activated"
+    text = "inactive: receives and sends nothing until activated"
     return Finding("state", STALE, text, code=Code.INACTIVE)
 
 

@@ -25,7 +25,7 @@ class InputState:
         name: Relative name of the topic: the subject of the finding.
         topic: Full name.
         kind: Type that is wanted, as `sensor_msgs/msg/Image`.
-        silent_s: Since when nothing came [s].
+        silent_s: Time since the last message [s].
         rate_hz: Messages per second.
         received: Messages so far.
         dropped: Messages that were not used so far, by reason.
@@ -34,8 +34,8 @@ class InputState:
         refused_lately: Whether any was, within the last seconds.
         last_error: Why the last one was.
         last_kind: Class of that error.
-        publishers: Full node name and type of each that publishes the topic; a single one that is
-            heard may be left out.
+        publishers: Full node name and type of each that publishes the topic; a single one of
+            the wanted type may be left out.
         incompatible: The policy of QoS in which a publisher does not fit; empty: none.
         once: One message that can be used is enough.
         taken: Whether there was one.
@@ -85,7 +85,7 @@ def _judge(state: InputState) -> tuple[bytes, Code | None, str]:
     if len(sources) > 1:
         text = (
             f"{len(sources)} publishers on {state.topic}: {', '.join(sources)}; one is wanted, "
-            "for what they send is taken for one source's: end or remap the others; or one was "
+            "since all messages are taken for one source's: end or remap the others; or one was "
             "killed some seconds ago"
         )
         return ERROR, Code.TWO_PUBLISHERS, text

@@ -88,7 +88,7 @@ def of_mounting(state: MountingState | None, *, watched: bool = True) -> Finding
     """Whether the head sits where it is configured to.
 
     Args:
-        state: What the floor says; None before the first view.
+        state: The configured and the measured mounting; None before the first view.
         watched: Whether it is compared at all.
     """
     if state is None:
@@ -115,9 +115,9 @@ class ScanState:
 
     Attributes:
         frames: Scans so far.
-        silent_s: Since when there was none [s].
+        silent_s: Time since then [s].
         ahead_s: What its stamp was ahead of the clock by when it was made [s].
-        remedy: What to do about stamps of another time, to be appended to a sentence.
+        remedy: Advice on stamps far from the clock, appended to the sentence.
         figures: Counts and times of its stages, by name.
     """
 
@@ -154,7 +154,7 @@ class PoseState:
     Attributes:
         source: Where it comes from (`pose.source`).
         error: Why that gives none now; empty: it does.
-        silent_s: Since when TF gave nothing new [s]; 0 for other sources.
+        silent_s: Time since TF had something new [s]; 0 for other sources.
         frames: The frames that TF is asked for, as "map -> base_link".
         pose: x, y [m] and yaw [rad] of the last one; None: none yet.
     """

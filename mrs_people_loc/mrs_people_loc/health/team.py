@@ -37,7 +37,7 @@ def of_people(topic: str, publishers: Sequence[str]) -> Finding:
         return Finding("people")
     text = (
         f"{len(publishers)} publishers on {topic}: {', '.join(sorted(publishers))}; another "
-        "planner, or a replay of what one said, is at work in this ROS domain: end it, or give it "
+        "planner, or a replay of one, is at work in this ROS domain: end it, or give it "
         "a namespace or a ROS_DOMAIN_ID of its own; or one was killed some seconds ago"
     )
     return Finding("people", ERROR, text, {}, Code.TWO_PUBLISHERS)
@@ -74,12 +74,12 @@ class MemberState:
         stamp_resets: How often its stamps jumped back, so far.
         dropped: Scans that were not used so far, by reason.
         left_out_lately: The reasons, of `LEFT_OUT`, for which any was within the last seconds.
-        age_s: Since the stamp of the last scan that was used [s]; None: none yet.
-        silent_s: Since the last scan came [s].
+        age_s: Age of the last scan that was used [s]; None: none yet.
+        silent_s: Time since the last scan arrived [s].
         clock_offset_ns: What its clock is ahead of the planner's by [ns]; None: not known.
         clock_astray_ns: What it is ahead of the others' by [ns]; None: no more than is allowed.
         max_clock_offset_s: What is allowed [s].
-        remedy: What to do about stamps of another time, to be appended to a sentence.
+        remedy: Advice on stamps far from the clock, appended to the sentence.
         pose: Its newest pose; None: none.
         apart_m: How far that is from the nearest other robot [m]; None: there is no other.
         pose_jumps: How often it jumped, so far.
@@ -114,7 +114,7 @@ class MemberState:
 
 
 def of_member(state: MemberState) -> Finding:
-    """What is wrong with a robot: what keeps it out altogether first, then what it is worth."""
+    """What is wrong with a robot; what keeps its scans out goes before what makes them worse."""
     level, code, text = (
         _reception(state) or _clock(state) or _losses(state) or _place(state) or _rate(state)
     ) or (OK, None, "ok")

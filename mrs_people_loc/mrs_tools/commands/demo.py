@@ -26,7 +26,7 @@ from mrs_people_loc.geometry import Float
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
 from mrs_people_loc.team.masking import OccupancyGrid
-from mrs_ros.team import RunningTeam, team_processes
+from mrs_ros.processes import RunningTeam, team_processes
 from mrs_tools.bags.offline import (
     TRUTH_TOPIC,
     file_beside,
