@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import PeopleLocError
-from mrs_people_loc.geometry import Float
 from mrs_people_loc.team.poses import Pose
 from mrs_tools.figures import plots
 from mrs_tools.figures.plots import TopView

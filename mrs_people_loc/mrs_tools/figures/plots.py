@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.fusion import map_from_robot
@@ -281,64 +281,82 @@ def number_clusters(axes: Axes, view: TopView) -> None:
 
 
 def draw_people(axes: Axes, view: TopView, *, ellipses: bool = False) -> None:
-    """People with ids, ways and velocities as circles of some sigmas, and their groups.
+    """People with ids, trails and velocities as circles of some sigmas, and their groups.
 
     Args:
         axes: Where to.
         view: What is drawn.
         ellipses: Whether 95 % ellipses of the positions are drawn, too.
     """
-    from matplotlib.colors import to_rgba
-    from matplotlib.patches import Circle, Ellipse
-
     away_s = view.away_s
     _draw_groups(axes, view)
     for index, person in enumerate(view.people):
         color = AWAY if person.id in away_s else _PERSON
         alpha = _PALE if person.coasting else 1.0
+        radius = view.circle_sigmas * person.sigma
         _draw_trail(axes, view.trails.get(person.id), color, alpha)
-        place, radius = person.position, view.circle_sigmas * person.sigma
-        axes.add_patch(
-            Circle(
-                tuple(place),
-                radius,
-                fc=to_rgba(color, 0.1 * alpha),
-                ec=to_rgba(color, alpha),
-                lw=1.8,
-                zorder=3,
-            )
-        )
-        axes.plot(*place, "+", ms=8, mew=1.6, color=color, alpha=alpha, zorder=4)
-        if person.velocity is not None and np.hypot(*person.velocity) >= STANDING:
-            ahead = tuple(place + person.velocity)  # where he is in a second
-            style = {"arrowstyle": "-|>", "lw": 1.6, "color": color, "alpha": alpha}
-            style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
-            axes.annotate("", ahead, tuple(place), arrowprops=style, zorder=4)
+        _draw_person(axes, person, radius, color, alpha)
         text = str(person.id or index + 1)
         if person.id in away_s:
             text += f" ({away_s[person.id]:.0f} s)"
-        beside = _beside(person)
-        axes.annotate(
-            text,
-            tuple(place + radius * beside),
-            xytext=tuple(_LABEL_AWAY * beside),
-            textcoords="offset points",
-            ha="center" if abs(beside[0]) < 0.5 else "left" if beside[0] > 0 else "right",
-            va="center",
-            color=color,
-            alpha=max(alpha, 0.7),
-            fontweight="bold",
-            path_effects=_outline(),
-            annotation_clip=True,
-            zorder=8,
-        )
+        _label_person(axes, person, radius, text, color, alpha)
         if ellipses:
-            values, vectors = np.linalg.eigh(person.covariance)
-            width, height = 2.0 * np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0))
-            angle = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
-            axes.add_patch(
-                Ellipse(tuple(place), width, height, angle=angle, fill=False, ec=_SURE, lw=1.2)
-            )
+            _draw_ellipse(axes, person)
+
+
+def _draw_person(axes: Axes, person: Person, radius: float, color: str, alpha: float) -> None:
+    """A circle, a cross in its centre, and an arrow to where the person is in a second."""
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import Circle
+
+    place = person.position
+    axes.add_patch(
+        Circle(
+            tuple(place),
+            radius,
+            fc=to_rgba(color, 0.1 * alpha),
+            ec=to_rgba(color, alpha),
+            lw=1.8,
+            zorder=3,
+        )
+    )
+    axes.plot(*place, "+", ms=8, mew=1.6, color=color, alpha=alpha, zorder=4)
+    if person.velocity is not None and np.hypot(*person.velocity) >= STANDING:
+        style = {"arrowstyle": "-|>", "lw": 1.6, "color": color, "alpha": alpha}
+        style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
+        axes.annotate("", tuple(place + person.velocity), tuple(place), arrowprops=style, zorder=4)
+
+
+def _label_person(
+    axes: Axes, person: Person, radius: float, text: str, color: str, alpha: float
+) -> None:
+    beside = _beside(person)
+    axes.annotate(
+        text,
+        tuple(person.position + radius * beside),
+        xytext=tuple(_LABEL_AWAY * beside),
+        textcoords="offset points",
+        ha="center" if abs(beside[0]) < 0.5 else "left" if beside[0] > 0 else "right",
+        va="center",
+        color=color,
+        alpha=max(alpha, 0.7),
+        fontweight="bold",
+        path_effects=_outline(),
+        annotation_clip=True,
+        zorder=8,
+    )
+
+
+def _draw_ellipse(axes: Axes, person: Person) -> None:
+    """The 95 % ellipse of a position."""
+    from matplotlib.patches import Ellipse
+
+    values, vectors = np.linalg.eigh(person.covariance)
+    width, height = 2.0 * np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0))
+    angle = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
+    axes.add_patch(
+        Ellipse(tuple(person.position), width, height, angle=angle, fill=False, ec=_SURE, lw=1.2)
+    )
 
 
 def _beside(person: Person) -> Float:

@@ -31,20 +31,10 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.cells.clustering import connected
-from mrs_people_loc.geometry import Float
-from mrs_tools.scoring.positions import (
-    MATCH_DISTANCE,
-    Bool,
-    Estimate,
-    Frame,
-    Int,
-    Truth,
-    interval_of,
-    nothing,
-    ratio,
-    sums_of,
-)
+from mrs_tools.scoring.positions import MATCH_DISTANCE, Frame, interval_of, nothing, ratio, sums_of
+from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.tracks import follow
 
 #: Who is alone for a shorter time has not fallen behind [ns].

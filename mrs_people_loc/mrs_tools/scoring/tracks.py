@@ -33,14 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_tools.scoring.positions import (
     MATCH_DISTANCE,
-    Bool,
-    Estimate,
     Frame,
-    Int,
-    Truth,
     interval_of,
     match,
     nothing,
@@ -48,6 +44,7 @@ from mrs_tools.scoring.positions import (
     ratio,
     sums_of,
 )
+from mrs_tools.scoring.records import Estimate, Truth
 
 #: GOSPA's exponent p; its alpha is 2, its cut-off c the distance of a match.
 GOSPA_POWER = 2

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import ConfigError
-from mrs_people_loc.geometry import Float
 
 #: Tracks are kept at this interval [s].
 STEP_S = 0.02

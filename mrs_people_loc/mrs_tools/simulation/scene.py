@@ -176,7 +176,7 @@ class Person(Section):
 
 
 @dataclass(frozen=True)
-class Head(Section):
+class StereoHead(Section):
     """A stereo head and its mounting (see the robot's `mounting` parameters)."""
 
     width: int = _field(160, "image width [px]", low=16, high=4096)
@@ -371,7 +371,7 @@ class Scene:
     furniture: tuple[Furniture, ...] = ()
     people: tuple[Person, ...] = ()
     robots: Mapping[str, Robot] = dataclasses.field(default_factory=dict)
-    heads: Mapping[str, Head] = dataclasses.field(default_factory=dict)
+    heads: Mapping[str, StereoHead] = dataclasses.field(default_factory=dict)
     imaging: Imaging = Imaging()
     odometry: Odometry = Odometry()
     visibility: Visibility = Visibility()
@@ -419,11 +419,11 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             name: kind.from_mapping(_mapping(document.get(name) or {}, name))
             for name, kind in _SECTIONS.items()
         }
-        common = Head.from_mapping(_mapping(document.get("head") or {}, "head"))
+        common = StereoHead.from_mapping(_mapping(document.get("head") or {}, "head"))
         robots, heads = {}, {}
         for name, body in _mapping(document.get("robots") or {}, "robots").items():
             values = dict(_mapping(body or {}, f"robots.{name}"))
-            heads[name] = Head.from_mapping(_mapping(values.pop("head", {}), "head"), common)
+            heads[name] = StereoHead.from_mapping(_mapping(values.pop("head", {}), "head"), common)
             robots[name] = Robot.from_mapping(values)
         PlannerConfig(robots=tuple(robots))  # knows which names are allowed
         scene = Scene(

@@ -20,11 +20,11 @@ from rosbags.interfaces import (
 )
 
 from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
-from mrs_tools.commands.convert import Recording
 from mrs_tools.simulation.odometry import PoseSample
 from mrs_tools.simulation.rooms import floor_plan
-from mrs_tools.simulation.world import Frame, World
+from mrs_tools.simulation.world import RenderedFrame, World
 
 PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
@@ -160,7 +160,7 @@ class Messages:
         )
 
 
-def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
+def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) -> None:
     """Writes a bag.
 
     Args:
@@ -175,7 +175,7 @@ def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
     with BagWriter(out) as bag:
         bag.add_topic(MAP_TOPIC, "nav_msgs/msg/OccupancyGrid", [_MAP_QOS])
         bag.write(MAP_TOPIC, world.stamp_ns(0.0), messages.floor_plan(world))
-        recordings = {name: Recording(bag, name) for name in world.names}
+        recordings = {name: RobotWriter(bag, name) for name in world.names}
         pending = [
             (world.stamp_ns(sample.time), name, belief.frame, sample)
             for name, belief in world.beliefs.items()

@@ -81,7 +81,7 @@ class _Legs:
     twist: float
 
 
-class Body:
+class HumanBody:
     """One person: looks that are drawn once, and a mesh for every instant.
 
     Args:
