@@ -156,10 +156,10 @@ def has_people(bag: BagReader) -> bool:
 
 
 def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
-    """The people that a planner said when a bag was recorded.
+    """The people that a planner published when a bag was recorded.
 
     Returns:
-        The topic, and what was said on it.
+        The topic, and the people of each of its messages.
 
     Raises:
         BagError: There is no such topic, or several; two people of a message have one id; or they

@@ -39,8 +39,8 @@ def command(
     """Replay a recorded team through its real processes and compare with the truth.
 
     Starts one robot_node per robot and the planner, replays the bag to them over DDS, shows the
-    people live, then prints who was found and followed, how far off, and what happened to the
-    group. Draws one interval as a PNG and all of them as a GIF.
+    people live, then prints which people were found and followed, how far off, and what happened
+    to the group. Draws one interval as a PNG and all of them as a GIF.
     """
     from rich.console import Console
 

@@ -57,7 +57,7 @@ def _say(made: dict[str, Path]) -> None:
         typer.echo(f"    scp -r {folder} {host}:")
     example = next(iter(made.values())).name
     typer.echo(
-        "and there make it root's, who runs it (openvpn and iproute2 have to be installed):\n"
+        "and there make it root's, which runs it (openvpn and iproute2 have to be installed):\n"
         f"    sudo mv {example} {ROOTS_FOLDER}\n"
         f"    sudo chown -R root:root {ROOTS_FOLDER}\n"
         f"    sudo chmod -R go-w {ROOTS_FOLDER} && sudo chmod 755 {ROOTS_FOLDER}\n"

@@ -90,12 +90,7 @@ def command(
         if more and walks:
             raise typer.BadParameter("--variants goes with --suite")
         scenes = _suite(suite, more) if suite else _walks(walks, tracks)
-        scenes = [shortened(one, frames) for one in scenes]
-        with counting_bar("scenes", len(scenes)) as advance:
-            bags = simulate_suite(
-                scenes, scene, jobs=process_count(jobs), on_scene=lambda _: advance()
-            )
-        typer.echo(f"{scene}: {len(bags)} bags")
+        _render_all([shortened(one, frames) for one in scenes], scene, process_count(jobs))
         return
     if more:
         raise typer.BadParameter("--variants goes with --suite")
@@ -124,6 +119,12 @@ def _walks(half: str, tracks: Path | None) -> list[Scene]:
     for line in missing:
         typer.echo(line, err=True)
     return scenes
+
+
+def _render_all(scenes: list[Scene], folder: Path, jobs: int) -> None:
+    with counting_bar("scenes", len(scenes)) as advance:
+        bags = simulate_suite(scenes, folder, jobs=jobs, on_scene=lambda _: advance())
+    typer.echo(f"{folder}: {len(bags)} bags")
 
 
 def _render(scene: Scene, bag: Path, jobs: int) -> str:

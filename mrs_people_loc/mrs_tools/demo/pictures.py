@@ -24,7 +24,7 @@ from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.sources import read_grid
 from mrs_tools.bags.truth import read_truth
 from mrs_tools.demo.replayed_team import Listener
-from mrs_tools.figures.animation import animate, said, with_trails
+from mrs_tools.figures.animation import animate, headline, with_trails
 from mrs_tools.figures.plots import TopView, draw_top_view, seen_floor
 from mrs_tools.scoring.records import Truth
 
@@ -89,14 +89,14 @@ def draw_demo(views: Sequence[TopView], robots: int, out: Path, console: Console
     """Draws one interval and all of them.
 
     The one has all robots, and as many people as there were. Of several it is the last; if
-    somebody fell behind, the one where he was farthest from his group.
+    somebody fell behind, the one where he was farthest from their group.
     """
     whole = [view for view in with_trails(views) if len(view.robots) == robots]
     most = max(len(view.people) for view in whole)
     whole = [view for view in whole if len(view.people) == most]
     shown = max(reversed(whole), key=_farthest_behind)
     at_s = (shown.stamp_ns - views[0].stamp_ns) / 1e9
-    draw_top_view(dataclasses.replace(shown, title=f"after {at_s:.1f} s: {said(shown)}"), out)
+    draw_top_view(dataclasses.replace(shown, title=f"after {at_s:.1f} s: {headline(shown)}"), out)
     console.print(f"picture: {out}")
     film = out.with_suffix(".gif")
     with console.status("drawing the animation"):
@@ -109,10 +109,10 @@ def _farthest_behind(view: TopView) -> float:
     places = {person.id: person.position for person in view.people}
     return max(
         (
-            float(np.hypot(*(places[who] - group.centre)))
+            float(np.hypot(*(places[one] - group.centre)))
             for group in view.groups
-            for who in group.stragglers
-            if who in places
+            for one in group.stragglers
+            if one in places
         ),
         default=0.0,
     )

@@ -26,7 +26,7 @@ _FEW = 0.05
 
 
 def print_scores(people: list[Any], truth: Truth, console: Console) -> None:
-    """Prints who was found and followed, and how far off.
+    """Prints how many people were found and followed, and how far off.
 
     Args:
         people: The `people` messages, by stamp.

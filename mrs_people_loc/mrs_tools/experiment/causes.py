@@ -96,7 +96,7 @@ def error_causes(recordings: Sequence[Recording]) -> dict[str, float | None]:
 
 
 def distances(recordings: Sequence[Recording], robots: Sequence[str]) -> dict[str, float]:
-    """From robots to the people whom they have in view: least and greatest [m]."""
+    """From robots to the people in their view: least and greatest [m]."""
     away: list[float] = []
     for recording in recordings:
         scene, people = recording.draw.scene, recording.truth.positions[0]

@@ -141,7 +141,7 @@ class Row:
         return people
 
     def tracks(self, *kinds: str) -> dict[str, Any]:
-        """Figures of who is who, likewise."""
+        """Figures of identities, likewise."""
         return self._pooled(*kinds).tracks.report()
 
     def centre(self, *kinds: str) -> float | None:
@@ -181,10 +181,10 @@ def run_suite(
     Raises:
         PeopleLocError: Something cannot be read or written.
     """
-    said = on_progress or (lambda what, share: None)
+    report = on_progress or (lambda what, share: None)
     done = iter(range(1, len(scenes) + 1))
     bags = simulate_suite(
-        scenes, folder, jobs=jobs, on_scene=lambda _: said("rendering", next(done) / len(scenes))
+        scenes, folder, jobs=jobs, on_scene=lambda _: report("rendering", next(done) / len(scenes))
     )
     kinds = {scene.name: kind_of(scene) for scene in scenes}
     ladder = steps()
@@ -205,6 +205,6 @@ def run_suite(
                 results = {}
                 for count, (bag, result) in enumerate(zip(chosen, found, strict=True), 1):
                     results[bag.name] = result
-                    said(step.name, count / len(chosen))
+                    report(step.name, count / len(chosen))
             rows.append(Row(step.name, results, kinds))
     return rows

@@ -31,7 +31,7 @@ ROBOT_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 #: Those of clusters, in turn; grey is for clusters that are no person.
 CLUSTER_COLORS = (*ROBOT_COLORS[:5], "#8C564B", "#17BECF", "#7F3C8D", "#A5AA00", "#E73F74")
 _NOBODY = "0.6"
-#: People; those who have fallen behind or left; how opaque those are who are predicted, not seen.
+#: Colours of people and of stragglers; opacity of people that are predicted, not seen.
 _PERSON, AWAY, _PALE = "#111111", "#C1121F", 0.4
 #: From this value on a cell of a grid is drawn as occupied.
 _OCCUPIED = 65
@@ -39,7 +39,7 @@ _OCCUPIED = 65
 _CENTRE, _SURE = "0.3", "#D55E00"
 #: Who is slower stands, and has no arrow [m/s].
 STANDING = 0.1
-#: From a person's circle to his id [pt].
+#: From a person's circle to their id [pt].
 _LABEL_AWAY = 8.0
 #: What a robot sees of a body is between the floor and this height [m].
 _BODY_HEIGHT = 2.0
@@ -59,7 +59,7 @@ class TopView:
         robots: Pose of each robot, by name.
         views: By robot, where it is known, the border of what it sees (see `seen_floor`).
         people: The people.
-        groups: Who belongs together, and who has fallen behind.
+        groups: The groups, with their stragglers.
         truth: True positions [m], shape (k, 2); NaN for somebody who is not there.
         circle_sigmas: How many sigmas the circles are.
         visible: Whether a robot sees each of the true people, shape (k,); None: not known.
@@ -89,13 +89,13 @@ class TopView:
 
     @property
     def positions(self) -> Float:
-        """Where the people are said to be [m], shape (m, 2)."""
+        """Positions of the people [m], shape (m, 2)."""
         return np.array([person.position for person in self.people]).reshape(-1, 2)
 
     @property
     def away_s(self) -> dict[int, float]:
-        """By id, who has fallen behind his group or left it, and for how long [s]."""
-        return {who: s for group in self.groups for who, s in group.stragglers.items()}
+        """By id, for how long stragglers have been behind their group or away from it [s]."""
+        return {one: s for group in self.groups for one, s in group.stragglers.items()}
 
     def bounds(self) -> tuple[float, float, float, float]:
         """The least rectangle around everything: x from, to, y from, to [m]."""
@@ -360,7 +360,7 @@ def _draw_ellipse(axes: Axes, person: Person) -> None:
 
 
 def _beside(person: Person) -> Float:
-    """Direction in which there is room for text: across his way, where nobody else's is ahead."""
+    """Direction in which there is room for text: across the way, where nobody else is ahead."""
     if person.velocity is None or np.hypot(*person.velocity) < STANDING:
         return np.full(2, math.sqrt(0.5))
     x, y = person.velocity / np.hypot(*person.velocity)
@@ -409,7 +409,7 @@ def _draw_groups(axes: Axes, view: TopView) -> None:
     for group in view.groups:
         if group.size < 2 and len(view.groups) > 1:
             continue  # somebody alone, beside a group
-        for place in (places[who] for who in group.members if who in places):
+        for place in (places[one] for one in group.members if one in places):
             axes.plot(*np.stack([group.centre, place]).T, color="0.55", lw=0.9, zorder=1.5)
         axes.plot(*group.centre, "X", ms=10, mfc=_CENTRE, mec="white", zorder=5)
 

@@ -23,8 +23,8 @@ from mrs_people_loc.timing import StageTimes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
 
-#: Somebody is at a candidate if he is within this across the line of sight [m], and along it within
-#: a part that is fixed [m] and one in disparity [px], but no more than that [m] ...
+#: A person is at a candidate if within this across the line of sight [m], and along it within a
+#: part that is fixed [m] and one in disparity [px], but no more than that [m] ...
 _ACROSS, _ALONG, _ALONG_PX, _ALONG_MOST = 0.2, 0.2, 0.7, 0.8
 #: ... and nobody is if everybody is farther away than so many times that.
 _NOBODY = 2.0

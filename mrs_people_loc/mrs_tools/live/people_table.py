@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _SPAN_S = 5.0
 #: So many events are shown, the latest, and so many troubles, the worst.
 _EVENTS, _TROUBLES = 5, 4
-#: What is said on /diagnostics holds for so long [s].
+#: A report on /diagnostics holds for so long [s].
 _REPORT_S = 3.0
 #: Levels of troubles, the worst first; stale is what waits.
 _LEVELS = {doctor.ERROR: "error", doctor.WARN: "warning", doctor.STALE: "stale"}
@@ -158,7 +158,7 @@ class LivePeople:
         table.add_column("stragglers")
         for group in self._people[1]:
             x, y = group.centre
-            away = ", ".join(f"{who} ({away_s:.0f} s)" for who, away_s in group.stragglers.items())
+            away = ", ".join(f"{one} ({away_s:.0f} s)" for one, away_s in group.stragglers.items())
             table.add_row(
                 str(group.id or "-"),
                 str(group.size),
@@ -212,7 +212,7 @@ class LivePeople:
         causes = doctor.causes_in(reports)
         causes.sort(key=lambda check: list(_LEVELS).index(check.level))
         counts = Counter(check.level for check in causes)
-        said = ", ".join(
+        summary = ", ".join(
             f"{counts[level]} {name}{'s' if counts[level] > 1 and level != doctor.STALE else ''}"
             for level, name in _LEVELS.items()
             if counts[level]
@@ -221,7 +221,7 @@ class LivePeople:
         heard = f"{nodes} nodes report" if nodes else "no node reports on /diagnostics"
         fine = "ok" if nodes else "unknown"
         style = "yellow" if causes or not nodes else "green"
-        lines = [Text(f"health: {said or fine} ({heard})", style=style)]
+        lines = [Text(f"health: {summary or fine} ({heard})", style=style)]
         for check in causes[:_TROUBLES]:
             more = f" (and {len(check.follows)} that follow from it)" if check.follows else ""
             style = "red" if check.level == doctor.ERROR else "yellow"

@@ -7,7 +7,7 @@ The rules, in one place:
 - An interval is the median time between consecutive estimates (`interval_of`): when the planner
   skips one, the truth of that time is missed; when its rate changes, what is slower than usual is.
 - Found and true people match within `MATCH_DISTANCE`, one to one, optimally.
-- Truth without an estimate is missed. Everybody in the truth counts, except people whom no robot
+- Truth without an estimate is missed. Everybody in the truth counts, except people that no robot
   sees: they are not required, and an estimate that fits one of them (and nobody who is required)
   counts neither as found nor as false.
 """
@@ -174,7 +174,7 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
     true, visible = truth.at(estimate.stamp_ns)
     required = np.isfinite(true).all(axis=1) & visible
     found = estimate.positions
-    # First those who have to be found; what is left may still be somebody whom no robot sees.
+    # First those who have to be found; what is left may still be somebody that no robot sees.
     one, other, errors = match(
         found, np.where(required[:, np.newaxis], true, np.nan), distance=distance
     )

@@ -40,7 +40,7 @@ class Truth:
 
         Args:
             stamps_ns: Stamps [ns], in any order.
-            positions: At each stamp [m], shape (m, 2); m may differ, who is missing is not there.
+            positions: At each stamp [m], shape (m, 2); m may differ: the last ones are not there.
             visible: At each stamp, shape (m,); None: everybody is.
             groups: Numbers of their groups at each stamp, shape (m,); None: nothing is known.
         """
@@ -73,13 +73,13 @@ class Truth:
 
         Positions are interpolated linearly. Where a person is there in one of the two messages
         around that time only, the nearer message decides; before the first and after the last
-        message it is the same as in that one. The nearer message also says who is visible.
+        message it is the same as in that one. The nearer message also decides on visibility.
 
         Args:
             stamp_ns: Time [ns].
 
         Returns:
-            Positions [m], shape (m, 2), NaN: not there; and who is visible, shape (m,).
+            Positions [m], shape (m, 2), NaN: not there; and whether they are visible, shape (m,).
         """
         if not len(self):
             return np.empty((0, 2)), np.empty(0, dtype=bool)
@@ -99,7 +99,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a system said of one interval.
+    """What was found in one interval.
 
     Attributes:
         stamp_ns: Its stamp [ns].
@@ -110,7 +110,7 @@ class Estimate:
         ids: Of the people, int64, shape (n,); 0, and all of them if left out: not tracked.
         velocities: Of the people [m/s], shape (n, 2); NaN, and all of them if left out: unknown.
         coasting: Who of them is predicted, not seen, shape (n,); nobody if left out.
-        stragglers: Ids of those who have fallen behind their groups or left them.
+        stragglers: Ids of people that have fallen behind their groups or left them.
 
     Raises:
         ValueError: The arrays are not of one length, or somebody's id is somebody else's, too.

@@ -82,5 +82,5 @@ def run_openssl(folder: Path, *arguments: str | Path) -> None:
     except FileNotFoundError:
         raise KeysError("keys are made by the command openssl: apt install openssl") from None
     if done.returncode:
-        said = [line for line in done.stderr.splitlines() if not _OPENSSL_NOISE.match(line)]
-        raise KeysError(f"openssl {arguments[0]}: {'; '.join(said)}")
+        lines = [line for line in done.stderr.splitlines() if not _OPENSSL_NOISE.match(line)]
+        raise KeysError(f"openssl {arguments[0]}: {'; '.join(lines)}")

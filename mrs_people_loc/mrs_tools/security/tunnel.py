@@ -29,15 +29,15 @@ PLANNER_TUNNEL = """\
 proto tcp-server
 port {port}
 server 10.99.0.0 255.255.255.0
-# Everybody keeps his address, over restarts, too: DDS would take him for somebody new.
+# Everybody keeps their address, over restarts, too: DDS would take them for somebody new.
 ifconfig-pool-persist addresses 5
 # Robots and laptops of the team reach each other, too.
 client-to-client
 dh none
-# Whom it lets in: who shows a certificate of this team, made for a robot and not revoked.
+# It accepts hosts with a certificate of this team, made for a robot and not revoked.
 remote-cert-tls client
 crl-verify crl.pem
-# Everybody shows it again so often [s]: so long can one stay who was revoked.
+# Everybody shows it again so often [s]; a revoked host can stay so long.
 reneg-sec {recheck_s}
 # A robot that hears nothing for 4 s connects anew.
 keepalive 1 4
@@ -47,7 +47,7 @@ client
 proto tcp-client
 remote {address} {port}
 nobind
-# Whom it talks to: who shows a certificate of this team that was made for the planner.
+# It talks to the host with a certificate of this team that was made for the planner.
 remote-cert-tls server
 verify-x509-name planner name
 reneg-sec 0
@@ -56,7 +56,7 @@ connect-retry 1 1
 """
 #: Where a host's folder goes: the tunnel is root's, and so is what it runs.
 ROOTS_FOLDER = "/etc/mrs_team"
-#: How often everybody shows his certificate again [s].
+#: How often everybody shows their certificate again [s].
 RECHECK_S = 60
 TEAM_SCRIPT = """\
 #!/bin/sh

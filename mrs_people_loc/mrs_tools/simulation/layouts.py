@@ -318,7 +318,7 @@ def _way_out(way: Way, along: float, scene: Scene, boxes: Boxes) -> tuple[float,
 
 
 def _roadside(way: Way, along: float, scene: Scene, boxes: Boxes, rng: Rng) -> tuple[float, float]:
-    """Where somebody waits beside the way, with his back to what is there."""
+    """Where somebody waits beside the way, their back to what is there."""
     side = float(rng.choice((-1.0, 1.0)))
     for far in np.arange(0.5 * scene.walk.width + 1.6, 0.3, -0.1):
         for left in (side * far, -side * far):

@@ -70,7 +70,7 @@ class World:
         raw: Whether a robot gives raw images, by name.
         cameras: Each robot's cameras, by name.
         beliefs: What each robot says about its pose, by name.
-        has_group: Whether there is anybody of whom is known that he walks in a group.
+        has_group: Whether somebody is known to walk in a group.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -287,7 +287,7 @@ class World:
         return owner.reshape(shape), depth.reshape(shape)
 
     def seen_pixels(self, frames: Sequence[RenderedFrame]) -> NDArray:
-        """Pixels of each person in the left image that shows most of him, shape (people,).
+        """Pixels of each person in the left image that shows most of them, shape (people,).
 
         0 where no robot within `visibility.range` of the person has `visibility.share` of the
         pixels that a whole person has at that distance.

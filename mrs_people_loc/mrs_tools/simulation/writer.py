@@ -30,7 +30,7 @@ PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
 GROUP_TOPIC = "/ground_truth/group"
 MAP_TOPIC = "/map"
-#: As map_server offers it: who comes late gets the last one, too.
+#: As map_server offers it: late subscribers get the last one, too.
 _MAP_QOS = Qos(
     history=QosHistory.KEEP_LAST,
     depth=1,
@@ -66,7 +66,7 @@ class Messages:
         return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
-        """geometry_msgs/Pose on the floor; the position is NaN for who is not there."""
+        """geometry_msgs/Pose on the floor; the position is NaN for somebody who is not there."""
         qx, qy, qz, qw = quaternion_from_yaw(yaw if math.isfinite(yaw) else 0.0)
         z = 0.0 if math.isfinite(x) else math.nan
         return self._make(
