@@ -25,7 +25,8 @@ from typing import Any
 
 import pytest
 
-from mrs_tools.commands.keys import RECHECK_S, TeamKeys
+from mrs_tools.security.team_keys import TeamKeys
+from mrs_tools.security.tunnel import RECHECK_S
 from network import hosts as network
 from network.hosts import Hosts
 

@@ -209,7 +209,7 @@ def test_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
 DRIVER = """
 import sys
 from importlib import import_module
-from mrs_tools.commands.replay import node
+from mrs_tools.tool_node import node
 
 topic, package, kind = sys.argv[1:]
 with node("driver") as driver:

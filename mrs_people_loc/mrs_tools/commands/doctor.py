@@ -42,7 +42,7 @@ def command(
     from rich.console import Console
 
     from mrs_ros.network import environment
-    from mrs_tools.commands.replay import node
+    from mrs_tools.tool_node import node
 
     environ = environment()  # as the user made it
     settings = [f"{name}={environ[name]}" for name in _SETTINGS if environ.get(name)]

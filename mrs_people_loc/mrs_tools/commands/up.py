@@ -38,7 +38,7 @@ def command(
     """
     from rich.console import Console
 
-    from mrs_tools.cli import stop_on_signals
+    from mrs_tools.signals import stop_on_signals
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     given_domain()

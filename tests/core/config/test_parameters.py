@@ -356,7 +356,9 @@ def test_default_yaml_has_each_parameter_with_its_description():
                 after = lines[value.end_mark.line][value.end_mark.column :]
                 listed[node, prefix + key.value] = after.partition("# ")[2]
 
-    for node, body in yaml.compose(path.read_text()).value:
+    document = yaml.compose(path.read_text())
+    assert isinstance(document, yaml.MappingNode)
+    for node, body in document.value:
         read(node.value, "", body.value[0][1])  # ros__parameters
     wanted = {
         (f"/**/{name}", parameter.name): parameter.doc

@@ -23,21 +23,18 @@ pytest.importorskip("typer", reason="the mrs command needs typer")
 from typer.testing import CliRunner
 
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.commands.convert import (
-    EPOCH_NS,
+from mrs_tools.commands.convert import app
+from mrs_tools.recordings.frames import EPOCH_NS, parse_frames
+from mrs_tools.recordings.oak import convert_oak, read_oak_calibration
+from mrs_tools.recordings.pcd import read_rgbd
+from mrs_tools.recordings.pcl import (
     PCL_FLOOR_NORMAL,
     PCL_HEIGHT_M,
-    app,
-    convert_oak,
     convert_pcl,
-    fill_depth,
-    parse_frames,
     pcl_pitch,
-    read_oak_calibration,
-    read_rgbd,
-    render_right,
     torsos_in_map,
 )
+from mrs_tools.recordings.right_view import fill_depth, render_right
 
 NAN = math.nan
 WIDTH, HEIGHT = 128, 80

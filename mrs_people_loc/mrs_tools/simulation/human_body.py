@@ -81,11 +81,11 @@ class _Legs:
     twist: float
 
 
-class Body:
+class HumanBody:
     """One person: looks that are drawn once, and a mesh for every instant.
 
     Args:
-        person: What the scene file says of him.
+        person: The scene file's section.
         seed: For everything that it leaves to chance.
         atlas: Where the textures go.
         contrast: Contrast of the clothes' textures.
@@ -123,6 +123,23 @@ class Body:
             person.pose, ["hang", "pockets", "crossed", "hips", "phone", "behind"],
             [5, 2, 2, 0.7, 1.5, 1],
         )  # fmt: skip
+        self._make_materials(rng, atlas, cloth, shade, contrast)
+        self._folds = {
+            name: _folds(rng, rings, segments, depth)
+            for name, rings, segments, depth in (
+                ("torso", 14, 20, 0.035), ("hips", 5, 20, 0.02), ("coat", 8, 20, 0.04),
+                ("arm0", 13, 12, 0.06), ("arm1", 13, 12, 0.06),
+                ("leg0", 16, 12, 0.05), ("leg1", 16, 12, 0.05),
+            )
+        }  # fmt: skip
+        self._stance = (float(rng.uniform(0.05, 0.10)), float(rng.uniform(-0.06, 0.06)))
+        self._look = float(rng.uniform(-0.35, 0.35))
+        self._gesture = float(rng.uniform(0.6, 1.3))
+        self._swing_arms = float(rng.uniform(0.6, 1.2))
+
+    def _make_materials(
+        self, rng: np.random.Generator, atlas: Atlas, cloth: str, shade: float, contrast: float
+    ) -> None:
         tone = float(rng.uniform(0.18, 0.62))
         hair = float(rng.choice([0.04, 0.08, 0.16, 0.4, 0.6], p=[0.35, 0.3, 0.15, 0.12, 0.08]))
         self._cloth = atlas.add(textures.fabric(rng, cloth, shade, contrast))
@@ -141,18 +158,6 @@ class Body:
         self._head = atlas.add(
             textures.head(rng, tone, hair, self._hair, around, 1.02 * self._head_height)
         )
-        self._folds = {
-            name: _folds(rng, rings, segments, depth)
-            for name, rings, segments, depth in (
-                ("torso", 14, 20, 0.035), ("hips", 5, 20, 0.02), ("coat", 8, 20, 0.04),
-                ("arm0", 13, 12, 0.06), ("arm1", 13, 12, 0.06),
-                ("leg0", 16, 12, 0.05), ("leg1", 16, 12, 0.05),
-            )
-        }  # fmt: skip
-        self._stance = (float(rng.uniform(0.05, 0.10)), float(rng.uniform(-0.06, 0.06)))
-        self._look = float(rng.uniform(-0.35, 0.35))
-        self._gesture = float(rng.uniform(0.6, 1.3))
-        self._swing_arms = float(rng.uniform(0.6, 1.2))
 
     def mesh(self, place: Place, time: float, *, talking: bool = False) -> Mesh:
         """The body at a place and time, in the map.
@@ -283,7 +288,11 @@ class Body:
                     rings=6,
                 )
             )
-        pitch = legs.pitches[k]
+        parts.append(self._shoe(ankle, legs.pitches[k], side))
+        return parts
+
+    def _shoe(self, ankle: NDArray, pitch: float, side: float) -> Mesh:
+        h = self._h
         ahead = np.array([math.cos(pitch), 0.12 * side, -math.sin(pitch)])
         ahead /= np.linalg.norm(ahead)
         up = np.cross(ahead, np.array([0.0, 1.0, 0.0]))
@@ -293,19 +302,16 @@ class Body:
         centre = sole + ahead * 0.045 * h + up * 0.024 * h
         length = np.linspace(-0.075, 0.085, 6) * h
         centres = centre + length[:, None] * ahead
-        parts.append(
-            loft(
-                centres,
-                across,
-                up,
-                np.array([0.020, 0.024, 0.024, 0.028, 0.029, 0.020]) * h,
-                np.array([0.024, 0.030, 0.030, 0.024, 0.018, 0.013]) * h,
-                self._shoes,
-                segments=12,
-                round_ends=(0.005, 0.01),
-            )
+        return loft(
+            centres,
+            across,
+            up,
+            np.array([0.020, 0.024, 0.024, 0.028, 0.029, 0.020]) * h,
+            np.array([0.024, 0.030, 0.030, 0.024, 0.018, 0.013]) * h,
+            self._shoes,
+            segments=12,
+            round_ends=(0.005, 0.01),
         )
-        return parts
 
     # ------------------------------------------------------------------------ torso ----
 
@@ -405,30 +411,32 @@ class Body:
             ellipsoid(nose, np.array([front, side, _Z]), (0.05 * tall, 0.05 * tall, 0.11 * tall),
                       self._skin)
         )  # fmt: skip
-        back = np.array([front, side, _Z])
+        return [*parts, *self._hair_or_cap(front, side, low)]
+
+    def _hair_or_cap(self, front: NDArray, side: NDArray, low: float) -> list[Mesh]:
+        """On a head that faces `front`, its chin at height `low` [m]."""
+        tall = self._head_height
+        axes = np.array([front, side, _Z])
+
+        def part(middle: NDArray, size: tuple[float, float, float], material: int) -> Mesh:
+            return ellipsoid(
+                middle, axes, (size[0] * tall, size[1] * tall, size[2] * tall), material
+            )
+
         if self._hair == "long":
             middle = np.array([0.0, 0.0, low + 0.30 * tall]) - 0.17 * tall * front
-            parts.append(
-                ellipsoid(
-                    middle, back, (0.36 * tall, 0.37 * tall, 0.66 * tall), self._hair_material
-                )
-            )
-        elif self._hair == "short":
+            return [part(middle, (0.36, 0.37, 0.66), self._hair_material)]
+        if self._hair == "short":
             middle = np.array([0.0, 0.0, low + 0.69 * tall]) - 0.035 * tall * front
-            parts.append(
-                ellipsoid(middle, back, (0.435 * tall, 0.345 * tall, 0.335 * tall),
-                          self._hair_material)
-            )  # fmt: skip
-        elif self._hair == "cap":
+            return [part(middle, (0.435, 0.345, 0.335), self._hair_material)]
+        if self._hair == "cap":
             middle = np.array([0.0, 0.0, low + 0.76 * tall])
-            parts.append(
-                ellipsoid(middle, back, (0.46 * tall, 0.36 * tall, 0.27 * tall), self._cloth)
-            )
             brim = middle + 0.42 * tall * front
-            parts.append(
-                ellipsoid(brim, back, (0.32 * tall, 0.27 * tall, 0.03 * tall), self._cloth)
-            )
-        return parts
+            return [
+                part(middle, (0.46, 0.36, 0.27), self._cloth),
+                part(brim, (0.32, 0.27, 0.03), self._cloth),
+            ]
+        return []
 
     # ------------------------------------------------------------------------- arms ----
 
@@ -516,24 +524,27 @@ class Body:
             )
             wrist = np.array([0.15 * girth, side * 0.09, 0.62]) * h + move * h / 1.7
             pole = np.array([-0.5, side, -1.0])
-        if pace > 0.0:
-            # Arms swing against the legs.
-            stride = (0.55 + 0.48 * min(abs(place.speed), 2.0)) * h / 1.7
-            phase = (place.way / stride + self._phase / (2 * math.pi)) % 1.0
-            angle = -self._swing_arms * (0.25 + 0.15 * min(abs(place.speed), 2.0)) * side
-            angle *= math.cos(2 * math.pi * phase)
-            reach = (_UPPER_ARM + _FOREARM) * 0.985 * h
-            walk = np.array(
-                [
-                    reach * math.sin(angle + 0.12),
-                    side * 0.135 * h * girth**0.5,
-                    _SHOULDER * h - reach * math.cos(angle + 0.12),
-                ]
-            )
-            if self._pose in ("hang", "hips", "behind", "pockets", "talk", "crossed") or not k:
-                wrist = wrist * (1 - pace) + walk * pace
-                pole = pole * (1 - pace) + back * pace
+        swings = self._pose in ("hang", "hips", "behind", "pockets", "talk", "crossed") or not k
+        if pace > 0.0 and swings:
+            wrist = wrist * (1 - pace) + self._swung_wrist(place, side) * pace
+            pole = pole * (1 - pace) + back * pace
         return wrist, pole
+
+    def _swung_wrist(self, place: Place, side: float) -> NDArray:
+        """Where the wrist is while walking: arms swing against the legs."""
+        h, girth = self._h, self._build
+        stride = (0.55 + 0.48 * min(abs(place.speed), 2.0)) * h / 1.7
+        phase = (place.way / stride + self._phase / (2 * math.pi)) % 1.0
+        angle = -self._swing_arms * (0.25 + 0.15 * min(abs(place.speed), 2.0)) * side
+        angle *= math.cos(2 * math.pi * phase)
+        reach = (_UPPER_ARM + _FOREARM) * 0.985 * h
+        return np.array(
+            [
+                reach * math.sin(angle + 0.12),
+                side * 0.135 * h * girth**0.5,
+                _SHOULDER * h - reach * math.cos(angle + 0.12),
+            ]
+        )
 
     # ----------------------------------------------------------------------- extras ----
 

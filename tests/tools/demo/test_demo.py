@@ -30,8 +30,11 @@ from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_tools import installing
 from mrs_tools.cli import app
-from mrs_tools.commands import demo
-from mrs_tools.scoring.positions import Truth
+from mrs_tools.demo import pictures
+from mrs_tools.demo.pictures import RecordedTeam, draw_demo, views_of
+from mrs_tools.demo.scores import print_events, print_scores
+from mrs_tools.figures.files import check_pictures
+from mrs_tools.scoring.records import Truth
 from tools.made_views import group_of, person, walk
 
 MS = 1_000_000
@@ -62,7 +65,7 @@ def test_the_score():
         message(200, person(1, 0.1, 0.0)),
         message(400, person(1, 0.1, 0.0), person(5, 3.0, 0.3), person(6, 6.0, 6.0)),
     ]
-    text = printed(demo._score, people, truth)
+    text = printed(print_scores, people, truth)
     rows = [[c.strip() for c in re.split("[│┃]", line)[1:-1]] for line in text.splitlines()]
     assert ["1", "1", "3 / 3", "10.0 cm", "10.0 cm"] in rows
     assert ["2", "2, 5", "2 / 3", "20.0 cm", "30.0 cm"] in rows
@@ -75,43 +78,43 @@ def test_frames_without_an_estimate_are_said_to_be_the_machines_fault():
     stamps = [ms * MS for ms in range(0, 2000, 200)]
     truth = Truth.build(stamps, [np.array([[0.0, 0.0]])] * 10)
     people = [message(ms, person(1, 0.1, 0.0)) for ms in range(0, 2000, 200)]
-    assert "too busy" not in printed(demo._score, people, truth)
+    assert "too busy" not in printed(print_scores, people, truth)
     del people[4:6]
-    assert "the machine was too busy for 2 frames" in printed(demo._score, people, truth)
+    assert "the machine was too busy for 2 frames" in printed(print_scores, people, truth)
 
 
 def test_events_belong_to_the_interval_before_them():
     listener: Any = SimpleNamespace(
         maps={}, events=[(-1, "too early"), (250 * MS, "one"), (260 * MS, "two"), (900 * MS, "end")]
     )
-    recorded = demo._Recorded(Truth.build([], []), None, {})
+    recorded = RecordedTeam(Truth.build([], []), None, {})
     people = [message(ms, person(1, 0, 0)) for ms in (0, 200, 400)]
-    views = demo._views(people, listener, recorded, Team(PlannerConfig(), {}))
+    views = views_of(people, listener, recorded, Team(PlannerConfig(), {}))
     assert [list(view.events) for view in views] == [["too early"], ["one", "two"], ["end"]]
     assert [view.stamp_ns for view in views] == [0, 200 * MS, 400 * MS]
-    text = printed(demo._tell, views)
+    text = printed(print_events, views)
     assert text.splitlines()[1:] == ["after  0.2 s: one", "after  0.2 s: two", "after  0.4 s: end"]
 
 
 def test_the_straggler_is_drawn_where_he_is_farthest(tmp_path, monkeypatch):
     drawn: list[Any] = []
-    monkeypatch.setattr(demo, "draw_top_view", lambda view, path: drawn.append(view))
-    monkeypatch.setattr(demo, "animate", lambda views, path: drawn.append(path))
+    monkeypatch.setattr(pictures, "draw_top_view", lambda view, path: drawn.append(view))
+    monkeypatch.setattr(pictures, "animate", lambda views, path: drawn.append(path))
     views = walk()
-    printed(demo._draw, views, 2, tmp_path / "demo.png")
+    printed(draw_demo, views, 2, tmp_path / "demo.png")
     # He falls behind from 2 s on, and the others get away from him until the end, 4 s.
     assert drawn[0].stamp_ns == views[-1].stamp_ns
     assert drawn[0].title == "after 4.0 s: 2 people, 1 in group 1, walking at 1.0 m/s"
     assert drawn[0].trails
     assert drawn[1] == tmp_path / "demo.gif"
-    printed(demo._draw, views[:8], 2, tmp_path / "demo.png")
+    printed(draw_demo, views[:8], 2, tmp_path / "demo.png")
     assert drawn[2].stamp_ns == views[7].stamp_ns  # nobody: the last one
-    printed(demo._draw, [*views[:12], *walk()[:3]], 2, tmp_path / "demo.png")
+    printed(draw_demo, [*views[:12], *walk()[:3]], 2, tmp_path / "demo.png")
     assert drawn[4].stamp_ns == views[11].stamp_ns
 
 
 def test_the_pictures(tmp_path):
-    text = printed(demo._draw, walk(), 2, tmp_path / "demo.png")
+    text = printed(draw_demo, walk(), 2, tmp_path / "demo.png")
     with Image.open(tmp_path / "demo.png") as picture, Image.open(tmp_path / "demo.gif") as film:
         assert picture.size == (990, 880)
         assert getattr(film, "n_frames", 1) == 21
@@ -142,7 +145,7 @@ def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, 
 
 
 def test_a_target_that_may_not_be_written_is_said(tmp_path, monkeypatch):
-    demo.check_pictures(tmp_path / "picture.png")
+    check_pictures(tmp_path / "picture.png")
     assert not list(tmp_path.iterdir())
 
     def refuse(*_: object) -> None:
@@ -150,7 +153,7 @@ def test_a_target_that_may_not_be_written_is_said(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(PeopleLocError, match=r"picture\.png: cannot be written"):
-        demo.check_pictures(tmp_path / "picture.png")
+        check_pictures(tmp_path / "picture.png")
 
 
 def test_what_comes_with_the_project_is_found_or_missed_in_a_line(tmp_path, monkeypatch):
@@ -168,7 +171,7 @@ def test_what_comes_with_the_project_is_found_or_missed_in_a_line(tmp_path, monk
 def test_what_comes_with_the_project_is_found_without_rosbags():
     program = (
         "import sys; sys.modules['rosbags'] = None; "
-        "from mrs_tools.commands.simulate import suite_file; print(suite_file())"
+        "from mrs_tools.simulation.suite_scenes import suite_file; print(suite_file())"
     )
     run = [sys.executable, "-c", program]
     assert "suite.yaml" in subprocess.run(run, capture_output=True, text=True, check=True).stdout

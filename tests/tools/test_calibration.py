@@ -17,10 +17,10 @@ from typer.testing import CliRunner
 from mrs_people_loc.config import Mounting, load_team
 from mrs_people_loc.errors import BagError, FloorError
 from mrs_people_loc.health.floor import Floor
+from mrs_tools.calibration import Calibration, from_bag, how_sure, snippet
 from mrs_tools.cli import app
-from mrs_tools.commands.calibrate import Calibration, from_bag, how_sure, snippet
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 FORMATION = ROOT / "bags" / "paper_formation"
 OAK = ROOT.parent / "shared" / "data" / "oak-stereo-overhead-person"
 FIVE = ROOT.parent / "shared" / "data" / "pcl-five-people"
@@ -47,7 +47,7 @@ def run(*args: object) -> tuple[int, str, str]:
 def carpet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated bag, and its team's file beside it."""
     pytest.importorskip("embreex", reason="drawing scenes needs embreex")
-    from mrs_tools.commands.simulate import simulate
+    from mrs_tools.simulation.render_scene import simulate
     from mrs_tools.simulation.scene import load_scene
 
     folder = tmp_path_factory.mktemp("carpet")

@@ -23,12 +23,16 @@ from rich.console import Console
 from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
-from mrs_tools.bags import offline
-from mrs_tools.bags.offline import BagRun, estimate_of, file_beside, read_recorded, read_truth
+from mrs_tools.bags import estimates
+from mrs_tools.bags import truth as truth_module
+from mrs_tools.bags.estimates import estimate_of, read_recorded
+from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore, require_types
+from mrs_tools.bags.sources import file_beside
+from mrs_tools.bags.truth import read_truth
 from mrs_tools.cli import app
-from mrs_tools.commands import evaluate
-from mrs_tools.commands.evaluate import Result, as_json, evaluate_bag, names_of
+from mrs_tools.evaluation import tables
+from mrs_tools.evaluation.results import Result, as_json, evaluate_bag, names_of
 from tools.made_bag import MS, START_NS, Bag
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -124,7 +128,7 @@ def test_more_people_than_are_scored_are_refused(make_bag):
 
 def test_truth_that_would_fill_the_memory_is_refused(make_bag, monkeypatch):
     """One message says for how many people all the others have room."""
-    monkeypatch.setattr(offline, "_MAX_PLACES", 100)
+    monkeypatch.setattr(truth_module, "MAX_PLACES", 100)
 
     def fill(bag: Bag) -> None:
         bag.truth(0, *[(0, n) for n in range(10)])
@@ -150,7 +154,7 @@ def test_more_recorded_people_than_are_scored_are_refused(make_bag):
 
 @pytest.mark.usefixtures("our_messages")
 def test_more_ids_than_are_scored_are_refused(make_bag, monkeypatch):
-    monkeypatch.setattr(offline, "_MAX_IDS", 5)
+    monkeypatch.setattr(estimates, "MAX_IDS", 5)
 
     def fill(bag: Bag) -> None:
         for ms in range(6):
@@ -885,7 +889,7 @@ def test_found_in_the_table_is_people_found_as_in_the_demo():
     }
     console = Console(width=100)
     with console.capture() as said:
-        console.print(evaluate._people_table({"a [b]": report}))
+        console.print(tables._people_table({"a [b]": report}))
     assert re.search(r"bag +frames true found recall prec\.", said.get())
     assert re.search(r"a \[b\] +5 +9 +6 +0\.667 +0\.857", said.get())
 
@@ -989,5 +993,5 @@ def test_pooled_is_not_changed_by_its_parts(formation):
 
 def test_centres_of_groups_as_far_as_numbers_go_are_infinite():
     with np.errstate(all="raise"):
-        centre = offline._centre([(4, (1e308, 0.0)), (3, (1e308, 1.0))])
+        centre = estimates._centre([(4, (1e308, 0.0)), (3, (1e308, 1.0))])
     np.testing.assert_allclose(centre, [np.inf, 3 / 7])

@@ -22,8 +22,8 @@ from mrs_people_loc.planner import People
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
-from mrs_tools.bags.offline import read_people
-from mrs_tools.commands.people import LivePeople, follow_clock
+from mrs_tools.bags.estimates import read_people
+from mrs_tools.live.people_table import LivePeople, follow_clock
 
 SECOND = 1_000_000_000
 WALKS = Person(

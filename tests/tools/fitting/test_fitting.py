@@ -27,8 +27,11 @@ from mrs_people_loc.bodies.finder import View
 from mrs_people_loc.bodies.patches import PatchSampler
 from mrs_people_loc.bodies.search import Candidates
 from mrs_tools.cli import app
-from mrs_tools.commands import fit
-from mrs_tools.commands.fit import Examples, cross_validate, examples_of
+from mrs_tools.fitting import examples as examples_module
+from mrs_tools.fitting import regression, validation
+from mrs_tools.fitting.examples import Examples, examples_of
+from mrs_tools.fitting.regression import fit
+from mrs_tools.fitting.validation import cross_validate
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -54,13 +57,13 @@ def examples(count: int, *, bags: int = 10, noise: float = 0.0, seed: int = 0) -
 def _small_network() -> Iterator[None]:
     """What is told apart here is told by one number; a small hidden layer is fitted fast."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit, "_HIDDEN", 2)
+        patch.setattr(regression, "_HIDDEN", 2)
         yield
 
 
 @pytest.fixture(scope="module")
 def fitted() -> BodyModel:
-    return fit.fit(examples(4000, noise=0.02))
+    return fit(examples(4000, noise=0.02))
 
 
 # ----------------------------------------------------------------------------- examples ----
@@ -107,7 +110,7 @@ def test_candidates_are_compared_with_the_truth_by_hand() -> None:
     view = view_of(camera, [0.0, math.pi / 4, -math.pi / 4, math.pi / 2], [2.0, 2.0, 2.0, 4.0])
     people = np.array([(0.9, 5.0), (math.nan, math.nan), (-3.0, 9.0)])
     others = np.array([(1.0 + math.sqrt(2), 2.5 + math.sqrt(2) + 0.2)])
-    got = fit._examples(camera, view, pose, people, others, 7)
+    got = examples_module._examples(camera, view, pose, people, others, 7)
     far = math.hypot(0.1, 2.5)
     allowed = 0.2 + 0.7 * far**2 / 10
     assert got.away[0] == pytest.approx(math.hypot(0.1 / 0.2, 0.5 / allowed))
@@ -122,10 +125,14 @@ def test_candidates_are_compared_with_the_truth_by_hand() -> None:
 def test_where_nobody_is_nobody_is_near() -> None:
     camera = StereoCamera(width=160, height=120, fx=100, fy=100, cx=79.5, cy=59.5, baseline=0.1)
     nobody = np.empty((0, 2))
-    got = fit._examples(camera, view_of(camera, [0.1], [2.0]), np.zeros(3), nobody, nobody, 0)
+    got = examples_module._examples(
+        camera, view_of(camera, [0.1], [2.0]), np.zeros(3), nobody, nobody, 0
+    )
     assert not got.person.any()
     assert got.clear.all()
-    none = fit._examples(camera, view_of(camera, [], []), np.zeros(3), np.ones((2, 2)), nobody, 0)
+    none = examples_module._examples(
+        camera, view_of(camera, [], []), np.zeros(3), np.ones((2, 2)), nobody, 0
+    )
     assert len(none) == 0
     assert none.robot.shape == (0,)
 
@@ -159,14 +166,14 @@ def test_sigmas_are_the_size_of_the_errors(fitted: BodyModel) -> None:
 def test_outliers_do_not_pull(fitted: BodyModel) -> None:
     some = examples(4000, noise=0.02)
     wrong = np.arange(len(some)) % 20 == 0
-    pulled = fit.fit(dataclasses.replace(some, across=np.where(wrong, 0.5, some.across)))
+    pulled = fit(dataclasses.replace(some, across=np.where(wrong, 0.5, some.across)))
     new = examples(300, seed=1)
     assert np.abs(pulled.across(new.odd) - new.across).mean() < 0.03
     np.testing.assert_allclose(pulled.depth.weights, fitted.depth.weights)
 
 
 def test_the_same_examples_give_the_same_file() -> None:
-    one, other = (json.dumps(fit.fit(examples(500)).to_mapping()) for _ in range(2))
+    one, other = (json.dumps(fit(examples(500)).to_mapping()) for _ in range(2))
     assert one == other
     BodyModel.from_mapping(json.loads(one))
 
@@ -181,11 +188,11 @@ def test_too_few_examples_are_refused(people: int, others: int, enough: bool) ->
     away = np.array([0.0] * people + [9.0] * others + [1.5] * 20 + [0.0] * 20)
     some = dataclasses.replace(some, away=away, robot=np.arange(len(some)) >= len(some) - 20)
     if enough:
-        fit.fit(some)
+        fit(some)
         return
     what = rf"{people} examples of people and {others} of other things; wanted: 100 of each"
     with pytest.raises(PeopleLocError, match=what):
-        fit.fit(some)
+        fit(some)
 
 
 # ------------------------------------------------------------------------ cross-validation ----
@@ -215,13 +222,13 @@ def test_figures_of_what_cannot_be_told_apart() -> None:
 def test_no_model_judges_a_bag_that_it_has_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     some = examples(2400, bags=12)
     seen: list[set[int]] = []
-    model = fit.fit(some)
+    model = fit(some)
 
     def watched(part: Examples) -> BodyModel:
         seen.append(set(part.bag.tolist()))
         return model
 
-    monkeypatch.setattr(fit, "fit", watched)
+    monkeypatch.setattr(validation, "fit", watched)
     cross_validate(some)
     held = [set(range(12)) - bags for bags in seen]
     assert all(held)
@@ -244,7 +251,7 @@ odometry: {mode: exact}
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
-    from mrs_tools.commands.simulate import simulate
+    from mrs_tools.simulation.render_scene import simulate
     from mrs_tools.simulation.scene import read_scene
 
     out = tmp_path_factory.mktemp("bags") / "two"

@@ -17,8 +17,8 @@ from typer.testing import CliRunner, Result
 
 from mrs_people_loc.errors import KeysError
 from mrs_tools.cli import app
-from mrs_tools.commands import keys as module
-from mrs_tools.commands.keys import DEFAULT_PORT, PLANNER, TeamKeys
+from mrs_tools.security import team_keys as module
+from mrs_tools.security.team_keys import DEFAULT_PORT, PLANNER, TeamKeys
 
 if shutil.which("openssl") is None:
     pytest.skip("keys are made by openssl, which is not here", allow_module_level=True)

@@ -17,7 +17,8 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.following.groups import Groups
 from mrs_people_loc.following.tracks import Tracker
 from mrs_people_loc.people import Person
-from mrs_tools.scoring.positions import Estimate, Truth, score
+from mrs_tools.scoring.positions import score
+from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.stragglers import StragglerScores, episodes, score_stragglers
 from mrs_tools.scoring.tracks import TrackScores, score_tracks
 
