@@ -165,9 +165,9 @@ def check_search(
     Raises:
         DiffersError: Naming what differs.
     """
-    ranges = {"min_range": config.disparity.min_range, "max_range": config.bodies.max_range}
-    bins, histogram = histogram_of(disparity, camera, **ranges)
-    core = BodySearch(camera, **ranges).histogram(disparity)
+    near_m, far_m = config.disparity.min_range, config.bodies.max_range
+    bins, histogram = histogram_of(disparity, camera, min_range=near_m, max_range=far_m)
+    core = BodySearch(camera, min_range=near_m, max_range=far_m).histogram(disparity)
     near(f"{name}: histogram", core, histogram, _FLOAT32)
     extents = extents_of(histogram, bins)
     for k, (bearing, inverse, extent) in enumerate(

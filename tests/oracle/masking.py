@@ -15,7 +15,6 @@ from oracle.fusion import covariance_seen
 from oracle.numbers import (
     BESIDE_M,
     CELL_SIGMA_ACROSS_M,
-    CELL_SIGMA_RANGE,
     CLEARLY_A_PERSON,
     DRAWS,
     INSIDE_M,
@@ -57,7 +56,7 @@ def is_masked(
     """Whether a plain cell that a robot saw is of another robot, of a wall or of furniture."""
     own = poses[robot]
     x, y = xy[0] - own.x, xy[1] - own.y
-    sigma = CELL_SIGMA_RANGE * (x * x + y * y)
+    sigma = config.cell_range_sigma * (x * x + y * y)
     covariance = covariance_seen(own, xy, sigma**2, CELL_SIGMA_ACROSS_M**2)
     if is_robot(robot, xy, covariance, poses, config.robot_radius, -math.inf):
         return True

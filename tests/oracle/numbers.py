@@ -88,8 +88,8 @@ TOP_FROM, TOP_SHARE, TOP_GAP = 10, 0.4, 3
 
 #: Standard deviations of places that count [m].
 LEAST_SIGMA_M, LARGEST_SIGMA_M = 0.01, 100.0
-#: Of a plain cell: of its range, per square of it [1/m], and across [m].
-CELL_SIGMA_RANGE, CELL_SIGMA_ACROSS_M = 0.25 / 10.5, 0.03
+#: Of a plain cell, across the line of sight [m].
+CELL_SIGMA_ACROSS_M = 0.03
 #: Robots are looked for within so many sigmas and no farther along and across the sight [m].
 ROBOT_SIGMAS, REACH_ALONG_M, REACH_ACROSS_M = 2.5, 0.8, 0.4
 #: Beyond its radius what is likelier a person than this [log-odds] is no robot.

@@ -59,7 +59,9 @@ def people_on(
     masked, kept = ([i for i in plain if is_known[i] == which] for which in (True, False))
     label = [-1] * len(fused.xy)
     pieces = clusters_of(_places(fused, kept), config.clustering.distance)
-    pieces, too_wide = split_of(fused, kept, pieces, placed, config.splitting, config.human)
+    pieces, too_wide = split_of(
+        fused, kept, pieces, placed, config.splitting, config.human, config.masking.cell_range_sigma
+    )
     of_cells = max(pieces, default=-1) + 1
     # First clusters of cells, then those of masked cells, of joined bodies, and of what is no part
     # of these: robots, and bodies that took no part in the joining.

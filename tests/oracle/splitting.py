@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mrs_people_loc.config import Human, Splitting
 from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.poses import Pose
-from oracle.numbers import CELL_SIGMA_RANGE, MOST_PARTS, ROUNDS
+from oracle.numbers import MOST_PARTS, ROUNDS
 
 Float = NDArray[np.float64]
 
@@ -38,13 +38,13 @@ class _Cell:
     top: float
 
 
-def _seen(fused: ShortTermMap, i: int, poses: Mapping[str, Pose]) -> _Cell:
+def _seen(fused: ShortTermMap, i: int, poses: Mapping[str, Pose], range_sigma: float) -> _Cell:
     pose, xy = poses[fused.robots[fused.robot[i]]], fused.xy[i]
     dx, dy = float(xy[0]) - pose.x, float(xy[1]) - pose.y
     angle, squared = math.atan2(dy, dx), max(dx * dx + dy * dy, 1e-6)
     points = max(float(fused.cells.count[i]), 1.0)
     sight = np.array([math.cos(angle), math.sin(angle)])
-    smear = (CELL_SIGMA_RANGE * squared) ** 2
+    smear = (range_sigma * squared) ** 2
     return _Cell(xy, sight, smear, points, points * squared, float(fused.cells.top[i]))
 
 
@@ -76,6 +76,7 @@ def split_of(
     poses: Mapping[str, Pose],
     config: Splitting,
     human: Human,
+    range_sigma: float,
 ) -> tuple[list[int], int]:
     """Splits clusters; nobody is expected anywhere.
 
@@ -86,6 +87,7 @@ def split_of(
         poses: By robot, where its cells were seen from.
         config: Parameters.
         human: Of these, the height and the points of a person.
+        range_sigma: Standard deviation of a cell's range, per square of it [1/m].
 
     Returns:
         New labels, and how many clusters are too wide but stay whole.
@@ -94,7 +96,7 @@ def split_of(
         return list(label), 0
     # An even surface of a width has this standard deviation.
     limit = config.max_width / math.sqrt(12.0)
-    seen = [_seen(fused, i, poses) for i in cells]
+    seen = [_seen(fused, i, poses, range_sigma) for i in cells]
     labels, whole = list(label), 0
     for number in range(max(label, default=-1) + 1):
         mine = [k for k, of in enumerate(label) if of == number]

@@ -68,13 +68,13 @@ def test_splitting():
     config = PlannerConfig.from_mapping({"human.min_points": 9, "human.min_height": 0.5})
     fused = fuse([scan_of("a", cells)], poses)
     arguments = fused, range(18), [0] * 18, poses, config.splitting
-    label, whole = split_of(*arguments, config.human)
+    label, whole = split_of(*arguments, config.human, 0.02)
     assert whole == 0
     assert {len(set(label[:9])), len(set(label[9:])), label[0] + label[9]} == {1}
     many = PlannerConfig.from_mapping({"human.min_points": 10, "human.min_height": 0.5})
-    assert split_of(*arguments, many.human) == ([0] * 18, 0)  # not the points of two
+    assert split_of(*arguments, many.human, 0.02) == ([0] * 18, 0)  # not the points of two
     tall = PlannerConfig.from_mapping({"human.min_points": 9, "human.min_height": 1.1})
-    assert split_of(*arguments, tall.human) == ([0] * 18, 0)
+    assert split_of(*arguments, tall.human, 0.02) == ([0] * 18, 0)
 
 
 #: 10 px of focal length and 0.1 m: 1 px of disparity is 1 m. Level, 1 m up.

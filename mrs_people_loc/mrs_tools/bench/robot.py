@@ -15,7 +15,7 @@ from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import make_stereo_bm
 from mrs_people_loc.sensing.images import StereoImages
-from mrs_tools.bags.offline import View
+from mrs_tools.bags.sources import RobotView
 from mrs_tools.bench.samples import Samples, blocks
 
 #: A head's two cameras of three.
@@ -30,7 +30,9 @@ class Head:
     images: Sequence[StereoImages]
 
 
-def heads_of(views: Iterable[View], robots: Mapping[str, RobotConfig]) -> dict[str, list[Head]]:
+def heads_of(
+    views: Iterable[RobotView], robots: Mapping[str, RobotConfig]
+) -> dict[str, list[Head]]:
     """The heads of a bag's views, by kind: `binocular`, `trinocular`, `pair of three`.
 
     The last is a trinocular head without its third camera: in the paper's formation it leads, and

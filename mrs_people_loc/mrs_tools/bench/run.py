@@ -16,11 +16,11 @@ Compare within one run. In the live part time is what passes.
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,14 +33,16 @@ from mrs_people_loc import timing
 from mrs_people_loc.config import ROBOT_NODE, PlannerConfig, RobotConfig
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.planner import Planner
-from mrs_tools.bags.offline import BagRun, Interval, View, robots_of
+from mrs_tools.bags.offline import BagRun, Interval
 from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.sources import RobotView, robots_of
 from mrs_tools.bench.growth import LARGEST, time_growth
 from mrs_tools.bench.oracle import Oracle, find
 from mrs_tools.bench.planner import time_planner
 from mrs_tools.bench.robot import heads_of, time_robot
 from mrs_tools.bench.targets import targets
 from mrs_tools.bench.tracking import time_tracking
+from mrs_tools.common import one_thread
 from mrs_tools.domain import private_domain
 
 #: Of the intervals of the bag, each one of so many is compared with the oracle.
@@ -149,17 +151,6 @@ def _lines(path: Path) -> list[str]:
         return []
 
 
-@contextmanager
-def one_thread() -> Any:
-    """OpenCV works on one core."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
-
-
 def _top_cameras(bag: Path, folder: Path) -> list[Path]:
     """A parameter file that turns on the top cameras that a bag has, in any configuration."""
     with BagReader(bag) as reader:
@@ -182,7 +173,7 @@ class _Run:
     planner: PlannerConfig
 
 
-def _views(run: _Run) -> list[View]:
+def _views(run: _Run) -> list[RobotView]:
     return [view for interval in run.intervals for view in interval.views.values()]
 
 
@@ -219,3 +210,12 @@ def _compare(
             checked["clusters"] += len(interval.people.clusters)
             checked["people"] += len(interval.people.persons)
     return checked
+
+
+def finite(value: Any) -> Any:
+    """A report for JSON: what is undefined becomes null."""
+    if isinstance(value, Mapping):
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from mrs_tools.bench.oracle import WHY_NOT
+from mrs_tools.common import make_table
 
 #: More of the machine than this is too busy for the live part.
 _BUSY = 0.15
@@ -47,8 +47,7 @@ def show(report: Mapping[str, Any], console: Console) -> None:
 
 
 def _table(title: str, first: str, *others: str) -> Table:
-    # Text: a unit such as [ms] would be taken for markup.
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+    table = make_table(title)
     table.add_column(Text(first))
     for column in others:
         table.add_column(column, justify="right", no_wrap=True)

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from mrs_ros.network import given_domain
 from mrs_tools.bench.growth import LARGEST
-from mrs_tools.bench.run import BenchError, one_thread, run_bench
+from mrs_tools.bench.run import finite, run_bench
 from mrs_tools.bench.tables import show
+from mrs_tools.common import write_json
 from mrs_tools.installing import default_file
-
-__all__ = ["command", "one_thread", "write_json"]
 
 
 def command(
@@ -83,24 +79,4 @@ def command(
         )
     show(report, Console(highlight=False))
     if json_file is not None:
-        write_json(report, json_file)
-
-
-def write_json(report: Mapping[str, Any], path: Path) -> None:
-    """Writes a report; what is undefined becomes null.
-
-    Raises:
-        BenchError: The file cannot be written.
-    """
-    try:
-        path.write_text(json.dumps(_finite(report), indent=2, allow_nan=False) + "\n", "utf-8")
-    except OSError as err:
-        raise BenchError(f"{path}: cannot be written ({err.strerror or err})") from err
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        write_json(json_file, finite(report))

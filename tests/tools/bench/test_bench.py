@@ -37,6 +37,7 @@ from mrs_tools.bench import scenes as bench_scenes
 from mrs_tools.bench import targets as bench_targets
 from mrs_tools.bench.differs import DiffersError
 from mrs_tools.commands import bench
+from mrs_tools.common import write_json
 from oracle import comparison
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -241,16 +242,14 @@ def test_targets(value, at_least, reached):
 
 
 def test_two_configurations_of_one_name_are_refused(bag):
-    with pytest.raises(bench.BenchError, match=r"paper\.yaml"):
+    with pytest.raises(bench_run.BenchError, match=r"paper\.yaml"):
         bench.run_bench(bag, [PAPER, PAPER])
 
 
 def test_what_is_undefined_is_null_in_the_file(tmp_path):
     file = tmp_path / "out.json"
-    bench.write_json({"a": math.nan, "b": [math.inf, 1.5], "c": {"d": None}}, file)
+    write_json(file, bench.finite({"a": math.nan, "b": [math.inf, 1.5], "c": {"d": None}}))
     assert json.loads(file.read_text()) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
-    with pytest.raises(bench.BenchError, match="cannot be written"):
-        bench.write_json({}, tmp_path / "no" / "out.json")
 
 
 # ------------------------------------------------------------------------------------ the live part
