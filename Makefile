@@ -1,11 +1,11 @@
-# make setup, then make demo. Everything lands in .venv; nothing outside this folder is touched.
-# The steps are scripts in setup/, the pinned versions in requirements/, all else in pyproject.toml.
+# make setup, then make demo. Everything is installed into .venv; nothing outside this folder changes.
+# The steps are scripts in setup/, the pinned versions in requirements/, the rest in pyproject.toml.
 
-# Which Python; if not said, python3 or the first one here that fits.
+# The Python to use; by default python3 or the first suitable one.
 PYTHON ?=
-# What to hand to pytest.
+# Options for pytest.
 PYTEST_ARGS ?=
-# How long each target is fuzzed.
+# Fuzzing time per target [s].
 FUZZ_SECONDS ?= 60
 
 VENV := .venv
@@ -16,14 +16,14 @@ COLCON := .colcon
 BIN := $(VENV)/bin
 LOCK := requirements/lock.txt
 
-# setup/step.sh LOG "What it does" COMMAND: a line on the terminal, the rest in the log.
+# setup/step.sh LOG "Description" COMMAND: one line on the terminal, the output in the log.
 STEP := setup/step.sh
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-# What a sourced ROS or another environment would mix into ours.
+# Variables of a sourced ROS or another environment that would interfere with ours.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
-# pip's configuration may say `user = true`, which no virtual environment can do.
+# pip's configuration may contain `user = true`, which fails in a virtual environment.
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
@@ -37,11 +37,11 @@ help: ## List these targets
 	@echo 'make test PYTEST_ARGS="-x -k camera"   any option of pytest'
 
 # --- set-up ---------------------------------------------------------------------------------------
-# Each step leaves a stamp in .venv and runs again when something it depends on has changed.
+# Each step leaves a stamp in .venv and is repeated when one of its dependencies has changed.
 
-setup: $(VENV)/.project ## Make .venv with everything in it (the second time: at once)
+setup: $(VENV)/.project ## Make .venv with everything in it (returns at once if it is up to date)
 
-# Looked at every time; changes only when the environment is made anew.
+# Checked every time; changes only when the environment is created again.
 $(VENV)/.made: FORCE
 	@setup/venv.sh $(VENV) "$(VERSIONS)" $(PYTHON)
 
@@ -52,12 +52,12 @@ $(VENV)/.wheels: $(VENV)/.made $(LOCK)
 	    $(PIP) install --no-deps --no-build-isolation --requirement $(LOCK)
 	@touch $@
 
-# Folders are listed, too: their time changes when a file in them comes or goes.
+# Folders are listed, too: their time changes when a file in them is added or removed.
 $(VENV)/.messages: $(VENV)/.wheels $(shell find msgs) setup/messages.sh setup/wheels.cmake
 	@$(STEP) $(VENV)/log/messages.log "Building the messages" setup/messages.sh $(VENV)
 	@touch $@
 
-# An editable install links to the Python code but copies what belongs in share/ and lib/.
+# An editable install links to the Python code but copies the files of share/ and lib/.
 COPIED := $(shell find config scenes bags */launch */resource */scripts */package.xml -not -name '__pycache__*')
 $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 	@$(STEP) $(VENV)/log/project.log "Installing this project" \
@@ -66,13 +66,13 @@ $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 
 # --- use ------------------------------------------------------------------------------------------
 
-demo: setup ## Simulated robots follow a walking group: the whole system on this machine
+demo: setup ## Run the whole system on this machine: simulated robots follow a walking group
 	$(BIN)/mrs demo
 
-bench: setup ## Measure the speed
+bench: setup ## Measure the speed of every stage, latency and bandwidth
 	$(BIN)/mrs bench
 
-experiment: setup ## Repeat the paper's experiment, simulated; its figures beside ours
+experiment: setup ## Repeat the paper's experiment in simulation; its figures beside ours
 	$(BIN)/mrs experiment
 
 suite: setup ## Score the published suite step by step, into docs/suite.md (half an hour)
@@ -89,25 +89,26 @@ fit: setup ## Fit the body model to the suite's train half and its variants (hal
 test: setup ## Run the tests
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-lint: setup ## Check style (ruff) and types (mypy)
+lint: setup ## Check style (ruff), types (mypy) and layers (import-linter)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache --no-logo
 
-format: setup ## Put the style right as far as ruff can
+format: setup ## Fix the style as far as ruff can
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-soak: setup ## The long tests: a full team at work for ten minutes, and all else that takes so long
+soak: setup ## Run the long tests: a full team for ten minutes, and others of that length
 	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
 
-fuzz: setup ## Fuzz all that comes in (18 minutes; FUZZ_SECONDS=3600 for each of 18 targets)
+fuzz: setup ## Fuzz all inputs (18 targets, FUZZ_SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
-test-oldest: $(OLDEST)/.installed ## Test the method alone with the oldest versions it allows
+test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported versions of its dependencies
 	$(OLDEST)/bin/python -m pytest tests/core tests/tools/scoring $(PYTEST_ARGS)
 
-# Not with Python 3.13: it is younger than those versions.
+# Not with Python 3.13, which is newer than those versions.
 $(OLDEST)/.made: FORCE
 	@setup/venv.sh $(OLDEST) "$(OLDEST_VERSIONS)" \
 	    $$(setup/find-python.sh "$(OLDEST_VERSIONS)" $(PYTHON) python3)
@@ -116,14 +117,14 @@ $(OLDEST)/.installed: $(OLDEST)/.made pyproject.toml $(LOCK) requirements/oldest
 	@$(STEP) $(OLDEST)/log/install.log "Installing the oldest versions" setup/oldest.sh $(OLDEST)
 	@touch $@
 
-colcon: setup ## Build with colcon, as a ROS machine does, into .colcon
+colcon: setup ## Build with colcon, as with an installed ROS, into .colcon
 	setup/colcon.sh $(VENV) $(COLCON) --symlink-install
 	@echo "Now:  . $(COLCON)/install/local_setup.sh"
 
 # --- upkeep ---------------------------------------------------------------------------------------
 
-lock: setup ## Pin the newest versions that fit together (needs all four Pythons)
+lock: setup ## Pin the newest compatible versions (needs all four Pythons)
 	$(BIN)/python setup/lock.py
 
-clean: ## Remove what these targets made
+clean: ## Remove everything that these targets made
 	rm -rf $(VENV) $(OLDEST) $(COLCON) .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache

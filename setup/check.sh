@@ -1,6 +1,6 @@
 #!/bin/sh
 # Names everything that the set-up needs and this machine lacks, with the command that installs it.
-# Usage: setup/check.sh PYTHON "VERSIONS that will do"
+# Usage: setup/check.sh PYTHON "SUPPORTED VERSIONS"
 python=$1
 versions=$2
 lacking=
@@ -17,13 +17,13 @@ ask() { "$python" -c "$1" 2>/dev/null; }
 
 machine=$(uname -sm)
 [ "$machine" = "Linux x86_64" ] ||
-    lacks "Linux on x86-64 (this is $machine): the ROS wheels are made for nothing else.
-    With ROS 2 Jazzy from packages build with colcon instead; see README.md."
+    lacks "Linux on x86-64 (this is $machine): the ROS wheels exist for no other platform.
+    With ROS 2 Jazzy from packages, build with colcon instead; see docs/install.md."
 
 is=$(ask 'import sys; print("%d.%d" % sys.version_info[:2])')
 case " $versions " in
 *" ${is:-none} "*)
-    # Debian's and Ubuntu's own Python comes in parts.
+    # Debian and Ubuntu split Python into several packages.
     ask 'import venv, ensurepip' || lacks "venv for Python $is" "python$is-venv"
     ask 'import os, sysconfig as s; os.stat(s.get_path("include") + "/Python.h")' ||
         lacks "Python.h of Python $is, to build the messages" "python$is-dev"
@@ -31,7 +31,7 @@ case " $versions " in
 *)
     what="Python, one of $versions ('$python' is ${is:-none that works})"
     if other=$("$(dirname "$0")/find-python.sh" "$versions" python3); then
-        lacks "$what; but there is another: PYTHON=$other"
+        lacks "$what; a suitable one is installed: PYTHON=$other"
     elif [ -z "$is" ]; then
         lacks "$what" python3 python3-venv python3-dev
     else
@@ -42,7 +42,7 @@ case " $versions " in
         if [ -n "$version" ]; then
             lacks "$what" "python$version" "python$version-venv" "python$version-dev"
         else
-            lacks "$what; apt knows none here, but pyenv, for one, does: pyenv install 3.12"
+            lacks "$what; apt has none here; pyenv, for example, has: pyenv install 3.12"
         fi
     fi
     ;;

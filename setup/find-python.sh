@@ -8,7 +8,7 @@ for version in $versions; do
     set -- "$@" "python$version" "${PYENV_ROOT:-$HOME/.pyenv}/versions/$version".*/bin/python
 done
 for python; do
-    # Being on PATH is not enough: pyenv's shims are, for versions that are switched off.
+    # A command on PATH may still fail: pyenv has shims for versions that are not enabled.
     is=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
     case " $versions " in *" ${is:-none} "*)
         echo "$python"

@@ -1,7 +1,7 @@
 """Resolve requirements/lock.txt anew: `make lock`.
 
-Pins everything that `.[all]` needs, with the newest versions that fit together, for each Python
-that the project supports; what differs between them gets a marker. (`pip freeze` does not do:
+Pins everything that `.[all]` needs, with the newest compatible versions, for each Python
+that the project supports; differences between them get a marker. (`pip freeze` is no alternative:
 some ROS wheels report a version that no index has.)
 """
 

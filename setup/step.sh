@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs one long step of the set-up: says what and how long it took; what it prints goes to a log,
-# which is shown if it fails. Usage: setup/step.sh LOG "What it does" COMMAND [ARGUMENT...]
+# Runs one long step of the set-up: prints its description and duration; its output goes to a log,
+# whose end is shown if it fails. Usage: setup/step.sh LOG "Description" COMMAND [ARGUMENT...]
 log=$1
 what=$2
 shift 2

@@ -34,7 +34,7 @@ with atheris.instrument_imports(
         "mrs_tools.bags.rosbag",
         "mrs_tools.bags.sources",
         "mrs_tools.bags.truth",
-        "mrs_tools.commands.doctor",
+        "mrs_tools.diagnosis",
         "mrs_tools.live",
         "mrs_tools.recordings",
         "mrs_tools.simulation",

@@ -34,7 +34,8 @@ from mrs_tools.bags.estimates import read_estimate
 from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
 from mrs_tools.bags.sources import robots_of
 from mrs_tools.bags.truth import read_truth
-from mrs_tools.commands.doctor import Facts, diagnose, figures
+from mrs_tools.diagnosis.diagnose import diagnose
+from mrs_tools.diagnosis.facts import Facts, figures
 from mrs_tools.live.people_table import LivePeople
 from mrs_tools.recordings.oak import read_oak_calibration
 from mrs_tools.recordings.pcd import read_rgbd

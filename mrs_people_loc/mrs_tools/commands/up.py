@@ -9,7 +9,7 @@ import typer
 
 from mrs_ros.discovery import discovery_environment
 from mrs_ros.network import given_domain
-from mrs_ros.team import NodeProcess, RunningTeam, team_processes
+from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 
 
 def command(

@@ -18,7 +18,7 @@ from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.network import use_shipped_profile
-from mrs_ros.team import RunningTeam, team_processes
+from mrs_ros.processes import RunningTeam, team_processes
 from mrs_tools.bags.replayer import Replayer
 from mrs_tools.domain import meet_others, refuse_others, somebody_else
 from mrs_tools.live.people_table import LivePeople

@@ -13,7 +13,8 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.people import Group as PeopleGroup
 from mrs_people_loc.people import Person
 from mrs_tools.bags.estimates import read_people
-from mrs_tools.commands import doctor
+from mrs_tools.diagnosis.diagnose import causes_in
+from mrs_tools.diagnosis.facts import ERROR, LEVELS, STALE, WARN
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _EVENTS, _TROUBLES = 5, 4
 #: A report on /diagnostics holds for so long [s].
 _REPORT_S = 3.0
 #: Levels of troubles, the worst first; stale is what waits.
-_LEVELS = {doctor.ERROR: "error", doctor.WARN: "warning", doctor.STALE: "stale"}
+_LEVELS = {ERROR: "error", WARN: "warning", STALE: "stale"}
 #: Who says what `mrs people` itself finds.
 _OWN = "people"
 
@@ -85,7 +86,7 @@ class LivePeople:
             self._people = read_people(message)
         except ValueError as err:  # somebody else's: it is no reason to end
             refused = f"a message is refused: {err}"
-            self._reports[f"{_OWN}: node"] = (time.monotonic(), doctor.WARN, refused, {})
+            self._reports[f"{_OWN}: node"] = (time.monotonic(), WARN, refused, {})
             return
         self.message = message
         self._rate.add()
@@ -99,7 +100,7 @@ class LivePeople:
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
             values = {plain(entry.key): plain(entry.value) for entry in status.values}
-            level = doctor.LEVELS.get(bytes(status.level), doctor.ERROR)
+            level = LEVELS.get(bytes(status.level), ERROR)
             entry = time.monotonic(), level, plain(status.message), values
             self._reports[plain(status.name)] = entry
 
@@ -209,11 +210,11 @@ class LivePeople:
         for name, entry in recent.items():
             node, _, subject = name.partition(": ")
             reports.setdefault(node, {})[subject] = entry
-        causes = doctor.causes_in(reports)
+        causes = causes_in(reports)
         causes.sort(key=lambda check: list(_LEVELS).index(check.level))
         counts = Counter(check.level for check in causes)
         summary = ", ".join(
-            f"{counts[level]} {name}{'s' if counts[level] > 1 and level != doctor.STALE else ''}"
+            f"{counts[level]} {name}{'s' if counts[level] > 1 and level != STALE else ''}"
             for level, name in _LEVELS.items()
             if counts[level]
         )
@@ -224,7 +225,7 @@ class LivePeople:
         lines = [Text(f"health: {summary or fine} ({heard})", style=style)]
         for check in causes[:_TROUBLES]:
             more = f" (and {len(check.follows)} that follow from it)" if check.follows else ""
-            style = "red" if check.level == doctor.ERROR else "yellow"
+            style = "red" if check.level == ERROR else "yellow"
             lines.append(Text(f"  {check.subject}: {check.text}{more}", style=style))
         if len(causes) > _TROUBLES:
             lines.append(Text(f"  and {len(causes) - _TROUBLES} more; what to do: mrs doctor"))

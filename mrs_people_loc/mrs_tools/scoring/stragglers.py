@@ -32,7 +32,7 @@ import numpy as np
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int
-from mrs_people_loc.cells.clustering import connected
+from mrs_people_loc.neighbours import connected
 from mrs_tools.scoring.positions import MATCH_DISTANCE, Frame, interval_of, nothing, ratio, sums_of
 from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.tracks import follow

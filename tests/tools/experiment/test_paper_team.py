@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from mrs_people_loc.config import load_team
-from mrs_ros.team import team_processes
+from mrs_ros.processes import team_processes
 from mrs_tools.bags.offline import BagRun
 from ros.harness import Peer, own_domain, ros2_command
 

@@ -1,4 +1,4 @@
-"""`mrs doctor`: what it makes of what it sees (a real team: tests/ros/test_doctor.py)."""
+"""The diagnosis of a team from facts (of a real team: tests/ros/test_doctor.py)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from random import Random
 import pytest
 
 from mrs_people_loc.health.findings import Code
-from mrs_tools.commands.doctor import ERROR, OK, STALE, WARN, Check, Facts, diagnose, figures
+from mrs_tools.diagnosis.diagnose import Check, diagnose
+from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN, Facts, figures
 
 ROBOT, PLANNER = "/robot_a/robot_node", "/planner_node"
 WELL = {"state": (OK, "active", {"cpu_percent": "12"})}
@@ -255,7 +256,7 @@ def test_an_error_is_never_under_what_is_none():
             f"ros2 lifecycle set {ROBOT} configure && ros2 lifecycle set {ROBOT} activate",
         ),
         ("inactive", f"ros2 lifecycle set {ROBOT} activate"),
-        ("finalized", "start it anew"),
+        ("finalized", "start it again"),
     ],
 )
 @pytest.mark.parametrize("reported", [True, False])
@@ -371,7 +372,7 @@ def test_a_robot_that_stands_still_is_not_said_to_be_missing():
     }
     (check,) = trouble(facts(nodes=[PLANNER], reports={PLANNER: {**WELL, **silent}}))
     assert check.subject == f"{PLANNER}: robot_a/points"
-    assert check.advice.startswith("/robot_a/robot_node does not answer: it stands still")
+    assert check.advice.startswith("/robot_a/robot_node does not answer: it hangs")
     assert subjects(check.follows) == [f"{PLANNER}: robot_a/pose"]
 
 

@@ -30,7 +30,7 @@ class NodeProcess:
         package: ROS package, and name of its executable.
         namespace: The robot's name; empty for the planner.
         files: Parameter files, later ones win.
-        sim_time: Whether the node takes its time from `/clock`; else its files say.
+        sim_time: Whether the node takes its time from `/clock`; else as in its files.
     """
 
     package: str

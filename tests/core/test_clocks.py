@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.team.clocks import ClockOffset, Order, StampOrder, right_offset
+from mrs_people_loc.clocks import ClockOffset, Order, StampOrder, right_offset
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -1,4 +1,4 @@
-"""What the launch files have in common: their arguments, and what becomes of them."""
+"""What the launch files share: their arguments, and the nodes that these start."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mrs_people_loc.errors import ConfigError
 from mrs_ros.discovery import discovery_environment
 from mrs_ros.network import given_domain
 
-#: What `ros2 launch` itself takes besides a launch file's arguments.
+#: Arguments of `ros2 launch` itself.
 _OF_LAUNCH = ("launch-prefix", "launch-prefix-filter", "sigterm_timeout", "sigkill_timeout")
 
 
@@ -78,9 +78,9 @@ def team_file(context: Any, *, further: tuple[str, ...] = ()) -> str:
 
 
 def _is_ours(context: Any) -> bool:
-    """Whether `ros2 launch` was told to start this file, and no other that includes it.
+    """Whether `ros2 launch` was called with this file, and not with one that includes it.
 
-    The arguments of the other would be on the command line, too.
+    The arguments on the command line would be those of the including file.
     """
     own = Path(context.locals.current_launch_file_path)
     words = zip(sys.argv, sys.argv[1:], strict=False)
@@ -92,12 +92,12 @@ def _is_ours(context: Any) -> bool:
 
 
 def value(context: Any, name: str) -> str:
-    """What was given for an argument, in a launch's context."""
+    """The value of an argument in a launch's context."""
     return str(LaunchConfiguration(name).perform(context))
 
 
 def node(context: Any, package: str, namespace: str, files: list[Any]) -> Node:
-    """One of our nodes, as the arguments say.
+    """One of our nodes, with the given arguments.
 
     Args:
         context: The launch's context.
@@ -109,12 +109,12 @@ def node(context: Any, package: str, namespace: str, files: list[Any]) -> Node:
         ConfigError: Both `discovery_server` and `peers` are given, or one of them is no host.
     """
     given = {name: value(context, name) for name in ("autostart", "use_sim_time")}
-    said = {name: text == "true" for name, text in given.items() if text}
+    parameters = {name: text == "true" for name, text in given.items() if text}
     return Node(
         package=package,
         executable=package,
         namespace=namespace,
-        parameters=[*files, *([said] if said else [])],
+        parameters=[*files, *([parameters] if parameters else [])],
         additional_env=discovery_environment(
             value(context, "discovery_server"), value(context, "peers")
         ),
