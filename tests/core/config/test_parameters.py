@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from pathlib import Path
 
 import pytest
 import yaml
@@ -337,3 +338,31 @@ def test_any_mapping(mapping):
             section.from_mapping(mapping)
         except PeopleLocError as err:
             assert type(err) is ConfigError  # noqa: PT017
+
+
+# --------------------------------------------------------------------- config/default.yaml ----
+
+
+def test_default_yaml_has_each_parameter_with_its_description():
+    path = Path(__file__).resolve().parents[3] / "config" / "default.yaml"
+    lines = path.read_text().splitlines()
+    listed = {}
+
+    def read(node, prefix, section):
+        for key, value in section.value:
+            if isinstance(value, yaml.MappingNode):
+                read(node, f"{prefix}{key.value}.", value)
+            else:
+                after = lines[value.end_mark.line][value.end_mark.column :]
+                listed[node, prefix + key.value] = after.partition("# ")[2]
+
+    document = yaml.compose(path.read_text())
+    assert isinstance(document, yaml.MappingNode)
+    for node, body in document.value:
+        read(node.value, "", body.value[0][1])  # ros__parameters
+    wanted = {
+        (f"/**/{name}", parameter.name): parameter.doc
+        for name, known in (("robot_node", ROBOT), ("planner_node", PLANNER))
+        for parameter in known.values()
+    }
+    assert listed == wanted
