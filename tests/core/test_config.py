@@ -64,12 +64,12 @@ def value_of(config: Section, name: str) -> object:
         ("robots", ()),
     ],
 )
-def test_defaults(name, value):
+def test_defaults_are_valid(name, value):
     assert PARAMETERS[name].default == value
     assert value_of((RobotConfig if name in ROBOT else PlannerConfig)(), name) == value
 
 
-def test_the_papers_file_holds_the_papers_constants(paper):
+def test_papers_file_has_the_papers_constants(paper):
     config = paper()
     assert not config.bodies.search
     assert (config.images.working_width, config.images.working_height) == (160, 120)  # Table 1
@@ -83,7 +83,7 @@ def test_the_papers_file_holds_the_papers_constants(paper):
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_every_parameter_is_defined_whole(name):
+def test_every_parameter_is_completely_defined(name):
     parameter = PARAMETERS[name]
     assert parameter.name == name
     assert parameter.doc
@@ -94,7 +94,7 @@ def test_every_parameter_is_defined_whole(name):
         assert parameter.high is not None
 
 
-def test_a_configuration_does_not_change():
+def test_configuration_is_immutable():
     with pytest.raises(dataclasses.FrozenInstanceError):
         RobotConfig().zones.low = 0.3  # type: ignore[misc]
 
@@ -191,7 +191,7 @@ def test_a_bad_value_is_refused(name, value, allowed):
         ("images.top", True, True),
     ],
 )
-def test_values_come_in_the_fields_type(name, given, value):
+def test_values_are_converted_to_the_type_of_the_field(name, given, value):
     got = value_of(config_of(name, given), name)
     assert got == value
     assert type(got) is type(value)
@@ -199,7 +199,7 @@ def test_values_come_in_the_fields_type(name, given, value):
         assert [type(item) for item in got] == [type(item) for item in value]  # type: ignore[attr-defined]
 
 
-def test_what_is_allowed_without_limits():
+def test_allowed_values_without_limits_are_stated():
     assert Parameter("x", "float", 1.0, "").allowed() == "a number"
     assert Parameter("x", "int", 1, "", low=2).allowed() == "a whole number of at least 2"
     assert Parameter("x", "int", 1, "").check(10**30) == 10**30
@@ -243,7 +243,7 @@ def test_what_is_allowed_without_limits():
         ({"robots": ["1"]}, "robots has '1'"),
     ],
 )
-def test_values_that_do_not_fit_together_are_refused(values, message):
+def test_inconsistent_values_are_refused(values, message):
     section = RobotConfig if set(values) <= set(ROBOT) else PlannerConfig
     with pytest.raises(ConfigError, match=message):
         section.from_mapping(values)
@@ -260,7 +260,7 @@ def test_values_that_do_not_fit_together_are_refused(values, message):
     ],
     ids=str,
 )
-def test_values_that_fit_together_are_taken(values):
+def test_consistent_values_are_accepted(values):
     config = RobotConfig.from_mapping(values)
     assert {name: value_of(config, name) for name in values} == values
 
@@ -269,7 +269,7 @@ def test_limits_that_meet_are_allowed_for_people():
     PlannerConfig.from_mapping({"human.min_height": 2.2, "human.max_width": 0.2})
 
 
-def test_a_section_checks_what_it_is_built_of():
+def test_section_validates_its_values():
     with pytest.raises(ConfigError, match="Zones: low is nan; allowed: a number from -1 to 10"):
         cfg.Zones(low=NAN)
     assert type(cfg.Noise(min_points=20.0).min_points) is int
@@ -297,7 +297,7 @@ def test_an_unknown_name_is_refused(values, message):
     assert message in str(error.value)
 
 
-def test_nested_and_dotted_names_are_the_same():
+def test_nested_and_dotted_names_are_equivalent():
     nested = RobotConfig.from_mapping({"zones": {"low": 0.3}, "noise": {"min_points": 5}})
     assert nested == RobotConfig.from_mapping({"zones.low": 0.3, "noise.min_points": 5})
     assert nested.zones == cfg.Zones(low=0.3, high=1.4)
@@ -305,7 +305,7 @@ def test_nested_and_dotted_names_are_the_same():
     assert nested.disparity == cfg.Disparity()
 
 
-def test_what_is_not_named_stays():
+def test_unnamed_values_are_kept():
     base = RobotConfig.from_mapping({"zones.low": 0.3, "mounting.height": 2.0})
     changed = RobotConfig.from_mapping({"zones.high": 1.2}, base)
     assert changed.zones == cfg.Zones(low=0.3, high=1.2)
@@ -324,7 +324,7 @@ def test_what_is_not_named_stays():
         PlannerConfig.from_mapping({"robots": ["robot_b", "robot_a"]}),
     ],
 )
-def test_a_mapping_and_back_also_through_yaml(config):
+def test_mapping_round_trip_also_through_yaml(config):
     mapping = config.to_mapping()
     assert type(config).from_mapping(mapping) == config
     assert type(config).from_mapping(yaml.safe_load(yaml.safe_dump(mapping))) == config
@@ -338,7 +338,7 @@ names = st.sampled_from([*PARAMETERS, *{name.split(".")[0] for name in PARAMETER
 @given(st.recursive(st.dictionaries(names, values, max_size=4), lambda inner: st.dictionaries(
     names, inner | values, max_size=3
 )))  # fmt: skip
-def test_any_mapping(mapping):
+def test_any_mapping_is_accepted_or_refused(mapping):
     for section in (RobotConfig, PlannerConfig):
         try:
             section.from_mapping(mapping)
@@ -377,7 +377,7 @@ def file_with(tmp_path_factory):
     return write
 
 
-def test_a_team(file_with):
+def test_team_file_gives_each_robots_configuration(file_with):
     team = load_team(file_with(TEAM))
     assert team.planner == PlannerConfig.from_mapping(
         {"robots": ["robot_a", "robot_b"], "human.min_points": 99}
@@ -389,7 +389,7 @@ def test_a_team(file_with):
     }
 
 
-def test_the_order_of_sections_decides(file_with):
+def test_later_sections_win(file_with):
     first_one, then_all = TEAM.index("/robot_a"), TEAM.index("/**/planner")
     turned = TEAM[first_one:then_all] + TEAM[:first_one] + TEAM[then_all:]
     robot = load_team(file_with(turned)).robots["robot_a"]
@@ -416,7 +416,7 @@ def test_later_files_win(file_with):
 ONE_FOR_ALL = "/**/robot_node: {ros__parameters: {zones: {low: 0.1}}}"
 
 
-def test_robots_that_the_file_does_not_name(file_with):
+def test_unnamed_robots_get_the_common_sections(file_with):
     path = file_with(ONE_FOR_ALL)
     assert dict(load_team(path).robots) == {}
     team = load_team(path, robots=("robot_x", "fleet/robot_y"))
@@ -426,7 +426,7 @@ def test_robots_that_the_file_does_not_name(file_with):
     assert list(load_team(file_with(TEAM), robots=("robot_x",)).robots) == ["robot_a", "robot_b"]
 
 
-def test_parameters_that_hold_unless_the_file_says_otherwise(file_with):
+def test_values_given_by_the_caller_yield_to_the_file(file_with):
     unless_said = {"robot_a": {"images.top": False, "mounting.height": 1.5}}
     robots = load_team(file_with(TEAM), unless_said=unless_said).robots
     assert robots["robot_a"].images.top  # the file says so
@@ -434,7 +434,7 @@ def test_parameters_that_hold_unless_the_file_says_otherwise(file_with):
     assert robots["robot_b"].mounting.height == 1.0
 
 
-def test_which_robots_files_name(file_with):
+def test_robots_named_in_files_are_listed(file_with):
     assert robots_named(file_with(TEAM)) == ("robot_a", "robot_b")
     assert robots_named(file_with(ONE_FOR_ALL)) == ()
     own = (
@@ -461,7 +461,7 @@ def test_which_robots_files_name(file_with):
         ("/robot_node", set()),
     ],
 )
-def test_which_robots_a_section_is_for(file_with, key, robots):
+def test_section_patterns_select_robots(file_with, key, robots):
     own = "use_sim_time: true" if key == "/**" else "zones: {low: 0.1}"
     path = file_with(f"'{key}': {{ros__parameters: {{{own}}}}}")
     if key == "/robot_node":
@@ -538,8 +538,8 @@ def test_a_bad_file_is_refused(file_with, content, message):
     assert str(error.value).startswith(f"{path}: ") or "/**: {ros" in str(content)
 
 
-def test_sections_of_other_nodes_are_left_alone(file_with):
-    """An ordinary ROS 2 parameter file, as a whole machine may have one."""
+def test_sections_of_other_nodes_are_ignored(file_with):
+    """An ordinary ROS 2 parameter file with the nodes of a whole machine."""
     others = """
 /camera_driver: {ros__parameters: {fps: 30, zones: {low: wrong}}}
 /robot_a/planner_server: {ros__parameters: {robots: 3}}
@@ -551,8 +551,8 @@ something: {else: [1, 2]}
     assert robots_named(file_with(TEAM + others)) == ("robot_a", "robot_b")
 
 
-def test_a_namespace_may_hold_what_is_in_it(file_with):
-    """As in ROS 2; what is ours is checked there, too."""
+def test_namespace_may_contain_nested_nodes(file_with):
+    """As in ROS 2; our nodes are checked there, too."""
     inside = "fleet: {robot_a: {robot_node: {ros__parameters: {zones: {low: %s}}}}}"
     path = file_with(inside % 0.1)
     assert robots_named(path) == ("fleet/robot_a",)
@@ -567,7 +567,7 @@ def test_a_namespace_may_hold_what_is_in_it(file_with):
         load_team(file_with(forgotten))
 
 
-def test_the_home_folder_is_understood(file_with, monkeypatch):
+def test_home_folder_is_expanded(file_with, monkeypatch):
     path = file_with(TEAM)
     monkeypatch.setenv("HOME", str(path.parent))
     assert load_team(f"~/{path.name}") == load_team(path)
@@ -582,7 +582,7 @@ def test_a_robot_that_is_not_in_the_team_is_refused(file_with):
         load_team(path)
 
 
-def test_relations_hold_also_across_sections(file_with):
+def test_relations_are_checked_across_sections(file_with):
     content = (
         "/**/robot_node: {ros__parameters: {zones: {high: 0.9}}}\n"
         "/robot_a/robot_node: {ros__parameters: {zones: {low: 1.0}}}\n"
@@ -592,8 +592,8 @@ def test_relations_hold_also_across_sections(file_with):
         load_team(file_with(content))
 
 
-def test_where_robots_stand_may_follow_that_they_do(file_with):
-    """A section of all robots, and each one's place in its own."""
+def test_static_poses_may_follow_in_later_sections(file_with):
+    """A section for all robots, and the pose of each in its own."""
     path = file_with("""
 /**/robot_node: {ros__parameters: {pose: {source: static}}}
 /robot_a/robot_node: {ros__parameters: {pose: {static: [1, 2, 0.5]}}}
@@ -602,7 +602,7 @@ def test_where_robots_stand_may_follow_that_they_do(file_with):
     assert team.robots["robot_a"].pose.static == (1.0, 2.0, 0.5)
 
 
-def test_a_file_that_is_not_there_is_refused(file_with):
+def test_missing_file_is_refused(file_with):
     folder = file_with("").parent
     for path in (folder / "none.yaml", folder, str(folder / "none.yaml"), "a\0b"):
         with pytest.raises(ConfigError, match="cannot be read as a YAML file"):
@@ -613,7 +613,7 @@ def test_a_file_that_is_not_there_is_refused(file_with):
     "line", ["a{0}: &a{0} [*a{1}, *a{1}]", "a{0}: &a{0} {{x: *a{1}, y: *a{1}}}",
              "a{0}: &a{0} {{<<: [*a{1}, *a{1}]}}"]
 )  # fmt: skip
-def test_a_few_lines_that_stand_for_more_than_memory_holds_are_refused(file_with, line):
+def test_yaml_alias_bombs_are_refused(file_with, line):
     bomb = ["a0: &a0 {x: 1}", *(line.format(i, i - 1) for i in range(1, 60))]
     path = file_with("/**/robot_node:\n  ros__parameters:\n    " + "\n    ".join(bomb))
     with pytest.raises(ConfigError, match=r"found an alias, \*a0; wanted: none"):
@@ -635,7 +635,7 @@ documents = (
 
 @given(documents, st.sampled_from([(), ("r",), ("r", "r/s")]))
 @settings(max_examples=200)
-def test_any_file(file_with, content, robots):
+def test_any_file_is_accepted_or_refused(file_with, content, robots):
     path = file_with(content, "any.yaml")
     for read in (lambda: load_team(path, robots=robots), lambda: robots_named(path)):
         try:

@@ -12,7 +12,7 @@ IMAGE = "sensor_msgs/msg/Image"
 WELL = Stream("/a/left/image_rect", IMAGE, silent_s=0.1, publishers=[("/a/camera", IMAGE)])
 
 
-def test_all_is_well():
+def test_no_trouble_gives_ok():
     assert of_stream(WELL) == (OK, None, "ok")
     assert of_stream(replace(WELL, refused=5)) == (OK, None, "ok")  # long ago
 
@@ -39,13 +39,13 @@ def test_all_is_well():
         ({"refused": 9, "refused_in_a_row": 9, "refused_lately": True}, Code.NO_DATA, "no data"),
     ],
 )
-def test_silence(changes, code, text):
+def test_silent_input_is_an_error(changes, code, text):
     level, found, said = of_stream(replace(WELL, silent_s=7.0, **changes))
     assert (level, found) == (ERROR, code)
     assert text in said
 
 
-def test_one_message_that_is_enough():
+def test_one_message_suffices_for_inputs_sent_once():
     once = replace(WELL, silent_s=7.0, once=True)
     assert of_stream(once)[:2] == (ERROR, Code.NO_DATA)
     assert of_stream(replace(once, taken=True)) == (OK, None, "ok")
@@ -73,7 +73,7 @@ def test_all_refused_is_an_error_and_some_refused_a_warning(kind, code):
     assert (level, found, text) == (ERROR, code, "all of the last 3 refused; last: why")
 
 
-def test_two_publishers_are_said_and_named_with_what_comes_of_it():
+def test_two_publishers_are_named_with_the_consequence():
     two = replace(WELL, publishers=[("/b/camera", IMAGE), ("/a/camera", IMAGE)], refused=3)
     for lately in (False, True):
         level, code, text = of_stream(replace(two, refused_lately=lately))
@@ -92,9 +92,9 @@ def test_two_publishers_are_said_and_named_with_what_comes_of_it():
         (0.1, 9.0, (WARN, Code.STAMPS_OFF, "stamps are 9.0 s ahead of this machine's clock; so")),
     ],
 )
-def test_age_is_not_offset(silent_s, ahead_s, wanted):
+def test_age_is_not_reported_as_clock_offset(silent_s, ahead_s, wanted):
     assert of_scans(silent_s, ahead_s, "; so") == wanted
 
 
-def test_codes_are_what_is_on_the_wire():
+def test_codes_equal_the_published_values():
     assert f"{Code.NO_DATA}" == str(Code.NO_DATA) == Code("no_data").value
