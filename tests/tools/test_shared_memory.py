@@ -41,14 +41,14 @@ def of_images(reports):
     return [check for check in checks if check.subject.startswith(f"{ROBOT}: ")]
 
 
-def test_what_the_dead_left_behind():
+def test_segments_of_dead_processes_are_found():
     seen = Memory(FILES, LOCKED, size=24_000_000_000, free=24_000_000_000)
     assert left_behind(seen) == {DEAD: 549408, "fastrtps_port7411": 52000}
     assert of_memory(seen) == []  # of 24 GB
 
 
 @pytest.mark.parametrize(("size", "free"), [(5_000_000, 4_000_000), (64_000_000, 3_000_000)])
-def test_a_shared_memory_full_of_the_dead_is_said(size, free):
+def test_shared_memory_full_of_dead_segments_is_reported(size, free):
     (check,) = of_memory(Memory(FILES, LOCKED, size, free))
     assert (check.subject, check.level) == ("/dev/shm", WARN)
     assert "2 segments and ports of processes that are dead: 1 of" in check.text
@@ -56,12 +56,12 @@ def test_a_shared_memory_full_of_the_dead_is_said(size, free):
     assert check.advice.startswith("fastdds shm clean")
 
 
-def test_a_full_shared_memory_of_the_living_is_not_ours_to_clean():
+def test_shared_memory_full_of_live_segments_is_not_cleaned():
     everybody = frozenset(name for name in FILES if name.endswith(("_el", "_sl")))
     assert of_memory(Memory(FILES, everybody, size=64_000_000, free=0)) == []
 
 
-def test_who_holds_a_lock_lives(tmp_path):
+def test_process_that_holds_a_lock_is_alive(tmp_path):
     for name, size in FILES.items():
         (tmp_path / name).write_bytes(bytes(size))
     with ExitStack() as held:
@@ -85,7 +85,7 @@ def report(**rates: float | None):
 
 @pytest.mark.parametrize("image", ["image_rect", "image_raw"])
 @pytest.mark.parametrize("rate", [0.0, 2.2, 3.4])
-def test_images_that_are_missing_while_camera_info_comes_are_said(image, rate):
+def test_images_missing_while_camera_info_arrives_are_reported(image, rate):
     rates = {"left__camera_info": 5.0, f"left__{image}": rate}
     rates |= {"right__camera_info": 5.0, f"right__{image}": 5.0}
     (check,) = of_images(report(**rates))
@@ -104,14 +104,14 @@ def test_images_that_are_missing_while_camera_info_comes_are_said(image, rate):
         {},
     ],
 )
-def test_other_troubles_are_not_taken_for_it(rates):
+def test_other_findings_are_not_attributed_to_shared_memory(rates):
     assert lost_images(report(**rates)[ROBOT]) == ""
 
 
 @pytest.mark.parametrize(
     ("room", "said"), [(212992, "(on this one it is 212992)"), (16777216, None), (None, None)]
 )
-def test_too_little_room_for_large_images_is_named(room, said, tmp_path, monkeypatch):
+def test_too_small_socket_buffer_is_named(room, said, tmp_path, monkeypatch):
     monkeypatch.setattr(shared_memory, "ROOM", tmp_path / "rmem_max")
     if room is not None:
         shared_memory.ROOM.write_text(f"{room}\n")
@@ -121,7 +121,7 @@ def test_too_little_room_for_large_images_is_named(room, said, tmp_path, monkeyp
     assert said is None or said in check.advice
 
 
-def test_what_follows_from_lost_images_is_folded_under_them():
+def test_consequences_of_lost_images_are_listed_under_them():
     reports = report(left__camera_info=5.0, left__image_rect=0.0)
     no_data = {"rate_hz": "0.0", "code": "no_data"}
     reports[ROBOT]["left/image_rect"] = (ERROR, "no data on /robot_a/left/image_rect", no_data)
@@ -132,7 +132,7 @@ def test_what_follows_from_lost_images_is_folded_under_them():
 
 
 @pytest.mark.parametrize("code", ["other_images", "no_publisher", "wrong_type", "wrong_qos"])
-def test_images_that_are_missing_for_another_reason_are_not_said_to_be_lost(code):
+def test_images_missing_for_another_reason_are_not_reported_lost(code):
     reports = report(left__camera_info=5.0, left__image_rect=0.0)
     values = {"rate_hz": "0.0", "code": code}
     reports[ROBOT]["left/image_rect"] = (ERROR, "the reason", values)
@@ -140,7 +140,7 @@ def test_images_that_are_missing_for_another_reason_are_not_said_to_be_lost(code
     assert (check.subject, check.text) == (f"{ROBOT}: left/image_rect", "the reason")
 
 
-def test_a_rate_that_is_no_number_ends_nothing():
+def test_rate_that_is_not_a_number_is_ignored():
     reports = report(left__camera_info=5.0, left__image_rect=0.0)
     reports[ROBOT]["left/camera_info"] = (OK, "ok", {"rate_hz": "many"})
     assert lost_images(reports[ROBOT]) == ""

@@ -70,7 +70,7 @@ def bag():
 
 
 @pytest.mark.parametrize("files", [[PAPER], [DEFAULT], [PAPER, TEAM]], ids=lambda f: f[-1].stem)
-def test_the_reference_equals_the_core_on_the_papers_formation(bag, files):
+def test_reference_equals_the_core_on_the_papers_formation(bag, files):
     run = BagRun(bag, files, planner=lambda c: Planner(c.memoryless()))
     intervals = list(run.intervals())[::7]
     assert len(intervals) == 3
@@ -144,7 +144,7 @@ def test_cells_with_a_far_outlier_equal_the_reference():
 
 
 @pytest.mark.parametrize("cloud", [np.empty((0, 3)), [[2.0, 0.0, 1.0]], [[2.0, 0.0, 1.5]]], ids=len)
-def test_cells_of_next_to_nothing_equal_the_reference(cloud):
+def test_cells_of_few_points_equal_the_reference(cloud):
     config = RobotConfig.from_mapping({"noise.min_points": 1})
     points = np.array(cloud, dtype=np.float32).reshape(-1, 3)
     check_cells("few", core_cells(points, config), cells_of(points, config))
@@ -153,7 +153,7 @@ def test_cells_of_next_to_nothing_equal_the_reference(cloud):
 @pytest.mark.parametrize("vertical", [0.0, 0.1, -0.08])
 @pytest.mark.parametrize("offset", [0.0, 3.25])
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
-def test_a_view_of_random_images_equals_the_reference(vertical, offset, base):
+def test_view_of_random_images_equals_the_reference(vertical, offset, base):
     rng = np.random.default_rng(7)
     scene = rng.integers(0, 256, (100, 140), dtype=np.uint8)
     camera = StereoCamera(
@@ -231,12 +231,12 @@ def test_people_of_random_scans_equal_the_reference(seed, planner):
     check_people(scans, Planner(config.memoryless()).step(scans, poses, 0), config)
 
 
-def test_the_reference_clusters_by_hand():
+def test_reference_clusters_match_hand_computed_values():
     places = [(1.0, 0.0), (0.0, 0.0), (0.15, 0.0), (0.30, 0.0), (1.0, 0.16)]
     assert clusters_of(places, 0.15) == [1, 0, 0, 0, 2]
 
 
-def test_the_reference_joins_by_hand():
+def test_reference_joining_matches_hand_computed_values():
     # Seen by a from the left and by b from below, each sure across its line of sight (1 cm) and
     # not along it (10 cm): the place is where their lines cross. Seen by a alone: another one.
     def scan(robot, cells):
@@ -272,7 +272,7 @@ def test_the_reference_joins_by_hand():
     assert robots == [(2,)]
 
 
-def test_the_reference_sums_extents_by_hand():
+def test_reference_extents_match_hand_computed_values():
     # 10 px of focal length and 0.1 m: 1 px of disparity is 1 m. Level, 1 m up.
     camera = StereoCamera(width=21, height=21, fx=10, fy=10, cx=10, cy=10, baseline=0.1)
     disparity = np.full((21, 21), np.nan, dtype=np.float32)
@@ -289,7 +289,7 @@ def test_the_reference_sums_extents_by_hand():
 
 
 @pytest.mark.parametrize("field", ["x", "y", "z", "z_min", "top", "count"])
-def test_a_wrong_field_of_a_cell_is_noticed(field):
+def test_wrong_field_of_a_cell_is_detected(field):
     config = RobotConfig.from_mapping({"noise.min_points": 3})
     cloud = random_cloud(2)
     cells = core_cells(cloud, config)
@@ -300,7 +300,7 @@ def test_a_wrong_field_of_a_cell_is_noticed(field):
 
 
 @pytest.mark.parametrize("stage", ["disparity", "cloud", "zones", "noise"])
-def test_a_wrong_stage_is_noticed(bag, stage):
+def test_wrong_stage_is_detected(bag, stage):
     run = BagRun(bag, [PAPER])
     view = next(iter(next(run.intervals()).views.values()))
     values = getattr(view.stages, stage).copy()
@@ -332,7 +332,7 @@ def test_a_wrong_stage_is_noticed(bag, stage):
     ids=lambda x: x if isinstance(x, str) else "",
 )  # fmt: skip
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
-def test_a_wrong_person_is_noticed(change, what, base):
+def test_wrong_person_is_detected(change, what, base):
     config = PlannerConfig()
     scans, poses = bench_scenes.drawn_scans(base, 0)
     people = Planner(config.memoryless()).step(scans, poses, 0)
@@ -363,7 +363,7 @@ def test_a_wrong_person_is_noticed(change, what, base):
     ],
     ids=["heights", "histogram", "score", "place"],
 )  # fmt: skip
-def test_a_wrong_search_is_noticed(bag, monkeypatch, module, name, wrong, what):
+def test_wrong_search_is_detected(bag, monkeypatch, module, name, wrong, what):
     run = BagRun(bag, [DEFAULT])
     view = next(iter(next(run.intervals()).views.values()))
     right = getattr(module, name)
@@ -382,7 +382,7 @@ def test_a_wrong_search_is_noticed(bag, monkeypatch, module, name, wrong, what):
 
 
 @pytest.mark.parametrize("field", ["u", "v", "expected", "difference", "inside"])
-def test_a_wrong_patch_is_noticed(bag, field):
+def test_wrong_patch_is_detected(bag, field):
     run = BagRun(bag, [DEFAULT])
     view = next(iter(next(run.intervals()).views.values()))
     find = bodies.BodyFinder(view.camera, BODIES.bodies, min_range=0.7)
@@ -397,7 +397,7 @@ def test_a_wrong_patch_is_noticed(bag, field):
         )
 
 
-def test_what_stereo_bm_does_not_repeat_is_allowed_for_and_no_more(bag):
+def test_only_the_known_share_of_nondeterministic_pixels_is_allowed(bag):
     run = BagRun(bag, [DEFAULT])
     view = next(iter(next(run.intervals()).views.values()))
     for cap, part in ((63, 0.004), (31, 0.0)):
@@ -430,7 +430,7 @@ def _with_person(people, **changes):
 
 
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
-def test_the_drawn_scene_has_four_robots_and_ten_people(base):
+def test_simulated_scene_has_four_robots_and_ten_people(base):
     scans, poses = bench_scenes.drawn_scans(base, 0)
     people = Planner(PlannerConfig().memoryless()).step(scans, poses, 0)
     assert len(poses) == 4
@@ -453,7 +453,7 @@ def test_growth_has_a_row_for_each_size(file):
     assert [row["people_found"] for row in growth["c"]["rooms apart"][2:]] == [10, 20]
 
 
-def test_rooms_that_lie_apart_must_not_change_each_other(monkeypatch):
+def test_result_that_differs_between_rooms_apart_is_detected(monkeypatch):
     right = bench_growth.Planner.step
 
     def wrong(self, scans, *rest):
@@ -478,7 +478,7 @@ def test_on_one_floor_robots_also_see_people_of_other_rooms():
     assert across
 
 
-def test_a_drawn_body_is_where_it_is():
+def test_simulated_body_is_at_its_position():
     # robot_a looks to the middle; the nearest person in its line of sight hides the others.
     pose = Pose(0, 4.0, 1.0, math.pi / 2)
     disparity = bench_scenes.drawn_disparity(pose, 0, bench_scenes.PEOPLE, bench_scenes.ROOM)
@@ -494,7 +494,7 @@ STAGES = {
 }  # fmt: skip
 
 
-def test_its_report_has_what_is_promised(bag, tmp_path):
+def test_report_has_all_documented_figures(bag, tmp_path):
     app = typer.Typer()
     app.command()(bench.command)
     file = tmp_path / "bench.json"
@@ -558,7 +558,7 @@ def test_its_report_has_what_is_promised(bag, tmp_path):
         assert text in result.output
 
 
-def test_nothing_is_timed_when_a_result_differs(bag, monkeypatch):
+def test_differing_results_prevent_timing(bag, monkeypatch):
     right = filters.measure_tops
     monkeypatch.setattr(filters, "measure_tops", lambda *a, **k: right(*a, **k) + np.float32(0.001))
     monkeypatch.setattr(bench, "time_robot", lambda *_: pytest.fail("timed"))
@@ -566,7 +566,7 @@ def test_nothing_is_timed_when_a_result_differs(bag, monkeypatch):
         bench.run_bench(bag, [PAPER], frames=1, robots=1)
 
 
-def test_a_missed_target_is_no_error(bag, monkeypatch, tmp_path):
+def test_missed_target_is_not_an_error(bag, monkeypatch, tmp_path):
     slow = bench.Target("planner", "paper.yaml", 99.0, 2.0, "ms")
     monkeypatch.setattr(bench, "targets", lambda *_: [slow])
     app = typer.Typer()
@@ -582,7 +582,7 @@ def test_a_missed_target_is_no_error(bag, monkeypatch, tmp_path):
     [(1.9, False, True), (2.0, False, True), (2.1, False, False), (2.1, True, True),
      (1.9, True, False), (math.nan, True, False), (math.nan, False, False)],
 )  # fmt: skip
-def test_targets(value, at_least, reached):
+def test_targets_are_compared_in_their_direction(value, at_least, reached):
     target = bench.Target("t", "c", value, 2.0, "ms", at_least)
     assert target.report()["reached"] is reached
 
@@ -592,7 +592,7 @@ def test_two_configurations_of_one_name_are_refused(bag):
         bench.run_bench(bag, [PAPER, PAPER])
 
 
-def test_what_is_undefined_is_null_in_the_file(tmp_path):
+def test_undefined_values_are_null_in_the_file(tmp_path):
     file = tmp_path / "out.json"
     bench.write_json({"a": math.nan, "b": [math.inf, 1.5], "c": {"d": None}}, file)
     assert json.loads(file.read_text()) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
@@ -603,7 +603,7 @@ def test_what_is_undefined_is_null_in_the_file(tmp_path):
 # ------------------------------------------------------------------------------------ the live part
 
 
-def test_a_message_gets_the_stamp_of_now(bag):
+def test_message_gets_the_current_stamp(bag):
     from mrs_tools.bags.rosbag import BagReader
 
     with BagReader(bag) as reader:
@@ -619,7 +619,7 @@ def test_a_message_gets_the_stamp_of_now(bag):
         bench_live.stamped(b"\x00\x00" + bytes(20), 1)
 
 
-def test_what_is_sent_comes_from_the_bag(bag):
+def test_sent_frames_come_from_the_bag(bag):
     team = BagRun(bag, [PAPER, TEAM]).team
     recorded = bench_live.read_recorded(bag, team)
     assert [round(one.offset_s, 6) for one in recorded.values()] == [0.0, 0.007, 0.013]
@@ -632,7 +632,7 @@ def test_what_is_sent_comes_from_the_bag(bag):
         bench_live.read_recorded(bag, odd)
 
 
-def test_what_a_process_takes():
+def test_usage_of_a_process_is_measured():
     before, began = bench_live.Usage.of(os.getpid()), time.process_time()
     while (took := bench_live.Usage.of(os.getpid()) - before).cpu_ms < 20:
         with mmap.mmap(-1, 1 << 22) as fresh:  # pages that nobody had
@@ -642,7 +642,7 @@ def test_what_a_process_takes():
     assert took.page_faults > 100
 
 
-def test_ages_and_stages_are_read_from_what_is_heard(monkeypatch):
+def test_ages_and_stages_are_read_from_received_messages(monkeypatch):
     monkeypatch.setattr(bench_live.time, "time_ns", lambda: 5_040_000_000)
     heard = bench_live.Heard()
 
@@ -661,7 +661,7 @@ def test_ages_and_stages_are_read_from_what_is_heard(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
-def test_a_live_run_has_what_is_promised(bag, monkeypatch):
+def test_live_run_has_all_documented_figures(bag, monkeypatch):
     pytest.importorskip("rclpy")
     pytest.importorskip("mrs_people_msgs")
     from ros.harness import own_domain
