@@ -89,10 +89,11 @@ fit: setup ## Fit the body model to the suite's train half and its variants (hal
 test: setup ## Run the tests
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-lint: setup ## Check style (ruff) and types (mypy)
+lint: setup ## Check style (ruff), types (mypy) and layers (import-linter)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache --no-logo
 
 format: setup ## Fix the style as far as ruff can
 	$(BIN)/ruff check --fix

@@ -319,8 +319,9 @@ for module in pkgutil.walk_packages(mrs_people_loc.__path__, "mrs_people_loc."):
     command = [sys.executable, "-W", "error", "-c", program]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    modules = {f"mrs_people_loc.{path.stem}" for path in CORE.glob("*.py")}
-    assert modules - {"mrs_people_loc.__init__"} <= set(run.stdout.split())
+    files = (path.relative_to(CORE.parent).with_suffix("") for path in CORE.rglob("*.py"))
+    modules = {".".join(file.parts).removesuffix(".__init__") for file in files}
+    assert modules - {"mrs_people_loc"} == set(run.stdout.split())
 
 
 # --- colcon --------------------------------------------------------------------------------------

@@ -83,3 +83,23 @@ def _near(xy: Float, others: Float, one: Int, other: Int, reach: float) -> tuple
     away = np.hypot(offset[:, 0], offset[:, 1])
     near = np.flatnonzero(away <= reach)
     return one[near], other[near], away[near]
+
+
+def connected(one: Int, other: Int, count: int) -> Int:
+    """Connected components: of each of `count` points, the least index that it is joined to.
+
+    Args:
+        one: One end of each edge, shape (m,).
+        other: The other end, shape (m,).
+        count: Number of points.
+    """
+    root = np.arange(count)
+    while len(one):
+        np.minimum.at(root, np.maximum(one, other), np.minimum(one, other))
+        up = root[root]
+        while not np.array_equal(up, root):
+            root, up = up, up[up]
+        one, other = root[one], root[other]
+        apart = one != other
+        one, other = one[apart], other[apart]
+    return root

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -26,9 +24,8 @@ from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
 from mrs_people_msgs.msg import RobotScan
 from sensor_msgs.msg import Image, PointCloud2, PointField
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
-from visualization_msgs.msg import Marker, MarkerArray
 
 from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
@@ -41,14 +38,6 @@ from mrs_people_loc.team.poses import Pose
 _FIELD_TYPES = {"f4": PointField.FLOAT32, "u4": PointField.UINT32, "i4": PointField.INT32}
 #: Variance of a heading that nothing is known of: uniform over the circle [rad^2].
 _ANY_HEADING = (2.0 * math.pi) ** 2 / 12.0
-
-_PERSON = ColorRGBA(r=0.1, g=0.6, b=0.2, a=0.5)
-_COASTING = ColorRGBA(r=0.6, g=0.85, b=0.65, a=0.35)
-_TEXT = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
-_CENTRE = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
-_ROBOT = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.9)
-#: Diameters of an arrow's shaft and head, and the head's length [m].
-_ARROW = {"x": 0.04, "y": 0.12, "z": 0.15}
 
 
 def header(stamp_ns: int, frame_id: str) -> Header:
@@ -182,7 +171,7 @@ def camera_transforms(
         stamp_ns: Stamp [ns].
         base_frame: `<robot>/base_link`.
         mounting: Pose of the left camera on it.
-        camera: The calibrated head, which says where the others are; None: not known yet.
+        camera: The calibrated head, which gives the baselines; None: not known yet.
     """
     left, right, top = (
         base_frame.removesuffix("base_link") + f"{name}_camera_optical"
@@ -261,10 +250,11 @@ def _place(position: np.ndarray, covariance: np.ndarray) -> PoseWithCovariance:
     full = np.zeros((6, 6))
     full[:2, :2] = covariance
     full[5, 5] = _ANY_HEADING
-    return PoseWithCovariance(pose=_floor_pose(position), covariance=full.reshape(-1))
+    return PoseWithCovariance(pose=floor_pose(position), covariance=full.reshape(-1))
 
 
-def _floor_pose(position: np.ndarray) -> RosPose:
+def floor_pose(position: np.ndarray) -> RosPose:
+    """A place on the floor [m], shape (2,), with no turn."""
     return RosPose(
         position=Point(x=float(position[0]), y=float(position[1]), z=0.0),
         orientation=Quaternion(w=1.0),
@@ -286,29 +276,25 @@ def _velocity(value: np.ndarray | None, covariance: np.ndarray | None) -> TwistW
     return made
 
 
-def _point(x: float, y: float) -> Point:
-    return Point(x=float(x), y=float(y), z=0.05)
-
-
 def _duration(seconds: float) -> Duration:
     nanoseconds = round(seconds * 1e9)
     return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
 def people_poses(result: People, frame_id: str) -> PoseArray:
-    """The positions, for tools that know nothing of our messages."""
+    """The positions, for tools without our message types."""
     return PoseArray(
         header=header(result.stamp_ns, frame_id),
-        poses=[_floor_pose(person.position) for person in result.persons],
+        poses=[floor_pose(person.position) for person in result.persons],
     )
 
 
 def group_centroid(result: People, frame_id: str) -> PointStamped | None:
-    """The largest group's centre of gravity; None if nobody is there."""
+    """The largest group's centre of gravity; None if there are no people."""
     if result.group is None:
         return None
     return PointStamped(
-        header=header(result.stamp_ns, frame_id), point=_floor_pose(result.group.centre).position
+        header=header(result.stamp_ns, frame_id), point=floor_pose(result.group.centre).position
     )
 
 
@@ -336,66 +322,3 @@ def short_term_map(result: People, frame_id: str) -> PointCloud2:
     records["robot"], records["cluster"] = fused.robot, label
     records["person"] = person_of_cluster[label]
     return cloud(result.stamp_ns, frame_id, records)
-
-
-def markers(
-    result: People,
-    frame_id: str,
-    circle_sigmas: float,
-    trails: Mapping[int, Sequence[tuple[float, float]]] | None = None,
-) -> MarkerArray:
-    """What RViz draws: people as circles, their velocities and ways, centres, and the robots.
-
-    Args:
-        result: An interval's result.
-        frame_id: The common frame.
-        circle_sigmas: Radius of a person's circle, in his sigmas.
-        trails: By id, where people were of late [m], the oldest place first.
-    """
-    made = [Marker(header=header(result.stamp_ns, frame_id), action=Marker.DELETEALL)]
-
-    def add(
-        namespace: str, kind: int, pose: RosPose, scale: Mapping[str, float], color: Any
-    ) -> Any:
-        marker = Marker(
-            header=header(result.stamp_ns, frame_id),
-            ns=namespace,
-            id=len(made),
-            type=kind,
-            action=Marker.ADD,
-            pose=pose,
-            color=color,
-        )
-        marker.scale = Vector3(**scale)
-        made.append(marker)
-        return marker
-
-    away_s = {member: s for group in result.groups for member, s in group.stragglers.items()}
-    for index, person in enumerate(result.persons):
-        size = 2.0 * circle_sigmas * person.sigma
-        pose, color = _floor_pose(person.position), _COASTING if person.coasting else _PERSON
-        add("people", Marker.CYLINDER, pose, {"x": size, "y": size, "z": 0.02}, color)
-        above = _floor_pose(person.position)
-        above.position.z = person.height + 0.2
-        label = add("heights", Marker.TEXT_VIEW_FACING, above, {"z": 0.2}, _TEXT)
-        label.text = f"{person.id or index + 1}: {person.height:.2f} m"
-        if person.id in away_s:
-            label.text += f", {away_s[person.id]:.0f} s behind"
-        if person.velocity is not None:
-            x, y = person.position
-            vx, vy = person.velocity
-            arrow = add("velocities", Marker.ARROW, RosPose(), _ARROW, color)
-            arrow.points = [_point(x, y), _point(x + vx, y + vy)]  # where he is in a second
-        way = (trails or {}).get(person.id, ())
-        if len(way) > 1:
-            line = add("trails", Marker.LINE_STRIP, RosPose(), {"x": 0.03}, color)
-            line.points = [_point(x, y) for x, y in way]
-    for group in result.groups:
-        pose = _floor_pose(group.centre)
-        add("centre", Marker.SPHERE, pose, {"x": 0.2, "y": 0.2, "z": 0.2}, _CENTRE)
-    for robot, robot_pose in result.poses.items():
-        pose = pose_with_covariance(robot_pose).pose
-        add("robots", Marker.ARROW, pose, {"x": 0.5, "y": 0.08, "z": 0.08}, _ROBOT)
-        name = add("robot names", Marker.TEXT_VIEW_FACING, pose, {"z": 0.2}, _TEXT)
-        name.text = robot
-    return MarkerArray(markers=made)

@@ -1,4 +1,4 @@
-"""What arrives, what is dropped and why: throttled log lines, and `/diagnostics` at 1 Hz."""
+"""Inputs that count what arrives and what is dropped, and `/diagnostics` at 1 Hz."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import contextlib
 import resource
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,35 +17,24 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
 
+from mrs_people_loc.clocks import BELIEVED, RESET_NS, Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, PeopleLocError
-from mrs_people_loc.health.findings import (
-    ERROR,
-    OK,
-    OLD_STAMP_S,
-    SILENCE_S,
-    STALE,
-    WARN,
-    Code,
-    Stream,
-    of_stream,
-)
+from mrs_people_loc.health.findings import ERROR, SILENCE_S, Finding
+from mrs_people_loc.health.inputs import InputState, of_input
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_people_loc.team.clocks import BELIEVED, RESET_NS, Order, StampOrder
 from mrs_ros.network import node_of
 
-__all__ = ["ERROR", "OK", "OLD_STAMP_S", "SILENCE_S", "STALE", "WARN"]
-
-#: The same trouble is logged at most this often [s].
+#: The same problem is logged at most this often [s].
 LOG_PERIOD_S = 5.0
-#: What was dropped is a warning for so long [s].
+#: Drops are a warning for this long [s].
 RECENT_S = 10.0
 
 
 class Throttle:
     """Lets something of each kind through at most once in a while.
 
-    rclpy's own throttle goes by the place in the code: there, one topic's trouble would keep
-    another's out of the log.
+    rclpy's own throttle goes by the line of code: there, one topic's problem would keep another's
+    out of the log.
 
     Args:
         period_s: How long a kind is kept back after it was let through [s].
@@ -68,50 +56,37 @@ class Throttle:
 
 
 class Growth:
-    """Whether a count has grown lately."""
+    """Whether a count has grown within the last `RECENT_S`."""
 
     def __init__(self) -> None:
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._count = 0
         self._grown_s: float | None = None
 
-    def lately(self, count: int) -> bool:
-        """Whether it has, within `RECENT_S`, now that it is this."""
-        now_s = self._clock.now().nanoseconds / 1e9
+    def update(self, count: int) -> None:
+        """Takes the count as it is now."""
         if count > self._count:
-            self._grown_s = now_s
+            self._grown_s = self._now_s()
         self._count = count
-        return self._grown_s is not None and now_s - self._grown_s < RECENT_S
 
+    @property
+    def lately(self) -> bool:
+        """Whether it has grown."""
+        return self._grown_s is not None and self._now_s() - self._grown_s < RECENT_S
 
-@dataclass(frozen=True)
-class Finding:
-    """One line of diagnostics.
-
-    Attributes:
-        name: What it is about.
-        level: OK, WARN, ERROR or STALE.
-        message: What is wrong, and what to do.
-        values: Figures by name.
-        code: What is wrong, for tools; it is published as the value `code`. None: nothing is.
-    """
-
-    name: str
-    level: bytes
-    message: str
-    values: Mapping[str, object] = field(default_factory=dict)
-    code: Code | None = None
+    def _now_s(self) -> float:
+        return self._clock.now().nanoseconds / 1e9
 
 
 class Input:
-    """A subscription that knows what it should hear.
+    """A subscription that knows what should arrive on it.
 
-    Messages go to `callback`; errors of ours that it raises are counted, logged and dropped with
-    their message, and the node lives on.
+    Messages go to `callback`. A `PeopleLocError` that it raises is counted and logged, its message
+    dropped, and the node goes on.
 
-    Where stamps jump back, the first messages after it are refused until the jump is believed, and
-    after a jump of `/clock` those that were under way. They are counted (`jumped_back`,
-    `OutdatedError`); that is part of a new beginning, and their sender is not to blame.
+    Where stamps jump back, the first messages after it are refused until the jump is believed;
+    after a jump of `/clock`, those that were on their way. They are counted (`jumped_back`,
+    `OutdatedError`), but not as faults of their sender.
 
     Args:
         node: The node.
@@ -119,8 +94,7 @@ class Input:
         topic: Relative name.
         callback: Takes a message.
         qos: Quality of service that is asked for.
-        once: One message that can be used is enough: silence after it is no fault, but nothing
-            besides it is one.
+        once: One usable message is enough: silence after it is no fault.
 
     Attributes:
         instead: Relative name of a topic that may be published in place of this one, and what to do
@@ -147,8 +121,8 @@ class Input:
         self._refused_in_a_row = 0
         self._last_kind = ""
         self._order = StampOrder()
-        self._held: list[tuple[str, str]] = []  # refused, maybe for a jump: kind and text
-        self._forgiven = 0
+        self._held: list[tuple[str, str]] = []  # refused, perhaps because of a jump: kind and text
+        self._refused = 0
         self._outdated_since: float | None = None
         self._node = node
         self._callback = callback
@@ -185,41 +159,35 @@ class Input:
 
     @property
     def publishers(self) -> int:
-        """How many publish this topic, as far as is known here."""
+        """Number of publishers of this topic, as far as is known here."""
         return int(self._node.count_publishers(self.subscription.topic_name))
 
     def finding(self) -> Finding:
-        """How this input is."""
-        silent = self.silent_s
-        total = sum(self.dropped.values())
-        values = {
-            "rate_hz": f"{self.rate_hz:.1f}",
-            "silent_s": f"{silent:.1f}",
-            "received": self.received,
-            "dropped": total,
-            **{f"dropped.{reason}": count for reason, count in self.dropped.items()},
-        }
-        refused = total - len(self._held) - self._forgiven
-        level, code, text = of_stream(self._stream(silent, refused))
-        return Finding(self.topic, level, text, values, code)
+        """What is wrong with this input."""
+        return of_input(self._state())
 
-    def _stream(self, silent_s: float, refused: int) -> Stream:
+    def _state(self) -> InputState:
         node, name = self._node, self.subscription.topic_name
         instead = None
         if self.instead is not None:
             other, remedy = self.instead
             other = node.resolve_topic_name(other)
             instead = (other, remedy) if node.count_publishers(other) else None
-        # Who they are costs more to ask than how many, and matters where something is wrong.
+        silent_s = self.silent_s
+        # Their names cost more to ask for than their number, and matter where something is wrong.
         asked = silent_s > SILENCE_S or self.publishers > 1
         publishers = node.get_publishers_info_by_topic(name) if asked else []
-        return Stream(
+        return InputState(
+            name=self.topic,
             topic=name,
             kind=_type_name(self._message_type),
             silent_s=silent_s,
-            refused=refused,
+            rate_hz=self.rate_hz,
+            received=self.received,
+            dropped=self.dropped,
+            refused=self._refused,
             refused_in_a_row=self._refused_in_a_row,
-            refused_lately=self._losses.lately(refused),
+            refused_lately=self._losses.lately,
             last_error=self.last_error,
             last_kind=self._last_kind,
             publishers=[(node_of(p), p.topic_type) for p in publishers],
@@ -230,7 +198,7 @@ class Input:
         )
 
     def refuse(self, error: PeopleLocError) -> None:
-        """Counts and logs a message that was taken, and turns out to be of no use."""
+        """Counts and logs a message that the callback took, and that turned out to be unusable."""
         self._refuse(type(error).__name__, str(error), Order.NEWER)
 
     def _take(self, message: Any) -> None:
@@ -253,7 +221,7 @@ class Input:
             self._refuse(type(refused).__name__, str(refused), order)
 
     def _order_of(self, message: Any) -> Order:
-        """LATE where it may be the first after a jump, or else as `StampOrder` has it."""
+        """As `StampOrder`; LATE only where it may be the first after a jump."""
         if self._once:
             return Order.NEWER
         stamp_ns, newest_ns = stamp_ns_of(message.header.stamp), self._order.newest_ns
@@ -271,7 +239,6 @@ class Input:
             now = self._now()
             self._outdated_since = now if self._outdated_since is None else self._outdated_since
             if now - self._outdated_since <= SILENCE_S:
-                self._forgiven += 1
                 return
         elif order is Order.LATE and len(self._held) < BELIEVED - 1:
             self._held.append((kind, text))
@@ -280,20 +247,21 @@ class Input:
         self._blame()
 
     def _forgive(self) -> None:
-        """What was held belongs to a jump of the stamps."""
+        """Counts the held messages as part of a jump of the stamps."""
         for kind, _ in self._held:
             self.dropped[kind] -= 1
         self.dropped = +self.dropped
         if self._held:
             self.dropped["jumped_back"] += len(self._held)
-        self._forgiven += len(self._held)
         self._held.clear()
 
     def _blame(self) -> None:
-        """What was held is refused like all else."""
+        """Counts the held messages as refused."""
         if self._held:
             self._last_kind, self.last_error = self._held[-1]
+        self._refused += len(self._held)
         self._refused_in_a_row += len(self._held)
+        self._losses.update(self._refused)
         self._held.clear()
 
     def _on_incompatible(self, event: Any) -> None:
@@ -336,7 +304,7 @@ class Reporter:
         self._node.destroy_publisher(self._publisher)
 
     def report(self) -> None:
-        """Publishes now; what is wrong and was not a moment ago is logged, too."""
+        """Publishes now; new errors are logged, too."""
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         for finding in self._collect():
@@ -358,24 +326,28 @@ class Reporter:
 
 
 def recording_hint(node: Node) -> str:
-    """What to do about stamps of another time, if they are a recording's."""
+    """Advice on stamps far from the clock, which a recording may cause."""
     if node.get_parameter("use_sim_time").value:
         return ""
     return "; for a recording use `mrs replay --clock` and the parameter use_sim_time:=true"
 
 
 class ProcessUse:
-    """What this process takes of the machine."""
+    """Processor time and memory of this process."""
 
     def __init__(self) -> None:
         self._last = time.monotonic(), time.process_time()
+        self._share = 0.0
 
-    def values(self) -> dict[str, object]:
-        """Share of one processor since it was last asked, and resident memory."""
+    def update(self) -> None:
+        """Measures the share of one processor since the last call."""
         now, before = (time.monotonic(), time.process_time()), self._last
         self._last = now
-        share = (now[1] - before[1]) / max(now[0] - before[0], 1e-3)
-        values: dict[str, object] = {"cpu_percent": f"{100.0 * share:.0f}"}
+        self._share = (now[1] - before[1]) / max(now[0] - before[0], 1e-3)
+
+    def values(self) -> dict[str, object]:
+        """That share, and resident memory."""
+        values: dict[str, object] = {"cpu_percent": f"{100.0 * self._share:.0f}"}
         with contextlib.suppress(OSError):  # only Linux has it
             pages = int(Path("/proc/self/statm").read_text().split()[1])
             values["memory_mb"] = f"{pages * resource.getpagesize() / 1e6:.0f}"

@@ -1,4 +1,4 @@
-"""How the nodes of a team find each other where multicast does not: docs/network.md.
+"""How the nodes of a team find each other without multicast: docs/network.md.
 
 Used by `mrs up` and the launch files, which need no command line library.
 """
@@ -10,7 +10,7 @@ import socket
 
 from mrs_people_loc.errors import ConfigError
 
-#: Where Fast DDS's discovery server listens unless it is told otherwise.
+#: Default port of Fast DDS's discovery server.
 DISCOVERY_PORT = 11811
 
 
@@ -31,8 +31,8 @@ def discovery_environment(server: str = "", peers: str = "") -> dict[str, str]:
     if server:
         host, port = _host_and_port(server)
         _check_host(host)
-        # Whoever looks for others on its own must be told of everybody: the planner for robots,
-        # the nodes' diagnostics for publishers.
+        # A super client knows the whole graph: the planner looks for robots in it, and the nodes'
+        # diagnostics for publishers.
         return {"ROS_DISCOVERY_SERVER": f"{host}:{port}", "ROS_SUPER_CLIENT": "TRUE"}
     if peers:
         hosts = [host.strip() for host in peers.split(",")]

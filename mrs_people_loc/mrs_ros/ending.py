@@ -1,4 +1,4 @@
-"""When a node is to end: by a signal, or because who started it is gone. Needs no ROS."""
+"""Ends a node on a signal, or when its parent process has ended. Needs no ROS."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ import signal
 import threading
 import time
 
-#: Set (to anything) by who starts a node and holds the other end of its standard input: the node
-#: ends when that is closed, however its parent ended.
+#: Set (to anything) by a process that starts a node and holds the other end of its standard input:
+#: the node ends when that is closed, however its parent ended.
 LIFELINE = "MRS_ENDS_WITH_STDIN"
-#: A node whose parent is gone gets this long to end in order [s].
+#: A node whose parent has ended gets this long to end in order [s].
 _GRACE_S = 5.0
 #: `ros2 launch` may pass on a Ctrl-C that the terminal has sent, too; a second one comes later [s].
 _TWICE_S = 0.5
 
 
 def end_in_order() -> threading.Event:
-    """Lets Ctrl-C, SIGTERM, a closed terminal and a parent that is gone end a node in order.
+    """Lets Ctrl-C, SIGTERM, a closed terminal and the end of the parent end a node in order.
 
-    rclpy's own handlers shut the context down at once, under whatever is at work: a callback that
-    publishes fails then ("publisher's context is invalid"), and so does a node that is starting
-    ("cannot configure"). Here all of it goes on until the node looks. A second Ctrl-C
-    ends the process at once, also where a callback hangs.
+    rclpy's own handlers shut the context down at once, also during a callback: one that publishes
+    fails then ("publisher's context is invalid"), and so does a node that is starting ("cannot
+    configure"). Here the callback finishes first. A second Ctrl-C ends the process at once, also
+    where a callback hangs.
 
     Returns:
         Set when the node is to end.
@@ -48,7 +48,7 @@ def end_in_order() -> threading.Event:
 
 
 def ignore_signals() -> None:
-    """All that is left is to leave: no second signal, as `ros2 launch` sends it, ends that."""
+    """Ignores signals while the process exits: `ros2 launch` may send a second one."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 

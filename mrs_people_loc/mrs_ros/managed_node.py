@@ -1,48 +1,34 @@
-"""A lifecycle node that configures and activates itself, and the way our nodes are run."""
+"""The base of our nodes: a lifecycle node with checked parameters, inputs and diagnostics."""
 
 from __future__ import annotations
 
-import os
-import sys
 import traceback
 from collections.abc import Callable
-from dataclasses import replace
+from contextlib import ExitStack
 from typing import Any
 
-import rclpy
-import rclpy.logging
-import rclpy.utilities
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import Parameter, Section
-from mrs_people_loc.errors import ConfigError, OutdatedError, PeopleLocError
-from mrs_people_loc.health.findings import Code
+from mrs_people_loc.errors import OutdatedError, PeopleLocError
+from mrs_people_loc.health.findings import Finding, of_state, without_clock
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_people_loc.team.clocks import RESET_NS
-from mrs_ros import security
-from mrs_ros.diagnostics import OK, STALE, Finding, Input, ProcessUse, Reporter
-from mrs_ros.ending import end_in_order, ignore_signals
-from mrs_ros.network import given_domain, use_shipped_profile
+from mrs_ros.diagnostics import Input, ProcessUse, Reporter
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
-#: Exit code for bad configuration or arguments.
-EXIT_USAGE = 2
-#: So long a node that waits for messages takes to notice that it is to end, at most [s].
-_NOTICE_S = 0.2
 
 
 class ManagedNode(LifecycleNode):
     """Base of our nodes: parameters, inputs, diagnostics and life cycle.
 
-    A node hands in its configuration class and says what to do in `set_up` (make publishers),
-    `start` (listen) and `stop`; inputs made with `listen` and outputs made with
-    `offer` are ended for it.
+    A node passes its configuration class and overrides `set_up` (make publishers), `start`
+    (subscribe) and `stop`; inputs made with `listen` and outputs made with `offer` are destroyed
+    for it.
 
     Args:
         name: The node's name.
@@ -57,10 +43,12 @@ class ManagedNode(LifecycleNode):
         self.autostart = bool(AUTOSTART.check(given_parameters(self).get("autostart", True)))
         declare(self, AUTOSTART, self.autostart, read_only=True)
         self.inputs: dict[str, Input] = {}
-        self._outputs: list[Any] = []
-        self._reporter: Reporter | None = None
         self._use = ProcessUse()
+        # Set after the work that they stand for; the stacks undo that work, also where it failed
+        # halfway.
         self._configured = self._active = False
+        self._made = ExitStack()
+        self._begun = ExitStack()
         self._ended_ns = 0  # where /clock was when it jumped back
         self._node_config = NodeConfig(
             self, config_type, may_restructure=lambda: not self._configured, changed=self.changed
@@ -84,7 +72,7 @@ class ManagedNode(LifecycleNode):
         """Ends the work."""
 
     def jumped_back(self) -> None:
-        """Begins anew: the time, as a bag gives it, was set back by more than a second."""
+        """Forgets the past: the time on `/clock` was set back by more than a second."""
 
     def changed(self, config: Any) -> None:
         """Takes a configuration that was changed while the node exists.
@@ -93,12 +81,15 @@ class ManagedNode(LifecycleNode):
             ConfigError: It does not fit; the change is refused.
         """
 
+    def observe(self) -> None:
+        """Updates what `findings` reports; called once a second while the node is active."""
+
     def findings(self) -> list[Finding]:
-        """What is to be said on `/diagnostics` besides the inputs."""
+        """What is published on `/diagnostics` in addition to the inputs; has no side effects."""
         return []
 
     def waits_for(self) -> str:
-        """What it needs to be of use, in words: said when it has started."""
+        """What the node needs to be of use, for the log line at its start."""
         return ", ".join(made.subscription.topic_name for made in self.inputs.values())
 
     # ---- for the node to use ----
@@ -107,6 +98,11 @@ class ManagedNode(LifecycleNode):
     def config(self) -> Any:
         """The node's configuration as it is now."""
         return self._node_config.value
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether it is set up."""
+        return self._configured
 
     @property
     def is_active(self) -> bool:
@@ -138,15 +134,15 @@ class ManagedNode(LifecycleNode):
         self.inputs[topic] = made
         return made
 
-    def end(self, heard: Input) -> None:
+    def end(self, source: Input) -> None:
         """Ends a subscription before the node stops."""
-        del self.inputs[heard.topic]
-        heard.destroy()
+        del self.inputs[source.topic]
+        source.destroy()
 
     def offer(self, message_type: type, topic: str, qos: QoSProfile | int) -> Any:
         """Makes a publisher that works while the node is active."""
         publisher = self.create_lifecycle_publisher(message_type, topic, qos)
-        self._outputs.append(publisher)
+        self._made.callback(lambda: self.destroy_lifecycle_publisher(publisher))
         return publisher
 
     # ---- life cycle ----
@@ -183,38 +179,38 @@ class ManagedNode(LifecycleNode):
         return self._transition("tear down", [self._clean_up])
 
     def _configure(self) -> None:
-        self._reporter = Reporter(self, self.name_in_team or self.get_name(), self._findings)
+        reporter = Reporter(self, self.name_in_team or self.get_name(), self._report)
+        self._made.callback(reporter.destroy)
         self.set_up()
         self._configured = True
 
     def _begin(self) -> None:
-        self._active = True
+        self._begun.callback(self.stop)
+        self._begun.callback(self._end_inputs)
         self.start()
+        self._active = True
         waits = "/clock" if self._lacks_clock else self.waits_for()
         self.get_logger().info(
             f"{self.get_fully_qualified_name()}: active" + (f"; waits for {waits}" if waits else "")
         )
 
     def _halt(self) -> None:
-        if not self._active:
-            return
+        """Ends what `_begin` began; all of it, also where some of that fails."""
         self._active = False
-        for made in self.inputs.values():
-            made.destroy()
-        self.inputs.clear()
-        self.stop()
+        self._begun.close()
 
     def _clean_up(self) -> None:
+        """Ends what `_begin` and `_configure` made; all of it, also where some of that fails."""
         self._configured = False
-        try:
-            self._halt()
-        finally:
-            if self._reporter is not None:
-                self._reporter.destroy()
-                self._reporter = None
-            for publisher in self._outputs:
-                self.destroy_lifecycle_publisher(publisher)
-            self._outputs.clear()
+        with ExitStack() as steps:
+            steps.callback(self._made.close)
+            steps.callback(self._halt)
+
+    def _end_inputs(self) -> None:
+        inputs, self.inputs = self.inputs, {}
+        with ExitStack() as steps:
+            for made in inputs.values():
+                steps.callback(made.destroy)
 
     def _transition(
         self,
@@ -222,8 +218,8 @@ class ManagedNode(LifecycleNode):
         steps: list[Callable[[], TransitionCallbackReturn | None]],
         undo: list[Callable[[], TransitionCallbackReturn | None]] | None = None,
     ) -> TransitionCallbackReturn:
-        """Takes the steps; if one fails, the state before, with `undo`, or else `on_error`."""
-        # rclpy swallows what transitions raise, so it is said here.
+        """Takes the steps; if one fails, goes back with `undo`, or by `on_error` without it."""
+        # rclpy swallows what transitions raise, so it is logged here.
         try:
             try:
                 failed = _first_failure(steps)
@@ -240,10 +236,10 @@ class ManagedNode(LifecycleNode):
         return failed
 
     def _change_state(self, request: Any, response: Any) -> Any:
-        """Answers who asks for a transition.
+        """Answers a request for a transition.
 
-        rclpy looks whether it is possible now only where it is asked for by its label; one that
-        is asked for by its id alone, as Nav2's lifecycle manager does, would end the process.
+        rclpy checks whether it is possible now only where it is requested by its label; one that
+        is requested by its id alone, as Nav2's lifecycle manager does, would end the process.
         """
         asked = request.transition
         machine = self._state_machine
@@ -266,7 +262,7 @@ class ManagedNode(LifecycleNode):
             self.jumped_back()
 
     def _check_is_of_now(self, message: Any) -> None:
-        """Refuses what was under way when /clock jumped back: it would be of the future now.
+        """Refuses a message that was on its way when `/clock` jumped back: it is of the future now.
 
         Raises:
             OutdatedError: It is.
@@ -283,25 +279,18 @@ class ManagedNode(LifecycleNode):
 
     @property
     def _lacks_clock(self) -> bool:
-        """Whether it takes its time from /clock, and nobody has told it yet."""
+        """Whether it takes its time from `/clock`, and none has arrived yet."""
         return bool(self.get_parameter("use_sim_time").value) and not self._now_ns()
 
-    def _findings(self) -> list[Finding]:
+    def _report(self) -> list[Finding]:
+        """What is published on `/diagnostics`, once a second."""
         if not self._active:
-            text = "inactive: hears and sends nothing until activated"
-            return [Finding("state", STALE, text, code=Code.INACTIVE)]
+            return [of_state(active=False, values={})]
+        self._use.update()
+        self.observe()
         inputs = [made.finding() for made in self.inputs.values()]
-        state = Finding("state", OK, "active", self._use.values())
-        found = [state, *inputs, *self.findings()]
-        if not self._lacks_clock:
-            return found
-        # Without a time nothing is early or late.
-        return [
-            replace(one, level=STALE, message="waits for /clock", code=Code.NO_CLOCK)
-            if one.code in (Code.STAMPS_OFF, Code.CLOCK_ASTRAY)
-            else one
-            for one in found
-        ]
+        found = [of_state(active=True, values=self._use.values()), *inputs, *self.findings()]
+        return without_clock(found) if self._lacks_clock else found
 
 
 def _first_failure(
@@ -313,87 +302,3 @@ def _first_failure(
         if result not in (None, TransitionCallbackReturn.SUCCESS):
             return result
     return None
-
-
-def _executor() -> Any:
-    """What waits for messages.
-
-    rclpy's usual executor builds a wait set of all that a node has, in Python, before each message:
-    most of what a pose cost. The one of events does not; where this rclpy has none, the usual one.
-    """
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        return rclpy.get_global_executor()
-    return EventsExecutor()
-
-
-def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None = None) -> int:
-    """Runs a node until Ctrl-C, SIGTERM or SIGHUP, or the end of who started it (`ending`).
-
-    Args:
-        make_node: Makes the node.
-        usage: What `--help` prints: "usage: NAME ...".
-        argv: Arguments of the process; None: those of this process.
-
-    Returns:
-        Exit code: 0 after a clean end, 2 if the configuration is wrong, 1 if it cannot start.
-    """
-    argv = sys.argv if argv is None else argv
-    if {"-h", "--help"} & set(argv[1:]):
-        sys.stdout.write(usage.strip() + "\n")
-        return 0
-    stop = end_in_order()
-    try:
-        given_domain()  # rclpy says only that the domain is invalid
-        own_network = use_shipped_profile()
-        secured = security.asked(os.environ)
-        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
-    except ConfigError as err:
-        sys.stderr.write(f"error: {err}\n")
-        return EXIT_USAGE
-    except Exception as err:  # rclpy raises different classes for different bad arguments
-        why = security.refusal(err, os.environ) if secured == "Enforce" else err
-        sys.stderr.write(f"error: {why}\n")
-        return EXIT_USAGE
-    name = usage.split()[1]
-    node: ManagedNode | None = None
-    try:
-        extra = rclpy.utilities.remove_ros_args(argv)[1:]
-        if extra:
-            raise ConfigError(f"unknown argument {extra[0]}; parameters go after --ros-args")
-        try:
-            node = make_node()
-        except ParameterException as err:  # of those that every node has, such as use_sim_time
-            raise ConfigError(str(err)) from err
-        except RuntimeError as err:  # rclpy's RCLError is one
-            if not secured:
-                raise
-            raise security.refusal(err, os.environ) from err
-        if own_network:
-            node.get_logger().info(own_network)
-        if secured == "Permissive":
-            node.get_logger().warning(security.UNSURE)
-        if node.autostart:
-            for transition in (node.trigger_configure, node.trigger_activate):
-                if not stop.is_set() and transition() != TransitionCallbackReturn.SUCCESS:
-                    return 1
-        else:
-            own = node.get_fully_qualified_name()
-            node.get_logger().info(
-                f"{own}: unconfigured, for autostart is false; waits for "
-                f"`ros2 lifecycle set {own} configure`, then `... activate`"
-            )
-        executor = _executor()
-        executor.add_node(node)
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=_NOTICE_S)
-    except ConfigError as err:
-        rclpy.logging.get_logger(name).error(str(err))
-        return EXIT_USAGE
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.utilities.try_shutdown()
-        ignore_signals()
-    return 0

@@ -1,7 +1,7 @@
-"""How the nodes use the network: the shipped Fast DDS profiles.
+"""The network as the environment sets it: the ROS domain, and the Fast DDS profiles.
 
-`config/fastdds/team.xml`, or `localhost.xml` where ROS 2 is told to stay on this machine; both take
-images, and all else, by UDP and not by shared memory: docs/network.md says why.
+`config/fastdds/team.xml`, or `localhost.xml` where ROS 2 is limited to this machine; both receive
+images, and everything else, by UDP and not by shared memory: docs/network.md has the reason.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mrs_people_loc.errors import ConfigError
 #: Where Fast DDS looks for its profiles: the version of ROS 2 Jazzy, and Fast DDS 3.
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILES_FILES = (PROFILES_FILE, "FASTDDS_DEFAULT_PROFILES_FILE")
-#: What it moves data by: UDP and shared memory, unless this says otherwise.
+#: Its transports; UDP and shared memory by default.
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 #: How far ROS 2 looks for others.
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -57,7 +57,7 @@ def use_shipped_profile() -> str:
     Before the first ROS context is made. Other middlewares are left alone.
 
     Returns:
-        Why it is not used, a sentence for people; empty if it is.
+        Why it is not used, a sentence; empty if it is.
     """
     from rclpy.utilities import get_rmw_implementation_identifier
 
@@ -75,7 +75,7 @@ def use_shipped_profile() -> str:
 
 
 def environment() -> dict[str, str]:
-    """The environment of this process as the user made it, for processes to be started.
+    """The environment of this process as the user set it, for processes to be started.
 
     Without what `use_shipped_profile` added: they ask for it themselves.
     """
@@ -89,17 +89,17 @@ def environment() -> dict[str, str]:
 
 
 def _settings(environ: Mapping[str, str], folder: Path) -> tuple[dict[str, str], str]:
-    """What is to be set, and why nothing is."""
+    """The variables to set; or none, and the reason."""
     ours = {str(folder / name) for name in ("team.xml", "localhost.xml")}
     own = [name for name in PROFILES_FILES if environ.get(name) not in (None, *ours)]
     if environ.get(TRANSPORTS) not in (None, "", "UDPv4"):
         own.append(TRANSPORTS)
     if own:
-        said = " ".join(f"{name}={environ[name]}" for name in own)
-        return {}, f"{said} goes before our Fast DDS profile: docs/network.md, Shared memory"
+        given = " ".join(f"{name}={environ[name]}" for name in own)
+        return {}, f"{given} goes before our Fast DDS profile: docs/network.md, Shared memory"
     if environ.get(RANGE) == "LOCALHOST" and not environ.get("ROS_STATIC_PEERS"):
-        # For this range rmw_fastrtps puts transports of its own, shared memory among them, beside
-        # those of a profile. localhost.xml does what else it does.
+        # For this range rmw_fastrtps adds transports of its own, among them shared memory, to those
+        # of a profile. localhost.xml does the rest of what it does.
         profile = {PROFILES_FILE: str(folder / "localhost.xml"), RANGE: "SYSTEM_DEFAULT"}
     else:
         profile = {PROFILES_FILE: environ.get(PROFILES_FILE, str(folder / "team.xml"))}

@@ -28,7 +28,7 @@ _TYPES = {
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
-    """What the command line and parameter files give this node, known to it or not.
+    """What the command line and parameter files set for this node, known to it or not.
 
     rclpy's public way to see them, `automatically_declare_parameters_from_overrides`, fails on an
     empty list, which has no type; here it is an empty tuple.
@@ -53,7 +53,7 @@ class NodeConfig:
     Args:
         node: The node.
         config_type: Its configuration class, such as `RobotConfig`.
-        may_restructure: Says whether a change of a parameter that is not live is possible now.
+        may_restructure: Whether a parameter that is not live may be changed now.
         changed: Called with the new configuration after each change.
 
     Raises:
@@ -130,8 +130,8 @@ def _lookup(config: Section, name: str) -> Any:
 
 
 def _descriptor(definition: Parameter) -> ParameterDescriptor:
-    # Typing is dynamic so that `1` is taken for `1.0`; our own check refuses all the rest, and
-    # says what is allowed. The range is there for tools to show.
+    # Typing is dynamic so that `1` is taken for `1.0`; our own check refuses everything else
+    # and names what is allowed. The range is for tools to show.
     text = definition.doc if definition.live else f"{definition.doc} (taken when configured)"
     descriptor = ParameterDescriptor(
         name=definition.name,

@@ -1,4 +1,4 @@
-"""Quality of service of what crosses a team's network; docs/network.md says why."""
+"""Quality of service of what crosses a team's network; docs/network.md has the reasons."""
 
 from __future__ import annotations
 

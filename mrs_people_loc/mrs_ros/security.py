@@ -1,4 +1,4 @@
-"""What a node does when it is asked for DDS Security (SROS 2): it has it, or it does not start."""
+"""DDS Security (SROS 2): a node that requires it has it, or does not start."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ ENABLE, STRATEGY, KEYSTORE = (
 
 
 def asked(environment: Mapping[str, str]) -> str:
-    """How much security a node is asked for.
+    """How much security is requested of a node.
 
-    rcl knows `true` and `Enforce`; whatever else is written there it takes for "no".
+    rcl knows `true` and `Enforce`; it takes any other value for "no".
 
     Args:
         environment: Environment variables.
 
     Returns:
-        `Enforce`, `Permissive` or, if it is asked for none, an empty text.
+        `Enforce`, `Permissive`, or an empty text if none is requested.
 
     Raises:
-        ConfigError: What is written there would be taken for something else than was meant.
+        ConfigError: A value would be misunderstood.
     """
     enable, strategy = environment.get(ENABLE, ""), environment.get(STRATEGY, "")
     if enable not in ("", "true", "false"):
@@ -41,7 +41,7 @@ def asked(environment: Mapping[str, str]) -> str:
 
 
 def refusal(error: Exception, environment: Mapping[str, str]) -> ConfigError:
-    """Why a node that is asked for security does not start.
+    """Why a node that requires security does not start.
 
     Args:
         error: What rclpy raised.
@@ -60,7 +60,7 @@ def refusal(error: Exception, environment: Mapping[str, str]) -> ConfigError:
     return ConfigError(f"security was asked for with {ENABLE}=true and cannot be had: {why}")
 
 
-#: Said by a node that was asked for security, but not to insist on it.
+#: Logged by a node that has to try security, but not to require it.
 UNSURE = (
     f"{ENABLE} is true, but {STRATEGY} is not Enforce: without keys this node runs UNPROTECTED, "
     "and only DDS knows whether it has any; set Enforce to be sure"

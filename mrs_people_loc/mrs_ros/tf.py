@@ -1,4 +1,4 @@
-"""TF, where it is installed: frames are told with tf2_msgs, and asked for with tf2_ros."""
+"""TF, where it is installed: frames are published with tf2_msgs and looked up with tf2_ros."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def require(package: str, what: str) -> None:
 
 
 class FramePublisher:
-    """Tells frames on `/tf` and `/tf_static`.
+    """Publishes frames on `/tf` and `/tf_static`.
 
     Args:
         offer: Makes a publisher of message type, topic and quality of service.
@@ -57,19 +57,19 @@ class FramePublisher:
         self._fixed = offer(self._message, "/tf_static", _STATIC_QOS)
 
     def moving(self, *transforms: TransformStamped) -> None:
-        """Tells where frames are at their stamps."""
+        """Publishes where frames are at their stamps."""
         self._moving.publish(self._message(transforms=transforms))
 
     def fixed(self, *transforms: TransformStamped) -> None:
-        """Tells where frames are from now on; all of them, for who comes late hears only this."""
+        """Publishes all fixed frames: late subscribers get only the last message."""
         self._fixed.publish(self._message(transforms=transforms))
 
 
 class FrameListener:
-    """Hears where frames are, until it is ended.
+    """Receives frames until it is destroyed.
 
     Args:
-        node: The node that hears.
+        node: The node that subscribes.
     """
 
     def __init__(self, node: Node) -> None:
@@ -81,12 +81,12 @@ class FrameListener:
         self._listener = self._tf2_ros.TransformListener(self._buffer, node)
 
     def destroy(self) -> None:
-        """Ends hearing."""
+        """Ends the subscriptions."""
         self._listener.unregister()
         self._node.destroy_service(self._buffer.srv)
 
     def clear(self) -> None:
-        """Forgets what was heard: the time was set back."""
+        """Forgets all frames: the time was set back."""
         self._buffer.clear()
 
     def pose(self, parent: str, child: str, sigmas: tuple[float, ...] = ()) -> Pose:
@@ -101,7 +101,7 @@ class FrameListener:
             The pose; with stamp 0 if it holds at any time.
 
         Raises:
-            PoseError: TF does not say it, or it is no pose on the floor.
+            PoseError: TF does not have it, or it is no pose on the floor.
         """
         try:
             found = self._buffer.lookup_transform(parent, child, Time())

@@ -1,8 +1,9 @@
 """The `mrs` command.
 
-To add a subcommand, write a function with Typer annotations in a module of `mrs_tools` and add
-one line to `COMMANDS`. Its module is imported when the subcommand runs, so `mrs --help` stays fast
-and works without ROS; import ROS inside functions, so that `mrs NAME --help` does, too.
+To add a subcommand, write a function with Typer annotations in a module of `mrs_tools.commands`,
+which reads options, calls and prints, and add one line to `COMMANDS`. Its module is imported when
+the subcommand runs, so `mrs --help` stays fast and works without ROS; import ROS inside functions,
+so that `mrs NAME --help` does, too.
 
 An error of this project (`PeopleLocError`) is printed as one line and ends with exit code 1, wrong
 usage with 2, Ctrl-C with 130, a closed terminal with 129. Everything else is a bug and shows its
@@ -12,14 +13,10 @@ traceback.
 from __future__ import annotations
 
 import importlib
-import signal
 import sys
-import threading
 import types
 import typing
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable
 from typing import Annotated, Any, NoReturn
 
 from mrs_people_loc.errors import PeopleLocError
@@ -144,46 +141,6 @@ def fail(message: str) -> NoReturn:
     line = Text.assemble(("error: ", "bold red"), lines)
     Console(stderr=True, soft_wrap=True).print(line)
     raise typer.Exit(1)
-
-
-class Stop(threading.Event):
-    """Set when the person at the keyboard, or the system, wants the command to end.
-
-    Attributes:
-        exit_code: 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP, 0 before. A command for
-            which being stopped is the ordinary end leaves with 0 instead.
-    """
-
-    exit_code = 0
-
-
-@contextmanager
-def stop_on_signals() -> Iterator[Stop]:
-    """Let SIGINT, SIGTERM and SIGHUP set an event, so that a command ends in its own order.
-
-    SIGHUP comes when the terminal is closed; `nohup` keeps it away. A second Ctrl-C interrupts at
-    once. Only in the main thread.
-
-    Yields:
-        The event; hand it to what runs.
-    """
-    stop = Stop()
-
-    def handle(number: int, _frame: FrameType | None) -> None:
-        if stop.is_set() and number == signal.SIGINT:
-            raise KeyboardInterrupt
-        stop.exit_code = 128 + number
-        stop.set()
-
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, handle) for number in numbers}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 app = typer.Typer(

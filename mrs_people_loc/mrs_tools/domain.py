@@ -87,7 +87,7 @@ def private_domain() -> Iterator[str]:
 
 
 def meet_others(node: Node) -> None:
-    """Waits until a node that was just made knows who else publishes in its domain."""
+    """Waits until a new node has discovered the other publishers of its domain."""
     end = time.monotonic() + _LOOK_S
     before, changed = -1, time.monotonic()
     while (now := time.monotonic()) < min(end, changed + _ALONE_S):
@@ -117,13 +117,13 @@ def refuse_others(node: Node, own: Mapping[str, str]) -> None:
 
 def somebody_else(found: Mapping[str, Sequence[str]]) -> PeopleLocError:
     """What to say of others that publish what is ours: by topic, the names of their nodes."""
-    said = "; ".join(
+    others = "; ".join(
         f"{topic} has {len(names)} other publisher{'s' if len(names) > 1 else ''}: "
         f"{', '.join(names)}"
         for topic, names in found.items()
     )
     return PeopleLocError(
-        f"somebody else is at work in this ROS domain: {said}. End the others, or unset "
+        f"somebody else is at work in this ROS domain: {others}. End the others, or unset "
         "ROS_DOMAIN_ID, and a domain that nobody uses is taken"
     )
 

@@ -8,8 +8,8 @@ The same processes as `mrs up FILE`. With a computer on each robot, start there
 from launch.actions import OpaqueFunction
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from mrs_ros.launching import arguments, node, team_file
-from mrs_ros.team import team_processes
+from mrs_ros.launch_files import arguments, node, team_file
+from mrs_ros.processes import team_processes
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:

@@ -5,7 +5,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from mrs_people_loc.config import load_team, robots_named
 from mrs_people_loc.errors import ConfigError
-from mrs_ros.launching import arguments, node, team_file, value
+from mrs_ros.launch_files import arguments, node, team_file, value
 
 
 def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:

@@ -14,7 +14,7 @@ the robot's name. Parameters: see config/default.yaml, or `ros2 param describe`.
 def main() -> None:
     """Starts the node; the exit code is 0 after Ctrl-C or SIGTERM, 2 for bad configuration."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while the libraries load: no traceback
-    from mrs_ros.managed_node import run
+    from mrs_ros.running import run
     from robot_node.node import RobotNode
 
     sys.exit(run(RobotNode, USAGE))

@@ -12,16 +12,28 @@ from stereo_msgs.msg import DisparityImage
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import CameraError, ConfigError, ImageError, WaitedError
 from mrs_people_loc.head import Head, View
-from mrs_people_loc.health.findings import Code, of_scans
+from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.floor import FloorWatch, in_words
+from mrs_people_loc.health.robot import (
+    MountingState,
+    PairingState,
+    ScanState,
+    of_head,
+    of_mounting,
+    of_pairing,
+    of_scan,
+)
 from mrs_people_loc.health.sight import SightWatch
 from mrs_people_loc.robot import Stages
 from mrs_ros import convert
-from mrs_ros.diagnostics import ERROR, OK, STALE, WARN, Finding, Growth, Input, recording_hint
+from mrs_ros.diagnostics import Growth, Input, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import STREAM
 from robot_node import pose_source
 from robot_node.pose_source import PoseSource
+
+#: By stage, what the number of its points is called on `/diagnostics`.
+_COUNTED = {"cloud": "points", "zones": "points_in_zone", "noise": "points_after_noise"}
 
 
 class RobotNode(ManagedNode):
@@ -36,7 +48,7 @@ class RobotNode(ManagedNode):
                 "use --ros-args -r __ns:=/robot_a"
             )
 
-    # ---- life cycle ----
+    # ---- parameters and life cycle ----
 
     def set_up(self) -> None:
         """Makes the publishers."""
@@ -46,7 +58,7 @@ class RobotNode(ManagedNode):
         self._frames = 0
         self._unpaired = Growth()
         self._scan_at_s = self._ahead_s = 0.0
-        self._overhead_ms = 0.0
+        self._publish_ms = 0.0
         self._sight = SightWatch(self.config.sight)
         self._floor: FloorWatch | None = None
         self._floor_key: object = None
@@ -60,7 +72,7 @@ class RobotNode(ManagedNode):
         }
 
     def start(self) -> None:
-        """Listens to images, calibration and poses."""
+        """Subscribes to images, calibration and poses."""
         rectified = self.config.images.rectified
         image, other = ("image_rect", "image_raw") if rectified else ("image_raw", "image_rect")
         self._images: dict[str, Input] = {}
@@ -71,14 +83,16 @@ class RobotNode(ManagedNode):
                 partial(self._on_camera_info, camera),
                 STREAM,
             )
-            heard = self.listen(Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM)
+            source = self.listen(
+                Image, f"{camera}/{image}", partial(self._on_image, camera), STREAM
+            )
             remedy = f"set images.rectified: {str(not rectified).lower()}"
-            self._images[camera] = heard
-            heard.instead = (f"{camera}/{other}", remedy)
+            self._images[camera] = source
+            source.instead = (f"{camera}/{other}", remedy)
         self._pose.start()
 
     def stop(self) -> None:
-        """Forgets what waits."""
+        """Drops the images that wait for their pair."""
         self._head.reset()
         self._pose.stop()
 
@@ -97,7 +111,7 @@ class RobotNode(ManagedNode):
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters from the next frame on."""
         pose_source.check(config.pose)
-        if self._configured:
+        if self.is_configured:
             try:
                 self._head.configure(config)
             except CameraError as err:
@@ -105,7 +119,7 @@ class RobotNode(ManagedNode):
             self._pose.changed(config)
             self._sight.config = config.sight
 
-    # ---- images ----
+    # ---- inputs ----
 
     def _on_camera_info(self, camera: str, message: CameraInfo) -> None:
         view = None
@@ -115,7 +129,7 @@ class RobotNode(ManagedNode):
             self._images[err.camera].refuse(ImageError(str(err)))
         if self._head.pipeline is not None:
             self._pose.camera_known(self._head.pipeline.camera)
-        self._publish(view)
+        self._step(view)
 
     def _on_image(self, camera: str, message: Image) -> None:
         resets = self._head.pairer.resets
@@ -123,120 +137,104 @@ class RobotNode(ManagedNode):
         if self._head.pairer.resets > resets:
             self.get_logger().warning(f"{camera} images: stamps jumped back; starting anew")
             self._begin_anew()
-        self._publish(view)
+        self._step(view)
 
-    def _publish(self, view: View | None) -> None:
+    # ---- step ----
+
+    def _step(self, view: View | None) -> None:
+        """Publishes a complete view, and checks the head with it."""
         if view is None:
             return
-        stages = view.stages
-        began = time.perf_counter()
-        self._pose.before_scan(stages.scan.stamp_ns)
-        self._points.publish(convert.points(stages.scan, self.base_frame))
-        if self._debug_disparity.get_subscription_count():
-            pipeline = self._head.pipeline
-            self._debug_disparity.publish(
-                convert.disparity(
-                    view.header, stages.disparity, pipeline.camera, pipeline.config.disparity
-                )
-            )
-        for stage, publisher in self._debug_clouds.items():
-            if publisher.get_subscription_count():
-                publisher.publish(
-                    convert.xyz_cloud(stages.scan.stamp_ns, self.base_frame, getattr(stages, stage))
-                )
-        self._overhead_ms = (time.perf_counter() - began) * 1e3
-        self._stages = stages
+        self._publish(view)
+        self._stages = view.stages
         self._frames += 1
         self._scan_at_s = time.monotonic()
-        self._ahead_s = (stages.scan.stamp_ns - self.get_clock().now().nanoseconds) / 1e9
-        self._watch(view)
-
-    def _watch(self, view: View) -> None:
+        self._ahead_s = (view.stages.scan.stamp_ns - self._now_ns()) / 1e9
         self._sight.step(view.images, view.stages.disparity)
-        camera, config, matching = (
-            self._head.pipeline.camera,
-            self.config.floor,
-            self.config.disparity,
-        )
+        self._watch_floor(view)
+
+    def _watch_floor(self, view: View) -> None:
+        config, matching = self.config.floor, self.config.disparity
         if not config.watch:
             self._floor = None
             return
-        key = (camera, config, max(matching.block_size_px, matching.fill_block_size_px))
-        if self._floor is None or self._floor_key != key:
-            self._floor, self._floor_key = FloorWatch(camera, config, block_px=key[2]), key
+        block_px = max(matching.block_size_px, matching.fill_block_size_px)
+        camera = self._head.pipeline.camera
+        if self._floor is None or self._floor_key != (camera, config, block_px):
+            self._floor = FloorWatch(camera, config, block_px=block_px)
+            self._floor_key = camera, config, block_px
         self._floor.step(view.stages.disparity, view.images.stamp_ns)
+
+    # ---- outputs ----
+
+    def _publish(self, view: View) -> None:
+        stages, began = view.stages, time.perf_counter()
+        stamp_ns = stages.scan.stamp_ns
+        self._pose.before_scan(stamp_ns)
+        self._points.publish(convert.points(stages.scan, self.base_frame))
+        if self._debug_disparity.get_subscription_count():
+            pipeline = self._head.pipeline
+            matching = pipeline.config.disparity
+            self._debug_disparity.publish(
+                convert.disparity(view.header, stages.disparity, pipeline.camera, matching)
+            )
+        for stage, publisher in self._debug_clouds.items():
+            if publisher.get_subscription_count():
+                xyz = getattr(stages, stage)
+                publisher.publish(convert.xyz_cloud(stamp_ns, self.base_frame, xyz))
+        self._publish_ms = (time.perf_counter() - began) * 1e3
 
     # ---- diagnostics ----
 
+    def observe(self) -> None:
+        """Counts images without a pair."""
+        self._unpaired.update(self._head.pairer.unpaired)
+
     def findings(self) -> list[Finding]:
-        """The head, the pose and the scan."""
+        """The pairs of images, the head, its mounting, the scan and the pose."""
+        pairer = self._head.pairer
+        pairing = PairingState(
+            unpaired=pairer.unpaired,
+            unpaired_lately=self._unpaired.lately,
+            why_unpaired=pairer.why_unpaired(),
+            stamp_resets=pairer.resets,
+            frames=self._frames,
+        )
+        scan = ScanState(
+            frames=self._frames,
+            silent_s=time.monotonic() - self._scan_at_s,
+            ahead_s=self._ahead_s,
+            remedy=recording_hint(self),
+            figures={} if self._stages is None else self._figures(self._stages),
+        )
         return [
-            self._pairing_finding(),
-            self._head_finding(),
-            self._mounting_finding(),
-            self._scan_finding(),
+            of_pairing(pairing),
+            of_head(self._sight.trouble, self._sight.values),
+            of_mounting(self._mounting(), watched=self.config.floor.watch),
+            of_scan(scan),
             self._pose.finding(),
         ]
 
-    def _head_finding(self) -> Finding:
-        """Whether the head sees anything."""
-        sight = self._sight
-        if not sight.values:
-            return Finding("head", STALE, "no view yet", code=Code.NO_VIEW)
-        values = {name: f"{value:.2f}" for name, value in sight.values.items()}
-        if sight.trouble:
-            text = f"the head is blind: {sight.trouble}; check lens caps, light and exposure"
-            return Finding("head", WARN, text, values, Code.BLIND)
-        return Finding("head", OK, "ok", values)
-
-    def _mounting_finding(self) -> Finding:
-        """Whether the head sits where it is configured to, by the floor."""
+    def _mounting(self) -> MountingState | None:
         watch = self._floor
         if watch is None:
-            why = "not watched: floor.watch is false" if not self.config.floor.watch else "no view"
-            return Finding("mounting", OK, why)
-        floor, configured = watch.floor, in_words(watch.camera.mounting)
-        values: dict[str, object] = {"configured": configured}
-        if floor is not None:
-            values |= {"by_the_floor": in_words(floor), "floor_part": f"{floor.part:.2f}"}
-        if watch.moved:
-            seen = "where the floor was last seen" if floor is None else in_words(floor)
-            text = (
-                f"the head has moved: by the floor {seen}; configured: {configured}; run "
-                f"`mrs calibrate --robot {self.name_in_team}`"
-            )
-            return Finding("mounting", WARN, text, values, Code.HEAD_MOVED)
-        if floor is None:
-            why = watch.why_not or "too few looks yet"
-            return Finding("mounting", OK, f"not enough floor in view to tell: {why}", values)
-        return Finding("mounting", OK, "ok", values)
+            return None
+        floor = watch.floor
+        return MountingState(
+            robot=self.name_in_team,
+            configured=in_words(watch.camera.mounting),
+            measured="" if floor is None else in_words(floor),
+            floor_part=None if floor is None else floor.part,
+            moved=watch.moved,
+            why_not=watch.why_not,
+        )
 
-    def _pairing_finding(self) -> Finding:
-        pairer = self._head.pairer
-        values = {"unpaired": pairer.unpaired, "stamp_resets": pairer.resets}
-        lately = self._unpaired.lately(pairer.unpaired)
-        if pairer.unpaired and (lately or not self._frames):
-            text = f"{pairer.unpaired} images found no pair; {pairer.why_unpaired()}"
-            if not self._frames:
-                return Finding("pairs", ERROR, text, values, Code.NO_PAIR)
-            return Finding("pairs", WARN, text, values, Code.SOME_UNPAIRED)
-        return Finding("pairs", OK, "ok", values)
-
-    def _scan_finding(self) -> Finding:
-        stages = self._stages
-        if stages is None:
-            return Finding("scan", STALE, "no scan yet", {"frames": self._frames}, Code.NO_SCAN)
-        valid = float(np.isfinite(stages.disparity).mean())
-        values: dict[str, object] = {
-            "frames": self._frames,
-            "valid_pixels": f"{valid:.2f}",
-            "points": len(stages.cloud),
-            "points_in_zone": len(stages.zones),
-            "points_after_noise": len(stages.noise),
+    def _figures(self, stages: Stages) -> dict[str, object]:
+        made = vars(stages)  # the default method makes points only for debug topics
+        return {
+            "valid_pixels": f"{np.isfinite(stages.disparity).mean():.2f}",
+            **{name: len(made[stage]) for stage, name in _COUNTED.items() if stage in made},
             "cells": len(stages.scan.cells),
-            "publish_ms": f"{self._overhead_ms:.2f}",
+            "publish_ms": f"{self._publish_ms:.2f}",
             **{f"{stage}_ms": f"{ms:.2f}" for stage, ms in stages.times_ms.items()},
         }
-        silent_s = time.monotonic() - self._scan_at_s
-        level, code, text = of_scans(silent_s, self._ahead_s, recording_hint(self))
-        return Finding("scan", level, text, values, code)

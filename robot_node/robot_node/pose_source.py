@@ -1,4 +1,4 @@
-"""Where the robot is: taken from where its parameters say, sent on `pose`, and told to TF."""
+"""The robot's pose: from the configured source to `pose` and to TF."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from rclpy.clock_type import ClockType
 from mrs_people_loc import messages
 from mrs_people_loc.config import PoseInput, RobotConfig
 from mrs_people_loc.errors import PoseError
-from mrs_people_loc.health.findings import Code
+from mrs_people_loc.health.findings import Finding
+from mrs_people_loc.health.robot import PoseState, of_pose
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
 from mrs_ros import convert, tf
-from mrs_ros.diagnostics import ERROR, OK, SILENCE_S, Finding
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import POSES
 
-#: How often TF is asked for the pose [s].
+#: Period of looking the pose up in TF [s].
 TF_PERIOD_S = 0.02
-#: How often a robot that stands says where, while it sends no scan [s].
+#: Period of the poses of a static robot while it sends no scan [s].
 STANDING_PERIOD_S = 0.1
-#: It sends none after so long without [s].
+#: It counts as sending none after this long without [s].
 NO_SCAN_S = 1.0
 
 
 def check(config: PoseInput) -> None:
-    """Checks that the pose can come from where it should, and go where it should.
+    """Checks that the pose can come from its source, and go to TF.
 
     Raises:
-        ConfigError: Something for that is not given, or not installed.
+        ConfigError: A parameter or a package for that is missing.
     """
     if config.source == "static":
         static_pose(config, 0)
@@ -60,10 +60,10 @@ class PoseSource:
         self._intake = PoseIntake(self._config.pose, in_map)
         self._listener: tf.FrameListener | None = None
         self._timer: Any = None
-        self._standing: Pose | None = None  # as TF says
+        self._standing: Pose | None = None  # from TF
         self._last: Pose | None = None
         self._asked_ns = 0
-        self._heard_s = 0.0
+        self._heard_s: float | None = None  # when TF last gave something new
         self._scan_at_s = 0.0
         self._error = ""
         self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
@@ -73,7 +73,7 @@ class PoseSource:
         self._camera: StereoCamera | None = None
 
     def start(self) -> None:
-        """Listens, or begins to say where the robot stands."""
+        """Subscribes to the source, or begins to publish a static pose."""
         source, steady = self._config.pose.source, Clock(clock_type=ClockType.STEADY_TIME)
         if source == "static":
             self._timer = self._node.create_timer(STANDING_PERIOD_S, self._stand, clock=steady)
@@ -93,7 +93,7 @@ class PoseSource:
         if self._listener is not None:
             self._listener.destroy()
             self._listener = None
-        self._standing, self._error = None, ""
+        self._standing, self._error, self._heard_s = None, "", None
 
     def begin_anew(self) -> None:
         """Forgets what came last: the time was set back."""
@@ -110,28 +110,29 @@ class PoseSource:
             self._tell_fixed_frames()
 
     def camera_known(self, camera: StereoCamera | None) -> None:
-        """Takes the head, whose frames are told to TF."""
+        """Takes the head, whose frames are published to TF."""
         if camera is not self._camera:
             self._camera = camera
             self._tell_fixed_frames()
 
     def before_scan(self, stamp_ns: int) -> None:
-        """Sends the pose of a robot that stands, for the scan that follows."""
+        """Publishes the pose of a static robot for the scan that follows."""
         standing = self._standing_at(stamp_ns)
         if standing is not None:
             self._scan_at_s = time.perf_counter()
             self._send(standing)
 
     def finding(self) -> Finding:
-        """How it is, for `/diagnostics`."""
-        if self._error:
-            return Finding("pose", ERROR, self._error, code=Code.NO_POSE)
-        pose = self._last
-        if pose is None:
-            text = f"no usable pose on {self._config.pose.source} yet"
-            return Finding("pose", ERROR, text, code=Code.NO_POSE)
-        values = {"x": f"{pose.x:.3f}", "y": f"{pose.y:.3f}", "yaw": f"{pose.yaw:.3f}"}
-        return Finding("pose", OK, "ok", values)
+        """Whether the robot knows where it is."""
+        config, last = self._config.pose, self._last
+        state = PoseState(
+            source=config.source,
+            error=self._error,
+            silent_s=0.0 if self._heard_s is None else time.monotonic() - self._heard_s,
+            frames=f"{config.map_frame} -> {self._base_frame}",
+            pose=None if last is None else (last.x, last.y, last.yaw),
+        )
+        return of_pose(state)
 
     def _on_pose(self, message: Any) -> None:
         frame_id = message.header.frame_id
@@ -154,28 +155,24 @@ class PoseSource:
                 taken = self._intake(pose, config.map_frame)
                 if taken is not None:
                     self._send(taken)
-            silent_s = time.monotonic() - self._heard_s
             self._error = ""
-            if silent_s > SILENCE_S:
-                where = f"{config.map_frame} -> {self._base_frame}"
-                self._error = f"TF has nothing new of {where} for {silent_s:.0f} s"
         except PoseError as err:
             self._standing, self._error = None, str(err)
 
     def _frame_in_map(self, frame_id: str) -> Pose:
-        """Where TF has the odometry's frame in the map; from the first time on it is heard."""
+        """Where TF has the odometry's frame in the map; subscribes to TF the first time."""
         if self._listener is None:
             self._listener = tf.FrameListener(self._node)
         return self._listener.pose(self._config.pose.map_frame, frame_id)
 
     def _standing_at(self, stamp_ns: int) -> Pose | None:
-        """The pose of a robot that stands, at any time; None: it does not."""
+        """The pose of a static robot with a stamp [ns]; None: it is not static."""
         if self._config.pose.source == "static":
             return static_pose(self._config.pose, stamp_ns)
         return self._standing and dataclasses.replace(self._standing, stamp_ns=stamp_ns)
 
     def _stand(self) -> None:
-        """Says where a robot that stands is, where no scan does: others may have it in view."""
+        """Publishes the pose of a static robot that sends no scan: others may have it in view."""
         now_ns = self._node.get_clock().now().nanoseconds
         if time.perf_counter() - self._scan_at_s < NO_SCAN_S or now_ns == 0:
             return
@@ -185,7 +182,12 @@ class PoseSource:
             self._send(pose)
 
     def _send(self, pose: Pose, came_in: str = "") -> None:
-        """Publishes a pose that came in some frame."""
+        """Publishes a pose, and its frames.
+
+        Args:
+            pose: The pose in the map.
+            came_in: The frame that it came in.
+        """
         config = self._config.pose
         self._last = pose
         self._pose.publish(convert.pose_stamped(pose, config.map_frame))
@@ -201,7 +203,7 @@ class PoseSource:
             self._tell_fixed_frames()
 
     def _tell_fixed_frames(self) -> None:
-        """Where the cameras are on the robot, and where its odometry begins on the map."""
+        """Publishes where the cameras are on the robot, and its odometry's frame on the map."""
         if self._frames_out is None:
             return
         config, now_ns = self._config, self._node.get_clock().now().nanoseconds

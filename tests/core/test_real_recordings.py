@@ -1,7 +1,7 @@
 """The same pipeline on two real recordings, with only its configuration changed.
 
 An OAK-D stereo video that looks down on people who walk by, and PCL's RGB-D frame of five people.
-Both are converted to bags with `mrs_tools.commands.convert`, read back, rectified, matched with
+Both are converted to bags with `mrs_tools.recordings`, read back, rectified, matched with
 StereoBM, filtered, clustered and judged by the project's own code. Nobody shipped ground truth:
 which frames show a person was read from the left video by eye, the torsos from the Kinect's depth.
 
@@ -29,7 +29,9 @@ pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 pytest.importorskip("typer", reason="the converter is part of the mrs command, which needs typer")
 
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.commands.convert import EPOCH_NS, convert_oak, convert_pcl, torsos_in_map
+from mrs_tools.recordings.frames import EPOCH_NS
+from mrs_tools.recordings.oak import convert_oak
+from mrs_tools.recordings.pcl import convert_pcl, torsos_in_map
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"

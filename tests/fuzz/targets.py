@@ -30,11 +30,15 @@ from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector
 from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseIntake
-from mrs_tools.bags.offline import read_estimate, read_truth, robots_of
+from mrs_tools.bags.estimates import read_estimate
 from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
-from mrs_tools.commands.convert import read_oak_calibration, read_rgbd
-from mrs_tools.commands.doctor import Facts, diagnose, figures
-from mrs_tools.commands.people import LivePeople
+from mrs_tools.bags.sources import robots_of
+from mrs_tools.bags.truth import read_truth
+from mrs_tools.diagnosis.diagnose import diagnose
+from mrs_tools.diagnosis.facts import Facts, figures
+from mrs_tools.live.people_table import LivePeople
+from mrs_tools.recordings.oak import read_oak_calibration
+from mrs_tools.recordings.pcd import read_rgbd
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import load_scene
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from mrs_people_loc.config import load_team
 from mrs_tools.bench.live import Feeder, read_recorded
-from mrs_tools.cli import stop_on_signals
-from mrs_tools.commands.replay import node
+from mrs_tools.signals import stop_on_signals
+from mrs_tools.tool_node import node
 
 
 def main() -> None:

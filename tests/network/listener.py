@@ -11,8 +11,8 @@ import time
 from typing import Any
 
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_tools.cli import stop_on_signals
-from mrs_tools.commands.replay import node
+from mrs_tools.signals import stop_on_signals
+from mrs_tools.tool_node import node
 
 
 def say(**what: Any) -> None:

@@ -17,8 +17,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from mrs_ros.network import use_shipped_profile
-from mrs_tools.cli import stop_on_signals
-from mrs_tools.commands.replay import node
+from mrs_tools.signals import stop_on_signals
+from mrs_tools.tool_node import node
 
 
 def stamped(message: bytes) -> bytes:

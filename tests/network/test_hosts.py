@@ -1,4 +1,4 @@
-"""The hosts themselves: what reaches whom."""
+"""The simulated hosts: which datagrams arrive where."""
 
 from __future__ import annotations
 
@@ -64,13 +64,13 @@ def received(
     return len(listener.communicate(timeout=30)[0].splitlines())
 
 
-def test_hosts_hear_each_other_and_nobody_else(hosts: Hosts) -> None:
+def test_hosts_reach_each_other_on_a_network_of_their_own(hosts: Hosts) -> None:
     assert received(hosts, "a", "b") == 1
     assert received(hosts, "a", "c", to=GROUP) == 1
     assert not any(name.startswith("port") for _, name in socket.if_nameindex())
 
 
-def test_a_link_goes_down_and_up(hosts: Hosts) -> None:
+def test_link_that_is_down_passes_nothing_until_it_is_up(hosts: Hosts) -> None:
     hosts.link("b", up=False)
     assert received(hosts, "a", "b") == 0
     assert received(hosts, "a", "c") == 1
@@ -82,7 +82,7 @@ def test_a_link_goes_down_and_up(hosts: Hosts) -> None:
 
 
 @pytest.mark.parametrize("host", ["a", "b"])
-def test_loss_counts_fragments_and_the_sender_does_not_notice(hosts: Hosts, host: str) -> None:
+def test_loss_is_per_fragment_and_unnoticed_by_the_sender(hosts: Hosts, host: str) -> None:
     hosts.loss(host, 0.2)
     share = received(hosts, "a", "b", count=400) / 400
     assert share == pytest.approx(0.8, abs=0.1)  # five standard deviations
@@ -92,7 +92,7 @@ def test_loss_counts_fragments_and_the_sender_does_not_notice(hosts: Hosts, host
     assert received(hosts, "a", "b", count=100) == 100
 
 
-def test_partition(hosts: Hosts) -> None:
+def test_partitioned_hosts_do_not_reach_each_other(hosts: Hosts) -> None:
     hosts.partition("a", "b")
     assert received(hosts, "a", "b") == 1
     assert received(hosts, "a", "c") == received(hosts, "c", "b") == 0
@@ -100,13 +100,13 @@ def test_partition(hosts: Hosts) -> None:
     assert received(hosts, "a", "c") == received(hosts, "c", "b") == 1
 
 
-def test_no_multicast(hosts: Hosts) -> None:
+def test_multicast_can_be_blocked(hosts: Hosts) -> None:
     hosts.no_multicast()
     assert received(hosts, "a", "b", to=GROUP) == 0
     assert received(hosts, "a", "b") == 1
 
 
-def test_nothing_is_left(hosts: Hosts) -> None:
+def test_no_namespace_is_left_behind(hosts: Hosts) -> None:
     sleeper = hosts.popen("a", ["sh", "-c", "trap '' TERM; sleep 1000 & sleep 1000"])
     names = [*hosts._namespaces.values(), hosts._switch]
     assert all((Path("/run/netns") / name).exists() for name in names)

@@ -1,4 +1,4 @@
-"""With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST a node of ours stays on its machine.
+"""With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST our nodes stay on their machine.
 
 Our nodes take another range for it, and a profile (docs/network.md, Shared memory).
 """
@@ -22,7 +22,7 @@ def sent(hosts: Hosts, host: str) -> int:
 
 
 @pytest.mark.parametrize(("range_", "speaks"), [("LOCALHOST", False), ("SUBNET", True)])
-def test_whether_a_node_speaks_on_the_wire(range_: str, speaks: bool) -> None:
+def test_range_localhost_keeps_a_node_off_the_network(range_: str, speaks: bool) -> None:
     with Hosts("one", "two") as hosts:
         hosts.run("one", *["iptables", "-t", "raw", "-A", "OUTPUT", "-o", "eth0", "-p", "udp"])
         node = hosts.popen(

@@ -25,7 +25,8 @@ from typing import Any
 
 import pytest
 
-from mrs_tools.commands.keys import RECHECK_S, TeamKeys
+from mrs_tools.security.team_keys import TeamKeys
+from mrs_tools.security.tunnel import RECHECK_S
 from network import hosts as network
 from network.hosts import Hosts
 
@@ -354,7 +355,9 @@ def scenario(world: World) -> Seen:
     return result
 
 
-def test_the_team_works(seen: Seen, capsys: pytest.CaptureFixture[str]) -> None:
+def test_members_work_as_a_team_in_the_tunnel(
+    seen: Seen, capsys: pytest.CaptureFixture[str]
+) -> None:
     with capsys.disabled():
         print(f"\n{'':<12}{'people/s':>10}{'age, median':>14}{'95 %':>8}   [ms]")
         for how, (rate, median, most) in seen.rates.items():
@@ -363,7 +366,7 @@ def test_the_team_works(seen: Seen, capsys: pytest.CaptureFixture[str]) -> None:
     assert set(seen.rates) == {"tunnel", "plain UDP"}
 
 
-def test_outsiders_get_nothing_out(seen: Seen) -> None:
+def test_outsiders_receive_nothing(seen: Seen) -> None:
     assert len(seen.outsiders) == 5
     for spy, lines in seen.outsiders.items():
         assert len(lines) > 2, spy
@@ -372,45 +375,45 @@ def test_outsiders_get_nothing_out(seen: Seen) -> None:
         assert set(lines[-1]["nodes"]) <= {"spy_robot_x"}, spy
 
 
-def test_outsiders_get_nothing_in(seen: Seen) -> None:
+def test_messages_of_outsiders_do_not_arrive(seen: Seen) -> None:
     assert seen.robots_while_spied == set(ROBOTS)
     assert all(line["listeners"] == 0 for lines in seen.outsiders.values() for line in lines)
 
 
-def test_no_answer_to_plain_tcp_and_tls(seen: Seen) -> None:
+def test_tunnel_does_not_answer_plain_tcp_and_tls(seen: Seen) -> None:
     assert len(seen.knocks) == 6
     assert all(knock["got"] == 0 for knock in seen.knocks)
 
 
-def test_refused_for_the_right_reason(seen: Seen) -> None:
+def test_outsiders_are_refused_for_their_certificates(seen: Seen) -> None:
     assert "error=certificate revoked: CN=revoked" in seen.refusals
     assert "CN=foreign" in seen.refusals
     assert "peer did not return a certificate" in seen.refusals
 
 
-def test_member_gets_through_until_revoked(seen: Seen) -> None:
+def test_member_is_admitted_until_revoked(seen: Seen) -> None:
     assert seen.member_heard == HEARABLE
     assert seen.robots_after_revoking == set(ROBOTS)
     assert seen.heard_after_cut == 0
 
 
-def test_copy_of_a_folder_is_out_when_the_folder_is_revoked(seen: Seen) -> None:
-    """Until then both had thrown each other out, three times and more."""
+def test_copied_keys_are_refused_when_the_original_is_revoked(seen: Seen) -> None:
+    """Before that the two evicted each other at least three times."""
     assert seen.copy_came_back == 0
 
 
-def test_no_robot_is_taken_for_the_planner(seen: Seen) -> None:
+def test_robots_key_is_not_accepted_as_the_planners(seen: Seen) -> None:
     assert "error=unsuitable certificate purpose: CN=impostor" in seen.impostor
     assert "Initialization Sequence Completed" not in seen.impostor
 
 
-def test_plain_spies_hear_a_plain_team(seen: Seen) -> None:
-    """So they would have heard this one."""
+def test_outsiders_do_receive_an_unprotected_team(seen: Seen) -> None:
+    """This shows that they would have received the protected team, too."""
     assert set(seen.plain_spies) == {"spy-multicast", "spy-unicast"}
     assert all(lines[-1]["listeners"] for lines in seen.plain_spies.values())
 
 
-def test_nothing_leaves_the_members_but_tls(seen: Seen) -> None:
+def test_members_send_only_tls(seen: Seen) -> None:
     members = {f"10.77.0.{n}" for n in (1, 2, 3)}
     # (1: ICMP, which tells spies that nobody is there.)
     sent = [p for p in seen.packets if p["source"] in members]
@@ -418,16 +421,16 @@ def test_nothing_leaves_the_members_but_tls(seen: Seen) -> None:
     assert not any(p["plain"] for p in sent if p["protocol"] != 1)
 
 
-def test_nobody_else_is_listened_to(seen: Seen) -> None:
-    """On the hosts' own network there is one open port in all."""
+def test_members_have_one_open_port_in_all(seen: Seen) -> None:
+    """On the hosts' own network."""
     assert [line.split()[4] for line in seen.sockets["planner"]] == ["0.0.0.0:5101"]
     assert seen.sockets["robot_a"] == seen.sockets["robot_b"] == []
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(900)
-def test_the_team_is_back_after_outages(world: World, capsys: pytest.CaptureFixture[str]) -> None:
-    """How long until both robots are used again; nobody touches the nodes."""
+def test_members_recover_after_outages(world: World, capsys: pytest.CaptureFixture[str]) -> None:
+    """Prints how long it takes until both robots are used again, with no node restarted."""
     world.end(*world.tasks)
     shutil.rmtree(world.folder / "keys", ignore_errors=True)
     keys = TeamKeys.create(world.folder / "keys", world.hosts.addresses["planner"])

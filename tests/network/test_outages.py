@@ -1,4 +1,4 @@
-"""Cables are pulled, packets are lost, processes are killed; three robots and a planner, each on
+"""Links fail, packets are lost, processes are killed; three robots and a planner, each on
 its host. What is measured is printed, and held against what docs/network.md promises of it.
 """
 
@@ -66,7 +66,7 @@ def back_after(team: TeamOnHosts, outage_s: float) -> float:
 
 
 def test_images_stay_on_their_robot(team: TeamOnHosts, show: Show) -> None:
-    """What leaves a robot's host against the images that its node gets."""
+    """Compares what a robot's host sends with the images that its node receives."""
     before, began = team.hosts.bytes_sent(FAR), time.monotonic()
     time.sleep(3.0)
     rate = (team.hosts.bytes_sent(FAR) - before) / (time.monotonic() - began)
@@ -75,8 +75,8 @@ def test_images_stay_on_their_robot(team: TeamOnHosts, show: Show) -> None:
     assert 0 < rate < 0.5 * images
 
 
-def test_nodes_announce_themselves_as_the_profile_says(team: TeamOnHosts) -> None:
-    """By themselves the planner and the listener on its host do at most 4 times in 5 s."""
+def test_nodes_announce_themselves_at_the_rate_of_the_profile(team: TeamOnHosts) -> None:
+    """Without the profile the planner and the listener on its host do so at most 4 times in 5 s."""
     addresses = [team.hosts.addresses[PLAYED[0]], team.hosts.addresses[PLANNER]]
     command = [sys.executable, "-c", ANNOUNCEMENTS, *addresses]
     process = team.hosts.popen(PLAYED[0], command, stdout=subprocess.PIPE, text=True)
@@ -92,7 +92,7 @@ def test_nodes_announce_themselves_as_the_profile_says(team: TeamOnHosts) -> Non
     process.communicate()
 
 
-def test_a_link_goes_down(team: TeamOnHosts, show: Show) -> None:
+def test_team_recovers_after_a_link_was_down(team: TeamOnHosts, show: Show) -> None:
     what = "link down for 1 s: people are back after link up"
     nine_of_ten(lambda: back_after(team, 1.0), BACK_S, what, show=show)
     team.full_rate()
@@ -104,7 +104,7 @@ def test_a_link_goes_down(team: TeamOnHosts, show: Show) -> None:
     ("outage_s", "bound_s", "tries"),
     [(3, BACK_S, 10), (30, LONG_BACK_S, 10), (120, LONG_BACK_S, 3)],
 )
-def test_a_link_goes_down_for_long(
+def test_team_recovers_after_a_link_was_down_for_long(
     team: TeamOnHosts, show: Show, outage_s: float, bound_s: float, tries: int
 ) -> None:
     what = f"link down for {outage_s:g} s: people are back after link up"
@@ -135,14 +135,14 @@ def under_loss(team: TeamOnHosts, show: Show, probability: float, seconds: float
 @pytest.mark.parametrize(
     "seconds", [12.0, pytest.param(60.0, marks=[pytest.mark.soak, pytest.mark.timeout(600)])]
 )
-def test_packets_are_lost(team: TeamOnHosts, show: Show, seconds: float) -> None:
+def test_team_works_while_packets_are_lost(team: TeamOnHosts, show: Show, seconds: float) -> None:
     team.full_rate()
     show(f"{'none lost':>20s}: {Span.of(team, 2.0)}")
     for probability in LOST:
         under_loss(team, show, probability, seconds)
 
 
-def test_planner_is_cut_off_for_3_s(team: TeamOnHosts, show: Show) -> None:
+def test_planner_recovers_after_3_s_without_network(team: TeamOnHosts, show: Show) -> None:
     def back() -> float:
         team.hosts.partition(PLANNER)
         time.sleep(3.0)
@@ -156,7 +156,7 @@ def test_planner_is_cut_off_for_3_s(team: TeamOnHosts, show: Show) -> None:
     team.full_rate()
 
 
-def test_a_robot_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> None:
+def test_restarted_robot_is_used_again(team: TeamOnHosts, show: Show) -> None:
     def back() -> float:
         team.nodes[FAR].kill()
         team.nodes[FAR].wait()
@@ -170,7 +170,7 @@ def test_a_robot_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> N
     team.full_rate()
 
 
-def test_planner_is_killed_and_started_again(team: TeamOnHosts, show: Show) -> None:
+def test_restarted_planner_finds_people_again(team: TeamOnHosts, show: Show) -> None:
     def back() -> float:
         team.nodes[PLANNER].kill()
         team.nodes[PLANNER].wait()

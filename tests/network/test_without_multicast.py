@@ -1,4 +1,4 @@
-"""Three robots and a planner on four hosts that get no multicast from each other."""
+"""Three robots and a planner on four hosts without multicast between them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ def team(tmp_path: Path) -> Iterator[TeamOnHosts]:
         yield made
 
 
-def test_discovery_server(team: TeamOnHosts, show: Show, tmp_path: Path) -> None:
-    """It is on the planner's host; the planner is not told which robots there are."""
+def test_team_meets_through_a_discovery_server(
+    team: TeamOnHosts, show: Show, tmp_path: Path
+) -> None:
+    """The server is on the planner's host; the planner has no list of robots."""
     env = discovery_environment(server=team.hosts.addresses[PLANNER])
     team.env = dict.fromkeys([*ROBOTS, PLANNER], env)
 
@@ -72,8 +74,8 @@ def test_discovery_server(team: TeamOnHosts, show: Show, tmp_path: Path) -> None
     team.full_rate()
 
 
-def test_peers(team: TeamOnHosts, show: Show) -> None:
-    """Each robot is told of the planner; nobody has to be told of the robots."""
+def test_peers_meet_without_multicast(team: TeamOnHosts, show: Show) -> None:
+    """Each robot has the planner as a peer; the planner has none."""
     env = discovery_environment(peers=team.hosts.addresses[PLANNER])
     team.env = {REAL: env, NEAR: env}  # not FAR, which therefore finds nobody
     team.listen()

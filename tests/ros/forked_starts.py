@@ -38,7 +38,7 @@ def start(executable: str, arguments: list[str], log: IO[bytes]) -> int:
 
 def main() -> None:
     """Starts all."""
-    for name in ("robot_node.node", "planner_node.node", "mrs_ros.managed_node"):
+    for name in ("robot_node.node", "planner_node.node", "mrs_ros.running"):
         importlib.import_module(name)
     results = []
     for executable, arguments in json.load(sys.stdin):

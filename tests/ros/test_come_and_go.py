@@ -1,4 +1,4 @@
-"""Robots and planners that are killed, start again, join and leave; nobody restarts the others."""
+"""Robots and planners are killed, restarted, join and leave; the others keep running."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
     peer.close()
 
 
-def test_without_a_robot_the_planner_waits(life: Life) -> None:
+def test_planner_waits_while_there_is_no_robot(life: Life) -> None:
     finding = life.peer.until_finding("/planner_node", "intervals", lambda f: f.level == STALE)
     assert finding.message.startswith("no robot yet")
     assert life.people == []
 
 
-def test_robots_join_one_after_the_other(life: Life) -> None:
+def test_robots_join_one_after_another(life: Life) -> None:
     for number, robot in enumerate(ROBOTS):
         life.start(robot)
         life.until_seen_by(*ROBOTS[: number + 1])
     life.until(lambda: len(life.people[-1].persons) == 5, "all five people")
 
 
-def test_a_robot_that_was_stopped_and_goes_on_puts_nobody_back(life: Life) -> None:
-    """What it had in its hands is seconds old when it comes."""
+def test_late_scans_of_a_resumed_robot_are_in_no_interval(life: Life) -> None:
+    """What it was working on when it was stopped is seconds old when it arrives."""
     life.until_seen_by(*ROBOTS)
     first = len(life.people)
     for _ in range(2):
@@ -69,7 +69,7 @@ def test_a_robot_that_was_stopped_and_goes_on_puts_nobody_back(life: Life) -> No
     assert all(len(message.persons) <= 5 for message in since)
 
 
-def test_a_killed_robot_is_done_without_and_comes_back(life: Life) -> None:
+def test_team_goes_on_without_a_killed_robot_until_it_returns(life: Life) -> None:
     before = life.people[-1]
     kill(life.robots["robot_b"])
     life.until_seen_by("robot_a", "robot_c")
@@ -91,21 +91,21 @@ def _message(life: Life, name: str) -> str:
     return finding.message if finding and finding.level == ERROR else ""
 
 
-def test_a_planner_is_on_the_network_before_it_has_loaded_everything() -> None:
-    """What takes longest is loaded while it meets the robots, or not at all."""
+def test_planner_is_on_the_network_before_its_libraries_are_loaded() -> None:
+    """The slowest libraries are loaded during discovery, or not at all."""
     code = "import sys, planner_node.node; print({'cv2', 'scipy'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 
 
-def test_a_killed_planner_picks_up(life: Life) -> None:
+def test_planner_that_was_killed_works_again_after_a_restart(life: Life) -> None:
     kill(life.planner)
     life.planner = life.team.start("planner_node")
     life.until_seen_by(*ROBOTS)
     life.until(lambda: len(life.people[-1].persons) == 5, "all five people")
 
 
-def test_a_robot_that_leaves_is_let_go(life: Life) -> None:
+def test_planner_unsubscribes_from_a_robot_that_has_left(life: Life) -> None:
     life.robots["robot_c"].stop()
     life.until_seen_by("robot_a", "robot_b")
     assert life.planner.alive
@@ -160,7 +160,7 @@ def play(
     return robots_in(planner.people[-1]) if planner.people else []
 
 
-def test_eight_robots(planner: PlannerPeer, eight: list[PlayedRobot]) -> None:
+def test_eight_robots_see_one_person(planner: PlannerPeer, eight: list[PlayedRobot]) -> None:
     names = [f"robot_{number}" for number in range(8)]
     planner.peer.until(lambda: play(planner, eight) == names, lambda: planner.process.log)
     (person,) = planner.people[-1].persons
@@ -176,7 +176,7 @@ def test_eight_robots(planner: PlannerPeer, eight: list[PlayedRobot]) -> None:
         (0.5, r"its clock is 0\.[345]\d+ s ahead of the others': its scans are left out"),
     ],
 )
-def test_a_robot_whose_clock_is_off_is_named_and_left_out(
+def test_robot_with_a_wrong_clock_is_reported_and_left_out(
     planner: PlannerPeer, eight: list[PlayedRobot], ahead_s: float, wanted: str
 ) -> None:
     names = [f"robot_{number}" for number in range(8)]
@@ -196,7 +196,9 @@ def test_a_robot_whose_clock_is_off_is_named_and_left_out(
     planner.peer.until(lambda: play(planner, eight) == names, lambda: planner.process.log)
 
 
-def test_a_robot_whose_pose_is_off_is_named(planner: PlannerPeer, eight: list[PlayedRobot]) -> None:
+def test_robot_with_a_wrong_pose_is_reported(
+    planner: PlannerPeer, eight: list[PlayedRobot]
+) -> None:
     people = ((2.0, 1.0), (2.9, 1.4), (1.2, 0.1))
 
     def named() -> bool:

@@ -1,4 +1,4 @@
-"""planner_node without a list of robots: they are found as they appear, and nothing else is."""
+"""planner_node without a list of robots discovers them as they appear, and nothing else."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ def test_robot_is_found_when_it_appears(planner: PlannerPeer, robot: PlayedRobot
     assert holds(log, [r"WARN.*found robot_a, and takes it for .*`robots: \[robot_a\]`"]), log
 
 
-def test_one_robot_is_answered_at_once(planner: PlannerPeer, robot: PlayedRobot) -> None:
-    """There is nobody to wait for: below `max_wait`, nine times of ten, if the machine is busy."""
+def test_single_robot_is_not_waited_for(planner: PlannerPeer, robot: PlayedRobot) -> None:
+    """The answer takes less than `max_wait`, nine times of ten on a busy machine."""
     took_s = []
     for _ in range(10):
         stamp_ns = planner.now()
@@ -84,8 +84,8 @@ def test_one_robot_is_answered_at_once(planner: PlannerPeer, robot: PlayedRobot)
     assert sorted(took_s)[-2] < 4.0
 
 
-def test_what_is_no_robot_is_let_alone(planner: PlannerPeer, robot: PlayedRobot) -> None:
-    """All of it was there before the robot that was found."""
+def test_topics_of_no_robot_are_ignored(planner: PlannerPeer, robot: PlayedRobot) -> None:
+    """The other topics were there before the robot that was found."""
     _answer(planner, robot)
     wanted = {"/robot_a/points", "/robot_a/pose"}
     planner.peer.until(  # the graph lags behind what is heard
@@ -115,8 +115,8 @@ def test_robot_in_a_nested_namespace_joins(planner: PlannerPeer, robot: PlayedRo
     planner.peer.must_set(planner.node, interval__robot_timeout=0.2)  # it leaves again
 
 
-def test_robot_without_a_pose_is_named(planner: PlannerPeer, robot: PlayedRobot) -> None:
-    """It offers `pose` but sends none: its scans cannot be placed, the others' are."""
+def test_robot_without_a_pose_is_reported(planner: PlannerPeer, robot: PlayedRobot) -> None:
+    """It advertises `pose` but publishes none: its scans cannot be placed, those of others are."""
     lost = PlayedRobot(planner.peer, "robot_l", (0.0, 0.0, 0.0))
     lost.announce()
 
@@ -144,7 +144,7 @@ def test_robot_without_a_pose_is_named(planner: PlannerPeer, robot: PlayedRobot)
 def test_robot_that_left_and_came_back_joins_again(
     planner: PlannerPeer, robot: PlayedRobot
 ) -> None:
-    """The same name, a new process: its publishers end and others take their place."""
+    """A new process of the same name: its publishers replace those before."""
     planner.peer.must_set(planner.node, interval__max_wait=5.0, interval__robot_timeout=60.0)
     for topic in ("points", "pose"):
         planner.peer.silence(f"/{robot.name}/{topic}")
@@ -155,7 +155,7 @@ def test_robot_that_left_and_came_back_joins_again(
     _answer(planner, robot)
 
 
-def test_second_planner_is_named(planner: PlannerPeer) -> None:
+def test_second_planner_is_reported(planner: PlannerPeer) -> None:
     planner.peer.publisher(People, "/people")
     finding = planner.until_finding("people", lambda f: f.level == ERROR)
     wanted = r"2 publishers on /people: /peer, /planner_node; another planner, .* ROS_DOMAIN_ID"

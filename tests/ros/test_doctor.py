@@ -1,7 +1,7 @@
-"""`mrs doctor` looking at real nodes over DDS (its words: tests/tools/test_doctor.py).
+"""`mrs doctor` with real nodes over DDS (its sentences: tests/tools/diagnosis).
 
-Each misdiagnosis that it must not make, as it comes about: nodes are processes, what they lack is
-left out or sent wrong, and what stands on top is the cause.
+Nodes are processes whose inputs are missing or wrong; the cause must be on top, and below it what
+follows from it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from mrs_tools.commands import doctor as tool
-from mrs_tools.commands.doctor import Check
+from mrs_tools.diagnosis.diagnose import Check, diagnose
+from mrs_tools.diagnosis.facts import ERROR, OK
+from mrs_tools.diagnosis.look import look
 from ros.harness import DEADLINE_S, Finding, Peer, Team
 from ros.harness import ERROR as ERROR_LEVEL
 from ros.recording import Recording, set_stamp
@@ -40,7 +41,7 @@ def looked(peer: Peer, meanwhile: Callable[[], object] = lambda: None) -> list[C
         meanwhile()
         peer.spin(0.1)
 
-    return [c for c in tool.diagnose(tool.look(peer.node, 1.2, spin)) if c.level != tool.OK]
+    return [c for c in diagnose(look(peer.node, 1.2, spin)) if c.level != OK]
 
 
 def until_said(
@@ -66,7 +67,7 @@ def about(checks: list[Check], subject: str) -> Check | None:
     return next((check for check in checks if check.subject == subject), None)
 
 
-def test_an_empty_network(domain: int) -> None:
+def test_empty_network_is_an_error(domain: int) -> None:
     told = doctor()
     assert told.returncode == 1, told.stderr
     assert f"no robot_node and no planner_node in ROS domain {domain}" in told.stdout
@@ -85,8 +86,8 @@ def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     return made
 
 
-def test_a_stranger_and_missing_inputs(robot: RobotPeer, domain: int) -> None:
-    """Nobody sends images or odometry, and somebody hears `people` as what it is not."""
+def test_missing_inputs_and_a_wrong_type_are_reported(robot: RobotPeer, domain: int) -> None:
+    """No images or odometry are published, and a subscriber has the wrong type for `people`."""
     stranger = Peer(domain, "stranger")
     try:
         stranger.hear(String, "/people")
@@ -120,8 +121,8 @@ def camera(robot: RobotPeer, change: Callable[[MutableView], object]) -> Callabl
     return send
 
 
-def test_raw_images_alone(robot: RobotPeer) -> None:
-    """The driver rectifies nothing: the parameter for that is named."""
+def test_raw_images_without_rectified_ones_name_the_parameter(robot: RobotPeer) -> None:
+    """The driver does not rectify: the parameter for that is named."""
     subject, raw = f"{ROBOT}: left/image_rect", "/robot_a/left/image_raw"
     robot.peer.publisher(Image, raw)
     try:
@@ -158,10 +159,10 @@ def unstamped(view: MutableView) -> None:
         (unstamped, "stamp is 0: its sender sets none"),
     ],
 )
-def test_images_that_are_all_refused_are_the_error_on_top(
+def test_refused_images_are_the_cause_and_the_rest_follows(
     robot: RobotPeer, change: Callable[[MutableView], None], words: str
 ) -> None:
-    """And a planner without data is what follows, not a network to look at."""
+    """The planner's missing data follows from that, and is not blamed on the network."""
     subjects = [f"{ROBOT}: {side}/image_rect" for side in ("left", "right")]
 
     def complete(said: list[Check]) -> bool:
@@ -171,13 +172,13 @@ def test_images_that_are_all_refused_are_the_error_on_top(
         )
 
     said = until_said(robot.peer, complete, camera(robot, change))
-    errors = [check for check in said if check.level == tool.ERROR]
+    errors = [check for check in said if check.level == ERROR]
     assert [check.subject for check in errors] == subjects
     assert "all of the last" in errors[-1].text
     assert not any("firewall" in check.advice for check in said)
 
 
-def test_a_stopped_camera_is_silent_and_its_clock_is_right(robot: RobotPeer) -> None:
+def test_stopped_camera_is_not_taken_for_a_wrong_clock(robot: RobotPeer) -> None:
     robot.warm_up()
 
     def wanted(said: list[Check]) -> bool:
@@ -196,8 +197,8 @@ def test_a_stopped_camera_is_silent_and_its_clock_is_right(robot: RobotPeer) -> 
     assert robot_finding.values["code"] == "scan_silent"
 
 
-def test_two_publishers_of_odometry(robot: RobotPeer, domain: int) -> None:
-    """It is said, and by whom, as for `points`."""
+def test_two_publishers_of_odometry_are_named(robot: RobotPeer, domain: int) -> None:
+    """With the names of their nodes, as for `points`."""
     other = Peer(domain, "other_base")
     try:
         publisher = other.publisher(Odometry, "/robot_a/odom")
@@ -216,14 +217,14 @@ def test_two_publishers_of_odometry(robot: RobotPeer, domain: int) -> None:
         )
         check = about(checks, f"{ROBOT}: odom")
         assert check is not None
-        assert check.level == tool.ERROR
+        assert check.level == ERROR
         assert "2 publishers on /robot_a/odom: /other_base, /peer; one is wanted" in check.text
     finally:
         other.close()
 
 
-def test_life_cycle_and_who_should_not_be_there(robot: RobotPeer, team: Team, domain: int) -> None:
-    """Nodes that wait or were shut down do not hang; who is one too many is named."""
+def test_inactive_and_surplus_nodes_are_reported(robot: RobotPeer, team: Team, domain: int) -> None:
+    """Nodes that wait or were shut down are not reported as hanging; duplicates are named."""
     peer = robot.peer
     team.start("robot_node", namespace="/robot_b", params={"autostart": "false"})
     team.start("robot_node")
@@ -246,14 +247,14 @@ def test_life_cycle_and_who_should_not_be_there(robot: RobotPeer, team: Team, do
         said = until_said(peer, complete)
         checks = {check.subject: check for check in said}
         waits, ended, lone, people = (checks[node] for node in nodes)
-        assert waits.text.startswith("is unconfigured: hears and sends nothing")
+        assert waits.text.startswith("is unconfigured: receives and sends nothing")
         assert "ros2 lifecycle set /robot_b/robot_node configure" in waits.advice
         assert ended.text.startswith("is finalized: it was shut down")
         assert "/planner_node: robot_a/points" in str(ended.follows)
         assert "hang" not in str([waits.advice, ended.advice])
         assert "without a namespace" in lone.text
         assert people.text == "2 nodes publish it: /planner_node, /planner_two"
-        viewed = tool.diagnose(tool.look(peer.node, 0.5, lambda: peer.spin(0.1)))[-1]
+        viewed = diagnose(look(peer.node, 0.5, lambda: peer.spin(0.1)))[-1]
         assert viewed.text == "2 run: /mrs_people_11, /mrs_people_22"
     finally:
         for one in (second, *viewers):

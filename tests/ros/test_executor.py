@@ -1,4 +1,4 @@
-"""What waits for messages, with and without the executor that rclpy calls experimental."""
+"""The nodes' executor, with and without the one that rclpy calls experimental."""
 
 import sys
 
@@ -6,11 +6,11 @@ import pytest
 import rclpy
 from std_msgs.msg import String
 
-from mrs_ros.managed_node import _executor
+from mrs_ros.running import make_executor
 
 
 @pytest.mark.parametrize("has_events", [True, False])
-def test_messages_come_and_errors_go_through(monkeypatch, domain, has_events):
+def test_executor_delivers_messages_and_raises_errors(monkeypatch, domain, has_events):
     if not has_events:
         monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
     rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)
@@ -23,7 +23,7 @@ def test_messages_come_and_errors_go_through(monkeypatch, domain, has_events):
 
         node.create_subscription(String, "words", take, 10)
         node.create_timer(0.05, lambda: publisher.publish(String(data="heard")))
-        executor = _executor()
+        executor = make_executor()
         assert (type(executor).__name__ == "EventsExecutor") == has_events
         executor.add_node(node)
 

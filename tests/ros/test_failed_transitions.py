@@ -1,8 +1,9 @@
-"""A transition that fails leaves a managed node as it was before, in what it says and in fact."""
+"""A transition that fails leaves a managed node in the state that it reports."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import rclpy
@@ -29,6 +30,7 @@ class Fragile(ManagedNode):
         super().__init__("fragile", PlannerConfig)
         self.failures: dict[str, Exception] = {}
         self.stopped = 0
+        self.was_active = False  # when it began to start
 
     def _fail(self, where: str) -> None:
         if where in self.failures:
@@ -36,10 +38,13 @@ class Fragile(ManagedNode):
 
     def set_up(self) -> None:
         self.out = self.offer(String, "out", 1)
+        self.offer(String, "other_out", 1)
         self._fail("set_up")
 
     def start(self) -> None:
+        self.was_active = self.is_active
         self.listen(String, "in", lambda message: None, STREAM)
+        self.listen(String, "other_in", lambda message: None, STREAM)
         self._fail("start")
 
     def stop(self) -> None:
@@ -92,7 +97,7 @@ def test_configuration_that_fails_leaves_nothing(
         (ValueError("a bug"), ERROR, "unconfigured"),
     ],
 )
-def test_activation_that_fails_is_taken_back(
+def test_activation_that_fails_is_undone(
     node: Fragile, error: Exception, result: TransitionCallbackReturn, state: str
 ) -> None:
     assert node.trigger_configure() == SUCCESS
@@ -118,7 +123,7 @@ def test_activation_that_fails_is_taken_back(
 
 @pytest.mark.parametrize("error", [CameraError("broken"), ValueError("a bug")])
 def test_node_that_cannot_stop_is_torn_down(node: Fragile, error: Exception) -> None:
-    """Half stopped is not active: the state says what it is."""
+    """A node that is stopped in part is not active."""
     assert node.trigger_configure() == SUCCESS
     assert node.trigger_activate() == SUCCESS
     node.failures["stop"] = error
@@ -127,6 +132,62 @@ def test_node_that_cannot_stop_is_torn_down(node: Fragile, error: Exception) -> 
     assert not node.is_active
     assert not node.inputs
     assert not node.count_publishers("/test/out")
+
+
+def test_node_is_configured_and_active_only_while_it_is(node: Fragile) -> None:
+    """Not while it sets up or starts: a transition that fails there was never made."""
+    assert node.trigger_configure() == SUCCESS
+    assert not node.takes_a_structure()
+    assert node.trigger_activate() == SUCCESS
+    assert not node.was_active
+    assert node.is_active
+    assert node.trigger_deactivate() == SUCCESS
+    assert not node.is_active
+    assert not node.takes_a_structure()
+    assert node.trigger_cleanup() == SUCCESS
+    assert node.takes_a_structure()
+
+
+@pytest.mark.parametrize("topic", ["in", "other_in"])
+def test_input_that_cannot_be_ended_leaves_no_other_input(node: Fragile, topic: str) -> None:
+    assert node.trigger_configure() == SUCCESS
+    assert node.trigger_activate() == SUCCESS
+    broken = node.inputs[topic]
+    destroy = broken.destroy
+
+    def fail() -> None:
+        destroy()
+        raise ValueError("a bug")
+
+    broken.destroy = fail  # type: ignore[method-assign]
+    assert node.trigger_deactivate() == ERROR
+    assert node.state == "unconfigured"
+    assert not node.is_active
+    assert node.stopped == 1
+    assert not node.inputs
+    assert not node.count_subscribers("/test/in")
+    assert not node.count_subscribers("/test/other_in")
+    assert node.trigger_configure() == SUCCESS
+    assert node.trigger_activate() == SUCCESS
+
+
+@pytest.mark.parametrize("kept", ["/test/out", "/test/other_out"])
+def test_output_that_cannot_be_ended_leaves_no_other_output(
+    node: Fragile, monkeypatch: pytest.MonkeyPatch, kept: str
+) -> None:
+    destroy = node.destroy_lifecycle_publisher
+
+    def destroy_others(publisher: Any) -> None:
+        if publisher.topic_name == kept:
+            raise ValueError("a bug")
+        destroy(publisher)
+
+    assert node.trigger_configure() == SUCCESS
+    monkeypatch.setattr(node, "destroy_lifecycle_publisher", destroy_others)
+    assert node.trigger_cleanup() == ERROR
+    assert node.count_publishers("/test/out") == (kept == "/test/out")
+    assert node.count_publishers("/test/other_out") == (kept == "/test/other_out")
+    assert not node.count_publishers("/diagnostics")
 
 
 def test_error_that_cannot_be_undone_finalizes_the_node(

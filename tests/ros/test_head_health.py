@@ -1,4 +1,4 @@
-"""What robot_node says of its head: it sits elsewhere than configured, or it is blind."""
+"""robot_node reports a head that is not where it is configured to be, or that is blind."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def views(robot: RobotPeer) -> Views:
     return Views(robot)
 
 
-def test_a_head_that_sits_right_and_sees(robot: RobotPeer, views: Views) -> None:
+def test_correctly_mounted_head_that_sees_is_ok(robot: RobotPeer, views: Views) -> None:
     views.send(6)
     mounting = robot.until_finding("mounting", lambda f: "by_the_floor" in f.values)
     assert (mounting.level, mounting.message) == (OK, "ok")
@@ -71,8 +71,8 @@ def test_a_head_that_sits_right_and_sees(robot: RobotPeer, views: Views) -> None
     assert float(head.values["right_mean"]) > 50
 
 
-def test_a_mounting_that_is_three_degrees_off(robot: RobotPeer, views: Views) -> None:
-    """The head stays; it is the configuration that moves."""
+def test_mounting_that_is_three_degrees_off_is_reported(robot: RobotPeer, views: Views) -> None:
+    """Here the configuration is changed, not the head."""
     robot.peer.must_set(robot.node, mounting__pitch=TILTED)
     views.send(6)
     finding = robot.until_finding("mounting", lambda f: f.level == WARN)
@@ -84,7 +84,7 @@ def test_a_mounting_that_is_three_degrees_off(robot: RobotPeer, views: Views) ->
     robot.until_finding("mounting", lambda f: (f.level, f.message) == (OK, "ok"))
 
 
-def test_the_watch_can_be_switched_off(robot: RobotPeer, views: Views) -> None:
+def test_floor_watch_can_be_switched_off(robot: RobotPeer, views: Views) -> None:
     robot.peer.must_set(robot.node, mounting__pitch=TILTED, floor__watch=False)
     views.send(6)
     finding = robot.until_finding("mounting", lambda f: "not watched" in f.message)
@@ -93,7 +93,9 @@ def test_the_watch_can_be_switched_off(robot: RobotPeer, views: Views) -> None:
 
 
 @pytest.mark.parametrize("camera", ["right", "left"])
-def test_a_covered_lens_is_named(robot: RobotPeer, views: Views, camera: str) -> None:
+def test_covered_lens_is_reported_with_its_camera(
+    robot: RobotPeer, views: Views, camera: str
+) -> None:
     views.send(6, apart_s=0.1)
     robot.until_finding("head", lambda f: f.level == OK)
     views.send(6, apart_s=0.1, black=camera)
@@ -104,10 +106,8 @@ def test_a_covered_lens_is_named(robot: RobotPeer, views: Views, camera: str) ->
     robot.until_finding("head", lambda f: (f.level, f.message) == (OK, "ok"))
 
 
-def test_what_was_seen_before_stamps_jump_back_does_not_count(
-    robot: RobotPeer, views: Views
-) -> None:
-    """A bag that begins again: one view is enough for a head that was blind."""
+def test_views_before_a_jump_back_of_stamps_do_not_count(robot: RobotPeer, views: Views) -> None:
+    """As in a bag that loops: one view is enough for a head that was blind."""
     views.send(6, apart_s=0.1, black="left")
     robot.until_finding("head", lambda f: f.level == WARN)
     views.stamp_ns -= 100 * SECOND
@@ -125,10 +125,8 @@ def test_what_was_seen_before_stamps_jump_back_does_not_count(
     robot._last_ns = views.stamp_ns
 
 
-def test_calibrate_measures_a_head_that_is_running(
-    robot: RobotPeer, peer: Peer, tmp_path: Path
-) -> None:
-    """The command as a process of its own, on the images that the robot gets."""
+def test_calibrate_measures_a_running_head(robot: RobotPeer, peer: Peer, tmp_path: Path) -> None:
+    """The command runs as a process of its own, on the images that the robot receives."""
     command = [sys.executable, "-m", "mrs_tools", "calibrate", "-r", robot.namespace, "-d", "6"]
     out, err = tmp_path / "out", tmp_path / "err"
     with out.open("wb") as to_out, err.open("wb") as to_err:
@@ -155,10 +153,10 @@ def test_calibrate_measures_a_head_that_is_running(
     assert mounting["roll"] == pytest.approx(0.0, abs=0.012)
 
 
-def test_images_that_waited_and_do_not_fit_are_the_image_topics_fault(
+def test_waiting_images_that_do_not_fit_count_against_the_image_topic(
     team: Team, peer: Peer, recording: Recording
 ) -> None:
-    """Not that of the camera_info that came last, which is as right as the others."""
+    """Not against the camera_info that came last, which is as correct as the others."""
     node = team.start("robot_node", namespace="/robot_wide", params=PARAMS)
     robot = RobotPeer(peer, node, recording, "robot_wide")
     peer.until_active(node.name)

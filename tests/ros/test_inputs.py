@@ -1,4 +1,4 @@
-"""What an input says of what it refuses: whose fault it is, and whose it is not."""
+"""Which refused messages an input counts as faults of their sender."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
+from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, ScanError
 from mrs_people_loc.health.findings import OK, WARN, Code
-from mrs_people_loc.team.clocks import Order, StampOrder
 from mrs_ros import diagnostics
 from mrs_ros.diagnostics import Input
 from mrs_ros.qos import STREAM
@@ -58,7 +58,7 @@ def heard() -> Iterator[Heard]:
     rclpy.shutdown(context=context)
 
 
-def test_what_is_refused_until_a_jump_back_is_believed_blames_nobody(heard: Heard) -> None:
+def test_refusals_until_a_jump_back_is_believed_are_no_fault(heard: Heard) -> None:
     for _ in range(3):
         heard.take(10.0, 10.2)
         for second in (1.0, 1.2, 1.4, 1.6):
@@ -68,7 +68,7 @@ def test_what_is_refused_until_a_jump_back_is_believed_blames_nobody(heard: Hear
     assert dict(heard.input.dropped) == {"jumped_back": 6}
 
 
-def test_a_message_that_is_late_is_blamed_when_the_next_one_is_not(heard: Heard) -> None:
+def test_single_late_message_is_a_fault(heard: Heard) -> None:
     heard.take(10.0, 5.0, 10.2)
     assert heard.says() == (WARN, Code.SOME_REFUSED)
     assert "1 dropped; last: wanted: newer" in heard.input.finding().message
@@ -76,14 +76,14 @@ def test_a_message_that_is_late_is_blamed_when_the_next_one_is_not(heard: Heard)
 
 
 @pytest.mark.parametrize("seconds", [[10.0], [5.0, 5.0, 5.0], [0.0, 0.0, 0.0], [9.5]])
-def test_what_is_no_jump_is_blamed(heard: Heard, seconds: list[float]) -> None:
-    """Repeated stamps, a clock that stands still, none at all, or a little late."""
+def test_stamps_that_do_not_increase_are_a_fault(heard: Heard, seconds: list[float]) -> None:
+    """Repeated stamps, a stopped clock, no stamps, and stamps that are a little late."""
     heard.take(10.0, *seconds)
     assert heard.says()[1] in (Code.SOME_REFUSED, Code.ALL_REFUSED)
     assert dict(heard.input.dropped) == {"ScanError": len(seconds)}
 
 
-def test_what_is_under_way_when_clock_jumps_is_counted_and_blames_nobody(heard: Heard) -> None:
+def test_messages_on_their_way_when_clock_jumps_are_counted_but_no_fault(heard: Heard) -> None:
     heard.take(10.0)
     heard.error = OutdatedError("of before")
     heard.take(10.2, 10.4, 10.6, 10.8)
@@ -94,7 +94,7 @@ def test_what_is_under_way_when_clock_jumps_is_counted_and_blames_nobody(heard: 
     assert dict(heard.input.dropped) == {"OutdatedError": 4}
 
 
-def test_who_goes_on_sending_of_before_clock_jumped_is_told_apart(
+def test_sender_that_does_not_follow_clock_is_reported_as_outdated(
     heard: Heard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard.error = OutdatedError("of before")

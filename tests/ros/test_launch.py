@@ -140,7 +140,9 @@ def refused(ros2: str, home: Path) -> dict[str, Launched]:
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_launch_says_what_is_wrong(refused: dict[str, Launched], home: Path, name: str) -> None:
+def test_launch_reports_wrong_arguments(
+    refused: dict[str, Launched], home: Path, name: str
+) -> None:
     said, _ = refused[name].process.communicate(timeout=DEADLINE_S)
     assert refused[name].process.returncode == 1
     assert holds(said, [WRONG[name][1].replace("HOME", str(home))]), said
@@ -169,10 +171,10 @@ def included(ros2: str, home: Path) -> Iterator[Launched]:
     made.end()
 
 
-def test_team_waits_where_it_is_told_to(
+def test_team_with_autostart_false_waits_unconfigured(
     ros2: str, team: Launched, included: Launched, peer: Peer
 ) -> None:
-    """`autostart:=false` is for all nodes, and so is the file: in `~`, with others' sections."""
+    """`autostart:=false` and the file, in `~` and with sections of others, apply to all nodes."""
     for node in ("/robot_a/robot_node", "/planner_node"):
         peer.until(lambda n=node: peer.state(n) == "unconfigured", f"{node} does not wait")  # type: ignore[misc]
     where = ("/robot_a/robot_node", "--no-daemon", "--spin-time", "2")
@@ -190,10 +192,10 @@ def test_team_waits_where_it_is_told_to(
     assert peer.change_state("/robot_a/robot_node", "activate")
 
 
-def test_launch_file_may_be_included_by_one_with_arguments_of_its_own(
+def test_launch_file_can_be_included_by_one_with_more_arguments(
     included: Launched, peer: Peer
 ) -> None:
-    """What is asked of that is not refused here; without `autostart` nodes start."""
+    """The arguments of that file are not refused here; without `autostart` the nodes start."""
     peer.until_active("/robot_b/robot_node")
 
 

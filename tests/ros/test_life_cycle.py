@@ -1,4 +1,4 @@
-"""Managed nodes: they start themselves, or are led through their states; and they end cleanly."""
+"""Managed nodes start by themselves or by lifecycle transitions, and end cleanly."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ ROBOT_INPUTS = {
 }
 
 
-def test_robot_is_led_through_its_states(robot: RobotPeer) -> None:
+def test_robot_follows_lifecycle_transitions(robot: RobotPeer) -> None:
     peer, node = robot.peer, robot.node
     assert peer.state(node) == "unconfigured"
     assert peer.published_by(node) == {}
@@ -134,7 +134,7 @@ def _until_topics(peer: Peer, node: str, offered: set[str], heard: set[str]) -> 
     peer.until(lambda: now() == (offered, heard), lambda: f"{now()}; wanted: {offered}, {heard}")
 
 
-def test_robot_begins_anew_after_cleanup(robot: RobotPeer) -> None:
+def test_robot_forgets_its_past_at_cleanup(robot: RobotPeer) -> None:
     peer, node = robot.peer, robot.node
     for _ in range(20):
         robot.check(DEFAULTS)
@@ -171,7 +171,7 @@ PLANNER_TOPICS = {
 }
 
 
-def test_planner_is_led_through_its_states(planner: PlannerPeer) -> None:
+def test_planner_follows_lifecycle_transitions(planner: PlannerPeer) -> None:
     peer, node = planner.peer, planner.node
     played = PlayedRobot(peer, "robot_p", (0.0, 0.0, 0.0))
     inputs = {"/robot_p/points", "/robot_p/pose"}
@@ -223,7 +223,7 @@ def _keep_busy(robot: RobotPeer, planner: PlannerPeer, played: PlayedRobot) -> N
         played.send(planner.now(), SOMEBODY)
 
 
-def test_nodes_end_with_a_signal_at_work(robot: RobotPeer, planner: PlannerPeer) -> None:
+def test_busy_nodes_end_cleanly_on_a_signal(robot: RobotPeer, planner: PlannerPeer) -> None:
     """Ctrl-C and SIGTERM while messages come in: exit code 0, no traceback, soon."""
     assert robot.process is not None
     played = PlayedRobot(robot.peer, "robot_p", (0.0, 0.0, 0.0))
@@ -233,7 +233,9 @@ def test_nodes_end_with_a_signal_at_work(robot: RobotPeer, planner: PlannerPeer)
 
 
 @pytest.mark.parametrize("name", ["robot", "terminal", "planner", "unconfigured"])
-def test_nodes_end_with_any_signal(doomed: dict[str, NodeProcess], peer: Peer, name: str) -> None:
+def test_nodes_end_cleanly_on_every_signal(
+    doomed: dict[str, NodeProcess], peer: Peer, name: str
+) -> None:
     """Also with a second one while they end, as `ros2 launch` sends it."""
     process, end = doomed[name], ENDS[name]
     peer.until(lambda: peer.state(process.name) == end.state, f"{name} is not {end.state}")
@@ -245,7 +247,7 @@ def test_nodes_end_with_any_signal(doomed: dict[str, NodeProcess], peer: Peer, n
     assert "Traceback" not in process.log
 
 
-def test_shut_down_node_waits_for_its_signal(doomed: dict[str, NodeProcess], peer: Peer) -> None:
+def test_finalized_node_runs_until_a_signal(doomed: dict[str, NodeProcess], peer: Peer) -> None:
     """The transition `shutdown` finalizes the node; the process ends with a signal."""
     process = doomed["final"]
     peer.until_active(process.name)
@@ -255,9 +257,7 @@ def test_shut_down_node_waits_for_its_signal(doomed: dict[str, NodeProcess], pee
     assert process.stop() < SOON_S
 
 
-def test_node_that_never_was_configured_is_shut_down(
-    doomed: dict[str, NodeProcess], peer: Peer
-) -> None:
+def test_unconfigured_node_can_be_shut_down(doomed: dict[str, NodeProcess], peer: Peer) -> None:
     process = doomed["never"]
     peer.until(lambda: peer.state(process.name) == "unconfigured", "it does not start")
     assert peer.change_state(process.name, "shutdown")
@@ -266,7 +266,7 @@ def test_node_that_never_was_configured_is_shut_down(
     assert process.stop() < SOON_S
 
 
-def test_node_that_starts_says_as_whom_and_what_it_waits_for(
+def test_starting_node_logs_its_name_and_what_it_waits_for(
     doomed: dict[str, NodeProcess],
 ) -> None:
     """All of them have ended by now."""

@@ -1,4 +1,4 @@
-"""A bag that is replayed in a loop: each pass begins anew, and none leaves anything to the next."""
+"""A bag that is replayed in a loop: each pass begins anew."""
 
 from __future__ import annotations
 
@@ -87,8 +87,10 @@ def planning(team: Team, peer: Peer, *, simulated: bool) -> Iterator[PlannerPeer
 
 
 @pytest.mark.parametrize("clock", [True, False], ids=["clock", "no clock"])
-def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool) -> None:
-    """Everybody is new in each pass, from its first interval on; ids and group ids go on."""
+def test_each_of_ten_loops_begins_with_new_ids(
+    team: Team, peer: Peer, bag: Path, clock: bool
+) -> None:
+    """From the first interval of each pass on all tracks are new; ids and group ids go on."""
     events = peer.hear(String, "/events")
     reports = peer.hear(DiagnosticArray, "/diagnostics")
     with planning(team, peer, simulated=clock) as planner:
@@ -116,10 +118,10 @@ def test_ten_loops_leave_no_ghost(team: Team, peer: Peer, bag: Path, clock: bool
     assert planner.process.log.count("starting anew") == len(passes(planner.people)) - 1
 
 
-def test_what_was_recorded_is_replayed_onto_live_nodes_and_doubles_nothing(
+def test_recording_of_a_team_replays_onto_live_nodes_without_duplicates(
     team: Team, peer: Peer, bag: Path, tmp_path: Path
 ) -> None:
-    """README's own pair: record, without naming topics, and replay."""
+    """`mrs record` without topics, then `mrs replay`, as documented."""
     out = tmp_path / "out.mcap"
     with planning(team, peer, simulated=True) as planner:
         with mrs("record", out) as recorder:

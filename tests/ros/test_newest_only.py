@@ -1,4 +1,4 @@
-"""Streams: of what comes while a node is at work, only the newest waits."""
+"""Streams keep only the newest message while a node is busy."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def taken(node: ManagedNode, topics: list[str]) -> list[int]:
 
 
 @pytest.mark.parametrize("node", [(RobotNode,)], indirect=True)
-def test_of_images_that_wait_the_newest_are_used(
+def test_newest_of_the_waiting_images_are_used(
     node: ManagedNode, peer: Peer, recording: Recording
 ) -> None:
     robot = RobotPeer(peer, None, recording, "busy")
@@ -66,7 +66,7 @@ def test_of_images_that_wait_the_newest_are_used(
 
 
 @pytest.mark.parametrize("node", [(PlannerNode, "-p", "robots:=[robot_a]")], indirect=True)
-def test_of_scans_that_wait_the_newest_is_used(node: ManagedNode, peer: Peer) -> None:
+def test_newest_of_the_waiting_scans_is_used(node: ManagedNode, peer: Peer) -> None:
     robot = PlayedRobot(peer, "busy/robot_a", (0.0, 0.0, 0.0))
     clock = node.get_clock()
 

@@ -1,4 +1,4 @@
-"""What is started ends: terminals closed, parents killed, everything restarted in any order.
+"""Processes end when terminals are closed or parents killed, and restart in any order.
 
 Here each once; `make soak` does each ten times, at any moment.
 """
@@ -186,8 +186,8 @@ def test_closed_terminal_ends_a_launch(ros2: str, team: str, times: int) -> None
 
 
 @pytest.mark.parametrize("times", TIMES)
-def test_launch_that_is_interrupted_leaves_nothing(ros2: str, team: str, times: int) -> None:
-    """Ctrl-C reaches everybody in the terminal, and `ros2 launch` passes it on.
+def test_interrupted_launch_leaves_no_process(ros2: str, team: str, times: int) -> None:
+    """Ctrl-C reaches all processes of the terminal, and `ros2 launch` passes it on.
 
     Not in the moment in which Python itself starts, which ends with a traceback of its own.
     """
@@ -202,10 +202,8 @@ def test_launch_that_is_interrupted_leaves_nothing(ros2: str, team: str, times: 
 
 
 @pytest.mark.parametrize("times", TIMES)
-def test_restarts_of_everything_in_any_order(
-    domain: int, tmp_path: Path, peer: Peer, times: int
-) -> None:
-    """At work, by any signal: only who is killed ends badly, and there are people after it."""
+def test_nodes_restart_in_any_order(domain: int, tmp_path: Path, peer: Peer, times: int) -> None:
+    """By any signal, while busy: only killed nodes fail, and people are found after it."""
     chance = random.Random(times)
     signals = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
     started = {"/robot_a": "robot_node", "/robot_b": "robot_node", "/": "planner_node"}

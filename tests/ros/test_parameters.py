@@ -1,4 +1,4 @@
-"""Parameters: bad ones stop the start and say why; at run time they are taken or refused."""
+"""Parameters: bad ones prevent the start and name the reason; at run time they are refused."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ def test_bad_parameters_stop_the_start(ends: Mapping[str, tuple[int, str]], case
 
 
 @pytest.mark.parametrize("case", HELP)
-def test_help(ends: Mapping[str, tuple[int, str]], case: str) -> None:
+def test_help_is_printed_with_exit_code_0(ends: Mapping[str, tuple[int, str]], case: str) -> None:
     code, output = ends[case]
     assert code == 0
     assert output.startswith(f"usage: {HELP[case][0]} [--ros-args ")
@@ -263,7 +263,7 @@ def papers(robot: RobotPeer) -> Iterator[RobotConfig]:
     robot.peer.must_set(robot.node, bodies__search=True)
 
 
-def test_forked_starts_end_as_others_do(
+def test_forked_and_plain_starts_end_alike(
     ends: Mapping[str, tuple[int, str]], bad_start: NodeProcess
 ) -> None:
     def said(text: str) -> str:
@@ -273,7 +273,9 @@ def test_forked_starts_end_as_others_do(
     assert said(bad_start.log) == said(ends["misspelt"][1]) != ""
 
 
-def test_whole_numbers_are_taken_for_others(robot: RobotPeer, planner: PlannerPeer) -> None:
+def test_whole_numbers_are_accepted_for_float_parameters(
+    robot: RobotPeer, planner: PlannerPeer
+) -> None:
     robot.check(CONFIG)
     got = robot.peer.get(robot.node, "mounting.height", "zones.high", "pose.map_from_odom")
     assert got[:2] == [1.0, 1.5]
@@ -333,7 +335,7 @@ def test_live_parameter_takes_effect_on_the_next_scan(
     robot.check(papers)
 
 
-def test_bodies_are_sought_or_not_from_the_next_scan_on(
+def test_body_search_is_switched_from_the_next_scan_on(
     robot: RobotPeer, planner: PlannerPeer
 ) -> None:
     assert robot.check(CONFIG).dtype == BODY_DTYPE
@@ -357,7 +359,7 @@ def test_bodies_are_sought_or_not_from_the_next_scan_on(
     ],
     ids=str,
 )
-def test_live_parameters_of_bodies(
+def test_live_parameters_of_bodies_take_effect(
     robot: RobotPeer, planner: PlannerPeer, params: dict[str, Any]
 ) -> None:
     known = {p.name: p.default for p in RobotConfig.parameters()}
@@ -376,10 +378,10 @@ def _with(changes: Mapping[str, Any]) -> RobotConfig:
     return RobotConfig.from_mapping(changes, base=CONFIG)
 
 
-def test_no_bodies_are_sought_by_a_head_that_looks_steeply_down(
+def test_body_search_and_a_steeply_tilted_head_exclude_each_other(
     robot: RobotPeer, planner: PlannerPeer
 ) -> None:
-    """Refused as long as bodies are sought, and the other way round."""
+    """The mounting is refused while bodies are searched for, and the search with that mounting."""
 
     def narrow() -> Any:
         view = robot.view()
@@ -415,7 +417,7 @@ def test_no_bodies_are_sought_by_a_head_that_looks_steeply_down(
 def test_related_parameters_are_set_together(
     robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
 ) -> None:
-    """One by one this would pass through what is not allowed: low over high."""
+    """One by one this would pass through a forbidden state: low over high."""
     low, high = robot.peer.set(robot.node, zones__low=1.6, zones__high=1.9)
     assert not low.successful
     assert "zones.low is 1.6; allowed: less than zones.high, 1.5" in low.reason
@@ -469,7 +471,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_refused_with_a_reason_and_unchanged(
+def test_refused_change_has_a_reason_and_no_effect(
     robot: RobotPeer, planner: PlannerPeer, case: str
 ) -> None:
     params, reason = REFUSED[case]
@@ -482,7 +484,7 @@ def test_refused_with_a_reason_and_unchanged(
     robot.check(CONFIG)
 
 
-def test_unknown_is_refused(robot: RobotPeer, planner: PlannerPeer) -> None:
+def test_unknown_parameter_is_refused(robot: RobotPeer, planner: PlannerPeer) -> None:
     (result,) = robot.peer.set(robot.node, zones__lo=0.3)
     assert not result.successful
     assert "undeclared parameter" in result.reason  # rclpy's words
@@ -490,8 +492,10 @@ def test_unknown_is_refused(robot: RobotPeer, planner: PlannerPeer) -> None:
     robot.check(CONFIG)
 
 
-def test_unfit_for_the_camera_is_refused(robot: RobotPeer, planner: PlannerPeer) -> None:
-    """Allowed for other cameras, but not with this baseline."""
+def test_parameter_that_does_not_fit_the_camera_is_refused(
+    robot: RobotPeer, planner: PlannerPeer
+) -> None:
+    """It is allowed for other cameras, but not with this baseline."""
 
     def wide() -> Any:
         view = robot.view()
@@ -507,16 +511,16 @@ def test_unfit_for_the_camera_is_refused(robot: RobotPeer, planner: PlannerPeer)
     robot.check(CONFIG)
 
 
-def test_value_that_stays_is_no_change(
+def test_setting_a_parameter_to_its_value_is_no_change(
     robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
 ) -> None:
-    """Tools that set all parameters of a file at once do so with the others, too."""
+    """Tools that set all parameters of a file at once rely on this."""
     robot.peer.must_set(robot.node, images__top=False, pose__source="odom", zones__low=0.3)
     robot.check(RobotConfig.from_mapping({"zones.low": 0.3}, base=papers))
     robot.peer.must_set(robot.node, zones__low=0.2)
 
 
-def test_parameters_of_the_planner(robot: RobotPeer, planner: PlannerPeer) -> None:
+def test_live_parameters_of_the_planner_take_effect(robot: RobotPeer, planner: PlannerPeer) -> None:
     for params, reason in (
         ({"robots": ["robot_b"]}, "robots is set while the node runs"),
         ({"map_frame": "world"}, "map_frame is set while the node runs"),
@@ -550,7 +554,7 @@ def test_parameters_of_the_joining_take_effect(robot: RobotPeer, planner: Planne
 def test_parameters_of_the_size_of_people_take_effect(
     robot: RobotPeer, planner: PlannerPeer, papers: RobotConfig
 ) -> None:
-    """Where no bodies are sought."""
+    """Without the search for bodies."""
     peer = robot.peer
     peer.until(lambda: _people(robot, planner, papers) > 0, lambda: planner.process.log)
     peer.must_set(planner.node, human__min_points=1_000_000)

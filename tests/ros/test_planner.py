@@ -88,7 +88,7 @@ def _still_works(planner: PlannerPeer, robots: list[PlayedRobot]) -> Any:
 # --- the beginning --------------------------------------------------------------------------------
 
 
-def test_silence_and_wrong_types_are_named(planner: PlannerPeer, domain: int) -> None:
+def test_silence_and_wrong_types_are_reported(planner: PlannerPeer, domain: int) -> None:
     stranger = Peer(domain, "stranger")
     try:
         stranger.publisher(PointCloud, "/team/robot_c/points")
@@ -115,7 +115,7 @@ def test_silence_and_wrong_types_are_named(planner: PlannerPeer, domain: int) ->
 def test_robots_named_in_advance_are_waited_for(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
-    """Also the first interval is of all of them."""
+    """The first interval has all of them, too."""
     robot_a, robot_b, robot_c = robots
     for robot in robots:  # connections stand before the first scan
         planner.peer.until(
@@ -146,7 +146,7 @@ def _pose_arrived(planner: PlannerPeer, robot: PlayedRobot) -> bool:
 # --- what goes into an interval, and when it closes -----------------------------------------------
 
 
-def test_one_person_seen_by_all_is_one_person(
+def test_person_seen_by_all_robots_is_one_person(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
     message = _still_works(planner, robots)
@@ -162,7 +162,7 @@ def test_one_person_seen_by_all_is_one_person(
     assert finding.values["robots"] == "robot_a, robot_b, robot_c"
 
 
-def test_everybody_counts_and_the_group_has_a_centre(
+def test_all_people_are_found_and_the_group_has_a_centre(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
     centroids = planner.peer.hear(PointStamped, "/team/group_centroid")
@@ -188,7 +188,9 @@ def test_everybody_counts_and_the_group_has_a_centre(
     assert (centroids[-1].point.x, centroids[-1].point.y) == pytest.approx((2.0, 1.0), abs=1e-6)
 
 
-def test_empty_scans_are_an_answer(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
+def test_empty_scans_make_an_interval_without_people(
+    planner: PlannerPeer, robots: list[PlayedRobot]
+) -> None:
     stamp_ns = planner.now()
     for robot in robots:
         robot.send(stamp_ns)
@@ -207,7 +209,9 @@ def test_empty_scans_are_an_answer(planner: PlannerPeer, robots: list[PlayedRobo
     assert [list(p.robots) for p in message.persons] == [["robot_a", "robot_c"]]
 
 
-def test_pose_is_that_at_the_stamp(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
+def test_scan_is_placed_with_the_pose_at_its_stamp(
+    planner: PlannerPeer, robots: list[PlayedRobot]
+) -> None:
     """A robot that drives and turns is placed where it was at the scan's stamp."""
     robot_a, *others = robots
     _still_works(planner, robots)
@@ -232,7 +236,7 @@ def test_pose_is_that_at_the_stamp(planner: PlannerPeer, robots: list[PlayedRobo
 
 
 def test_scans_wait_for_their_poses(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
-    """Scans that overtake their poses are not placed by guessing ahead."""
+    """Scans that arrive before their poses are not placed by extrapolation."""
     robot_a, *others = robots
     _still_works(planner, robots)
     stamp_ns = planner.now() + SECOND // 5
@@ -246,9 +250,7 @@ def test_scans_wait_for_their_poses(planner: PlannerPeer, robots: list[PlayedRob
     planner._last_ns = stamp_ns
 
 
-def test_newer_scan_takes_the_place_of_one_that_waits(
-    planner: PlannerPeer, robots: list[PlayedRobot]
-) -> None:
+def test_newer_scan_replaces_a_waiting_one(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
     robot_a, *others = robots
     before = planner.peer.next_findings(planner.node)[planner.node]["robot robot_a"]
     taken = planner.taking("robot_a/points")
@@ -340,7 +342,7 @@ def test_scan_that_is_too_old_is_left_out(
 def test_scan_that_is_older_than_the_last_interval_is_left_out(
     planner: PlannerPeer, robots: list[PlayedRobot], live: Callable[..., None]
 ) -> None:
-    """It comes by itself: people do not go back to where they were."""
+    """It arrives alone: people must not jump back."""
     live(interval__max_wait=0.05)
     _still_works(planner, robots)
     before = planner.peer.next_findings(planner.node)[planner.node]["robot robot_b"]
@@ -362,7 +364,7 @@ def test_scan_that_is_older_than_the_last_interval_is_left_out(
     _still_works(planner, robots)
 
 
-def test_a_pose_that_jumps_or_is_far_away_is_named(
+def test_pose_that_jumps_or_is_far_away_is_reported(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
     _still_works(planner, robots)
@@ -617,7 +619,7 @@ def _what_does_not_work(planner: PlannerPeer, robots: list[PlayedRobot]) -> str:
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_message_is_named_counted_and_dropped(
+def test_bad_message_is_reported_counted_and_dropped(
     outcomes: Mapping[str, Outcome], name: str
 ) -> None:
     bad, outcome = BAD[name], outcomes[name]
@@ -631,8 +633,8 @@ def test_bad_message_is_named_counted_and_dropped(
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_good_messages_count_after_a_bad_one(outcomes: Mapping[str, Outcome], name: str) -> None:
-    """All robots see somebody, and it is one person."""
+def test_good_messages_are_used_after_a_bad_one(outcomes: Mapping[str, Outcome], name: str) -> None:
+    """All robots see one person."""
     assert outcomes[name].trouble == ""
 
 
@@ -680,7 +682,7 @@ def _organized(message: Any) -> None:
     [(_rearranged, lambda message: None), (lambda records: records, _organized)],
     ids=["rearranged", "organized"],
 )
-def test_fields_are_taken_by_name(
+def test_point_fields_are_read_by_name(
     planner: PlannerPeer,
     robots: list[PlayedRobot],
     records: Callable[[np.ndarray], np.ndarray],
@@ -698,8 +700,8 @@ def test_fields_are_taken_by_name(
     assert people.persons[0].height == np.float32(1.7)
 
 
-def test_late_poses_are_put_in_their_place(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
-    """Order of arrival does not matter, only stamps do."""
+def test_late_poses_are_sorted_by_stamp(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
+    """Only stamps matter, not the order of arrival."""
     stamp_ns = planner.now() + SECOND // 5
     robot_a, *others = robots
     robot_a.send_pose(pose_of(stamp_ns + 20_000_000, 2.0, 0.0, 0.0))
@@ -712,10 +714,10 @@ def test_late_poses_are_put_in_their_place(planner: PlannerPeer, robots: list[Pl
     planner._last_ns = stamp_ns + 20_000_000
 
 
-def test_stamps_that_jump_back_by_seconds_are_a_new_beginning(
+def test_planner_begins_anew_when_all_stamps_jump_back(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
-    """A bag that loops: all robots jump; once three scans in succession say so, it is believed."""
+    """As in a bag that loops: all robots jump, and three scans in succession confirm it."""
     _still_works(planner, robots)
     before = planner.peer.next_findings(planner.node)[planner.node]
     old = planner.now() - 100 * SECOND
@@ -746,7 +748,7 @@ def test_stamps_that_jump_back_by_seconds_are_a_new_beginning(
 # --- parameters of the method ---------------------------------------------------------------------
 
 
-def test_who_is_human_is_taken_from_the_next_interval_on(
+def test_size_of_a_person_takes_effect_in_the_next_interval(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
     _still_works(planner, robots)

@@ -1,4 +1,4 @@
-"""planner_node and what stands at known places: walls by a map that was there before it, robots."""
+"""planner_node masks walls of a map that was published before it started."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _people(planner: PlannerPeer, robots: list[PlayedRobot]) -> list[tuple[float
     return places(planner.peer.until(found, lambda: planner.process.log)[-1])
 
 
-def test_no_map_yet_is_named_and_masks_nothing(
+def test_missing_map_is_reported_and_masks_nothing(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
     text = r"no data on /team/map for \d+ s; publishers: 0"
@@ -79,16 +79,14 @@ def test_no_map_yet_is_named_and_masks_nothing(
     assert _people(planner, robots) == [WALL, SOMEBODY]
 
 
-def test_a_map_that_cannot_be_used_is_as_none(planner: PlannerPeer) -> None:
-    """It is latched and comes once: that is said as long as there is no other."""
+def test_unusable_map_stays_an_error_and_masks_nothing(planner: PlannerPeer) -> None:
+    """It is latched and arrives once: it is reported until there is another."""
     planner.peer.publisher(OccupancyGrid, "/team/map", LATCHED).publish(room("odom"))
     text = "none of 1 can be used; last: frame_id is 'odom'; wanted: 'map'"
     planner.until_finding("map", lambda f: f.level == ERROR and f.message == text, text)
 
 
-def test_a_map_that_is_latched_arrives_and_masks_the_wall(
-    planner: PlannerPeer, robots: list[PlayedRobot]
-) -> None:
+def test_latched_map_masks_the_wall(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
     peer = planner.peer
     assert peer.change_state(planner.node, "deactivate")
     publisher = peer.publisher(OccupancyGrid, "/team/map", LATCHED)
@@ -103,7 +101,7 @@ def test_a_map_that_is_latched_arrives_and_masks_the_wall(
     assert silent.level == finding.level == OK
 
 
-def test_a_map_that_cannot_be_used_is_named_and_the_last_one_stays(
+def test_unusable_map_is_reported_and_the_last_one_kept(
     planner: PlannerPeer, robots: list[PlayedRobot]
 ) -> None:
     planner.peer.publisher(OccupancyGrid, "/team/map", LATCHED).publish(room("odom"))
@@ -116,7 +114,7 @@ def test_a_map_that_cannot_be_used_is_named_and_the_last_one_stays(
     assert _people(planner, robots) == [SOMEBODY]
 
 
-def test_a_planner_that_comes_later_gets_the_map(
+def test_later_planner_receives_the_latched_map(
     planner: PlannerPeer, robots: list[PlayedRobot], team: Team
 ) -> None:
     planner.peer.publisher(OccupancyGrid, "/team/map", LATCHED).publish(room())

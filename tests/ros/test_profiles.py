@@ -1,4 +1,4 @@
-"""How a team's nodes are told to find each other, and the Fast DDS profile that they use."""
+"""The options by which a team's nodes find each other, and their Fast DDS profile."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from mrs_people_loc.errors import ConfigError
 from mrs_ros.discovery import discovery_environment
-from mrs_ros.team import NodeProcess, RunningTeam
+from mrs_ros.processes import NodeProcess, RunningTeam
 from mrs_tools import cli
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +27,7 @@ def _no_range(monkeypatch):
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
 
 
-def test_nothing_is_said_where_nothing_is_asked_for():
+def test_environment_is_empty_without_options():
     assert discovery_environment() == {}
 
 
@@ -39,14 +39,14 @@ def test_nothing_is_said_where_nothing_is_asked_for():
         ("localhost", "localhost:11811"),
     ],
 )
-def test_a_discovery_server(server, address):
+def test_discovery_server_is_set_in_the_environment(server, address):
     assert discovery_environment(server=server) == {
         "ROS_DISCOVERY_SERVER": address,
         "ROS_SUPER_CLIENT": "TRUE",
     }
 
 
-def test_peers():
+def test_peers_are_set_in_the_environment():
     wanted = {"ROS_STATIC_PEERS": "127.0.0.1;localhost"}
     assert discovery_environment(peers="127.0.0.1, localhost") == wanted
 
@@ -67,14 +67,14 @@ def test_peers():
         ({"server": "localhost", "peers": "localhost"}, "wanted: one of them, or neither"),
     ],
 )
-def test_wrong_values(how, message):
+def test_wrong_values_are_refused(how, message):
     with pytest.raises(ConfigError) as caught:
         discovery_environment(**how)
     assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("range_", ["OFF", "SYSTEM_DEFAULT"])
-def test_peers_that_ros_would_not_look_at(monkeypatch, range_):
+def test_peers_that_ros_would_ignore_are_refused(monkeypatch, range_):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", range_)
     with pytest.raises(ConfigError, match=f"SUBNET or LOCALHOST; it is {range_}"):
         discovery_environment(peers="localhost")
@@ -87,7 +87,7 @@ def test_up_refuses_a_wrong_host(option):
     assert "host 'no.such.invalid' has no IPv4 address" in result.output
 
 
-def test_up_tells_its_nodes(monkeypatch):
+def test_up_passes_the_network_options_to_its_nodes(monkeypatch):
     from mrs_tools.commands import up
 
     told = []
@@ -189,7 +189,7 @@ def test_nodes_use_the_shipped_profile(said, file, range_):
         {TRANSPORTS: "SHM", RANGE: "LOCALHOST"},
     ],
 )
-def test_a_profile_or_transports_of_the_user_go_before_it(said):
+def test_users_profile_or_transports_take_precedence(said):
     has, _, (words,) = environment_after(**said)
     assert {name: has[name] for name in said} == said
     assert {PROFILE, TRANSPORTS, RANGE} & set(has) == {PROFILE, TRANSPORTS, RANGE} & set(said)
@@ -198,7 +198,7 @@ def test_a_profile_or_transports_of_the_user_go_before_it(said):
 
 
 @needs_ros
-def test_a_process_that_is_given_the_shipped_profile_says_nothing():
+def test_process_that_inherits_the_shipped_profile_logs_nothing():
     has, _, _ = environment_after(**{RANGE: "LOCALHOST"})
     given = {name: has[name] for name in (PROFILE, TRANSPORTS, RANGE)}
     assert environment_after(**given)[::2] == (environment_after(**given)[0], [""])
@@ -206,7 +206,7 @@ def test_a_process_that_is_given_the_shipped_profile_says_nothing():
 
 
 @needs_ros
-def test_another_middleware_is_left_alone():
+def test_other_middleware_is_left_alone():
     code = (
         "import os, rclpy.utilities as u; "
         "u.get_rmw_implementation_identifier = lambda: 'rmw_cyclonedds_cpp'; "
@@ -219,8 +219,8 @@ def test_another_middleware_is_left_alone():
 
 
 @pytest.mark.parametrize("file", ["team.xml", "localhost.xml"])
-def test_the_profiles_say_the_same(file):
-    """Lease and announcements, and UDP with room: everything else stays with ROS and the user."""
+def test_both_profiles_have_the_same_settings(file):
+    """Lease, announcements and UDP buffers; everything else is left to ROS and the user."""
     space = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
     root = ET.parse(FAST_DDS / file).getroot()
     (config,) = root.iter(f"{space}discovery_config")

@@ -1,4 +1,4 @@
-"""robot_node: what it takes in, what it gives out, and what is the same as in one process.
+"""robot_node: inputs, outputs, and that they equal those of the method in one process.
 
 One process does all of it; where a parameter takes a new beginning, it is cleaned up and
 configured again, as a user does.
@@ -126,7 +126,7 @@ def _pixels(image: Image) -> np.ndarray:
 
 
 @pytest.mark.parametrize("of", ["robot_a", "robot_b", "robot_c"])
-def test_points_are_the_methods_bit_for_bit(robot: RobotPeer, of: str) -> None:
+def test_points_equal_those_of_the_method_bit_for_bit(robot: RobotPeer, of: str) -> None:
     for frame in (0, 7):
         records = robot.check(DEFAULTS, robot.view(of=of, frame=frame))
         assert len(records) > 20
@@ -136,7 +136,7 @@ def test_points_are_the_methods_bit_for_bit(robot: RobotPeer, of: str) -> None:
 
 
 @pytest.mark.parametrize("of", ["robot_a", "robot_b", "robot_c"])
-def test_points_of_the_papers_method_are_the_same_bit_for_bit(
+def test_points_equal_those_of_the_papers_method_bit_for_bit(
     robot: RobotPeer, live: Change, of: str
 ) -> None:
     config = live(
@@ -148,8 +148,8 @@ def test_points_of_the_papers_method_are_the_same_bit_for_bit(
         assert records.dtype == CELL_DTYPE
 
 
-def test_bodies_on_the_wire_are_those_that_were_sent(robot: RobotPeer) -> None:
-    """Every field comes back, also through the reader of the planner."""
+def test_bodies_are_read_back_as_they_were_sent(robot: RobotPeer) -> None:
+    """Every field, also as read by the planner."""
     view = robot.view()
     robot.check(DEFAULTS, view)
     sent = stages_of(view, DEFAULTS).scan.cells
@@ -160,7 +160,7 @@ def test_bodies_on_the_wire_are_those_that_were_sent(robot: RobotPeer) -> None:
         assert getattr(read, name).dtype == BODY_DTYPE[name]
 
 
-def test_stamp_is_that_of_the_left_image(robot: RobotPeer, live: Change) -> None:
+def test_scan_has_the_stamp_of_the_left_image(robot: RobotPeer, live: Change) -> None:
     live(images__max_stamp_difference=0.02)
     view = robot.view()
     stamp_ns = stamp_of(view["left"][0])
@@ -184,8 +184,8 @@ def test_stamp_is_that_of_the_left_image(robot: RobotPeer, live: Change) -> None
 
 @pytest.mark.parametrize("encoding", ["bgr8", "rgb8", "bgra8"])
 @pytest.mark.parametrize("pad", [0, 7])
-def test_colour_images_are_taken_as_grey(robot: RobotPeer, encoding: str, pad: int) -> None:
-    """Grey is 0.299 R + 0.587 G + 0.114 B: here it comes out as the recorded image."""
+def test_colour_images_are_converted_to_grey(robot: RobotPeer, encoding: str, pad: int) -> None:
+    """Grey is 0.299 R + 0.587 G + 0.114 B, here the recorded image."""
     view, coloured = robot.view(), {}
     rng = np.random.default_rng(1)
     for camera in ("left", "right"):
@@ -206,7 +206,7 @@ def test_colour_images_are_taken_as_grey(robot: RobotPeer, encoding: str, pad: i
     assert _overlap(_xy(records), np.stack([plain.x, plain.y], axis=1)) > 0.9
 
 
-def test_rows_may_be_padded(robot: RobotPeer) -> None:
+def test_padded_image_rows_are_read(robot: RobotPeer) -> None:
     view = robot.view()
     wanted = stages_of(view, DEFAULTS).scan.cells.to_records()
     for camera in ("left", "right"):
@@ -222,7 +222,7 @@ def test_larger_images_are_scaled_down(robot: RobotPeer) -> None:
     np.testing.assert_array_equal(records, wanted.to_records())
 
 
-def test_working_size_is_a_parameter(robot: RobotPeer, live: Change) -> None:
+def test_working_size_takes_effect(robot: RobotPeer, live: Change) -> None:
     view = _resized(robot.view(), 2)
     large = {"images__working_width": 320, "images__working_height": 240}
     robot.check(live(**large), view)
@@ -264,7 +264,7 @@ def test_images_may_come_before_their_calibration(robot: RobotPeer, reconfigured
 # --- heads ----------------------------------------------------------------------------------------
 
 
-def test_trinocular_head(robot: RobotPeer, reconfigured: Change) -> None:
+def test_trinocular_head_gives_the_methods_points(robot: RobotPeer, reconfigured: Change) -> None:
     config = reconfigured(images__top=True)
     robot.warm_up(top=True)
     for frame in (0, 3):
@@ -304,7 +304,7 @@ def _raw(view: MutableView, scale: int = 2) -> MutableView:
     return raw
 
 
-def test_raw_images_are_rectified_inside(robot: RobotPeer, reconfigured: Change) -> None:
+def test_raw_images_are_rectified_by_the_node(robot: RobotPeer, reconfigured: Change) -> None:
     config = reconfigured(images__rectified=False)
     view = robot.view(of="robot_b")
 
@@ -358,7 +358,7 @@ def _set_pose(message: Any, x: float, y: float, yaw: float) -> None:
     message.pose.covariance = _covariance().reshape(-1)
 
 
-def test_odometry_in_the_map_goes_out_as_the_pose(robot: RobotPeer) -> None:
+def test_odometry_in_the_map_is_published_as_the_pose(robot: RobotPeer) -> None:
     odometry = robot.odometry()
     _set_pose(odometry, 1.25, -3.5, 2.5)
     odometry.pose.pose.position.z = 0.3  # base_link is on the floor
@@ -400,7 +400,7 @@ def test_odometry_of_another_frame_is_placed_by_map_from_odom(
     assert _planar(robot.pose_at(stamp_of(in_map))) == pytest.approx((3.0, 1.0, 0.1), abs=1e-12)
 
 
-def test_pose_in_is_another_source(robot: RobotPeer, reconfigured: Change) -> None:
+def test_pose_in_can_be_the_source(robot: RobotPeer, reconfigured: Change) -> None:
     reconfigured(pose__source="pose_in")
     message = PoseWithCovarianceStamped()
     message.header.frame_id = "map"
@@ -419,7 +419,7 @@ def test_pose_in_is_another_source(robot: RobotPeer, reconfigured: Change) -> No
 
 @pytest.mark.parametrize(("max_rate", "every"), [(100.0, 1), (50.0, 2), (20.0, 5)])
 def test_pose_rate_is_limited(robot: RobotPeer, live: Change, max_rate: float, every: int) -> None:
-    """Of odometry at 100 Hz, with some jitter, as many poses go out as the rate allows."""
+    """From odometry at 100 Hz with some jitter, as many poses are published as the rate allows."""
     live(pose__max_rate=max_rate)
     start = robot.now() + 1_000_000_000
     stamps = [start + 10_000_000 * i + (200_000 if i % 3 else 0) for i in range(41)]
@@ -428,7 +428,7 @@ def test_pose_rate_is_limited(robot: RobotPeer, live: Change, max_rate: float, e
 
 @pytest.mark.parametrize("max_rate", [10.0, 30.0, 70.0])
 def test_pose_rate_holds_in_the_long_run(robot: RobotPeer, live: Change, max_rate: float) -> None:
-    """Also where the odometry's period is no part of the allowed one."""
+    """Also where the allowed period is no multiple of the odometry's."""
     live(pose__max_rate=max_rate)
     start = robot.now() + 1_000_000_000
     stamps = [start + 10_000_000 * i for i in range(201)]
@@ -500,7 +500,7 @@ def test_debug_topics_show_the_stages(robot: RobotPeer) -> None:
 def test_debug_topics_are_published_only_while_subscribed(
     peer: Peer, recording: Recording, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The node in this process, so that what it hands to its publishers can be seen."""
+    """The node runs in this process, so that the calls of its publishers can be counted."""
     published: list[str] = []
     publish = LifecyclePublisher.publish
 

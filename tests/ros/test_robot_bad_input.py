@@ -1,4 +1,4 @@
-"""robot_node and what is wrong with its inputs: named, counted, dropped; the next good one counts.
+"""robot_node reports, counts and drops bad inputs, and uses the next good one.
 
 Every case sends something bad to the same running node and looks at its `/diagnostics`; then a good
 view and a good pose must come out as ever.
@@ -57,10 +57,10 @@ def _still_works(robot: RobotPeer) -> None:
 # --- nothing, or nothing that can be understood ---------------------------------------------------
 
 
-def test_silence_wrong_types_and_missing_calibration(
+def test_silence_wrong_types_and_missing_calibration_are_reported(
     robot: RobotPeer, silent: RobotPeer, domain: int
 ) -> None:
-    """A robot that gets nothing it can use, and how it is put right, step by step."""
+    """A robot without usable inputs, corrected step by step."""
     stranger = Peer(domain, "stranger")
     peer, node = silent.peer, silent.node
     try:
@@ -290,8 +290,8 @@ BAD = {
 }  # fmt: skip
 
 
-def test_log_names_the_topic_and_every_topic_gets_in(robot: RobotPeer) -> None:
-    """Three kinds of trouble at one time are three lines."""
+def test_problems_of_several_topics_are_all_logged(robot: RobotPeer) -> None:
+    """Three kinds of problems at a time are three lines."""
     kinds = (BAD["image encoding"], BAD["camera_info with NaN"], BAD["pose with NaN"])
     for bad in kinds:
         bad.send(robot)
@@ -357,7 +357,7 @@ def _what_does_not_work(robot: RobotPeer) -> str:
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_message_is_named_counted_and_dropped(
+def test_bad_message_is_reported_counted_and_dropped(
     outcomes: Mapping[str, Outcome], name: str
 ) -> None:
     bad, before, after = BAD[name], outcomes[name].before, outcomes[name].after
@@ -369,15 +369,15 @@ def test_bad_message_is_named_counted_and_dropped(
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_good_messages_count_after_a_bad_one(outcomes: Mapping[str, Outcome], name: str) -> None:
-    """A view and a pose come out as ever."""
+def test_good_messages_are_used_after_a_bad_one(outcomes: Mapping[str, Outcome], name: str) -> None:
+    """A view and a pose are published as usual."""
     assert outcomes[name].trouble == ""
 
 
-def test_other_topics_are_not_blamed(
+def test_bad_message_counts_only_against_its_topic(
     outcomes: Mapping[str, Outcome], robot: RobotPeer, silent: RobotPeer
 ) -> None:
-    """Of all the bad messages above, each was counted where it came in."""
+    """Each of the bad messages above was counted at its own topic."""
     kinds = {bad.topic: {f"dropped.{bad.kind}"} for bad in BAD.values()}
     findings = robot.peer.next_findings(robot.node, silent.node).values()
     for topic, wanted in kinds.items():
@@ -390,8 +390,8 @@ def test_other_topics_are_not_blamed(
 # --- time that starts anew ------------------------------------------------------------------------
 
 
-def test_images_that_jump_back_by_seconds_are_a_new_beginning(robot: RobotPeer) -> None:
-    """A bag that loops: once three images in succession say so, it is believed."""
+def test_robot_begins_anew_when_image_stamps_jump_back(robot: RobotPeer) -> None:
+    """As in a bag that loops: three images in succession confirm it."""
     before = robot.peer.next_findings(robot.node)[robot.node]["pairs"]
     then = robot.now() - 100 * SECOND
     for step in range(2):
@@ -406,7 +406,7 @@ def test_images_that_jump_back_by_seconds_are_a_new_beginning(robot: RobotPeer) 
     _still_works(robot)
 
 
-def test_poses_that_jump_back_by_seconds_are_a_new_beginning(robot: RobotPeer) -> None:
+def test_robot_begins_anew_when_pose_stamps_jump_back(robot: RobotPeer) -> None:
     _still_works(robot)
     old = robot.now() - 100 * SECOND
     for step in range(-2, 3):
@@ -421,8 +421,8 @@ def test_poses_that_jump_back_by_seconds_are_a_new_beginning(robot: RobotPeer) -
 # --- images that never pair -----------------------------------------------------------------------
 
 
-def test_images_that_never_pair(robot: RobotPeer) -> None:
-    """The difference that is seen is said, so that the parameter can be set."""
+def test_images_that_never_pair_are_reported_with_their_difference(robot: RobotPeer) -> None:
+    """The observed difference is reported, so that the parameter can be set."""
     robot.peer.must_set(robot.node, images__queue_size=2)  # which also starts to count anew
     began_ns = robot.now()
     for frame in range(4):  # at 30 Hz, and half a frame apart
@@ -466,7 +466,7 @@ def test_images_of_any_quality_of_service_arrive(
     reliability: ReliabilityPolicy,
     durability: DurabilityPolicy,
 ) -> None:
-    """There is no combination that a driver might offer and the node would not hear."""
+    """Every combination that a driver may offer is compatible with the node's."""
     qos = QoSProfile(depth=5, reliability=reliability, durability=durability)
     driver = Peer(domain, "driver")
     try:
@@ -486,8 +486,8 @@ def test_images_of_any_quality_of_service_arrive(
     _still_works(robot)
 
 
-def test_incompatible_quality_of_service_is_named(peer: Peer, domain: int) -> None:
-    """By an input that asks for more than is offered; those of our nodes ask for the least."""
+def test_incompatible_quality_of_service_is_reported(peer: Peer, domain: int) -> None:
+    """By an input that requests more than is offered; those of our nodes request the least."""
     other = Peer(domain, "other")
     try:
         other.publisher(
@@ -502,8 +502,8 @@ def test_incompatible_quality_of_service_is_named(peer: Peer, domain: int) -> No
         other.close()
 
 
-def test_who_asks_for_reliable_points_is_named_in_the_log(robot: RobotPeer) -> None:
-    """`points` is best effort, as sensor data is; a reader that asks for more hears nothing."""
+def test_subscriber_that_requests_reliable_points_is_logged(robot: RobotPeer) -> None:
+    """`points` is best effort, as sensor data is; one that requests more receives nothing."""
     reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
     subscription = robot.peer.node.create_subscription(
         PointCloud2, "/robot_a/points", lambda message: None, reliable
@@ -571,7 +571,9 @@ def stamped_view(robot: RobotPeer, sec: int) -> Any:
     ],
     ids=["one pixel", "tiny focal length", "huge focal length", "far away", "stamp"],
 )
-def test_node_survives_what_is_strange(robot: RobotPeer, send: Callable[[RobotPeer], None]) -> None:
+def test_node_survives_strange_messages(
+    robot: RobotPeer, send: Callable[[RobotPeer], None]
+) -> None:
     send(robot)
     robot.settle()
     _still_works(robot)

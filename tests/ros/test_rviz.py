@@ -1,4 +1,4 @@
-"""config/*.rviz: RViz2's own classes, on topics that the planner publishes, of the type they draw.
+"""config/*.rviz uses RViz2's own classes, with topics of the planner and the types they display.
 
 RViz itself is not among the wheels; on a file that names what it does not know it shows an error
 at that display only.
@@ -19,6 +19,7 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
+from mrs_ros.markers import markers
 from planner_node.node import PlannerNode
 from ros.harness import ROOT
 from ros.planner_peer import cloud_of, person_cells
@@ -68,7 +69,9 @@ def displays(config: Any, kind: str = "") -> list[Any]:
     return [d for d in found if d["Class"].endswith(f"/{kind}" if kind else "")]
 
 
-def test_topics_and_types(config: Any, published: dict[str, tuple[str, bool]]) -> None:
+def test_displays_use_published_topics_and_types(
+    config: Any, published: dict[str, tuple[str, bool]]
+) -> None:
     for display in displays(config):
         package, _, kind = display["Class"].partition("/")
         assert package == "rviz_default_plugins"
@@ -81,7 +84,7 @@ def test_topics_and_types(config: Any, published: dict[str, tuple[str, bool]]) -
         assert display["Topic"]["Durability Policy"] == "Volatile"
 
 
-def test_every_class_is_one_of_rviz(config: Any) -> None:
+def test_every_class_exists_in_rviz(config: Any) -> None:
     def classes(part: Any) -> Iterator[str]:
         if isinstance(part, dict):
             if part.get("Class"):
@@ -95,12 +98,12 @@ def test_every_class_is_one_of_rviz(config: Any) -> None:
     assert set(classes(config)) <= OTHERS | {f"rviz_default_plugins/{kind}" for kind in DRAWN}
 
 
-def test_frame_is_the_common_one(config: Any) -> None:
+def test_fixed_frame_is_the_common_one(config: Any) -> None:
     frame = config["Visualization Manager"]["Global Options"]["Fixed Frame"]
     assert frame == PlannerConfig().map_frame
 
 
-def test_channels_and_namespaces(config: Any) -> None:
+def test_channels_and_namespaces_are_published(config: Any) -> None:
     cloud = cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9)
     scan = messages.read_scan(cloud, "robot_a", "robot_a/base_link")
     result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
@@ -110,6 +113,6 @@ def test_channels_and_namespaces(config: Any) -> None:
     fields = {field.name for field in convert.short_term_map(result, "map").fields}
     for display in displays(config, "PointCloud2"):
         assert display["Channel Name"] in fields
-    drawn = {m.ns for m in convert.markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
+    drawn = {m.ns for m in markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
     for display in displays(config, "MarkerArray"):
         assert display["Namespaces"] == dict.fromkeys(drawn, True)

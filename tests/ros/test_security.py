@@ -1,4 +1,4 @@
-"""DDS Security: nodes that cannot have it do not start, and the policy allows what they do."""
+"""DDS Security: nodes that require it start only with it; the policy matches the nodes."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def has_plugin() -> bool:
         ({"STRATEGY": "Enforce"}, None, "ROS_SECURITY_ENABLE is not set, so nothing would be"),
     ],
 )
-def test_refuses_to_start_without_the_security_it_is_asked_for(
+def test_node_does_not_start_without_required_security(
     executable: str, variables: dict[str, str], keystore: str | None, said: str,
     domain: int, tmp_path: Path,
 ) -> None:  # fmt: skip
@@ -77,10 +77,10 @@ def test_refuses_to_start_without_the_security_it_is_asked_for(
     assert "Traceback" not in ended.stderr
 
 
-def test_says_when_it_may_be_unprotected(
+def test_node_logs_that_it_may_be_unprotected(
     team: Team, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`Permissive` is ROS's word for this: where there are no keys it goes without."""
+    """With `Permissive` a node without keys starts unprotected."""
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     process = team.start("robot_node", namespace="/unsure")
     peer.until(lambda: security.UNSURE in process.log, lambda: process.log)
@@ -100,13 +100,15 @@ def test_says_when_it_may_be_unprotected(
         ("true", "Enforce", "Enforce"),
     ],
 )
-def test_what_is_asked_for(enable: str | None, strategy: str | None, wanted: str) -> None:
+def test_security_requested_by_the_environment(
+    enable: str | None, strategy: str | None, wanted: str
+) -> None:
     pairs = {security.ENABLE: enable, security.STRATEGY: strategy}
     assert security.asked({k: v for k, v in pairs.items() if v is not None}) == wanted
 
 
 @pytest.mark.parametrize("enable", ["TRUE", "1", "yes", " true", "False"])
-def test_what_rcl_would_take_for_no_is_refused(enable: str) -> None:
+def test_values_that_rcl_would_take_for_no_are_refused(enable: str) -> None:
     with pytest.raises(ConfigError, match="allowed: true or false"):
         security.asked({security.ENABLE: enable})
 
@@ -197,7 +199,7 @@ def as_robot_a(names: dict[str, set[str]], robot: str) -> dict[str, set[str]]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_policy_of_a_robot_is_what_it_does(running: Peer) -> None:
+def test_policy_of_a_robot_matches_its_topics_and_services(running: Peer) -> None:
     def off() -> dict[str, set[str]]:
         each = [as_robot_a(used(running, "robot_node", f"/{r}"), r) for r in ROBOTS]
         real = {kind: set().union(*(one[kind] for one in each)) for kind in KINDS}
@@ -208,14 +210,14 @@ def test_policy_of_a_robot_is_what_it_does(running: Peer) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_policy_of_the_planner_is_what_it_does(running: Peer) -> None:
+def test_policy_of_the_planner_matches_its_topics_and_services(running: Peer) -> None:
     def off() -> dict[str, set[str]]:
         return difference(allowed("/planner", "planner_node"), used(running, "planner_node", "/"))
 
     running.until(lambda: not off(), lambda: off())
 
 
-def test_all_robots_may_do_the_same() -> None:
+def test_all_robots_have_the_same_policy() -> None:
     for robot in ROBOTS:
         same = as_robot_a(allowed(f"/{robot}", "robot_node"), robot)
         assert same == allowed("/robot_a", "robot_node")
@@ -231,7 +233,7 @@ def test_all_robots_may_do_the_same() -> None:
         ("mrs_doctor", ("doctor", "--duration", "600")),
     ],
 )
-def test_policy_of_the_tools_is_what_they_do(
+def test_policy_of_the_tools_matches_their_topics_and_services(
     running: Peer, domain: int, tmp_path: Path, node: str, command: tuple[str, ...]
 ) -> None:
     arguments = [str(tmp_path / "out.mcap") if a == "OUT" else a for a in command]
@@ -255,7 +257,7 @@ def test_policy_of_the_tools_is_what_they_do(
             process.terminate()
 
 
-def test_a_difference_is_seen() -> None:
+def test_difference_from_the_policy_is_found() -> None:
     policy = NOTHING | {"publish": {"/a", "/b/*"}}
     real = NOTHING | {"publish": {"/a", "/c"}}
     assert difference(policy, real) == {"! publish": {"/c"}, "? publish": {"/b/*"}}

@@ -1,4 +1,4 @@
-"""A node that is told to end while it is at work: it finishes that, and leaves without a word."""
+"""A node that receives a signal while it is busy finishes its callback and ends cleanly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ import os, signal, sys, time
 from std_msgs.msg import String
 from mrs_people_loc.config import PlannerConfig
 from mrs_ros import ending
-from mrs_ros.managed_node import ManagedNode, run
+from mrs_ros.managed_node import ManagedNode
+from mrs_ros.running import run
 
 where, number = sys.argv[1], int(sys.argv[2])
 if where == "hang":
@@ -74,7 +75,7 @@ def program(where: str, number: int, **how: object) -> subprocess.Popen[str]:
         ("callback", signal.SIGHUP),
     ],
 )
-def test_node_finishes_what_it_is_at(domain: int, where: str, number: int) -> None:
+def test_node_finishes_its_callback_on_a_signal(domain: int, where: str, number: int) -> None:
     process = program(where, number)
     said, _ = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, said
@@ -83,9 +84,7 @@ def test_node_finishes_what_it_is_at(domain: int, where: str, number: int) -> No
     assert said.count("published") == (where == "callback")
 
 
-def test_node_ends_with_who_holds_its_lifeline(
-    domain: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_node_ends_when_its_lifeline_closes(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(LIFELINE, "1")
     for where, code in [("callback", 0), ("hang", -signal.SIGKILL)]:
         process = program(where, 0, stdin=subprocess.PIPE)
@@ -98,7 +97,7 @@ def test_node_ends_with_who_holds_its_lifeline(
 
 
 @pytest.mark.parametrize("text", ["abc", "300"])
-def test_node_with_a_wrong_domain_says_what_is_allowed(
+def test_node_with_a_wrong_domain_names_what_is_allowed(
     domain: int, monkeypatch: pytest.MonkeyPatch, text: str
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
@@ -120,7 +119,7 @@ def test_second_interrupt_ends_a_node_that_hangs(domain: int) -> None:
     assert process.returncode == -signal.SIGINT
 
 
-def test_standard_input_is_no_lifeline_unless_it_is_said(domain: int) -> None:
+def test_closed_standard_input_ends_a_node_only_with_a_lifeline(domain: int) -> None:
     process = program("callback", 0, stdin=subprocess.DEVNULL)
     assert process.stdout is not None
     heard = 0

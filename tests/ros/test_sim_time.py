@@ -1,4 +1,4 @@
-"""use_sim_time: the nodes' time is that on /clock, whatever the machine's clock says."""
+"""use_sim_time: the nodes' time is that on /clock, whatever the machine's clock shows."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def robots(peer: Peer, planner: PlannerPeer, clock: SimTime) -> list[PlayedRobot
 def test_interval_waits_in_sim_time(
     planner: PlannerPeer, robots: list[PlayedRobot], clock: SimTime
 ) -> None:
-    """While /clock stands an interval stays open; it closes when /clock passes `max_wait`."""
+    """While /clock is stopped an interval stays open; it closes when /clock passes `max_wait`."""
     peer = planner.peer
     robot_a, _ = robots
     clock.to(clock.now + SECOND)
@@ -107,7 +107,7 @@ def test_interval_waits_in_sim_time(
     assert places(message) == [SOMEBODY]
 
 
-def test_robot_is_silent_in_sim_time(
+def test_silence_of_a_robot_is_measured_in_sim_time(
     planner: PlannerPeer, robots: list[PlayedRobot], clock: SimTime
 ) -> None:
     robot_a, robot_b = robots
@@ -129,10 +129,10 @@ def test_robot_is_silent_in_sim_time(
     assert robots_in(planner.people_at(clock.now)) == ["robot_a"]
 
 
-def test_ages_are_in_sim_time(
+def test_ages_are_measured_in_sim_time(
     planner: PlannerPeer, robots: list[PlayedRobot], clock: SimTime
 ) -> None:
-    """Stamps are years behind the machine's clock, and nobody complains."""
+    """Stamps are years behind the machine's clock, which is not reported."""
     clock.to(clock.now + SECOND)
     robot_a, robot_b = robots
     robot_b.send(clock.now, SOMEBODY)  # robot_a was heard a moment ago, so it is waited for
@@ -149,7 +149,7 @@ def test_ages_are_in_sim_time(
     assert finding.message == "no scan for 16.2 s"
 
 
-def test_clock_that_is_set_back_stops_nothing(
+def test_nodes_go_on_when_clock_is_set_back(
     planner: PlannerPeer, robots: list[PlayedRobot], clock: SimTime
 ) -> None:
     """A bag that loops."""
@@ -176,8 +176,10 @@ def test_clock_that_is_set_back_stops_nothing(
     assert before.isdisjoint(person.id for person in message.persons)
 
 
-def test_robot_node_in_sim_time(robot: RobotPeer, planner: PlannerPeer, clock: SimTime) -> None:
-    """Scans of the recording's own time; not a word of stamps being behind."""
+def test_robot_in_sim_time_accepts_stamps_of_a_recording(
+    robot: RobotPeer, planner: PlannerPeer, clock: SimTime
+) -> None:
+    """Scans have stamps of the recording, and no stamps are reported as behind."""
     robot._last_ns = clock.now
 
     def answered() -> bool:

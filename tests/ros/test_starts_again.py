@@ -1,4 +1,4 @@
-"""How soon people are there again after a process was killed: what docs/network.md promises."""
+"""How soon people are found again after a process was killed, as docs/network.md promises."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
     peer.close()
 
 
-def test_a_killed_robot(life: Life, show: Callable[[str], None]) -> None:
+def test_killed_robot_is_used_again_in_time(life: Life, show: Callable[[str], None]) -> None:
     def back() -> float:
         kill(life.robots["robot_b"])
         began = time.monotonic()
@@ -45,7 +45,7 @@ def test_a_killed_robot(life: Life, show: Callable[[str], None]) -> None:
     nine_of_ten(back, ROBOT_S, "robot_node killed: its people after its new start", show=show)
 
 
-def test_a_killed_planner(life: Life, show: Callable[[str], None]) -> None:
+def test_killed_planner_publishes_again_in_time(life: Life, show: Callable[[str], None]) -> None:
     def back() -> float:
         kill(life.planner)
         began = time.monotonic()

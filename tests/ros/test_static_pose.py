@@ -1,4 +1,4 @@
-"""A robot without odometry: its pose is a parameter, and good at the stamp of every scan."""
+"""A robot without odometry: its pose is a parameter, valid at the stamp of every scan."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def _planar(message: Any) -> tuple[float, float, float]:
     return position.x, position.y, 2.0 * math.atan2(q.z, q.w)
 
 
-def test_it_says_where_it_stands_before_it_sees_anything(robot: RobotPeer) -> None:
-    """A team may have it in view, whether its cameras work or not."""
+def test_static_pose_is_published_before_the_first_scan(robot: RobotPeer) -> None:
+    """Others may have it in view, whether its cameras work or not."""
     robot.peer.until_active(robot.node)
     before = robot.now()
     robot.peer.until(lambda: robot.poses and stamp_of(robot.poses[-1]) > before, "poses")
@@ -71,8 +71,10 @@ def test_it_says_where_it_stands_before_it_sees_anything(robot: RobotPeer) -> No
     assert not {"odom", "pose_in"} & {t.split("/")[-1] for t in robot.peer.heard_by(robot.node)}
 
 
-def test_every_scan_has_its_pose_and_no_interval_waits(robot: RobotPeer, people: list[Any]) -> None:
-    """Also scans of old stamps: of a recording, that is, without simulated time."""
+def test_every_scan_has_a_static_pose_and_no_interval_waits(
+    robot: RobotPeer, people: list[Any]
+) -> None:
+    """Also scans with old stamps, as of a recording without simulated time."""
     for start_ns in (robot.now(), 1_700_000_000 * SECOND, robot.now()):
         stamps = itertools.count(start_ns, SECOND // 10)
 
@@ -98,7 +100,7 @@ def test_every_scan_has_its_pose_and_no_interval_waits(robot: RobotPeer, people:
     assert finding.count("dropped.no_pose") == 0
 
 
-def test_it_is_moved_by_hand(robot: RobotPeer) -> None:
+def test_changed_static_pose_takes_effect(robot: RobotPeer) -> None:
     robot.peer.must_set(robot.node, pose__static=[3.0, 4.0, -0.5])
     view = robot.view()
     robot.send(view)
@@ -112,7 +114,7 @@ def test_it_is_moved_by_hand(robot: RobotPeer) -> None:
     robot.peer.must_set(robot.node, pose__static=list(PLACE))
 
 
-def test_its_poses_follow_simulated_time(team: Team, peer: Peer, recording: Recording) -> None:
+def test_static_poses_follow_simulated_time(team: Team, peer: Peer, recording: Recording) -> None:
     params = {**PARAMETERS, "use_sim_time": "true"}
     robot = RobotPeer(
         peer, team.start("robot_node", namespace="/robot_s", params=params), recording, "robot_s"

@@ -1,4 +1,4 @@
-"""Three robots and the planner, four processes: the answer is that of the method in one process.
+"""Three robots and the planner as four processes: the result equals that of the method in one.
 
 Each frame is sent when the one before it has been answered, so nothing depends on the machine's
 speed. The odometry of the first run moves and is uncertain, so that the place of a scan has to be
@@ -302,7 +302,7 @@ def test_stamp_is_that_of_the_newest_scan_and_frame_is_map(run: Run) -> None:
         assert stamp_of(message) == max(_scan_key(scan)[1] for scan in message.scans)
 
 
-def test_points_are_those_of_the_method(run: Run) -> None:
+def test_points_equal_those_of_the_method(run: Run) -> None:
     files = CONFIGS[run.name]
     configs = load_team(*files).robots
     for robot in ROBOTS:
@@ -315,7 +315,7 @@ def test_points_are_those_of_the_method(run: Run) -> None:
             np.testing.assert_array_equal(records_of(message), stages.scan.cells.to_records())
 
 
-def test_named_poses_are_those_at_the_scans_stamps(run: Run) -> None:
+def test_poses_in_people_are_those_at_the_stamps_of_scans(run: Run) -> None:
     for message in run.people:
         _, poses = _in_process(run, message)
         for scan in message.scans:
@@ -331,7 +331,7 @@ def test_named_poses_are_those_at_the_scans_stamps(run: Run) -> None:
                 assert wanted.covariance[0, 0] > 0
 
 
-def test_people_are_those_of_the_method(run: Run) -> None:
+def test_people_equal_those_of_the_method(run: Run) -> None:
     """Every field, for every interval: float64 bit for bit, float32 as rounded."""
     for message in run.people:
         wanted, _ = _in_process(run, message)
@@ -359,8 +359,8 @@ def test_people_are_those_of_the_method(run: Run) -> None:
     assert sum(len(message.persons) for message in run.people) > 30
 
 
-def test_people_follow_from_the_named_poses(run: Run) -> None:
-    """Also without the `pose` topic: what the message names is enough."""
+def test_people_can_be_computed_from_the_poses_in_the_message(run: Run) -> None:
+    """The message is sufficient, without the topic `pose`."""
     for message in run.people:
         named = messages.read_people_scans(message)
         scans: list[Scan] = []
@@ -453,7 +453,7 @@ def test_markers_show_people_centre_and_robots(run: Run) -> None:
 
 
 def test_all_five_people_are_found_where_they_are(run: Run) -> None:
-    """Everybody and nobody else: within 6 cm, or by what the odometry was bent more."""
+    """All people and no others, within 6 cm, or more by as much as the odometry was perturbed."""
     errors = []
     for message in run.full:
         found = np.array([_xy(person.pose.pose.position) for person in message.persons])
@@ -470,7 +470,7 @@ def test_all_five_people_are_found_where_they_are(run: Run) -> None:
 
 @once
 def test_images_go_to_their_robot_only(run: Run) -> None:
-    """What DDS shows of every image topic: one reader, the robot's own node."""
+    """In DDS every image topic has one reader, the robot's own node."""
     image = "sensor_msgs/msg/Image"
     node = run.peer.node
     topics = [name for name, types in node.get_topic_names_and_types() if image in types]
@@ -502,8 +502,8 @@ def test_robots_publish_no_images(run: Run) -> None:
         assert f"/{robot}/points" in published
 
 
-def test_what_leaves_a_robot_is_small(run: Run) -> None:
-    """Scans and poses of a frame, against its images."""
+def test_scans_and_poses_are_small_against_images(run: Run) -> None:
+    """Per frame, in bytes."""
     for robot in ROBOTS:
         sent = run.sent[robot]
         stamps = {stamp_of(view["left"][0]) for view in sent}
@@ -518,7 +518,7 @@ def test_what_leaves_a_robot_is_small(run: Run) -> None:
 
 
 @once
-def test_diagnostics_of_a_sound_team(run: Run) -> None:
+def test_diagnostics_of_a_working_team_are_ok(run: Run) -> None:
     reports = run.peer.next_findings(PLANNER, *(f"/{robot}/robot_node" for robot in ROBOTS))
     findings = reports[PLANNER]
     intervals = findings["intervals"]
@@ -545,7 +545,7 @@ def test_diagnostics_of_a_sound_team(run: Run) -> None:
 
 
 @once
-def test_two_robots_of_one_name_are_named(run: Run, team: Team) -> None:
+def test_two_robots_of_one_name_are_reported(run: Run, team: Team) -> None:
     other = team.start("robot_node", namespace="/robot_b")
     finding = run.peer.until_finding(PLANNER, "robot robot_b", lambda f: f.level == ERROR)
     assert finding.message == (
@@ -558,8 +558,8 @@ def test_two_robots_of_one_name_are_named(run: Run, team: Team) -> None:
 
 
 @once
-def test_nothing_was_lost_on_the_way(run: Run) -> None:
-    """Last: no robot dropped anything."""
+def test_no_message_was_lost(run: Run) -> None:
+    """The last test: no robot dropped anything."""
     nodes = [f"/{robot}/robot_node" for robot in ROBOTS]
     for findings in run.peer.next_findings(*nodes).values():
         assert findings["pairs"].count("stamp_resets") == 0
@@ -567,6 +567,6 @@ def test_nothing_was_lost_on_the_way(run: Run) -> None:
             assert findings[topic].count("dropped") == 0
 
 
-def test_the_file_says_what_the_tests_of_one_robot_say() -> None:
+def test_team_file_agrees_with_the_tests_of_one_robot() -> None:
     (robot,) = load_team(REPEATABLE, robots=("robot_a",)).robots.values()
     assert robot == DEFAULTS

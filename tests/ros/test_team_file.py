@@ -18,7 +18,7 @@ pytest.importorskip("rclpy")
 from typer.testing import CliRunner
 
 from mrs_people_loc.errors import ConfigError
-from mrs_ros.team import team_processes
+from mrs_ros.processes import team_processes
 from mrs_tools.cli import app
 from ros.harness import own_domain
 
@@ -58,7 +58,7 @@ def test_one_process_per_robot_and_the_planner():
     assert planner[1:] == ["-m", "planner_node", "--ros-args", "--params-file", str(TEAM)]
 
 
-def test_simulated_time_is_asked_for_only_when_it_is_wanted():
+def test_simulated_time_is_set_only_on_request():
     assert not any("use_sim_time" in a for p in team_processes([TEAM]) for a in p.command())
     for process in team_processes([TEAM], sim_time=True):
         assert process.command()[-2:] == ["-p", "use_sim_time:=true"]
@@ -73,17 +73,17 @@ def test_robots_may_be_named_by_their_sections(tmp_path):
     assert [p.label for p in team_processes([file])] == ["robot_x", "planner"]
 
 
-def test_a_team_of_nobody_is_refused():
+def test_team_without_robots_is_refused():
     with pytest.raises(ConfigError, match=r"paper\.yaml: no robot is named; wanted: the list"):
         team_processes([ROOT / "config" / "paper.yaml"])
 
 
-def test_a_launch_file_needs_no_command_line_library():
-    code = "import sys; sys.modules['typer'] = None; import mrs_ros.team"
+def test_launch_files_need_no_command_line_library():
+    code = "import sys; sys.modules['typer'] = None; import mrs_ros.processes"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_up_says_what_is_wrong_with_a_team(tmp_path, environment):
+def test_up_reports_a_wrong_team_file(tmp_path, environment):
     file = write(tmp_path / "team.yaml", "/**/robot_node: {ros__parameters: {zones: {lo: 1}}}\n")
     done = subprocess.run(mrs("up", file), env=environment, capture_output=True, text=True)
     assert done.returncode == 1
@@ -93,8 +93,8 @@ def test_up_says_what_is_wrong_with_a_team(tmp_path, environment):
 
 
 @pytest.mark.timeout(180)
-def test_up_and_people_and_ctrl_c(environment):
-    """A team without cameras: the planner is there, finds no one, and says what is missing."""
+def test_up_and_people_run_until_ctrl_c(environment):
+    """A team without cameras: the planner runs, finds nobody, and reports what is missing."""
     team = subprocess.Popen(
         mrs("up", TEAM), env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -123,8 +123,8 @@ def test_up_and_people_and_ctrl_c(environment):
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_the_demo_finds_everybody(tmp_path, environment):
-    """On a machine that is busy with other things nobody is lost either, if it gets more time."""
+def test_demo_finds_all_people(tmp_path, environment):
+    """On a busy machine, too, if it gets more time."""
     picture = tmp_path / "demo.png"
     del environment["ROS_DOMAIN_ID"]
     for rate in (0.5, 0.2, 0.1):
@@ -155,8 +155,8 @@ def test_the_demo_finds_everybody(tmp_path, environment):
 
 @pytest.mark.slow
 @pytest.mark.timeout(420)
-def test_the_demo_follows_a_walking_group(tmp_path, environment):
-    """Likewise; one of them falls behind, and one joins."""
+def test_demo_tracks_a_walking_group(tmp_path, environment):
+    """One of them falls behind, and one joins."""
     picture = tmp_path / "demo.png"
     for rate in (0.5, 0.2, 0.1):
         done = subprocess.run(
@@ -180,7 +180,7 @@ def test_the_demo_follows_a_walking_group(tmp_path, environment):
 
 
 @pytest.mark.slow
-def test_the_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
+def test_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
     command = [sys.executable, "-m", "planner_node", "--ros-args", "-p", "robots:=[robot_x]"]
     planner = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
     try:
@@ -209,7 +209,7 @@ def test_the_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
 DRIVER = """
 import sys
 from importlib import import_module
-from mrs_tools.commands.replay import node
+from mrs_tools.tool_node import node
 
 topic, package, kind = sys.argv[1:]
 with node("driver") as driver:
@@ -227,10 +227,10 @@ with node("driver") as driver:
         ("/robot_b/odom", ("nav_msgs", "Odometry")),
     ],
 )
-def test_the_demo_refuses_a_domain_where_somebody_else_sends_what_the_bag_has(
+def test_demo_refuses_a_domain_with_publishers_of_the_bags_topics(
     tmp_path, environment, topic, kind
 ):
-    """The replay would leave that to them, and the team would be on a foreign clock or camera."""
+    """The replay would leave that to them, and the team would use their clock or camera."""
     with subprocess.Popen(
         [sys.executable, "-c", DRIVER, topic, *kind],
         env=environment,
@@ -263,7 +263,7 @@ def test_the_demo_refuses_a_domain_where_somebody_else_sends_what_the_bag_has(
     ],
     ids=lambda arguments: arguments[0],
 )  # fmt: skip
-def test_a_wrong_domain_is_an_error_before_anything_runs(arguments, monkeypatch, tmp_path):
+def test_wrong_domain_is_an_error_before_anything_runs(arguments, monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, [str(argument) for argument in arguments])
@@ -272,7 +272,7 @@ def test_a_wrong_domain_is_an_error_before_anything_runs(arguments, monkeypatch,
     assert not list(tmp_path.iterdir())
 
 
-def test_the_demo_says_what_the_bag_lacks(tmp_path, environment):
+def test_demo_reports_what_the_bag_lacks(tmp_path, environment):
     file = write(
         tmp_path / "team.yaml",
         "/**/planner_node: {ros__parameters: {robots: [robot_z]}}\n",

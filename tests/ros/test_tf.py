@@ -1,4 +1,4 @@
-"""TF: the frames that a robot tells, and poses that come from there."""
+"""TF: the frames that a robot publishes, and poses from TF."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def planar(message: Any) -> tuple[float, float, float]:
 # --- told -----------------------------------------------------------------------------------------
 
 
-def test_a_robot_that_stands_tells_map_to_base_link(standing: RobotPeer, tf: Tf) -> None:
+def test_static_robot_publishes_map_to_base_link(standing: RobotPeer, tf: Tf) -> None:
     frame = "robot_a/base_link"
     said = standing.peer.until(lambda: tf.moving(frame), "/tf")[-1]
     assert said.header.frame_id == "map"
@@ -148,8 +148,8 @@ def test_a_robot_that_stands_tells_map_to_base_link(standing: RobotPeer, tf: Tf)
     standing.peer.until(lambda: stamp_ns in map(stamp_of, tf.moving(frame)), "/tf at the scan")
 
 
-def test_cameras_are_where_the_method_has_them(standing: RobotPeer, tf: Tf) -> None:
-    """The trinocular head, numerically: through TF, and through what the method computes with."""
+def test_camera_frames_agree_with_the_method(standing: RobotPeer, tf: Tf) -> None:
+    """The trinocular head, numerically: by TF, and by the geometry of the method."""
     view = standing.view()
     standing.send(view, top=True)
     standing.points_at(stamp_of(view["left"][0]))
@@ -185,7 +185,7 @@ def test_cameras_are_where_the_method_has_them(standing: RobotPeer, tf: Tf) -> N
         assert pixels[0][0] == pytest.approx(pixels[2][0])
 
 
-def test_a_head_that_is_turned_is_told_anew(standing: RobotPeer, tf: Tf) -> None:
+def test_turned_head_is_published_again(standing: RobotPeer, tf: Tf) -> None:
     changed = MOUNTING | {"yaw": -0.4, "height": 0.9}
     standing.peer.must_set(standing.node, mounting__yaw=-0.4, mounting__height=0.9)
     wanted = matrix(*robot_from_optical(Mounting(**changed)))
@@ -198,7 +198,7 @@ def test_a_head_that_is_turned_is_told_anew(standing: RobotPeer, tf: Tf) -> None
 
 
 def test_base_link_has_one_parent(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """Odometry in a frame of its own: its base says odom to base_link, we say map to odom."""
+    """Odometry in its own frame: the base publishes odom to base_link, the node map to odom."""
     robot = robots("robot_b", pose__map_from_odom=[5.0, 6.0, 1.0])
 
     def placed() -> Any:
@@ -218,7 +218,9 @@ def test_base_link_has_one_parent(robots: Callable[..., RobotPeer], tf: Tf) -> N
     assert [stamp_of(t) for t in found] == [stamp_of(odometry)]
 
 
-def test_frames_are_told_as_the_parameter_says(robots: Callable[..., RobotPeer], tf: Tf) -> None:
+def test_frames_are_published_as_the_parameter_says(
+    robots: Callable[..., RobotPeer], tf: Tf
+) -> None:
     silent = robots("robot_c", pose__publish_tf="never")
     always = robots(
         "robot_d", pose__publish_tf="always", pose__map_from_odom=[1.0, 0.0, math.pi / 2]
@@ -244,8 +246,8 @@ def test_frames_are_told_as_the_parameter_says(robots: Callable[..., RobotPeer],
 # --- heard ----------------------------------------------------------------------------------------
 
 
-def test_a_pose_by_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """Where the chain is: map to odom from whoever localizes, odom to base_link from the base."""
+def test_pose_can_come_from_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None:
+    """The chain is map to odom from a localization, and odom to base_link from the base."""
     robot = robots("robot_e", pose__source="tf", pose__sigmas=[0.1, 0.1, 0.02])
     finding = robot.until_finding("pose", lambda f: f.level == ERROR and "TF has no" in f.message)
     assert finding.message.startswith("TF has no map -> robot_e/base_link: ")
@@ -278,8 +280,8 @@ def test_a_pose_by_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None:
     robot.peer.until(lambda: told_at(robot.now()), "another pose")
 
 
-def test_a_pose_by_tf_that_holds_at_any_time(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """As static_transform_publisher says it: good at the stamp of each scan."""
+def test_static_transform_is_a_pose_at_any_time(robots: Callable[..., RobotPeer], tf: Tf) -> None:
+    """As from static_transform_publisher: valid at the stamp of each scan."""
     tf.tell(told("map", "robot_f/base_link", -1.0, 0.5, 3.0), static=True)
     robot = robots("robot_f", pose__source="tf")
     robot.peer.until(lambda: robot.poses, "a pose without a scan")
@@ -289,8 +291,8 @@ def test_a_pose_by_tf_that_holds_at_any_time(robots: Callable[..., RobotPeer], t
     assert planar(robot.pose_at(stamp_of(view["left"][0]))) == pytest.approx((-1.0, 0.5, 3.0))
 
 
-def test_tf_places_odometry(robots: Callable[..., RobotPeer], tf: Tf) -> None:
-    """Where no parameter says where its frame is in the map."""
+def test_tf_places_odometry_in_the_map(robots: Callable[..., RobotPeer], tf: Tf) -> None:
+    """Without the parameter pose.map_from_odom."""
     robot = robots("robot_g")
 
     def sent() -> Any:

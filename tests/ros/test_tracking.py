@@ -1,4 +1,4 @@
-"""The planner follows people: ids, velocities and groups on the wire, over time as it comes."""
+"""The planner tracks people: ids, velocities and groups in its messages over time."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def walked(walk: Walk) -> Walk:
     return walk
 
 
-def test_ids_stay_and_velocities_are_those_of_the_walkers(walked: Walk) -> None:
+def test_ids_persist_and_velocities_are_those_of_the_walkers(walked: Walk) -> None:
     assert {tuple(ids(message)) for message in walked.heard[:40]} == {(1, 2, 3)}
     message = walked.heard[29]
     by_place = sorted(message.persons, key=lambda p: p.pose.pose.position.x)
@@ -121,7 +121,7 @@ def test_ids_stay_and_velocities_are_those_of_the_walkers(walked: Walk) -> None:
         assert list(person.robots) == list(NAMES)
 
 
-def test_who_is_hidden_coasts(walked: Walk) -> None:
+def test_hidden_person_coasts(walked: Walk) -> None:
     for k, message in enumerate(walked.heard[:40]):
         hidden = [p for p in message.persons if p.coasting]
         assert len(hidden) == (30 <= k < 36)
@@ -131,7 +131,7 @@ def test_who_is_hidden_coasts(walked: Walk) -> None:
             assert math.hypot(at.x - 3.6, at.y - 0.3) < 0.2
 
 
-def test_one_group_that_walks(walked: Walk) -> None:
+def test_walkers_are_one_group(walked: Walk) -> None:
     for message in walked.heard[:40]:
         (group,) = message.groups
         assert (group.id, group.size, list(group.members)) == (1, 3, [1, 2, 3])
@@ -140,8 +140,8 @@ def test_one_group_that_walks(walked: Walk) -> None:
     assert math.hypot(velocity.x, velocity.y - 1.0 / 3.0) < 0.1
 
 
-def test_the_planner_in_this_process_says_the_same(walked: Walk) -> None:
-    """Every field: it was told the same from the beginning."""
+def test_tracks_equal_those_of_a_planner_in_process(walked: Walk) -> None:
+    """Every field, given the same inputs from the beginning."""
     planner = Planner(PlannerConfig(robots=NAMES))
     for sent, message in zip(walked.sent, walked.heard, strict=True):
         scans = [messages.read_scan(cloud, robot) for robot, cloud in sent.items()]
@@ -156,7 +156,7 @@ def test_the_planner_in_this_process_says_the_same(walked: Walk) -> None:
         assert [group.id for group in message.groups] == [group.id for group in wanted.groups]
 
 
-def test_markers_show_velocities_trails_and_who_coasts(
+def test_markers_show_velocities_trails_and_coasting_people(
     walked: Walk, peer: Peer, drawn: list[MarkerArray]
 ) -> None:
     stamp_ns = stamp_of(walked.heard[33])
@@ -182,8 +182,8 @@ def until_said(peer: Peer, events: list[String], wanted: str) -> None:
     peer.until(lambda: any(wanted in e.data for e in events), lambda: f"{wanted}; got: {events}")
 
 
-def test_who_falls_behind_is_said(walked: Walk, peer: Peer, events: list[String]) -> None:
-    """The two walk on; the one who stands is a straggler, and no more when they come back."""
+def test_straggler_is_announced(walked: Walk, peer: Peer, events: list[String]) -> None:
+    """Two walk on; the one that stays is a straggler until they come back."""
     for k in range(40, 90):
         message = walked.step(*walkers(k / 10))
     (group,) = [g for g in message.groups if g.id == 1]
@@ -198,8 +198,8 @@ def test_who_falls_behind_is_said(walked: Walk, peer: Peer, events: list[String]
     assert all(set(ids(m)) <= {1, 2, 3} for m in walked.heard)
 
 
-def test_parameters_lose_nobody(walked: Walk) -> None:
-    """Another gate, and memory off and on again."""
+def test_live_parameters_lose_no_track(walked: Walk) -> None:
+    """With another gate, and memory switched off and on."""
     peer, node = walked.planner.peer, walked.planner.node
     places = walkers(2.0)
     for _ in range(30):  # whoever was elsewhere is forgotten
@@ -216,7 +216,7 @@ def test_parameters_lose_nobody(walked: Walk) -> None:
     assert ids(walked.step(*places)) == before
 
 
-def test_an_unusable_parameter_is_refused(walked: Walk) -> None:
+def test_unusable_tracking_parameter_is_refused(walked: Walk) -> None:
     (result,) = walked.planner.peer.set(walked.planner.node, tracking__gate=0.0)
     assert not result.successful
     assert "tracking.gate" in result.reason

@@ -18,7 +18,7 @@ else:
         # rclpy imports this with the first message; the parser behind it uses deprecated modules.
         warnings.simplefilter("ignore", DeprecationWarning)
         importlib.import_module("rosidl_generator_py")
-    from mrs_tools.commands.simulate import simulate, team_file
+    from mrs_tools.simulation.render_scene import simulate, team_file
     from mrs_tools.simulation.scene import load_scene
     from ros.harness import ROOT, own_domain
 

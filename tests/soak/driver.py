@@ -18,7 +18,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from mrs_people_loc.config import load_team
 from mrs_tools.bench.live import Feeder, Recorded, read_recorded
-from mrs_tools.cli import stop_on_signals
+from mrs_tools.signals import stop_on_signals
 
 
 def enlarged(one: Recorded, times: int) -> Recorded:

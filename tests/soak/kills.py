@@ -22,8 +22,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from mrs_ros.network import environment
-from mrs_ros.team import NodeProcess, team_processes
-from mrs_tools.commands.replay import node as rclpy_node
+from mrs_ros.processes import NodeProcess, team_processes
+from mrs_tools.tool_node import node as rclpy_node
 
 #: Who is not back after so long is lost [s]; and so long others are watched after a kill [s].
 LOST_S, WATCHED_S = 30.0, 2.5

@@ -19,9 +19,9 @@ from mrs_people_msgs.msg import People
 from rclpy.executors import SingleThreadedExecutor
 
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_ros.team import NodeProcess, RunningTeam
+from mrs_ros.processes import NodeProcess, RunningTeam
 from mrs_tools.bench.live import Feeder, Recorded, Usage
-from mrs_tools.commands.replay import node as rclpy_node
+from mrs_tools.tool_node import node as rclpy_node
 
 #: Processes get this long to start and to find each other [s].
 START_S = 120.0

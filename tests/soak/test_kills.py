@@ -19,7 +19,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
 from mrs_people_loc.config import load_team
-from mrs_ros.team import team_processes
+from mrs_ros.processes import team_processes
 from mrs_tools.bench.live import read_recorded
 from ros.harness import ROOT
 from soak.kills import Kill, Kills, Victims, driver, kill_at_random, watching

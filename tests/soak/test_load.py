@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 from machine import QUIET, Used, too_busy
 from mrs_people_loc.config import load_team
 from mrs_ros import convert
-from mrs_ros.team import team_processes
+from mrs_ros.processes import team_processes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bench.live import Recorded, read_recorded
 from ros.harness import ROOT

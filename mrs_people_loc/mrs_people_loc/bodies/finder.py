@@ -8,32 +8,90 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import Float, Float32, Int, StructOfArrays
+from mrs_people_loc.anthropometry import APART_ACROSS, APART_IN_VIEW, AXIS_ERROR
+from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.bodies import model as body_model
 from mrs_people_loc.bodies import votes as voting
 from mrs_people_loc.bodies.model import BodyModel, Evidence, gather_evidence
-from mrs_people_loc.bodies.patches import ACROSS, HEIGHTS, SILHOUETTE, Patches, PatchSampler, span
-from mrs_people_loc.bodies.search import BodySearch, Candidates
+from mrs_people_loc.bodies.patches import (
+    ACROSS,
+    CELL_HEIGHTS,
+    HEIGHTS,
+    PATCH_TUNING,
+    ROW,
+    SILHOUETTE,
+    TRUNK,
+    Patches,
+    PatchSampler,
+    PatchTuning,
+)
+from mrs_people_loc.bodies.search import SEARCH_TUNING, BodySearch, Candidates, SearchTuning
+from mrs_people_loc.bodies.votes import VOTES_TUNING, VotesTuning
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
+from mrs_people_loc.sensing.precision import BODY_SIGMA_PX
 from mrs_people_loc.timing import StageTimes
 
-#: Where the model does not say how sure a place is: along the line of sight a part that does not
-#: depend on range [m] and one in disparity [px], and across [m].
-_SIGMA_M, _SIGMA_PX, _SIGMA_ACROSS_M = 0.06, 0.3, 0.06
-#: No range is surer than this [m]: with a longer baseline bodies are no thinner.
-_LEAST_SIGMA_M = 0.04
-#: Two bodies of one view are no closer than this across and in all [m].
-_APART_ACROSS, _APART = 0.30, 0.42
-#: Heights of a patch whose samples go out as cells.
-_ZONE = span((HEIGHTS > 0.2) & (HEIGHTS < 1.95))
+
+@dataclass(frozen=True)
+class FinderTuning:
+    """What judging candidates may be tuned by; values without another origin were fitted.
+
+    Attributes:
+        sigma: Where the model does not give it, the standard deviation of a place along the line
+            of sight is this [m] ...
+        sigma_px: ... and this of disparity [px], root sum square;
+        sigma_across: and this is that across it [m].
+        min_sigma: No range is surer than this [m]: with a longer baseline bodies are no thinner.
+        apart_across: Two bodies of one view are no closer than this across the line of sight [m],
+            where along it they are within so many of their standard deviations ...
+        apart_sigmas: ... these, or within `apart`.
+        apart: Two bodies of one view are no closer than this in all [m].
+        beyond: The model may move a body to so many times `bodies.max_range`.
+        lowest_top: Tops of bodies are sought from here up [m].
+        filled: A row is of the body where at least this share of the trunk's samples is ...
+        min_contrast: ... and their mean contrast is at least this (see `Vote`).
+    """
+
+    sigma: float = AXIS_ERROR
+    sigma_px: float = BODY_SIGMA_PX
+    sigma_across: float = AXIS_ERROR
+    min_sigma: float = 0.04
+    apart_across: float = APART_ACROSS
+    apart_sigmas: float = 2.0
+    apart: float = APART_IN_VIEW
+    beyond: float = 1.5
+    lowest_top: float = 0.85
+    filled: float = 0.4
+    min_contrast: float = 0.0
+
+
+@dataclass(frozen=True)
+class BodyTuning:
+    """What the steps of the default method on a robot may be tuned by.
+
+    `bodies.*` in the configuration is what users set; the model was fitted with these.
+
+    Attributes:
+        search: Candidates.
+        patches: Centring of patches.
+        votes: The vote on a disparity.
+        finder: Judging the candidates.
+    """
+
+    search: SearchTuning = SEARCH_TUNING
+    patches: PatchTuning = PATCH_TUNING
+    votes: VotesTuning = VOTES_TUNING
+    finder: FinderTuning = field(default_factory=FinderTuning)
+
+
+BODY_TUNING = BodyTuning()
 
 
 @dataclass(frozen=True)
@@ -80,13 +138,13 @@ class Bodies(StructOfArrays):
     patches: Patches
 
     @functools.cached_property
-    def silhouettes(self) -> tuple[NDArray[np.bool_], Float]:
+    def silhouettes(self) -> tuple[Bool, Float]:
         """Which samples are of the bodies, and how far to the left of their middle columns are.
 
-        Shape (n, heights of `_ZONE`, columns of `SILHOUETTE`), and [m], shape (n, columns). Each
-        body has one sample at least: nobody may get lost.
+        Shapes (n, rows of `CELL_HEIGHTS`, columns of `SILHOUETTE`) and (n, columns) [m]. Each body
+        has one sample at least: nobody may get lost.
         """
-        difference = self.patches.difference[:, _ZONE, SILHOUETTE]
+        difference = self.patches.difference[:, CELL_HEIGHTS, SILHOUETTE]
         with np.errstate(invalid="ignore"):
             same = np.abs(difference) < self.patches.tolerance[:, np.newaxis, np.newaxis]
         count = same.sum(axis=1)
@@ -106,6 +164,7 @@ class BodyFinder:
         config: Which steps are taken.
         min_range: Nearest working range [m].
         model: The fitted model; the package's own if None.
+        tuning: See there.
 
     Raises:
         CameraError: The head does not see bodies upright.
@@ -118,12 +177,16 @@ class BodyFinder:
         *,
         min_range: float,
         model: BodyModel | None = None,
+        tuning: BodyTuning = BODY_TUNING,
     ) -> None:
         self.camera = camera
         self.config = config
+        self.tuning = tuning
         self._model = model
-        self._search = BodySearch(camera, min_range=min_range, max_range=config.max_range)
-        self._sample = PatchSampler(camera)
+        self._search = BodySearch(
+            camera, min_range=min_range, max_range=config.max_range, tuning=tuning.search
+        )
+        self._sample = PatchSampler(camera, tuning.patches)
 
     def __call__(self, disparity: Float32, images: StereoImages, times: StageTimes) -> Bodies:
         """The bodies of one view.
@@ -149,7 +212,11 @@ class BodyFinder:
         vote = voting.Vote.nothing(len(candidates))
         if config.vote:
             vote = voting.vote(
-                images.left, images.right, patches, offset_px=camera.disparity_offset_px
+                images.left,
+                images.right,
+                patches,
+                offset_px=camera.disparity_offset_px,
+                tuning=self.tuning.votes,
             )
             times.mark("vote")
         evidence = gather_evidence(
@@ -160,22 +227,22 @@ class BodyFinder:
 
     def judge(self, view: View) -> Bodies:
         """Which candidates may be people, and where their axes are."""
-        config, evidence = self.config, view.evidence
+        config, tuning, evidence = self.config, self.tuning.finder, view.evidence
         model = self._model or body_model.fitted()
         scale = self.camera.depth_disparity
         inverse = view.patches.inverse_range
-        least = scale / (1.5 * config.max_range)
+        least = scale / (tuning.beyond * config.max_range)
         if config.axis:
             sigma_px = np.exp(model.depth_log_sigma(evidence.even))
             sigma_across = np.exp(model.across_log_sigma(evidence.even))
             ranges = scale / np.maximum(inverse + model.depth(evidence.depth), least)
             across = model.across(evidence.odd)
-            sigma_range = np.maximum(ranges * ranges / scale * sigma_px, _LEAST_SIGMA_M)
+            sigma_range = np.maximum(ranges * ranges / scale * sigma_px, tuning.min_sigma)
         else:
             ranges = scale / np.maximum(inverse + view.vote.shift, least)
             across = np.zeros(len(inverse))
-            sigma_range = np.hypot(_SIGMA_M, ranges * ranges / scale * _SIGMA_PX)
-            sigma_across = np.full(len(inverse), _SIGMA_ACROSS_M)
+            sigma_range = np.hypot(tuning.sigma, ranges * ranges / scale * tuning.sigma_px)
+            sigma_across = np.full(len(inverse), tuning.sigma_across)
         bearing = view.patches.bearing + np.arctan2(across, ranges)
         ranges = np.hypot(ranges, across)
         score = model.human(evidence.even) if config.human_test else view.candidates.extent
@@ -188,13 +255,14 @@ class BodyFinder:
             score=score,
             sigma_range=sigma_range,
             sigma_across=sigma_across,
-            top=_tops(view.patches, view.vote.contrast),
+            top=_tops(view.patches, view.vote.contrast, tuning),
             patches=view.patches,
         )
         return all_bodies.select(self._alone(all_bodies))
 
     def _alone(self, bodies: Bodies) -> Int:
-        """Those that are likely enough, and that no likelier one of this view already is."""
+        """Indices of those that are likely enough, without a likelier one in their place."""
+        tuning = self.tuning.finder
         kept: list[int] = []
         for i in np.argsort(-bodies.score, kind="stable"):
             if bodies.score[i] < self.config.min_score:
@@ -205,34 +273,30 @@ class BodyFinder:
             along = np.abs(bodies.range[i] - bodies.range[others])
             sigma = np.hypot(bodies.sigma_range[i], bodies.sigma_range[others])
             away = np.hypot(bodies.x[i] - bodies.x[others], bodies.y[i] - bodies.y[others])
-            same = (across < _APART_ACROSS) & (along < np.maximum(_APART, 2.0 * sigma))
-            if not (same | (away < _APART)).any():
+            deep = np.maximum(tuning.apart, tuning.apart_sigmas * sigma)
+            same = (across < tuning.apart_across) & (along < deep)
+            if not (same | (away < tuning.apart)).any():
                 kept.append(int(i))
         return np.array(kept, dtype=np.intp)
 
 
-#: Mean contrast of a row that is not of the body.
-_BEHIND = 0.0
-_TRUNK = np.flatnonzero(np.abs(ACROSS) < 0.13)
-_FROM = int(np.searchsorted(HEIGHTS, 0.85))  # rows from here up may be a top
-_STEP = float(HEIGHTS[1] - HEIGHTS[0])
-
-
-def _tops(patches: Patches, contrast: Float32) -> Float:
-    """Height of the bodies' tops [m]: where the trunk's column ends in a gap of three samples.
+def _tops(patches: Patches, contrast: Float32, tuning: FinderTuning) -> Float:
+    """Height of the bodies' tops [m]: where the trunk's columns end in a gap of three samples.
 
     What matches better behind the body than at it is not the body: windows of matching widen things
     upwards, too.
     """
+    first = int(np.searchsorted(HEIGHTS, tuning.lowest_top))
+    rows = slice(first, None)
     tolerance = patches.tolerance[:, np.newaxis, np.newaxis]
     with np.errstate(invalid="ignore"):
-        same = np.abs(patches.difference[:, :, _TRUNK]) < tolerance
-    behind = contrast[:, _FROM:, _TRUNK].mean(axis=2) < _BEHIND
-    filled = (same.mean(axis=2)[:, _FROM:] >= 0.4) & ~behind
+        same = np.abs(patches.difference[:, :, TRUNK]) < tolerance
+    behind = contrast[:, rows, TRUNK].mean(axis=2) < tuning.min_contrast
+    filled = (same.mean(axis=2)[:, rows] >= tuning.filled) & ~behind
     padded = np.pad(filled, ((0, 0), (0, 3)))
     gap = ~(padded[:, :-2] | padded[:, 1:-1] | padded[:, 2:])
     end = gap.argmax(axis=1)  # the first row of the first gap
-    top = HEIGHTS[_FROM - 1] + end * _STEP + 0.5 * _STEP
+    top = HEIGHTS[first - 1] + end * ROW + 0.5 * ROW
     return np.asarray(top, dtype=np.float64)
 
 
@@ -248,7 +312,7 @@ def points_of(bodies: Bodies) -> Float32:
     same, left = bodies.silhouettes
     body, row, column = np.nonzero(same)
     x, y = _place(bodies, body, left[body, column])
-    return np.stack([x, y, HEIGHTS[_ZONE][row]]).T
+    return np.stack([x, y, HEIGHTS[CELL_HEIGHTS][row]]).T
 
 
 def cells_of(bodies: Bodies) -> Cells:
@@ -263,7 +327,7 @@ def cells_of(bodies: Bodies) -> Cells:
     same, left = bodies.silhouettes
     body, column = np.nonzero(same.any(axis=1))
     x, y = _place(bodies, body, left[body, column])
-    heights = HEIGHTS[_ZONE]
+    heights = HEIGHTS[CELL_HEIGHTS]
     lowest = heights[same.argmax(axis=1)]
     highest = heights[::-1][same[:, ::-1].argmax(axis=1)]
 

@@ -13,16 +13,19 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Bool, Float, Float32
 from mrs_people_loc.bodies.patches import (
     ACROSS,
+    BANDS,
     BODY_HEIGHTS,
     HEIGHTS,
     SILHOUETTE,
+    SLICES,
+    STRIPES,
     Patches,
     in_rows,
     quantiles,
@@ -30,33 +33,25 @@ from mrs_people_loc.bodies.patches import (
 from mrs_people_loc.bodies.votes import Vote
 from mrs_people_loc.errors import ConfigError
 
-Float32 = NDArray[np.float32]
-Float = NDArray[np.float64]
-
-#: Bands of height over the floor [m]: legs, thighs, belly, chest, shoulders, head, above.
-_BANDS = ((0.1, 0.5), (0.5, 0.9), (0.9, 1.25), (1.25, 1.5), (1.5, 1.75), (1.75, 2.0), (2.0, 2.4))
-#: Stripes by distance from the middle [m]: trunk, arms, beside the body.
-_STRIPES = ((0.0, 0.14), (0.14, 0.28), (0.34, 0.49), (0.49, 0.71))
-#: Slices of height whose centroids are compared [m].
-_SLICES = tuple((low, low + 0.35) for low in (0.3, 0.6, 0.9, 1.2, 1.4, 1.6))
+#: Quantiles of the disparities of a body.
 _SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
 
 
-def _between(values: Float32, low: float, high: float) -> NDArray[np.bool_]:
+def _between(values: Float32, low: float, high: float) -> Bool:
     return (values >= np.float32(low - 1e-4)) & (values < np.float32(high - 1e-4))
 
 
-def _means(chosen: list[NDArray[np.bool_]]) -> Float32:
+def _means(chosen: list[Bool]) -> Float32:
     """Weights that average the chosen samples, a row for each choice."""
     rows = np.array(chosen, dtype=np.float32)
     return np.asarray(rows / rows.sum(axis=1, keepdims=True))
 
 
-_OF_BANDS = _means([_between(HEIGHTS, *band) for band in _BANDS])
+_OF_BANDS = _means([_between(HEIGHTS, *band) for band in BANDS])
 _OF_STRIPES = _means(  # first those to the right, then those to the left
-    [_between(side * ACROSS, *stripe) for side in (-1, 1) for stripe in _STRIPES]
+    [_between(side * ACROSS, *stripe) for side in (-1, 1) for stripe in STRIPES]
 )
-_OF_SLICES = np.array([_between(HEIGHTS, *part) for part in _SLICES], dtype=np.float32)
+_OF_SLICES = np.array([_between(HEIGHTS, *part) for part in SLICES], dtype=np.float32)
 _UPPER = _between(HEIGHTS[BODY_HEIGHTS], 1.0, 9.0)
 
 
@@ -86,6 +81,42 @@ def gather_evidence(
         vote: What their pixels say together.
         depth_disparity: Focal length times baseline [px m].
     """
+    even, odd, same = _shares(patches, vote)
+    surface = _surface(patches)
+    inverse = patches.inverse_range
+    ranges = depth_disparity / inverse
+    metres = ranges / inverse  # per pixel of disparity
+    slope = surface.slope * metres
+    even += [
+        ranges,
+        1.0 / ranges,
+        extent,
+        patches.tolerance * metres,
+        surface.deviation * metres,
+        np.minimum(np.abs(slope), 3.0),
+    ]
+    depth = np.column_stack([*surface.middles, vote.shift, np.minimum(vote.sigma, 0.5), inverse])
+    return Evidence(
+        even=np.column_stack(even).astype(np.float64),
+        odd=np.column_stack([_centroids(same), slope, *odd]).astype(np.float64),
+        depth=np.column_stack(
+            [
+                depth,
+                depth[:, :-1] * (3.0 / inverse)[:, np.newaxis],
+                depth * (inverse / 5.0)[:, np.newaxis],
+                1.0 / inverse,
+            ]
+        ),
+    )
+
+
+def _shares(patches: Patches, vote: Vote) -> tuple[list[Any], list[Any], Float32]:
+    """Shares of the samples in each class, by band and stripe.
+
+    Returns:
+        Even and odd columns of the evidence, and how far each sample is of the body, from 0 to 1,
+        shape (n, heights, across).
+    """
     relative = patches.difference / patches.tolerance.astype(np.float32)[:, np.newaxis, np.newaxis]
     known = np.isfinite(relative)
     relative[~known] = 0.0
@@ -93,21 +124,47 @@ def gather_evidence(
     same = np.clip(2.0 - np.abs(relative), 0.0, 1.0) * known
     behind = np.clip(-1.0 - relative, 0.0, 1.0)
     front = np.clip(relative - 1.0, 0.0, 1.0)
-    even, odd = [], []
     depth = np.clip(relative, -2.0, 2.0)
-    for part in (same, behind, front, depth, vote.contrast, (~patches.inside).astype(np.float32)):
+    outside = (~patches.inside).astype(np.float32)
+    even, odd = [], []
+    for part in (same, behind, front, depth, vote.contrast, outside):
         shares = _OF_BANDS @ part @ _OF_STRIPES.T
-        left, right = shares[..., len(_STRIPES) :], shares[..., : len(_STRIPES)]
+        left, right = shares[..., len(STRIPES) :], shares[..., : len(STRIPES)]
         odd.append(in_rows(left - right))
-        if len(odd) <= 5:
+        if part is not outside:
             even.append(in_rows(0.5 * (left + right)))
             even.append(in_rows(np.minimum(left, right)[..., 2:]))
+    return even, odd, same
 
+
+def _centroids(same: Float32) -> Float:
+    """How far to the left the body is in each slice of height [m], shape (n, slices)."""
+    across = ACROSS[SILHOUETTE].astype(np.float64)
+    weights = (_OF_SLICES @ same[..., SILHOUETTE]).astype(np.float64)
+    return np.asarray(weights @ across / np.maximum(weights.sum(axis=2), 1e-3))
+
+
+class _Surface(NamedTuple):
+    """Disparities of the bodies in patches, against the patches' own [px].
+
+    Attributes:
+        middles: Quantiles, mean, and median of the upper part: shapes (n, 5), (n,) and (n, 1).
+        deviation: Standard deviation, shape (n,).
+        slope: To the left [px/m], shape (n,): an oblique wall has one, a body has not.
+    """
+
+    middles: tuple[Float, Float, Float]
+    deviation: Float
+    slope: Float
+
+
+def _surface(patches: Patches) -> _Surface:
+    """Measures the surfaces of the bodies, sample by sample of their silhouettes."""
     inner = patches.difference[:, BODY_HEIGHTS, SILHOUETTE]
     with np.errstate(invalid="ignore"):
         body = np.abs(inner) < 1.5 * patches.tolerance[:, np.newaxis, np.newaxis]
-    flat, chosen = in_rows(inner), in_rows(body)
-    spread = quantiles(flat, chosen, _SHARES)
+    chosen = in_rows(body)
+    spread = quantiles(in_rows(inner), chosen, _SHARES)
     upper = quantiles(in_rows(inner[:, _UPPER]), in_rows(body[:, _UPPER]), (0.5,))
     number = np.maximum(chosen.sum(axis=1), 1)
     values = np.where(body, inner, 0.0)
@@ -115,44 +172,17 @@ def gather_evidence(
     across = ACROSS[SILHOUETTE].astype(np.float64)
     columns, of_columns = body.sum(axis=1), values.sum(axis=1)
     middle = columns @ across / number
-    # Least-squares slope of the disparity across the body: an oblique wall has one, a body has not.
     moment = columns @ across**2 / number - middle**2
-    slope = (of_columns @ across / number - mean * middle) / (moment + 1e-3)
-
-    inverse = patches.inverse_range
-    ranges = depth_disparity / inverse
-    metres = ranges / inverse  # that a pixel of disparity is worth
-    of_centroids = (_OF_SLICES @ same[..., SILHOUETTE]).astype(np.float64)
-    centroids = of_centroids @ across / np.maximum(of_centroids.sum(axis=2), 1e-3)
-    deviation = np.sqrt(np.maximum((values**2).sum(axis=(1, 2)) / number - mean**2, 0.0))
-    scalars = [
-        ranges,
-        1.0 / ranges,
-        extent,
-        patches.tolerance * metres,
-        deviation * metres,
-        np.minimum(np.abs(slope) * metres, 3.0),
-    ]
-    direct = np.column_stack(
-        [spread, mean, upper, vote.shift, np.minimum(vote.sigma, 0.5), inverse]
-    )
-    return Evidence(
-        even=np.column_stack([*even, *scalars]).astype(np.float64),
-        odd=np.column_stack([centroids, slope * metres, *odd]).astype(np.float64),
-        depth=np.column_stack(
-            [
-                direct,
-                direct[:, :-1] * (3.0 / inverse)[:, np.newaxis],
-                direct * (inverse / 5.0)[:, np.newaxis],
-                1.0 / inverse,
-            ]
-        ),
+    return _Surface(
+        middles=(spread, mean, upper),
+        deviation=np.sqrt(np.maximum((values**2).sum(axis=(1, 2)) / number - mean**2, 0.0)),
+        slope=(of_columns @ across / number - mean * middle) / (moment + 1e-3),  # least squares
     )
 
 
 #: Widths of the evidence.
-EVEN = 5 * len(_BANDS) * (len(_STRIPES) + 2) + 6
-ODD = len(_SLICES) + 1 + 6 * len(_BANDS) * len(_STRIPES)
+EVEN = 5 * len(BANDS) * (len(STRIPES) + 2) + 6
+ODD = len(SLICES) + 1 + 6 * len(BANDS) * len(STRIPES)
 DEPTH = 3 * 10
 
 

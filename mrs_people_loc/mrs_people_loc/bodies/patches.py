@@ -14,13 +14,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.anthropometry import CHEST_DEPTH, SHOULDER_BREADTH, TALLEST
 from mrs_people_loc.arrays import Bool, Float, Float32, StructOfArrays
 from mrs_people_loc.bodies.search import tolerance_px
 from mrs_people_loc.sensing.camera import StereoCamera
 
+# The sampling grid, and the parts of a body on it. The model is fitted to them: whoever changes one
+# runs `mrs fit`. Numbers without a name were chosen; the grid keeps the same samples over a few cm.
+
 #: Across the line of sight, to the left [m], and over the floor [m].
 ACROSS: Float32 = np.linspace(-0.70, 0.70, 29, dtype=np.float32)
 HEIGHTS: Float32 = np.linspace(0.1, 2.275, 30, dtype=np.float32)
+#: Distances of the samples [m].
+COLUMN, ROW = float(ACROSS[1] - ACROSS[0]), float(HEIGHTS[1] - HEIGHTS[0])
+
+#: Bands of height over the floor [m]: legs, thighs, belly, chest, shoulders, head, above.
+BANDS = ((0.1, 0.5), (0.5, 0.9), (0.9, 1.25), (1.25, 1.5), (1.5, 1.75), (1.75, 2.0), (2.0, 2.4))
+#: Stripes by distance from the middle [m]: the trunk, which is there whichever way a body faces;
+#: arms; beside the body.
+STRIPES = (
+    (0.0, CHEST_DEPTH / 2.0), (CHEST_DEPTH / 2.0, SHOULDER_BREADTH / 2.0),
+    (0.34, 0.49), (0.49, 0.71),
+)  # fmt: skip
+#: Slices of height whose centroids are compared [m].
+SLICES = tuple((low, low + 0.35) for low in (0.3, 0.6, 0.9, 1.2, 1.4, 1.6))
 
 
 def span(chosen: Bool) -> slice:
@@ -29,11 +46,33 @@ def span(chosen: Bool) -> slice:
     return slice(int(index[0]), int(index[-1]) + 1)
 
 
-#: Where in a patch its body is: from the knees to the top of the head; its trunk, which has no
-#: background in it; and all of its silhouette, arms included.
-BODY_HEIGHTS = span((HEIGHTS > 0.3) & (HEIGHTS < 1.95))
-TRUNK = span(np.abs(ACROSS) < 0.28)
-SILHOUETTE = span(np.abs(ACROSS) < 0.33)
+#: Rows of a body, from the knees to the top of the head, and those that go out as cells.
+BODY_HEIGHTS = span((HEIGHTS > 0.3) & (HEIGHTS < TALLEST))
+CELL_HEIGHTS = span((HEIGHTS > 0.2) & (HEIGHTS < TALLEST))
+#: Columns of the trunk; of the trunk with arms; and of arms that swing, too.
+TRUNK = span(np.abs(ACROSS) < CHEST_DEPTH / 2.0)
+BODY = span(np.abs(ACROSS) < SHOULDER_BREADTH / 2.0)
+SILHOUETTE = span(np.abs(ACROSS) < SHOULDER_BREADTH / 2.0 + COLUMN)
+
+
+@dataclass(frozen=True)
+class PatchTuning:
+    """What moves patches to the middle of a body; fitted on the suite.
+
+    Attributes:
+        passes: How often they are moved.
+        near: What is within so many tolerances of a patch may be of its body.
+        max_across: No move is farther across the line of sight [m].
+        max_px: No move is farther in disparity [px].
+    """
+
+    passes: int = 2
+    near: float = 1.5
+    max_across: float = 0.12
+    max_px: float = 0.6
+
+
+PATCH_TUNING = PatchTuning()
 
 
 @dataclass(frozen=True)
@@ -67,10 +106,12 @@ class PatchSampler:
 
     Args:
         camera: The head.
+        tuning: See there.
     """
 
-    def __init__(self, camera: StereoCamera) -> None:
+    def __init__(self, camera: StereoCamera, tuning: PatchTuning = PATCH_TUNING) -> None:
         self.camera = camera
+        self.tuning = tuning
         rotation, translation = camera.robot_from_optical
         self._optical_from_robot = rotation.T
         self._up: Any = rotation[2].astype(np.float32)  # the vertical in the optical frame
@@ -130,22 +171,23 @@ class PatchSampler:
 
         Args: as those of a call.
         """
-        for _ in range(2):
+        tuning = self.tuning
+        for _ in range(tuning.passes):
             patches = self(disparity, bearing, inverse_range)
-            difference = in_rows(patches.difference[:, BODY_HEIGHTS, TRUNK])
+            difference = in_rows(patches.difference[:, BODY_HEIGHTS, BODY])
             tolerance = patches.tolerance[:, np.newaxis]
             with np.errstate(invalid="ignore"):
-                near = np.abs(difference) < 1.5 * tolerance
+                near = np.abs(difference) < tuning.near * tolerance
             middle = _median(difference, near)[:, np.newaxis]
             with np.errstate(invalid="ignore"):
                 same = near & (np.abs(difference - middle) < tolerance)
-            trunk = ACROSS[TRUNK]
-            columns = same.reshape(-1, len(HEIGHTS[BODY_HEIGHTS]), len(trunk)).sum(axis=1)
-            offset = columns @ trunk / np.maximum(columns.sum(axis=1), 1)
-            bearing = bearing + np.clip(offset, -0.12, 0.12) * (
+            across = ACROSS[BODY]
+            columns = same.reshape(-1, len(HEIGHTS[BODY_HEIGHTS]), len(across)).sum(axis=1)
+            offset = columns @ across / np.maximum(columns.sum(axis=1), 1)
+            bearing = bearing + np.clip(offset, -tuning.max_across, tuning.max_across) * (
                 inverse_range / self.camera.depth_disparity
             )
-            nearer = np.clip(middle[:, 0], -0.6, 0.6) * (
+            nearer = np.clip(middle[:, 0], -tuning.max_px, tuning.max_px) * (
                 inverse_range / patches.expected[:, len(HEIGHTS) // 2, len(ACROSS) // 2]
             )
             inverse_range = np.maximum(inverse_range + nearer, 0.5 * inverse_range)

@@ -6,7 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from mrs_people_loc.arrays import Float32
-from mrs_people_loc.bodies.finder import Bodies, BodyFinder, cells_of, points_of
+from mrs_people_loc.bodies.finder import (
+    BODY_TUNING,
+    Bodies,
+    BodyFinder,
+    BodyTuning,
+    cells_of,
+    points_of,
+)
 from mrs_people_loc.bodies.search import HIGHEST, LOWEST
 from mrs_people_loc.cells.filters import discriminate_zones
 from mrs_people_loc.config import RobotConfig
@@ -52,18 +59,27 @@ class BodyScanner:
         robot: The robot's name.
         camera: Its head.
         config: Parameters.
+        tuning: See there.
 
     Raises:
         CameraError: Camera and configuration do not fit together, or the head does not see bodies
             upright.
     """
 
-    def __init__(self, robot: str, camera: StereoCamera, config: RobotConfig) -> None:
+    def __init__(
+        self,
+        robot: str,
+        camera: StereoCamera,
+        config: RobotConfig,
+        tuning: BodyTuning = BODY_TUNING,
+    ) -> None:
         self._robot = robot
         self._make_cloud = CloudMaker(
             camera, min_range=config.disparity.min_range, max_range=config.disparity.max_range
         )
-        self._find = BodyFinder(camera, config.bodies, min_range=config.disparity.min_range)
+        self._find = BodyFinder(
+            camera, config.bodies, min_range=config.disparity.min_range, tuning=tuning
+        )
 
     def __call__(self, disparity: Float32, images: StereoImages, times: StageTimes) -> BodyStages:
         """The scan of one view; arguments as those of `CellScanner`."""

@@ -8,30 +8,45 @@ the cameras fitted along (Lucas & Kanade 1981, for one body at a time).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from mrs_people_loc.bodies.patches import ACROSS, BODY_HEIGHTS, HEIGHTS, TRUNK, Patches, in_rows
-from mrs_people_loc.bodies.search import MATCHING_ERROR_PX
+from mrs_people_loc.arrays import Float, Float32
+from mrs_people_loc.bodies.patches import ACROSS, BODY, BODY_HEIGHTS, HEIGHTS, Patches, in_rows
 from mrs_people_loc.sensing.images import Gray
+from mrs_people_loc.sensing.precision import BODY_TOLERANCE_PX
 
-Float32 = NDArray[np.float32]
-Float = NDArray[np.float64]
 
-_ITERATIONS = 3
-#: Both images are smoothed by this before [px].
-_BLUR_PX = 0.7
-#: A vote moves a body no farther than this [px].
-_FARTHEST_PX = 1.2
-#: Where the background is looked for: this much less disparity, for a body no deeper than what
-#: matching errs by [px].
-_BEHIND_PX = (0.8, 1.5, 2.4, 3.6)
-#: Cost that says nothing [grey levels].
-_NOISE = 4.0
+@dataclass(frozen=True)
+class VotesTuning:
+    """What the vote may be tuned by; fitted on the suite.
+
+    Attributes:
+        iterations: Of Gauss-Newton.
+        blur_px: Both images are smoothed by this before (sigma) [px].
+        max_step_px: No iteration moves a body farther [px] ...
+        max_shift_px: ... and all of them together no farther than this [px].
+        gains: Gain between the cameras, at least and at most.
+        behind_px: The background is looked for at this much less disparity, for a body no deeper
+            than what matching errs by [px].
+        noise: Added to the costs that are compared: smaller ones tell nothing [grey levels].
+    """
+
+    iterations: int = 3
+    blur_px: float = 0.7
+    max_step_px: float = 0.5
+    max_shift_px: float = 1.2
+    gains: tuple[float, float] = (0.3, 3.0)
+    behind_px: tuple[float, ...] = (0.8, 1.5, 2.4, 3.6)
+    noise: float = 4.0
+
+
+VOTES_TUNING = VotesTuning()
+#: Added to the diagonal of the normal equations, which are singular where an image is flat.
+_RIDGE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -56,7 +71,14 @@ class Vote:
         return cls(zeros, zeros, np.zeros((count, len(HEIGHTS), len(ACROSS)), dtype=np.float32))
 
 
-def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> Vote:
+def vote(
+    left: Gray,
+    right: Gray,
+    patches: Patches,
+    *,
+    offset_px: float,
+    tuning: VotesTuning = VOTES_TUNING,
+) -> Vote:
     """The disparity of each body, and what matches there.
 
     Args:
@@ -64,52 +86,69 @@ def vote(left: Gray, right: Gray, patches: Patches, *, offset_px: float) -> Vote
         right: Right image, likewise.
         patches: Patches, centred on the bodies.
         offset_px: Disparity of a point at infinity.
+        tuning: See there.
     """
-    count = len(patches)
-    if not count:
+    if not len(patches):
         return Vote.nothing(0)
+    smooth_left, smooth_right = (_smoothed(image, tuning.blur_px) for image in (left, right))
+    found, gain, level = _align(smooth_left, smooth_right, patches, offset_px, tuning)
+    offset = found.shift.astype(np.float32) + np.float32(offset_px)
+    contrast = _contrast(smooth_left, smooth_right, patches, offset, (gain, level), tuning)
+    return replace(found, contrast=contrast)
+
+
+def _align(
+    left: Float32, right: Float32, patches: Patches, offset_px: float, tuning: VotesTuning
+) -> tuple[Vote, Float, Float]:
+    """Gauss-Newton iterations for the shift, all bodies at a time.
+
+    Args: as those of `vote`, images smoothed.
+
+    Returns:
+        The vote, still without contrast; gain and offset of the grey levels from right to left,
+        shape (n,) each.
+    """
     u, v, expected, difference = (
-        in_rows(part[:, BODY_HEIGHTS, TRUNK])
+        in_rows(part[:, BODY_HEIGHTS, BODY])
         for part in (patches.u, patches.v, patches.expected, patches.difference)
     )
     with np.errstate(invalid="ignore"):
-        weight = np.abs(difference) < patches.tolerance.astype(np.float32)[:, np.newaxis]
-    weight = weight.astype(np.float32)
-    smooth_left, smooth_right = _smoothed(left), _smoothed(right)
-    seen = _look_up(smooth_left, u, v)
+        same = np.abs(difference) < patches.tolerance.astype(np.float32)[:, np.newaxis]
+    weight = same.astype(np.float32)
+    seen = _look_up(left, u, v)
     matched = u - expected - np.float32(offset_px)
     total = np.maximum(weight.sum(axis=1), 1.0)
-    shift = np.zeros(count, dtype=np.float32)
-    ridge = np.eye(3) * 1e-2
-    for _ in range(_ITERATIONS):
+    shift = np.zeros(len(patches), dtype=np.float32)
+    for _ in range(tuning.iterations):
         x = matched - shift[:, np.newaxis]
-        other = _look_up(smooth_right, x, v)
-        slope = _look_up(smooth_right, x - np.float32(0.5), v)
-        slope -= _look_up(smooth_right, x + np.float32(0.5), v)
+        other = _look_up(right, x, v)
+        slope = _look_up(right, x - np.float32(0.5), v)
+        slope -= _look_up(right, x + np.float32(0.5), v)
         # seen = gain * other + offset + slope * more, least squares over the samples.
         design = np.stack([other, np.ones_like(other), slope], axis=1)
         weighted = design * weight[:, np.newaxis]
-        normal = weighted @ design.transpose(0, 2, 1) + ridge
+        normal = weighted @ design.transpose(0, 2, 1) + np.eye(3) * _RIDGE
         right_side = weighted @ seen[:, :, np.newaxis]
         solution = np.linalg.solve(normal.astype(np.float64), right_side.astype(np.float64))[..., 0]
-        more = solution[:, 2] / np.clip(solution[:, 0], 0.3, 3.0)
-        shift += np.clip(more, -0.5, 0.5).astype(np.float32)
-        np.clip(shift, -_FARTHEST_PX, _FARTHEST_PX, out=shift)
+        more = solution[:, 2] / np.clip(solution[:, 0], *tuning.gains)
+        shift += np.clip(more, -tuning.max_step_px, tuning.max_step_px).astype(np.float32)
+        np.clip(shift, -tuning.max_shift_px, tuning.max_shift_px, out=shift)
     residual = seen - (design.transpose(0, 2, 1) @ solution[:, :, np.newaxis])[..., 0]
     variance = np.maximum((weight * residual**2).sum(axis=1) / total, 1.0)
     mean_slope = (weight * slope).sum(axis=1) / total
     texture = (weight * (slope - mean_slope[:, np.newaxis]) ** 2).sum(axis=1)
-    return Vote(
-        shift=shift.astype(np.float64),
-        sigma=np.sqrt(variance / np.maximum(texture, 1e-3)),
-        contrast=_contrast(
-            smooth_left, smooth_right, patches, shift + np.float32(offset_px), solution
-        ),
-    )
+    sigma = np.sqrt(variance / np.maximum(texture, 1e-3))
+    found = replace(Vote.nothing(len(patches)), shift=shift.astype(np.float64), sigma=sigma)
+    return found, solution[:, 0], solution[:, 1]
 
 
 def _contrast(
-    left: Float32, right: Float32, patches: Patches, offset: Float32, fitted: Float
+    left: Float32,
+    right: Float32,
+    patches: Patches,
+    offset: Float32,
+    fitted: tuple[Float, Float],
+    tuning: VotesTuning,
 ) -> Float32:
     """Cost of matching behind the bodies against that of matching at them.
 
@@ -120,22 +159,23 @@ def _contrast(
         right: Smoothed right image.
         patches: The patches.
         offset: Disparity of the bodies beyond their patches' [px], shape (n,).
-        fitted: Gain and offset of the grey levels from right to left, shape (n, 2 or more).
+        fitted: Gain and offset of the grey levels from right to left, shape (n,) each.
+        tuning: See there.
     """
     shape = (len(patches) * len(HEIGHTS), len(ACROSS))
     seen = _look_up(left, patches.u.reshape(shape), patches.v.reshape(shape)).reshape(
         patches.u.shape
     )
-    gain, level = (fitted[:, k].astype(np.float32)[:, np.newaxis, np.newaxis] for k in (0, 1))
+    gain, level = (values.astype(np.float32)[:, np.newaxis, np.newaxis] for values in fitted)
     matched = patches.u - patches.expected - offset[:, np.newaxis, np.newaxis]
-    reach = np.maximum(patches.tolerance / MATCHING_ERROR_PX, 1.0).astype(np.float32)
+    reach = np.maximum(patches.tolerance / BODY_TOLERANCE_PX, 1.0).astype(np.float32)
     costs = []
-    for behind in (0.0, *_BEHIND_PX):
+    for behind in (0.0, *tuning.behind_px):
         x = matched + behind * reach[:, np.newaxis, np.newaxis]
         other = _look_up(right, x.reshape(shape), patches.v.reshape(shape)).reshape(x.shape)
         costs.append(_blurred(np.abs(seen - gain * other - level)))
     there, elsewhere = costs[0], np.minimum.reduce(costs[1:])
-    contrast: Float32 = (elsewhere - there) / (elsewhere + there + np.float32(_NOISE))
+    contrast: Float32 = (elsewhere - there) / (elsewhere + there + np.float32(tuning.noise))
     contrast[~patches.inside] = 0.0
     return contrast
 
@@ -148,8 +188,8 @@ def _blurred(patches: Float32) -> Float32:
     return np.asarray(apart, dtype=np.float32)
 
 
-def _smoothed(image: Gray) -> Float32:
-    smooth: Any = cv2.GaussianBlur(image.astype(np.float32), (0, 0), _BLUR_PX)
+def _smoothed(image: Gray, sigma_px: float) -> Float32:
+    smooth: Any = cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma_px)
     return np.asarray(smooth, dtype=np.float32)
 
 

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.cells.clustering import connected
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.geometry import Float
-from mrs_people_loc.neighbours import pairs_within
+from mrs_people_loc.neighbours import connected, pairs_within
 from mrs_people_loc.people import Group, Person, gather
-from mrs_people_loc.team.clocks import RESET_NS
 
 Bool = NDArray[np.bool_]
 

@@ -26,11 +26,10 @@ from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
-from mrs_people_loc.cells.clustering import connected
+from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.geometry import squared_mahalanobis
-from mrs_people_loc.neighbours import pairs_between
+from mrs_people_loc.neighbours import connected, pairs_between
 from mrs_people_loc.people import NOBODY, Expected, Person
-from mrs_people_loc.team.clocks import RESET_NS
 from mrs_people_loc.uncertainty import bounded
 
 #: What is found says no more for a person than this.

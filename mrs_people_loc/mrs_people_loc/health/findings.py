@@ -1,13 +1,19 @@
-"""What is said of a node's inputs on `/diagnostics`: level, code and words, from plain figures.
+"""What nodes publish on `/diagnostics`: per subject a level, a code and a sentence.
 
-People read the words, which may change; tools go by the codes (the value `code` of an entry on
-`/diagnostics`), which do not.
+People read the sentences, which may change; tools go by the codes (the value `code` of an entry on
+`/diagnostics`), which do not. The modules of this package have the findings by subject:
+
+| module | findings about |
+|---|---|
+| `inputs` | one subscribed topic |
+| `robot` | pairing, head, mounting, scan and pose of a robot, by its own node |
+| `team` | the intervals, and each robot as the planner receives it |
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 #: Levels, as diagnostic_msgs/DiagnosticStatus numbers them.
@@ -17,12 +23,10 @@ OK, WARN, ERROR, STALE = (bytes([level]) for level in range(4))
 SILENCE_S = 2.0
 #: Stamps that are this far from the clock on arrival are reported [s].
 OLD_STAMP_S = 5.0
-#: So many messages that are refused, and none between them that is not, are all of them.
-_ALL = 3
 
 
 class Code(str, Enum):
-    """What a finding says, for tools."""
+    """What is wrong, for tools."""
 
     # of a node
     INACTIVE = "inactive"
@@ -49,7 +53,7 @@ class Code(str, Enum):
     SCAN_SILENT = "scan_silent"
     STAMPS_OFF = "stamps_off"
     NO_POSE = "no_pose"
-    # of a robot, as the planner sees it
+    # of a robot, as the planner receives it
     CLOCK_ASTRAY = "clock_astray"
     LEFT_OUT_NO_POSE = "left_out_no_pose"
     LEFT_OUT_TOO_OLD = "left_out_too_old"
@@ -65,108 +69,50 @@ class Code(str, Enum):
         return self.value
 
 
-#: Refusals that are told apart, by the class of their error.
-_REFUSALS = {
-    "StampError": Code.NO_STAMPS,
-    "UncalibratedError": Code.NO_CALIBRATION,
-    "OutdatedError": Code.OUTDATED,
-}
-
-
 @dataclass(frozen=True)
-class Stream:
-    """What is known of one input.
+class Finding:
+    """What was found about one subject.
 
     Attributes:
-        topic: Full name.
-        kind: Type that is wanted, as `sensor_msgs/msg/Image`.
-        silent_s: Since when nothing came [s].
-        refused: Messages that could not be used, so far.
-        refused_in_a_row: Of these, those since the last one that could.
-        refused_lately: Whether any was, within the last seconds.
-        last_error: Why the last one was.
-        last_kind: Class of that error.
-        publishers: Full node name and type of each that publishes the topic; a single one that is
-            heard may be left out.
-        incompatible: The policy of QoS in which a publisher does not fit; empty: none.
-        once: One message that can be used is enough.
-        taken: Whether there was one.
-        instead: Another topic that is published, and what to do to have that one used.
+        name: The subject.
+        level: OK, WARN, ERROR or STALE.
+        message: What is wrong, and what to do.
+        values: Figures by name.
+        code: What is wrong, for tools; None exactly where the level is OK.
+
+    Raises:
+        ValueError: A finding that is OK has a code, or one that is not has none.
     """
 
-    topic: str
-    kind: str
-    silent_s: float
-    refused: int = 0
-    refused_in_a_row: int = 0
-    refused_lately: bool = False
-    last_error: str = ""
-    last_kind: str = ""
-    publishers: Sequence[tuple[str, str]] = ()
-    incompatible: str = ""
-    once: bool = False
-    taken: bool = False
-    instead: tuple[str, str] | None = None
+    name: str
+    level: bytes = OK
+    message: str = "ok"
+    values: Mapping[str, object] = field(default_factory=dict)
+    code: Code | None = None
+
+    def __post_init__(self) -> None:
+        if (self.level == OK) != (self.code is None):
+            raise ValueError(f"finding {self.name}: level {self.level!r} with code {self.code}")
 
 
-def of_stream(stream: Stream) -> tuple[bytes, Code | None, str]:
-    """How an input is: level, code (None: all is well) and words.
-
-    What keeps data away goes before what is wrong with those that come.
-    """
-    if stream.once and not stream.taken and stream.refused:
-        text = f"none of {stream.refused} can be used; last: {stream.last_error}"
-        return ERROR, _REFUSALS.get(stream.last_kind, Code.ALL_REFUSED), text
-    if stream.silent_s > SILENCE_S and not (stream.once and stream.taken):
-        return ERROR, *_silence(stream)
-    sources = sorted(name for name, kind in stream.publishers if kind == stream.kind)
-    if len(sources) > 1:
-        text = (
-            f"{len(sources)} publishers on {stream.topic}: {', '.join(sources)}; one is wanted, "
-            "for what they send is taken for one source's: end or remap the others; or one was "
-            "killed some seconds ago"
-        )
-        return ERROR, Code.TWO_PUBLISHERS, text
-    if stream.refused_in_a_row >= _ALL:
-        text = f"all of the last {stream.refused_in_a_row} refused; last: {stream.last_error}"
-        return ERROR, _REFUSALS.get(stream.last_kind, Code.ALL_REFUSED), text
-    if stream.refused_lately:
-        text = f"{stream.refused} dropped; last: {stream.last_error}"
-        return WARN, Code.SOME_REFUSED, text
-    return OK, None, "ok"
-
-
-def _silence(stream: Stream) -> tuple[Code, str]:
-    count = len(stream.publishers)
-    text = f"no data on {stream.topic} for {stream.silent_s:.0f} s; publishers: {count}"
-    code = Code.NO_DATA if count else Code.NO_PUBLISHER
-    if stream.incompatible:
-        code, text = Code.WRONG_QOS, f"{text}; incompatible QoS: {stream.incompatible}"
-    others = sorted({kind for _, kind in stream.publishers} - {stream.kind})
-    if others:
-        code = Code.WRONG_TYPE
-        text += f"; published as {', '.join(others)}, wanted: {stream.kind}"
-    if stream.instead is not None and not count:
-        topic, remedy = stream.instead
-        code, text = Code.OTHER_IMAGES, f"{text}; {topic} is published: {remedy}"
-    return code, text
-
-
-def of_scans(silent_s: float, ahead_s: float, remedy: str = "") -> tuple[bytes, Code | None, str]:
-    """How a robot's scans are: level, code (None: all is well) and words.
-
-    A stream that has stopped is silent; how old its last message has become since says nothing of
-    clocks. So the stamp is compared with the clock when the scan is made.
+def of_state(*, active: bool, values: Mapping[str, object]) -> Finding:
+    """Whether a node works.
 
     Args:
-        silent_s: Since when there was none [s].
-        ahead_s: What the last one's stamp was ahead of the clock by, then [s].
-        remedy: What to do about stamps of another time.
+        active: Whether it is in the lifecycle state active.
+        values: What its process uses.
     """
-    if silent_s > SILENCE_S:
-        return STALE, Code.SCAN_SILENT, f"no scan for {silent_s:.0f} s"
-    if abs(ahead_s) > OLD_STAMP_S:
-        where = "ahead of" if ahead_s > 0 else "behind"
-        text = f"stamps are {abs(ahead_s):.1f} s {where} this machine's clock{remedy}"
-        return WARN, Code.STAMPS_OFF, text
-    return OK, None, "ok"
+    if active:
+        return Finding("state", OK, "active", values)
+    text = "inactive: receives and sends nothing until activated"
+    return Finding("state", STALE, text, code=Code.INACTIVE)
+
+
+def without_clock(found: Iterable[Finding]) -> list[Finding]:
+    """Findings of a node without a time: it cannot tell whether a stamp is early or late."""
+    return [
+        replace(one, level=STALE, message="waits for /clock", code=Code.NO_CLOCK)
+        if one.code in (Code.STAMPS_OFF, Code.CLOCK_ASTRAY)
+        else one
+        for one in found
+    ]

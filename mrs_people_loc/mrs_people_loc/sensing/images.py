@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.errors import CameraError, ImageError
 from mrs_people_loc.sensing.camera import CameraModel
-from mrs_people_loc.team.clocks import Order, StampOrder
 
 Gray = NDArray[np.uint8]
 

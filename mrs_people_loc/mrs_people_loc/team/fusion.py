@@ -15,10 +15,6 @@ from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.poses import Pose, pose_effect, stack
 from mrs_people_loc.uncertainty import LARGEST_SIGMA, LEAST_SIGMA, bounded
 
-#: Plain cells carry no uncertainty. Standard deviation of their range, per square of it [1/m]: a
-#: quarter of a pixel of disparity at the paper's 10.5 px m.
-CELL_SIGMA_RANGE = 0.25 / 10.5
-
 
 @dataclass(frozen=True)
 class ShortTermMap:
@@ -99,7 +95,7 @@ def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
     )
 
 
-def sights(vectors: Float) -> Float:
+def unit_vectors(vectors: Float) -> Float:
     """Vectors of length 1 in the same directions; (1, 0) where there is none, shape (n, 2)."""
     length = np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
     ahead = np.zeros_like(vectors)
@@ -128,8 +124,8 @@ def covariance_of_places(
         In the common frame [m^2], shape (n, 2, 2); NaN or infinite where a pose's is too large.
     """
     origin, of_poses = stack(poses)
-    sight = sights(xy - origin[robot])
-    outer = sight[:, :, np.newaxis] * sight[:, np.newaxis]
+    bearing = unit_vectors(xy - origin[robot])
+    outer = bearing[:, :, np.newaxis] * bearing[:, np.newaxis]
     covariance = across[:, np.newaxis, np.newaxis] * (np.eye(2) - outer)
     covariance += along[:, np.newaxis, np.newaxis] * outer
     return covariance + pose_effect(origin[robot], of_poses[robot], xy)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.clocks import RESET_NS, Order, StampOrder
 from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
-from mrs_people_loc.team.clocks import RESET_NS, Order, StampOrder
 
 #: How fast a robot whose speed is not known may drive and turn, as standard deviations of x, y
 #: [m/s] and yaw [rad/s], and by how much a known speed may change in a second [m/s^2, rad/s^2].

@@ -15,171 +15,35 @@ from. To try another method, hand over other classes than `RobotPipeline` and `P
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mrs_people_loc import head, messages
-from mrs_people_loc.config import (
-    PLANNER_NODE,
-    ROBOT_NODE,
-    PlannerConfig,
-    RobotConfig,
-    Team,
-    load_team,
-    load_yaml,
-    robots_named,
-)
-from mrs_people_loc.errors import (
-    BagError,
-    ConfigError,
-    GridError,
-    PeopleLocError,
-    PoseError,
-)
-from mrs_people_loc.geometry import Float
-from mrs_people_loc.messages import stamp_ns_of
-from mrs_people_loc.people import Group, Person
+from mrs_people_loc import messages
+from mrs_people_loc.config import PlannerConfig, RobotConfig, Team, load_team, robots_named
+from mrs_people_loc.errors import BagError, GridError, PeopleLocError, PoseError
 from mrs_people_loc.planner import People, Planner
-from mrs_people_loc.robot import RobotPipeline, Stages
+from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.team.intervals import IntervalCollector
-from mrs_people_loc.team.masking import OccupancyGrid
-from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
+from mrs_people_loc.team.poses import Pose, static_pose
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.scoring.positions import Estimate, Truth
-
-TRUTH_TOPIC = "/ground_truth/people_poses"
-VISIBLE_TOPIC = "/ground_truth/visible"
-GROUP_TOPIC = "/ground_truth/group"
-MAP_TOPIC = "/map"
-PEOPLE_TYPE = "mrs_people_msgs/msg/People"
-
-_GRID = "nav_msgs/msg/OccupancyGrid"
-_IMAGE = "sensor_msgs/msg/Image"
-_POINTS = "sensor_msgs/msg/PointCloud2"
-_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-_ODOMETRY = "nav_msgs/msg/Odometry"
-#: Where a robot's pose may be, and as what.
-_POSE_TOPICS = {"odom": _ODOMETRY, "pose_in": _POSE, "pose": _POSE}
-#: std_msgs' arrays of whole numbers.
-_INTEGER_ARRAYS = tuple(
-    f"std_msgs/msg/{sign}Int{bits}MultiArray" for sign in ("", "U") for bits in (8, 16, 32, 64)
+from mrs_tools.bags.sources import (
+    GRID_TYPE,
+    MAP_TOPIC,
+    BagRobot,
+    FrameError,
+    RobotView,
+    Source,
+    file_beside,
+    robots_of,
 )
-#: What is scored at most: people of one message, messages times people, identities.
-_MAX_PEOPLE, _MAX_PLACES, _MAX_IDS = 1_000, 10_000_000, 20_000
-
-
-# --------------------------------------------------------------------------------- ground truth
-
-
-def read_truth(bag: BagReader) -> Truth:
-    """Ground truth of a bag; without any messages where it has none.
-
-    `/ground_truth/people_poses` is a PoseArray in `map`. `/ground_truth/visible` and
-    `/ground_truth/group` are any arrays of whole numbers of std_msgs, one number per person; 0: no
-    robot sees that one, he belongs to no group. They have no stamps, so each message of the first
-    belongs to those of the others that are nearest in bag time.
-
-    Raises:
-        BagError: A topic has another type, they do not fit together, or are more than are scored.
-    """
-    kinds = {
-        TRUTH_TOPIC: ("geometry_msgs/msg/PoseArray",),
-        VISIBLE_TOPIC: _INTEGER_ARRAYS,
-        GROUP_TOPIC: _INTEGER_ARRAYS,
-    }
-    topics = [topic for topic in kinds if topic in bag.topics]
-    for topic in topics:
-        if bag.topics[topic].type not in kinds[topic]:
-            raise BagError(
-                f"{bag.path}: {topic} is {bag.topics[topic].type}; "
-                f"allowed: {', '.join(kinds[topic])}"
-            )
-    stamps: list[int] = []
-    times: list[int] = []
-    positions: list[Float] = []
-    numbers: dict[str, list[tuple[int, NDArray[np.integer]]]] = {VISIBLE_TOPIC: [], GROUP_TOPIC: []}
-    for topic, time_ns, message in bag.decoded(topics) if topics else ():
-        if topic != TRUTH_TOPIC:
-            numbers[topic].append((time_ns, np.asarray(message.data)))
-            continue
-        if len(message.poses) > _MAX_PEOPLE:
-            raise BagError(
-                f"{bag.path}: {topic} has {len(message.poses)} people; allowed: {_MAX_PEOPLE}"
-            )
-        stamps.append(stamp_ns_of(message.header.stamp))
-        times.append(time_ns)
-        places = [(pose.position.x, pose.position.y) for pose in message.poses]
-        positions.append(np.array(places, dtype=np.float64).reshape(-1, 2))
-
-    most = max(map(len, positions), default=0)
-    if len(positions) * most > _MAX_PLACES:
-        raise BagError(
-            f"{bag.path}: {TRUTH_TOPIC} has {len(positions)} messages of up to {most} people; "
-            f"allowed: {_MAX_PLACES} places in all. Cut the bag"
-        )
-
-    def nearest(topic: str) -> list[NDArray[np.integer]] | None:
-        given = numbers[topic]
-        if not given:
-            return None
-        given_ns = np.array([time_ns for time_ns, _ in given])
-        found = [given[int(np.argmin(np.abs(given_ns - time_ns)))][1] for time_ns in times]
-        for each, xy in zip(found, positions, strict=True):
-            if len(each) != len(xy):
-                raise BagError(
-                    f"{bag.path}: {topic} has {len(each)} numbers for {len(xy)} people of "
-                    f"{TRUTH_TOPIC}; wanted: one per person"
-                )
-        return found
-
-    visible = nearest(VISIBLE_TOPIC)
-    seen = None if visible is None else [each > 0 for each in visible]
-    return Truth.build(stamps, positions, seen, nearest(GROUP_TOPIC))
-
-
-def read_grid(bag: BagReader, map_frame: str) -> OccupancyGrid | None:
-    """What a bag's `/map` says of walls and furniture; None: it has none, or none of any use."""
-    if MAP_TOPIC not in bag.topics or bag.topics[MAP_TOPIC].type != _GRID:
-        return None
-    for _, _, message in bag.decoded([MAP_TOPIC]):
-        with suppress(GridError):
-            return messages.read_occupancy_grid(message, map_frame)
-    return None
-
-
-# -------------------------------------------------------------------------------------- results
-
-
-@dataclass(frozen=True)
-class View:
-    """One view of a robot's head, and what the robot made of it.
-
-    Attributes:
-        robot: The robot's name.
-        camera: Its head.
-        images: The prepared images.
-        stages: What its pipeline made of them.
-        times_ms: What each stage took, preparing the images (`prepare`) included [ms].
-    """
-
-    robot: str
-    camera: StereoCamera
-    images: StereoImages
-    stages: Stages
-    times_ms: Mapping[str, float]
+from mrs_tools.bags.truth import read_truth
+from mrs_tools.scoring.records import Truth
 
 
 @dataclass(frozen=True)
@@ -196,286 +60,89 @@ class Interval:
     closed_ns: int
     scans: Sequence[Scan]
     people: People
-    views: Mapping[str, View]
+    views: Mapping[str, RobotView]
 
 
-def estimate_of(people: People) -> Estimate:
-    """The people of an interval, as they are scored."""
-    persons = people.persons
-    unknown = np.full(2, np.nan)
-    velocities = [unknown if p.velocity is None else p.velocity for p in persons]
-    return Estimate(
-        stamp_ns=people.stamp_ns,
-        positions=np.array([p.position for p in persons]).reshape(-1, 2),
-        covariances=np.array([p.covariance for p in persons]).reshape(-1, 2, 2),
-        centre=_centre([(group.size, group.centre) for group in people.groups]),
-        largest=people.group.centre if people.group else None,
-        ids=np.array([p.id for p in persons], dtype=np.int64),
-        velocities=np.array(velocities).reshape(-1, 2),
-        coasting=np.array([p.coasting for p in persons], dtype=bool),
-        stragglers=tuple(sorted({one for group in people.groups for one in group.stragglers})),
-    )
+class _Playback:
+    """One run of a bag: what its messages have become so far.
 
-
-def read_estimate(message: Any) -> Estimate:
-    """The people of a mrs_people_msgs/People, as they are scored.
-
-    Raises:
-        ValueError: Two of them have one id, or they are more than are scored.
-    """
-    if len(message.persons) > _MAX_PEOPLE:
-        raise ValueError(f"has {len(message.persons)} people; allowed: {_MAX_PEOPLE}")
-
-    def place(pose: Any) -> tuple[float, float]:
-        return pose.pose.position.x, pose.pose.position.y
-
-    persons = message.persons
-    poses = [person.pose for person in persons]
-    velocities = [person.velocity.twist.linear for person in persons]
-    covariances = [np.reshape(pose.covariance, (6, 6))[:2, :2] for pose in poses]
-    return Estimate(
-        stamp_ns=stamp_ns_of(message.header.stamp),
-        positions=np.array([place(pose) for pose in poses], dtype=np.float64).reshape(-1, 2),
-        covariances=np.array(covariances, dtype=np.float64).reshape(-1, 2, 2),
-        centre=_centre([(group.size, place(group.centre)) for group in message.groups]),
-        largest=np.array(place(message.groups[0].centre)) if message.groups else None,
-        ids=np.array([person.id for person in persons], dtype=np.int64),
-        velocities=np.array([(v.x, v.y) for v in velocities], dtype=np.float64).reshape(-1, 2),
-        coasting=np.array([person.coasting for person in persons], dtype=bool),
-        stragglers=tuple(sorted({int(i) for group in message.groups for i in group.stragglers})),
-    )
-
-
-def _centre(groups: Sequence[tuple[int, Any]]) -> Float | None:
-    """Centre of gravity of groups, given their sizes and centres; None if there are none."""
-    if not any(size for size, _ in groups):
-        return None
-    sizes, centres = zip(*groups, strict=True)
-    with np.errstate(over="ignore", invalid="ignore"):  # a message may say anything
-        return np.asarray(np.average(np.array(centres, dtype=np.float64), axis=0, weights=sizes))
-
-
-def read_people(message: Any) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
-    """The people and groups of a mrs_people_msgs/People.
-
-    Raises:
-        ValueError: A group does not say of each straggler for how long.
-    """
-
-    def place(pose: Any) -> tuple[Float, Float]:
-        at = pose.pose.position
-        return np.array([at.x, at.y]), np.reshape(pose.covariance, (6, 6))[:2, :2]
-
-    def velocity(twist: Any) -> tuple[Float | None, Float | None]:
-        v = twist.twist.linear
-        if math.isnan(v.x) or math.isnan(v.y):
-            return None, None
-        return np.array([v.x, v.y]), np.reshape(twist.covariance, (6, 6))[:2, :2]
-
-    for group in message.groups:
-        if len(group.stragglers) != len(group.straggling_for):
-            raise ValueError(
-                f"group {group.id} has {len(group.stragglers)} stragglers and "
-                f"{len(group.straggling_for)} times of straggling; wanted: as many"
-            )
-    persons = tuple(
-        Person(
-            *place(person.pose),
-            height=person.height,
-            sigma=person.sigma,
-            robots=tuple(person.robots),
-            label=-1,
-            stamp_ns=stamp_ns_of(message.header.stamp),
-            id=person.id,
-            velocity=velocity(person.velocity)[0],
-            velocity_covariance=velocity(person.velocity)[1],
-            age_s=seconds_of(person.age),
-            coasting=person.coasting,
-        )
-        for person in message.persons
-    )
-    groups = tuple(
-        Group(
-            *place(group.centre),
-            radius=group.radius,
-            rms_spread=group.rms_spread,
-            size=group.size,
-            velocity=velocity(group.velocity)[0],
-            velocity_covariance=velocity(group.velocity)[1],
-            members=tuple(group.members),
-            id=group.id,
-            stragglers=dict(
-                zip(group.stragglers, map(seconds_of, group.straggling_for), strict=True)
-            ),
-        )
-        for group in message.groups
-    )
-    return persons, groups
-
-
-def seconds_of(duration: Any) -> float:
-    """A builtin_interfaces/Duration [s]."""
-    return float(duration.sec + duration.nanosec * 1e-9)
-
-
-# ---------------------------------------------------------------------------------- what is there
-
-
-@dataclass(frozen=True)
-class BagRobot:
-    """What a bag holds of one robot.
+    Args:
+        sources: The robots, by name.
+        team: Their configuration.
+        planner: What makes people.
+        on_view: Called with each view.
 
     Attributes:
-        name: Its name: its namespace without the leading slash.
-        images: By kind (`image_rect`, `image_raw`), the cameras that have them.
-        points: Whether there are recorded scans.
-        poses: Which of the topics `odom`, `pose_in` and `pose` there are.
+        handlers: By topic, its robot and what takes its messages.
+        planner: What makes people.
+        reasons: By robot, why its first message or scan was not used.
     """
 
-    name: str
-    images: Mapping[str, tuple[str, ...]]
-    points: bool
-    poses: tuple[str, ...]
+    def __init__(
+        self,
+        sources: Mapping[str, Source],
+        team: Team,
+        planner: Any,
+        on_view: Callable[[RobotView], None] | None,
+    ) -> None:
+        self.handlers = {t: (s, h) for s in sources.values() for t, h in s.handlers.items()}
+        self.planner = planner
+        self.reasons: dict[str, str] = {}
+        self._sources = sources
+        self._collector = IntervalCollector(team.planner.interval, team.planner.robots)
+        self._on_view = on_view
+        self._waiting: dict[str, RobotView] = {}  # behind the scans that wait for their interval
 
+    def take(self, topic: str, message: Any, now_ns: int) -> None:
+        """Takes a message.
 
-def robots_of(bag: BagReader) -> dict[str, BagRobot]:
-    """The robots of a bag, by name: namespaces with images of a pair, or with `points`."""
-    types = {name: topic.type for name, topic in bag.topics.items() if topic.count}
-    namespaces = {
-        name.removesuffix(end)
-        for name in types
-        for end in ("/left/image_rect", "/left/image_raw", "/points")
-        if name.endswith(end) and name != end
-    }
-    robots = {}
-    for space in sorted(namespaces):
-        images = {}
-        for kind in ("image_rect", "image_raw"):
-            cameras = tuple(
-                c for c in ("left", "right", "top") if types.get(f"{space}/{c}/{kind}") == _IMAGE
-            )
-            if cameras[:2] == ("left", "right"):
-                images[kind] = cameras
-        poses = tuple(
-            name for name, kind in _POSE_TOPICS.items() if types.get(f"{space}/{name}") == kind
-        )
-        points = types.get(f"{space}/points") == _POINTS and "pose" in poses
-        if images or points:
-            robots[space.lstrip("/")] = BagRobot(space.lstrip("/"), images, points, poses)
-    return robots
+        Raises:
+            PeopleLocError: It cannot be used.
+        """
+        source, handle = self.handlers[topic]
+        made = handle(message)
+        if isinstance(made, Pose):
+            self._take_pose(source, made, now_ns)
+        elif made is not None:
+            self._take_scan(source, made, now_ns)
 
+    def _take_pose(self, source: Source, pose: Pose, now_ns: int) -> None:
+        self._collector.add_pose(source.has.name, pose, now_ns)
+        source.poses += 1
 
-def file_beside(bag: Path) -> Path | None:
-    """The parameter file that belongs to a bag: `scene.yaml` beside `scene` or `scene.mcap`.
+    def _take_scan(self, source: Source, made: RobotView | Scan, now_ns: int) -> None:
+        if isinstance(made, RobotView) and self._on_view is not None:
+            self._on_view(made)
+        scan = made.stages.scan if isinstance(made, RobotView) else made
+        if source.stands:
+            self._take_pose(source, static_pose(source.config.pose, scan.stamp_ns), now_ns)
+        self._collector.add_scan(scan, now_ns)
+        source.scans += 1
+        if isinstance(made, RobotView):
+            self._waiting[scan.robot] = made
 
-    `mrs simulate` writes it: the mounting of each head, where odometry begins. A file of that name
-    that is something else does not count.
-    """
-    bag = Path(os.path.abspath(bag))
-    file = bag.with_name(f"{bag.stem if bag.suffix == '.mcap' else bag.name}.yaml")
-    try:
-        document = load_yaml(file)
-    except ConfigError:
-        return None
-    keys = [str(key) for key in document] if isinstance(document, Mapping) else []
-    return file if any(key.endswith((ROBOT_NODE, PLANNER_NODE)) for key in keys) else None
+    def close(self, now_ns: int) -> Iterator[Interval]:
+        """The interval that closes now, if one does and has scans."""
+        closed = self._collector.close(now_ns)
+        if closed is None:
+            return
+        for robot, reason in closed.left_out.items():
+            self.reasons.setdefault(robot, reason)
+        if closed.scans:
+            people = self.planner.step(closed.scans, closed.all_poses, closed.time_ns)
+            names = [scan.robot for scan in closed.scans if scan.robot in self._waiting]
+            views = {name: self._waiting[name] for name in names}
+            yield Interval(now_ns, closed.scans, people, views)
 
-
-# ---------------------------------------------------------------------------------------- robots
-
-
-class _FrameError(PoseError):
-    """Poses in a frame that nothing places in the map: every other one will be, too."""
-
-
-@dataclass
-class _Source:
-    """A robot of the team, fed with its messages. Handlers by topic are in `handlers`.
-
-    Attributes:
-        has: What the bag holds of it.
-        config: Its configuration.
-        views: Views so far.
-        scans: Scans so far.
-        poses: Poses so far.
-        stands: Whether its pose is a parameter, at any time.
-    """
-
-    has: BagRobot
-    config: RobotConfig
-    make: Callable[[str, StereoCamera, RobotConfig], Any]
-    handlers: dict[str, Callable[[Any], Scan | Pose | View | None]] = field(default_factory=dict)
-    scans: int = 0
-    poses: int = 0
-
-    def __post_init__(self) -> None:
-        name, config = self.has.name, self.config
-        if self.has.images:
-            kind = "image_rect" if config.images.rectified else "image_raw"
-            self.head = head.Head(name, config, self.make)
-            for camera in self.head.cameras:
-                base = f"/{name}/{camera}"
-                self.handlers[f"{base}/camera_info"] = partial(self._on_info, camera)
-                self.handlers[f"{base}/{kind}"] = partial(self._on_image, camera)
-        else:
-            self.handlers[f"/{name}/points"] = self._on_points
-        self.stands = bool(self.has.images) and config.pose.source == "static"
-        if self.stands:
-            static_pose(config.pose, 0)
-        else:
-            self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
-        self._intake = PoseIntake(self.config.pose)
-
-    def _pose_topic(self) -> str:
-        has = self.has.poses
-        if not self.has.images:
-            return "pose"
-        return next((name for name in (self.config.pose.source, *has) if name in has), "odom")
-
-    # ---- images ----
-
-    def _on_info(self, camera: str, message: Any) -> View | None:
-        return self._view(self.head.take_camera_info(camera, message))
-
-    def _on_image(self, camera: str, message: Any) -> View | None:
-        return self._view(self.head.take_image(camera, message))
-
-    def _view(self, view: head.View | None) -> View | None:
-        if view is None:
-            return None
-        times = {"prepare": view.prepare_ms, **view.stages.times_ms}
-        camera = self.head.pipeline.camera
-        return View(self.has.name, camera, view.images, view.stages, times)
-
-    def _on_points(self, message: Any) -> Scan:
-        return messages.read_scan(message, self.has.name)
-
-    # ---- pose ----
-
-    def _on_pose(self, message: Any) -> Pose | None:
-        pose = messages.read_pose(message, f"{self.has.name}/base_link")
-        frame_id = message.header.frame_id
-        config, recorded = self.config.pose, self._pose_topic() == "pose"
-        if frame_id.lstrip("/") != config.map_frame and (recorded or not config.map_from_odom):
-            remedy = ", or pose.map_from_odom (x, y, yaw of that frame in the map) in a --config"
-            raise _FrameError(
-                f"frame_id is {frame_id!r}; wanted: {config.map_frame!r}"
-                + ("" if recorded else remedy)
-            )
-        return pose if recorded else self._intake(pose, frame_id)
-
-    def nothing_said(self) -> str:
-        """Why there was no scan, as far as it is known."""
-        if self.has.images and self.head.pairer.unpaired:
-            return f"images found no pair; {self.head.pairer.why_unpaired()}"
-        return "it has no camera_info" if self.has.images else "no message on points can be used"
-
-    def no_pose(self) -> str:
-        """Why there was no pose."""
-        return f"there is nothing on {', '.join(_POSE_TOPICS)}"
-
-
-# ------------------------------------------------------------------------------------------- run
+    def unused(self) -> Counter[str]:
+        """How many scans and images were not used, by robot and reason."""
+        counts: Counter[str] = Counter()
+        for name, source in self._sources.items():
+            for reason, count in self._collector.robot(name).dropped.items():
+                counts[f"{name}: scan {reason}"] += count
+            if source.has.images and source.head.pairer.unpaired:
+                counts[f"{name}: image without its pair"] += source.head.pairer.unpaired
+        return counts
 
 
 class BagRun:
@@ -593,7 +260,7 @@ class BagRun:
     def intervals(
         self,
         *,
-        on_view: Callable[[View], None] | None = None,
+        on_view: Callable[[RobotView], None] | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> Iterator[Interval]:
         """Runs the bag, from the beginning each time.
@@ -611,80 +278,58 @@ class BagRun:
                 counted in `dropped`, as the nodes do.
         """
         sources = {
-            name: _Source(self._has[name], config, self._make_pipeline)
+            name: Source(self._has[name], config, self._make_pipeline)
             for name, config in self.team.robots.items()
         }
-        handlers = {t: (s, h) for s in sources.values() for t, h in s.handlers.items()}
-        collector = IntervalCollector(self.team.planner.interval, self.team.planner.robots)
-        planner = self._make_planner(self.team.planner)
-        waiting: dict[str, View] = {}  # behind the scans that wait for their interval
-        reasons: dict[str, str] = {}
-        self.dropped.clear()
-
-        def close(now_ns: int) -> Iterator[Interval]:
-            closed = collector.close(now_ns)
-            if closed is None:
-                return
-            for robot, reason in closed.left_out.items():
-                reasons.setdefault(robot, reason)
-            if closed.scans:
-                people = planner.step(closed.scans, closed.all_poses, closed.time_ns)
-                names = [scan.robot for scan in closed.scans if scan.robot in waiting]
-                views = {name: waiting[name] for name in names}
-                yield Interval(now_ns, closed.scans, people, views)
-
-        def take(source: _Source, made: Pose | View | Scan, now_ns: int) -> None:
-            if isinstance(made, Pose):
-                collector.add_pose(source.has.name, made, now_ns)
-                source.poses += 1
-                return
-            if isinstance(made, View) and on_view is not None:
-                on_view(made)
-            scan = made.stages.scan if isinstance(made, View) else made
-            if source.stands:
-                take(source, static_pose(source.config.pose, scan.stamp_ns), now_ns)
-            collector.add_scan(scan, now_ns)
-            source.scans += 1
-            if isinstance(made, View):
-                waiting[scan.robot] = made
-
+        playback = _Playback(sources, self.team, self._make_planner(self.team.planner), on_view)
         span_ns = max(1, self.end_ns - self.start_ns)
-        wanted = [*handlers, *([MAP_TOPIC] if self.team.planner.masking.occupancy_grid else [])]
+        self.dropped.clear()
         with BagReader(self.path) as bag:
-            if MAP_TOPIC in wanted:
-                if MAP_TOPIC not in bag.topics:
-                    self._note(f"masking.occupancy_grid is true, but the bag has no {MAP_TOPIC}")
-                elif bag.topics[MAP_TOPIC].type != _GRID:
-                    raise BagError(
-                        f"{self.path}: {MAP_TOPIC} is {bag.topics[MAP_TOPIC].type}; wanted: {_GRID}"
-                    )
-            for raw in bag.messages([topic for topic in wanted if topic in bag.topics]):
+            for raw in bag.messages(self._topics(bag, playback)):
                 if raw.topic == MAP_TOPIC:
-                    self._take_map(planner, bag.decode(raw))
+                    self._take_map(playback.planner, bag.decode(raw))
                     continue
-                source, handle = handlers[raw.topic]
                 # The live planner looks at the clock all the time, not only when something comes.
-                yield from close(raw.time_ns)
-                message = bag.decode(raw)
-                try:
-                    made = handle(message)
-                    if made is not None:
-                        take(source, made, raw.time_ns)
-                except _FrameError as err:
-                    raise PoseError(f"{self.path}: {raw.topic}: {err}") from err
-                except PeopleLocError as err:
-                    self.dropped[raw.topic] += 1
-                    reasons.setdefault(source.has.name, f"{raw.topic}: {err}")
-                yield from close(raw.time_ns)
+                yield from playback.close(raw.time_ns)
+                self._take(playback, raw.topic, bag.decode(raw), raw.time_ns)
+                yield from playback.close(raw.time_ns)
                 if on_progress is not None:
                     on_progress((raw.time_ns - self.start_ns) / span_ns)
-        yield from close(self.end_ns + round(self.team.planner.interval.max_wait * 1e9))
-        for name, source in sources.items():
-            for reason, count in collector.robot(name).dropped.items():
-                self.dropped[f"{name}: scan {reason}"] += count
-            if source.has.images and source.head.pairer.unpaired:
-                self.dropped[f"{name}: image without its pair"] += source.head.pairer.unpaired
-        self._check(sources, reasons)
+        yield from playback.close(self.end_ns + round(self.team.planner.interval.max_wait * 1e9))
+        self.dropped.update(playback.unused())
+        self._check(sources, playback.reasons)
+
+    def _topics(self, bag: BagReader, playback: _Playback) -> list[str]:
+        """Topics of the bag that are read.
+
+        Raises:
+            BagError: The bag's `/map`, which is to be used, has another type.
+        """
+        wanted = list(playback.handlers)
+        if self.team.planner.masking.occupancy_grid:
+            wanted.append(MAP_TOPIC)
+            if MAP_TOPIC not in bag.topics:
+                self._note(f"masking.occupancy_grid is true, but the bag has no {MAP_TOPIC}")
+            elif bag.topics[MAP_TOPIC].type != GRID_TYPE:
+                raise BagError(
+                    f"{self.path}: {MAP_TOPIC} is {bag.topics[MAP_TOPIC].type}; wanted: {GRID_TYPE}"
+                )
+        return [topic for topic in wanted if topic in bag.topics]
+
+    def _take(self, playback: _Playback, topic: str, message: Any, now_ns: int) -> None:
+        """Hands a message over; one that cannot be used is counted.
+
+        Raises:
+            PoseError: It is a pose in an unknown frame.
+        """
+        try:
+            playback.take(topic, message, now_ns)
+        except FrameError as err:
+            raise PoseError(f"{self.path}: {topic}: {err}") from err
+        except PeopleLocError as err:
+            self.dropped[topic] += 1
+            source, _ = playback.handlers[topic]
+            playback.reasons.setdefault(source.has.name, f"{topic}: {err}")
 
     def _take_map(self, planner: Any, message: Any) -> None:
         try:
@@ -697,7 +342,7 @@ class BagRun:
         if line not in self.notes:
             self.notes.append(line)
 
-    def _check(self, sources: Mapping[str, _Source], reasons: Mapping[str, str]) -> None:
+    def _check(self, sources: Mapping[str, Source], reasons: Mapping[str, str]) -> None:
         """Notes robots that gave nothing; an error if it was all of them."""
         silent = {}
         for name, source in sources.items():
@@ -711,34 +356,3 @@ class BagRun:
         lines += [f"{name}: {why}" for name, why in reasons.items() if name not in silent]
         for line in lines:
             self._note(line)
-
-
-def has_people(bag: BagReader) -> bool:
-    """Whether a planner's `people` are in a bag."""
-    return any(topic.type == PEOPLE_TYPE and topic.count for topic in bag.topics.values())
-
-
-def read_recorded(bag: BagReader) -> tuple[str, list[Estimate]]:
-    """The people that a planner said when a bag was recorded.
-
-    Returns:
-        The topic, and what was said on it.
-
-    Raises:
-        BagError: There is no such topic, or several; two people of a message have one id; or they
-            are more than are scored.
-    """
-    topics = [t.name for t in bag.topics.values() if t.type == PEOPLE_TYPE and t.count]
-    if len(topics) != 1:
-        raise BagError(
-            f"{bag.path}: has {len(topics)} topics of {PEOPLE_TYPE}; wanted: one "
-            f"(topics: {', '.join(topics or bag.topics)})"
-        )
-    try:
-        estimates = [read_estimate(message) for _, _, message in bag.decoded(topics)]
-    except ValueError as err:
-        raise BagError(f"{bag.path}: {topics[0]}: {err}") from err
-    ids = len({int(one) for estimate in estimates for one in estimate.ids})
-    if ids > _MAX_IDS:
-        raise BagError(f"{bag.path}: {topics[0]} has {ids} ids; allowed: {_MAX_IDS}. Cut the bag")
-    return topics[0], estimates

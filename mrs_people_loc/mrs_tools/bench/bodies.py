@@ -186,9 +186,10 @@ def check_view(
     low, high = np.float32(search.LOWEST), np.float32(search.HIGHEST)
     zones = [point for point in stages.cloud if low <= point[2] <= high]
     same(f"{name}: zones", stages.zones, np.reshape(zones, (-1, 3)).astype(np.float32))
-    ranges = {"min_range": config.disparity.min_range, "max_range": config.bodies.max_range}
-    got = search.BodySearch(camera, **ranges).histogram(stages.disparity)
-    wanted = histogram_of(stages.disparity, camera, **ranges)
+    near_m, far_m = config.disparity.min_range, config.bodies.max_range
+    core = search.BodySearch(camera, min_range=near_m, max_range=far_m)
+    got = core.histogram(stages.disparity)
+    wanted = histogram_of(stages.disparity, camera, min_range=near_m, max_range=far_m)
     near(f"{name}: histogram", got, wanted, _TOLERANCE)
 
     find = BodyFinder(camera, config.bodies, min_range=config.disparity.min_range)

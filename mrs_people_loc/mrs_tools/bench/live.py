@@ -27,11 +27,11 @@ import numpy as np
 from mrs_people_loc.config import PLANNER_NODE, Team, load_team
 from mrs_people_loc.errors import BagError, PeopleLocError
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_ros.team import NodeProcess, RunningTeam, team_processes
+from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.commands.replay import message_class
 from mrs_tools.domain import meet_others, refuse_others
+from mrs_tools.tool_node import message_class
 
 FRAME_HZ = 30.0
 POSE_HZ = 100.0

@@ -46,8 +46,10 @@ from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import make_stereo_bm
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_ros.network import given_domain
-from mrs_tools.bags.offline import BagRun, View, robots_of
+from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.sources import RobotView as View
+from mrs_tools.bags.sources import robots_of
 from mrs_tools.bench import reference as bench_reference
 from mrs_tools.bench.growth import LARGEST, growth_of, time_growth
 from mrs_tools.bench.scenes import INTERVAL_NS, PEOPLE, ROBOTS, drawn_scans

@@ -1,369 +1,25 @@
-"""`mrs record`: record topics into a bag.
-
-Other tools record within their own process:
-
-    with Recorder("out.mcap", ["/robot_a/*"]) as recorder:
-        recorder.run(duration_s=10.0)
-
-A `stop` event (set by another thread, or by `mrs_tools.cli.stop_on_signals`) ends it.
-"""
+"""`mrs record`: record topics into a bag."""
 
 from __future__ import annotations
 
-import os
-import re
-import threading
-import time
-from collections.abc import Callable, Collection, Mapping
-from contextlib import ExitStack
+from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
 
-from mrs_people_loc.errors import BagError
-from mrs_tools.bags.rosbag import BagWriter, default_typestore, matching, part_of, require_types
-from mrs_tools.commands.replay import NO_NAME, message_class, node
+from mrs_tools.bags.recorder import Recorder, Status
+from mrs_tools.bags.rosbag import part_of
+from mrs_tools.common import print_note
 from mrs_tools.plain import plain
+from mrs_tools.signals import Stop, stop_on_signals
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
-    from rclpy.qos import QoSProfile
-    from rclpy.subscription import Subscription
-    from rclpy.topic_endpoint_info import TopicEndpointInfo
+    from rich.console import Console
 
-# How often the messages that have arrived are taken, how often new topics are looked for, and how
-# often all is handed to the system: so much is lost of a recorder that is killed.
-_TAKE_EVERY_S = 0.005
-_LOOK_EVERY_S = 0.2
-_FLUSH_EVERY_S = 1.0
-# Topics of these types are large. Unless told otherwise only those are recorded that the nodes take
-# in (by name, or because they do), and the scans and the map that they give out.
-_LARGE = {
-    "sensor_msgs/msg/Image",
-    "sensor_msgs/msg/CompressedImage",
-    "sensor_msgs/msg/PointCloud2",
-    "stereo_msgs/msg/DisparityImage",
-    "theora_image_transport/msg/Packet",
-    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
-}
-_IMAGES = re.compile(r".*/(left|right|top)/image_(rect|raw)")
-_OUR_NODES = {"robot_node", "planner_node"}
 # So many topics are shown while it records, the largest, and so many are named in a note.
+#: So many topics are shown while it records, the largest, and so many are named in a note.
 _SHOWN, _NAMED = 12, 5
-# Recorded only if asked for: a node that gets an old event of its own name, as happens in a replay,
-# takes it for its own use_sim_time.
-_PARAMETER_EVENTS = "/parameter_events"
-# Messages of one topic that may arrive in between.
-_DEPTH = 500
-
-
-class Status(NamedTuple):
-    """Where a recording is."""
-
-    elapsed_s: float
-    topics: int
-    messages: int
-    size_bytes: int
-    sizes: dict[str, int]
-    """By topic [bytes]."""
-
-
-class Recorder:
-    """A bag that is being recorded.
-
-    Subscribes to what the publishers of each topic offer: reliable if all of them are, transient
-    local if all of them are. Topics and publishers that come later are taken in. Messages are
-    written as the bytes that arrive (DDS may have added up to three bytes of padding at the end);
-    their bag time is when they arrived.
-
-    Attributes:
-        counts: Number of messages written so far, by topic.
-        sizes: Their bytes, by topic.
-        skipped: Topics that cannot be recorded, and why.
-        left_out: Topics that nobody asked for and that reproduce nothing: images and clouds that
-            no node takes in.
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        topics: Collection[str] = (),
-        *,
-        context: Context | None = None,
-    ) -> None:
-        """Begin a bag and join ROS.
-
-        Args:
-            path: `NAME.mcap` for one file, any other name for a folder with `metadata.yaml`.
-            topics: Names or shell patterns such as `/robot_a/*`; none: every visible topic but
-                `/parameter_events` and what is `left_out`.
-            context: The ROS context to use; None: one of its own, from the environment.
-
-        Raises:
-            BagError: The bag exists already or cannot be written, or a name or pattern fits none
-                that a topic can have.
-        """
-        self.patterns = tuple(topics)
-        for pattern in self.patterns:
-            if not _may_exist(pattern):
-                raise BagError(f"{pattern!r} fits no topic: it is {NO_NAME}; and * ? [abc]")
-        self.sizes: dict[str, int] = {}
-        self.skipped: dict[str, str] = {}
-        self.left_out: set[str] = set()
-        self._subscriptions: dict[str, Subscription] = {}
-        self._fits: dict[str, _Fit] = {}
-        self._bag = BagWriter(path)
-        self._open = ExitStack()
-        try:
-            self._node = self._open.enter_context(node("mrs_record", context))
-        except BaseException:
-            self._bag.abort()
-            raise
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Number of messages written so far, by topic."""
-        return self._bag.counts
-
-    def run(
-        self,
-        *,
-        duration_s: float | None = None,
-        stop: threading.Event | None = None,
-        on_status: Callable[[Status], None] | None = None,
-    ) -> None:
-        """Record; blocks.
-
-        Args:
-            duration_s: For so long, seconds; None: until stopped.
-            stop: When set (from another thread or a signal handler), ends at once.
-            on_status: Called about five times a second.
-
-        Raises:
-            BagError: The disk does not take it.
-        """
-        stop = stop or threading.Event()
-        started = time.monotonic()
-        end = started + duration_s if duration_s is not None else float("inf")
-        look = flush = started
-        while (now := time.monotonic()) < end and not stop.is_set():
-            if now >= look:
-                look = now + _LOOK_EVERY_S
-                self._look_for_topics()
-                if on_status:
-                    on_status(self._status(now - started))
-            if now >= flush:
-                flush = now + _FLUSH_EVERY_S
-                self._bag.flush()
-            self._take()
-            stop.wait(min(_TAKE_EVERY_S, end - now))
-        self._take()
-
-    def silent(self) -> list[str]:
-        """Patterns that were asked for and that no message came for."""
-        heard = [topic for topic, count in self.counts.items() if count]
-        return [p for p in self.patterns if not matching(heard, [p])]
-
-    def _status(self, elapsed_s: float) -> Status:
-        messages, size_bytes = sum(self.counts.values()), sum(self.sizes.values())
-        return Status(elapsed_s, len(self._subscriptions), messages, size_bytes, self.sizes)
-
-    def _look_for_topics(self) -> None:
-        """Subscribe to what is new, and again where a subscription no longer fits."""
-        from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
-
-        types = dict(self._node.get_topic_names_and_types())
-        for name in matching(types, self.patterns):
-            unasked = not self.patterns
-            if unasked and (topic_or_service_is_hidden(name) or name == _PARAMETER_EVENTS):
-                continue
-            if name in self.skipped:
-                continue
-            offers = self._node.get_publishers_info_by_topic(name)
-            if unasked and offers and not self._is_needed(name, types):
-                self.left_out.add(name)
-            elif offers:
-                self.left_out.discard(name)
-                self._subscribe(name, offers)
-
-    def _is_needed(self, name: str, types: Mapping[str, list[str]]) -> bool:
-        """Whether a topic is small, is taken in by nodes, or is a scan or the map of cells."""
-        if name in self._subscriptions or _LARGE.isdisjoint(types[name]):
-            return True
-        if _IMAGES.fullmatch(name):
-            return True
-        namespace, _, last = name.rpartition("/")
-        # As the planner knows a robot: cameras have points, too.
-        is_robot = "geometry_msgs/msg/PoseWithCovarianceStamped" in types.get(
-            f"{namespace}/pose", []
-        )
-        if last == "short_term_map" or (last == "points" and is_robot):
-            return True
-        takers = self._node.get_subscriptions_info_by_topic(name)
-        return any(taker.node_name in _OUR_NODES for taker in takers)
-
-    def _subscribe(self, name: str, offers: list[TopicEndpointInfo]) -> None:
-        """Subscribe to a topic if that is new, or if a publisher came that offers less."""
-        fit = _Fit.of(offers)
-        msgtype = offers[0].topic_type
-        if name in self._subscriptions:
-            known, subscription = self._fits[name], self._subscriptions[name]
-            fit = _Fit(known.reliable and fit.reliable, known.latched and fit.latched)
-            if fit == known:
-                return
-            self._take()
-            self._node.destroy_subscription(subscription)
-        else:
-            problem = _problem(offers)
-            if problem:
-                self.skipped[name] = problem
-                return
-            self._bag.add_topic(name, msgtype, [_recorded(o.qos_profile) for o in offers])
-            self.sizes[name] = 0
-        self._fits[name] = fit
-        self._subscriptions[name] = self._node.create_subscription(
-            message_class(msgtype), name, lambda _: None, fit.profile(), raw=True
-        )
-
-    def _take(self) -> None:
-        """Write what has arrived since the last time.
-
-        Takes from the subscriptions directly: an executor needs four times the CPU for that.
-        """
-        arrived: list[tuple[int, str, bytes]] = []
-        for name, subscription in self._subscriptions.items():
-            handle = subscription.handle
-            with handle:
-                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
-                    data, info = taken
-                    arrived.append((info["received_timestamp"] or time.time_ns(), name, data))
-        for time_ns, name, data in sorted(arrived, key=lambda message: message[0]):
-            self._bag.write_raw(name, time_ns, data)
-            self.sizes[name] += len(data)
-
-    def close(self) -> None:
-        """Write the index; the bag is complete then.
-
-        Raises:
-            BagError: No message came (nothing is left behind), or the disk does not take it.
-        """
-        self._open.close()
-        if not any(self.counts.values()):
-            self._bag.abort()
-            asked = f" on {', '.join(self.patterns)}" if self.patterns else ""
-            raise BagError(
-                f"{self._bag.path}: not written, no message came{asked}. Are the publishers "
-                "running, with the same ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE?"
-            )
-        self._bag.close()
-
-    def __enter__(self) -> Recorder:
-        """Return the recorder."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the bag; also after an exception what came before it is kept."""
-        if kind is None or any(self.counts.values()):
-            self.close()
-        else:
-            self._open.close()
-            self._bag.abort()
-
-
-class _Fit(NamedTuple):
-    """What a subscription may ask for so that every publisher of a topic can serve it."""
-
-    reliable: bool
-    latched: bool
-
-    @classmethod
-    def of(cls, offers: list[TopicEndpointInfo]) -> _Fit:
-        from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-
-        return cls(
-            all(o.qos_profile.reliability == ReliabilityPolicy.RELIABLE for o in offers),
-            all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers),
-        )
-
-    def profile(self) -> QoSProfile:
-        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-        return QoSProfile(
-            depth=_DEPTH,
-            reliability=(
-                ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT
-            ),
-            durability=(
-                DurabilityPolicy.TRANSIENT_LOCAL if self.latched else DurabilityPolicy.VOLATILE
-            ),
-        )
-
-
-def _may_exist(pattern: str) -> bool:
-    """Whether a topic can have a name that fits."""
-    from rclpy.exceptions import InvalidTopicNameException
-    from rclpy.validate_full_topic_name import validate_full_topic_name
-
-    name = re.sub(r"\*|\?|\[[^]]+\]", "a", pattern)
-    try:
-        validate_full_topic_name(name if name.startswith("/") else f"/{name}")
-    except InvalidTopicNameException:
-        return False
-    return True
-
-
-def _problem(offers: list[TopicEndpointInfo]) -> str | None:
-    """Why a topic cannot be recorded, None if it can."""
-    types = sorted({o.topic_type for o in offers})
-    if len(types) > 1:
-        return f"it has several types: {', '.join(types)}"
-    if message_class(types[0]) is None:
-        return f"its type {types[0]} is not installed"
-    store = default_typestore()
-    require_types(store, types)
-    published = {str(o.topic_type_hash) for o in offers} - {"INVALID"}
-    try:
-        here = store.hash_rihs01(types[0])
-    except KeyError:  # the library cannot hash wide strings
-        return None
-    return None if published <= {here} else f"{types[0]} is defined otherwise there than here"
-
-
-def _recorded(profile: QoSProfile) -> Qos:
-    """A publisher's quality of service as bags have it: the numbers mean the same."""
-
-    def time(duration: Any) -> QosTime:
-        return QosTime(*divmod(duration.nanoseconds, 10**9))
-
-    return Qos(
-        history=QosHistory(int(profile.history)),
-        depth=profile.depth,
-        reliability=QosReliability(int(profile.reliability)),
-        durability=QosDurability(int(profile.durability)),
-        deadline=time(profile.deadline),
-        lifespan=time(profile.lifespan),
-        liveliness=QosLiveliness(int(profile.liveliness)),
-        liveliness_lease_duration=time(profile.liveliness_lease_duration),
-        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
-    )
-
-
-# -------------------------------------------------------------------------------------- command
 
 
 def command(
@@ -390,48 +46,72 @@ def command(
     bag is never overwritten.
     """
     from rich.console import Console
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    if recover:
+        _recover(out, console)
+        return
+    with stop_on_signals() as stop, Recorder(out, topics or ()) as recorder:
+        print_note(console, f"until it is ended (Ctrl-C) the bag lies in {part_of(out)}")
+        _record(recorder, out, duration, stop, console)
+        _print_left_out(recorder, console)
+    _print_counts(recorder.counts, recorder.sizes, console)
+    total, size_bytes = sum(recorder.counts.values()), sum(recorder.sizes.values())
+    _print(f"{total:8} messages in {plain(str(out))}, {size_bytes / 1e6:.1f} MB", console)
+
+
+def _recover(out: Path, console: Console) -> None:
+    """Makes the bag of a recorder that was killed."""
+    from mrs_tools.bags.recovery import recover
+
+    recovered = recover(out)
+    _print_counts(recovered.counts, {}, console)
+    total = sum(recovered.counts.values())
+    _print(f"{total:8} messages recovered in {plain(str(out))}", console)
+    if recovered.lost_bytes:
+        print_note(
+            console, f"of the end {recovered.lost_bytes} bytes are lost, which were not whole"
+        )
+
+
+def _record(
+    recorder: Recorder, out: Path, duration_s: float | None, stop: Stop, console: Console
+) -> None:
+    """Records, and shows the largest topics meanwhile."""
     from rich.live import Live
     from rich.text import Text
 
-    from mrs_tools.bags.recovery import recover as recover_bag
-    from mrs_tools.cli import stop_on_signals
+    with Live(console=console, auto_refresh=False, transient=True) as live:
 
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
+        def show(status: Status) -> None:
+            if console.is_terminal:
+                lines = _lines(recorder.counts, status.sizes, _SHOWN)
+                live.update(Text("\n".join([*lines, _line(out, status)])), refresh=True)
 
-    def note(text: str) -> None:
-        console.print(Text.assemble(("note: ", "yellow"), plain(text)))
+        recorder.run(duration_s=duration_s, stop=stop, on_status=show)
 
-    if recover:
-        recovered = recover_bag(out)
-        console.print(Text("\n".join(_lines(recovered.counts, {}))))
-        total = sum(recovered.counts.values())
-        console.print(Text(f"{total:8} messages recovered in {plain(str(out))}"))
-        if recovered.lost_bytes:
-            note(f"of the end {recovered.lost_bytes} bytes are lost, which were not whole")
-        return
-    with stop_on_signals() as stop:
-        with Recorder(out, topics or ()) as recorder:
-            note(f"until it is ended (Ctrl-C) the bag lies in {part_of(out)}")
-            with Live(console=console, auto_refresh=False, transient=True) as live:
 
-                def show(status: Status) -> None:
-                    if console.is_terminal:
-                        lines = _lines(recorder.counts, status.sizes, _SHOWN)
-                        live.update(Text("\n".join([*lines, _line(out, status)])), refresh=True)
+def _print_left_out(recorder: Recorder, console: Console) -> None:
+    for topic, why in recorder.skipped.items():
+        print_note(console, f"{topic} was left out: {why}")
+    if recorder.left_out:
+        print_note(
+            console,
+            f"left out, as no node takes them in: {_some(sorted(recorder.left_out))}. "
+            "Name topics to record exactly these, or '*' for everything",
+        )
+    for pattern in recorder.silent():
+        print_note(console, f"no message came on {pattern}")
 
-                recorder.run(duration_s=duration, stop=stop, on_status=show)
-            for topic, why in recorder.skipped.items():
-                note(f"{topic} was left out: {why}")
-            if recorder.left_out:
-                note(
-                    f"left out, as no node takes them in: {_some(sorted(recorder.left_out))}. "
-                    "Name topics to record exactly these, or '*' for everything"
-                )
-            for pattern in recorder.silent():
-                note(f"no message came on {pattern}")
-        console.print(Text("\n".join(_lines(recorder.counts, recorder.sizes))))
-        total, size_bytes = sum(recorder.counts.values()), sum(recorder.sizes.values())
-        console.print(Text(f"{total:8} messages in {plain(str(out))}, {size_bytes / 1e6:.1f} MB"))
+
+def _print_counts(counts: Mapping[str, int], sizes: Mapping[str, int], console: Console) -> None:
+    _print("\n".join(_lines(counts, sizes)), console)
+
+
+def _print(text: str, console: Console) -> None:
+    from rich.text import Text  # names from outside are no markup
+
+    console.print(Text(text))
 
 
 def _line(out: Path, status: Status) -> str:

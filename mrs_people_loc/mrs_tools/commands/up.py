@@ -9,7 +9,7 @@ import typer
 
 from mrs_ros.discovery import discovery_environment
 from mrs_ros.network import given_domain
-from mrs_ros.team import NodeProcess, RunningTeam, team_processes
+from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 
 
 def command(
@@ -38,7 +38,7 @@ def command(
     """
     from rich.console import Console
 
-    from mrs_tools.cli import stop_on_signals
+    from mrs_tools.signals import stop_on_signals
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     given_domain()

@@ -12,22 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mrs_tools.commands.plot import PAPER_KEPT
+from mrs_tools.common import make_table
+from mrs_tools.paper import PAPER_CLUSTERS, PAPER_ERROR_M, PAPER_KEPT, PAPER_REMOVED, PAPER_SEEN
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-#: Clusters by what the size test says of them, in the order of the table; the paper's numbers.
-PAPER_CLUSTERS = {"person": 5, "false_person": 0, "too_low": 1, "too_small": 1, "too_large": 0}
-#: People whom the paper says that robots see (section 4.1; all: section 6.4).
-PAPER_SEEN = {"robot_b": 4, "robot_c": 4}
-#: Points that the stages remove of a view of Ra, at least (section 6.2).
-PAPER_REMOVED = {"robot_a": 15000}
-#: The paper's mean error [m].
-PAPER_ERROR_M = 0.05
-
-
-# ----------------------------------------------------------------------------------------- reasons
 
 
 def reasons(report: Mapping[str, Any]) -> list[dict[str, str]]:
@@ -187,9 +176,6 @@ def _mean(rows: Sequence[Mapping[str, Any]], key: str) -> float:
     return float(np.mean([row[key] for row in rows]))
 
 
-# ------------------------------------------------------------------------------------------ tables
-
-
 def show(report: Mapping[str, Any], console: Console) -> None:
     """Prints the report as tables, and the reasons."""
     console.print(
@@ -216,18 +202,9 @@ def show(report: Mapping[str, Any], console: Console) -> None:
 
 
 def _table(title: str, first: str, *others: str) -> Any:
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
-    # Text: a unit such as [ms] would be taken for markup.
-    table = Table(
-        title=Text(title),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, 1),
-    )
+    table = make_table(title, padding=(0, 1))
     table.add_column(Text(first), no_wrap=True)
     for column in others:
         table.add_column(Text(column), justify="right", no_wrap=True)

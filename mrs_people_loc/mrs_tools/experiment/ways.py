@@ -22,8 +22,8 @@ from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import map_from_robot
 from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
-from mrs_tools.bags.offline import View
 from mrs_tools.bags.rosbag import default_typestore
+from mrs_tools.bags.sources import RobotView
 
 _CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 _XYZ = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
@@ -76,7 +76,7 @@ class FilterThenShare:
         self._planner = Planner(team.planner)
         self.zones = self.noise = 0
 
-    def send(self, view: View) -> Any:
+    def send(self, view: RobotView) -> Any:
         """What a robot sends of a view."""
         scan = view.stages.scan
         self.zones += len(view.stages.zones)
@@ -116,7 +116,7 @@ class ShareThenFilter:
         self._scaled = scaled
         self.zones = self.noise = 0
 
-    def send(self, view: View) -> Any:
+    def send(self, view: RobotView) -> Any:
         """What a robot sends of a view."""
         cloud = view.stages.cloud
         records = np.empty(len(cloud), _XYZ)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import PeopleLocError
-from mrs_people_loc.geometry import Float
 from mrs_people_loc.team.poses import Pose
 from mrs_tools.figures import plots
 from mrs_tools.figures.plots import TopView
@@ -233,7 +233,7 @@ class _Film:
         plots.draw_truth(axes, view, size=_STAR)
         plots.draw_people(axes, view)
         plots.finish_map(axes, view, self._bounds)
-        self._head.set_text(f"{(time_ns - self._stamps_ns[0]) / 1e9:.1f} s   {said(view)}")
+        self._head.set_text(f"{(time_ns - self._stamps_ns[0]) / 1e9:.1f} s   {headline(view)}")
         recent = [
             view for view in self._views[: latest + 1] if time_ns - view.stamp_ns < _EVENT_S * 1e9
         ]
@@ -243,7 +243,7 @@ class _Film:
         return np.asarray(self._canvas.buffer_rgba())[:, :, :3].copy()
 
 
-def said(view: TopView) -> str:
+def headline(view: TopView) -> str:
     """How many people there are, and what the largest group does, in a line."""
     count = len(view.people)
     line = f"{count} {'person' if count == 1 else 'people'}"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.fusion import map_from_robot
@@ -31,7 +31,7 @@ ROBOT_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 #: Those of clusters, in turn; grey is for clusters that are no person.
 CLUSTER_COLORS = (*ROBOT_COLORS[:5], "#8C564B", "#17BECF", "#7F3C8D", "#A5AA00", "#E73F74")
 _NOBODY = "0.6"
-#: People; those who have fallen behind or left; how opaque those are who are predicted, not seen.
+#: Colours of people and of stragglers; opacity of people that are predicted, not seen.
 _PERSON, AWAY, _PALE = "#111111", "#C1121F", 0.4
 #: From this value on a cell of a grid is drawn as occupied.
 _OCCUPIED = 65
@@ -39,7 +39,7 @@ _OCCUPIED = 65
 _CENTRE, _SURE = "0.3", "#D55E00"
 #: Who is slower stands, and has no arrow [m/s].
 STANDING = 0.1
-#: From a person's circle to his id [pt].
+#: From a person's circle to their id [pt].
 _LABEL_AWAY = 8.0
 #: What a robot sees of a body is between the floor and this height [m].
 _BODY_HEIGHT = 2.0
@@ -59,7 +59,7 @@ class TopView:
         robots: Pose of each robot, by name.
         views: By robot, where it is known, the border of what it sees (see `seen_floor`).
         people: The people.
-        groups: Who belongs together, and who has fallen behind.
+        groups: The groups, with their stragglers.
         truth: True positions [m], shape (k, 2); NaN for somebody who is not there.
         circle_sigmas: How many sigmas the circles are.
         visible: Whether a robot sees each of the true people, shape (k,); None: not known.
@@ -89,13 +89,13 @@ class TopView:
 
     @property
     def positions(self) -> Float:
-        """Where the people are said to be [m], shape (m, 2)."""
+        """Positions of the people [m], shape (m, 2)."""
         return np.array([person.position for person in self.people]).reshape(-1, 2)
 
     @property
     def away_s(self) -> dict[int, float]:
-        """By id, who has fallen behind his group or left it, and for how long [s]."""
-        return {who: s for group in self.groups for who, s in group.stragglers.items()}
+        """By id, for how long stragglers have been behind their group or away from it [s]."""
+        return {one: s for group in self.groups for one, s in group.stragglers.items()}
 
     def bounds(self) -> tuple[float, float, float, float]:
         """The least rectangle around everything: x from, to, y from, to [m]."""
@@ -281,68 +281,86 @@ def number_clusters(axes: Axes, view: TopView) -> None:
 
 
 def draw_people(axes: Axes, view: TopView, *, ellipses: bool = False) -> None:
-    """People with ids, ways and velocities as circles of some sigmas, and their groups.
+    """People with ids, trails and velocities as circles of some sigmas, and their groups.
 
     Args:
         axes: Where to.
         view: What is drawn.
         ellipses: Whether 95 % ellipses of the positions are drawn, too.
     """
-    from matplotlib.colors import to_rgba
-    from matplotlib.patches import Circle, Ellipse
-
     away_s = view.away_s
     _draw_groups(axes, view)
     for index, person in enumerate(view.people):
         color = AWAY if person.id in away_s else _PERSON
         alpha = _PALE if person.coasting else 1.0
+        radius = view.circle_sigmas * person.sigma
         _draw_trail(axes, view.trails.get(person.id), color, alpha)
-        place, radius = person.position, view.circle_sigmas * person.sigma
-        axes.add_patch(
-            Circle(
-                tuple(place),
-                radius,
-                fc=to_rgba(color, 0.1 * alpha),
-                ec=to_rgba(color, alpha),
-                lw=1.8,
-                zorder=3,
-            )
-        )
-        axes.plot(*place, "+", ms=8, mew=1.6, color=color, alpha=alpha, zorder=4)
-        if person.velocity is not None and np.hypot(*person.velocity) >= STANDING:
-            ahead = tuple(place + person.velocity)  # where he is in a second
-            style = {"arrowstyle": "-|>", "lw": 1.6, "color": color, "alpha": alpha}
-            style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
-            axes.annotate("", ahead, tuple(place), arrowprops=style, zorder=4)
+        _draw_person(axes, person, radius, color, alpha)
         text = str(person.id or index + 1)
         if person.id in away_s:
             text += f" ({away_s[person.id]:.0f} s)"
-        beside = _beside(person)
-        axes.annotate(
-            text,
-            tuple(place + radius * beside),
-            xytext=tuple(_LABEL_AWAY * beside),
-            textcoords="offset points",
-            ha="center" if abs(beside[0]) < 0.5 else "left" if beside[0] > 0 else "right",
-            va="center",
-            color=color,
-            alpha=max(alpha, 0.7),
-            fontweight="bold",
-            path_effects=_outline(),
-            annotation_clip=True,
-            zorder=8,
-        )
+        _label_person(axes, person, radius, text, color, alpha)
         if ellipses:
-            values, vectors = np.linalg.eigh(person.covariance)
-            width, height = 2.0 * np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0))
-            angle = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
-            axes.add_patch(
-                Ellipse(tuple(place), width, height, angle=angle, fill=False, ec=_SURE, lw=1.2)
-            )
+            _draw_ellipse(axes, person)
+
+
+def _draw_person(axes: Axes, person: Person, radius: float, color: str, alpha: float) -> None:
+    """A circle, a cross in its centre, and an arrow to where the person is in a second."""
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import Circle
+
+    place = person.position
+    axes.add_patch(
+        Circle(
+            tuple(place),
+            radius,
+            fc=to_rgba(color, 0.1 * alpha),
+            ec=to_rgba(color, alpha),
+            lw=1.8,
+            zorder=3,
+        )
+    )
+    axes.plot(*place, "+", ms=8, mew=1.6, color=color, alpha=alpha, zorder=4)
+    if person.velocity is not None and np.hypot(*person.velocity) >= STANDING:
+        style = {"arrowstyle": "-|>", "lw": 1.6, "color": color, "alpha": alpha}
+        style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
+        axes.annotate("", tuple(place + person.velocity), tuple(place), arrowprops=style, zorder=4)
+
+
+def _label_person(
+    axes: Axes, person: Person, radius: float, text: str, color: str, alpha: float
+) -> None:
+    beside = _beside(person)
+    axes.annotate(
+        text,
+        tuple(person.position + radius * beside),
+        xytext=tuple(_LABEL_AWAY * beside),
+        textcoords="offset points",
+        ha="center" if abs(beside[0]) < 0.5 else "left" if beside[0] > 0 else "right",
+        va="center",
+        color=color,
+        alpha=max(alpha, 0.7),
+        fontweight="bold",
+        path_effects=_outline(),
+        annotation_clip=True,
+        zorder=8,
+    )
+
+
+def _draw_ellipse(axes: Axes, person: Person) -> None:
+    """The 95 % ellipse of a position."""
+    from matplotlib.patches import Ellipse
+
+    values, vectors = np.linalg.eigh(person.covariance)
+    width, height = 2.0 * np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0))
+    angle = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
+    axes.add_patch(
+        Ellipse(tuple(person.position), width, height, angle=angle, fill=False, ec=_SURE, lw=1.2)
+    )
 
 
 def _beside(person: Person) -> Float:
-    """Direction in which there is room for text: across his way, where nobody else's is ahead."""
+    """Direction in which there is room for text: across the way, where nobody else is ahead."""
     if person.velocity is None or np.hypot(*person.velocity) < STANDING:
         return np.full(2, math.sqrt(0.5))
     x, y = person.velocity / np.hypot(*person.velocity)
@@ -391,7 +409,7 @@ def _draw_groups(axes: Axes, view: TopView) -> None:
     for group in view.groups:
         if group.size < 2 and len(view.groups) > 1:
             continue  # somebody alone, beside a group
-        for place in (places[who] for who in group.members if who in places):
+        for place in (places[one] for one in group.members if one in places):
             axes.plot(*np.stack([group.centre, place]).T, color="0.55", lw=0.9, zorder=1.5)
         axes.plot(*group.centre, "X", ms=10, mfc=_CENTRE, mec="white", zorder=5)
 

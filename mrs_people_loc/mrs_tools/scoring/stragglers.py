@@ -1,24 +1,24 @@
-"""Scoring stragglers: who was flagged in time, and who wrongly; and where the group is.
+"""Scores of stragglers (flagged in time, flagged wrongly) and of the groups' centres.
 
 The rules, besides those of `evaluation` and `track_scores`:
 
 - Members of one true group who are no farther apart than a limit are linked, and links make parts.
   The largest part is the group that goes on; if several are the largest, nobody can say which.
 - An episode is a member who is alone, farther than `groups.distance` from every other member, for
-  `LASTING_NS` or longer, while others are together. It begins where he crosses that distance,
-  linearly between two messages. When he is beyond it again before he was nearer to somebody than
-  it less `groups.margin`, that is the same episode. Several who leave together are a split and no
-  episode; nor is anybody whose crossing the truth does not show.
-- An episode is flagged when, in the course of it, a group names the identity that is his, or was
-  his last, as a straggler. The delay is the time from the crossing to the stamp of that estimate; 0
-  if he was flagged before.
+  `LASTING_NS` or longer, while others are together. It begins where they cross that distance,
+  linearly between two messages. When they are beyond it again before they were nearer to somebody
+  than it less `groups.margin`, that is the same episode. Several who leave together are a split and
+  no episode; nor is anybody whose crossing the truth does not show.
+- An episode is flagged when, in the course of it, a group names the identity that is theirs, or was
+  their last, as a straggler. The delay is the time from the crossing to the stamp of that estimate;
+  0 if they were flagged before.
 - An episode is unseen when no robot sees the person in its first `LASTING_NS`; it counts as nothing
   else.
 - A flag is false when it is raised for an identity that belongs to nobody; to somebody who has not
   been a member so far; or to a member who, from `AROUND_NS` before to `AROUND_NS` after it, is with
   the group that goes on, held by links of `groups.distance` less `groups.margin`.
-- It is not false for somebody who was a member and is none any more: he has left. Nor for somebody
-  who is not followed any more while no robot sees him: it says that he is missing.
+- It is not false for somebody who was a member and is none any more: they have left. Nor for
+  somebody who is not followed any more while no robot sees them: it says that they are missing.
 """
 
 from __future__ import annotations
@@ -31,20 +31,10 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.cells.clustering import connected
-from mrs_people_loc.geometry import Float
-from mrs_tools.scoring.positions import (
-    MATCH_DISTANCE,
-    Bool,
-    Estimate,
-    Frame,
-    Int,
-    Truth,
-    interval_of,
-    nothing,
-    ratio,
-    sums_of,
-)
+from mrs_people_loc.arrays import Bool, Float, Int
+from mrs_people_loc.neighbours import connected
+from mrs_tools.scoring.positions import MATCH_DISTANCE, Frame, interval_of, nothing, ratio, sums_of
+from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.tracks import follow
 
 #: Who is alone for a shorter time has not fallen behind [ns].
@@ -61,9 +51,9 @@ class Episode:
 
     Attributes:
         person: Index of the person.
-        begin_ns: When he crossed the limit [ns].
-        end_ns: Last message at which he is beyond it [ns].
-        seen: Whether a robot sees him in the first `LASTING_NS` of it.
+        begin_ns: When the member crossed the limit [ns].
+        end_ns: Last message at which the member is beyond it [ns].
+        seen: Whether a robot sees the member in the first `LASTING_NS` of it.
     """
 
     person: int
@@ -117,16 +107,16 @@ def _runs(which: Bool) -> Iterable[tuple[int, int]]:
 
 
 def _standing(truth: Truth, limit: float) -> tuple[Float, Int, Bool]:
-    """How everybody stands to his group, over time; each of shape (n, m).
+    """Distances of everybody to their group, over time; each of shape (n, m).
 
     Args:
         truth: The truth, with groups.
         limit: Members are linked up to this distance [m].
 
     Returns:
-        Distance to the nearest other member [m], infinite where there is none, NaN for who is no
-        member or not there; the size of the largest part of his group; and whether he is in that
-        part, and no other is as large.
+        Distance to the nearest other member [m], infinite where there is none, NaN for
+        people that are no members or not there; the size of the largest part of their group; and
+        whether they are in that part, and no other is as large.
     """
     assert truth.groups is not None
     shape = truth.groups.shape
@@ -155,7 +145,7 @@ class StragglerScores:
         true: Episodes that somebody could see.
         unseen: Episodes that nobody could see.
         false: Flags that are false.
-        observed_s: For how long there were members, and estimates that tell who is who [s].
+        observed_s: For how long there were members, and estimates with identities [s].
         delays_s: Of the episodes that were flagged [s].
     """
 

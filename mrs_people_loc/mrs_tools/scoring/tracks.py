@@ -1,12 +1,12 @@
-"""Scoring who is who: identities and velocities over the frames of `evaluation.score`.
+"""Scores of identities and velocities over the frames of `positions.score`.
 
 The rules, besides those of `evaluation`:
 
 - Only estimates with an id take part; one without is nobody's track.
-- CLEAR MOT: in each frame a person keeps the identity that was last his while it is within the
+- CLEAR MOT: in each frame a person keeps the identity that was last theirs while it is within the
   distance, and the other people and estimates are matched optimally. A switch counts when somebody
-  gets another identity than his last one, however long ago that was.
-- For people whom no robot sees there is no frame: they are not missed and get no identity, so a gap
+  gets another identity than their last one, however long ago that was.
+- For people that no robot sees there is no frame: they are not missed and get no identity, so a gap
   in which nobody saw them breaks nothing. Their identity stays theirs while it is near them, and an
   estimate that is theirs, or that fits them and nobody who is required, is ignored.
 
@@ -33,14 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_tools.scoring.positions import (
     MATCH_DISTANCE,
-    Bool,
-    Estimate,
     Frame,
-    Int,
-    Truth,
     interval_of,
     match,
     nothing,
@@ -48,12 +44,13 @@ from mrs_tools.scoring.positions import (
     ratio,
     sums_of,
 )
+from mrs_tools.scoring.records import Estimate, Truth
 
 #: GOSPA's exponent p; its alpha is 2, its cut-off c the distance of a match.
 GOSPA_POWER = 2
 #: True velocities are central differences over this time [ns].
 VELOCITY_WINDOW_NS = 400_000_000
-#: Who is followed in this share of his frames is mostly tracked, and
+#: A person that is followed in this share of their frames is mostly tracked, and
 MOSTLY_TRACKED = 0.8
 #: in less than this share mostly lost.
 MOSTLY_LOST = 0.2
@@ -61,10 +58,10 @@ MOSTLY_LOST = 0.2
 
 @dataclass(frozen=True)
 class Followed:
-    """Who follows whom in one frame, by CLEAR MOT.
+    """Which track follows which person in one frame, by CLEAR MOT.
 
     Attributes:
-        stamp_ns: When the people were where they are said to be: the estimate's stamp; the frame's
+        stamp_ns: When the people were at the estimated positions: the estimate's stamp; the frame's
             where there is no estimate [ns].
         ids: Of the estimates that have one, int64, shape (n,).
         positions: Theirs [m], shape (n, 2).
@@ -104,7 +101,7 @@ def follow(
 ) -> list[Followed]:
     """Matches identities with people over time, by the rules at the top of this module.
 
-    Where two people had the same identity last, it belongs to him who had it later.
+    Where two people had the same identity last, it belongs to the one that had it later.
 
     Args:
         frames: Of one recording, in their order; of all the same people (`evaluation.score`).
@@ -163,9 +160,9 @@ def _tracked(frame: Frame, estimates: Sequence[Estimate]) -> tuple[NDArray[np.in
     """Ids, positions and velocities of the estimates of a frame that have an id."""
     if frame.estimate is None:
         return np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty((0, 2))
-    said = estimates[frame.estimate]
-    kept = said.ids != 0
-    return said.ids[kept], said.positions[kept], said.velocities[kept]
+    estimate = estimates[frame.estimate]
+    kept = estimate.ids != 0
+    return estimate.ids[kept], estimate.positions[kept], estimate.velocities[kept]
 
 
 def gospa(
@@ -196,7 +193,7 @@ def true_velocities(
     """How fast people truly are: central differences of their interpolated positions.
 
     Where somebody comes or goes, and at the ends of the truth, the difference is over that part of
-    the window in which he is there.
+    the window in which they are there.
 
     Args:
         truth: The truth.
@@ -224,8 +221,8 @@ def true_velocities(
     begin = np.maximum(stamps_ns - window_ns // 2, times[first[at, people]])
     end = np.minimum(stamps_ns + window_ns // 2, times[last[at, people]])
     known = 2 * (end - begin) >= window_ns
-    begin, end, who = begin[known], end[known], people[known]
-    went = _places_at(truth, end, who) - _places_at(truth, begin, who)
+    begin, end, which = begin[known], end[known], people[known]
+    went = _places_at(truth, end, which) - _places_at(truth, begin, which)
     result[known] = went / ((end - begin) * 1e-9)[:, np.newaxis]
     return result
 
@@ -250,7 +247,7 @@ class TrackScores:
         people: Different people who had to be followed.
         true: Frames of all people in which they had to be followed.
         found: Estimates that count, over all frames.
-        switches: How often somebody got another identity than his last one.
+        switches: How often somebody got another identity than their last one.
         fragments: How often somebody was lost and then followed again.
         mostly_tracked: People who were followed in 0.8 of their frames or more.
         mostly_lost: People who were in less than 0.2 of them.
@@ -317,7 +314,7 @@ def score_tracks(
     *,
     distance: float = MATCH_DISTANCE,
 ) -> TrackScores:
-    """Scores who is who in one recording.
+    """Scores identities and velocities in one recording.
 
     Args:
         truth: The truth.
@@ -357,7 +354,7 @@ def score_tracks(
 
 
 def _fragments(required: Bool, tracked: Bool) -> int:
-    """How often a person is followed again after he was not, in the frames that require him."""
+    """How often a person is followed again after a gap, in the frames that require him."""
     status = tracked[required]
     again = int((status[1:] & ~status[:-1]).sum())
     # The first time is no second time.
@@ -378,12 +375,12 @@ def _idtp(
 
 
 def _velocity_errors(truth: Truth, followed: Sequence[Followed]) -> Float:
-    stamps, people, said = [], [], []
+    stamps, people, found = [], [], []
     for f in followed:
         pairs = f.pairs[f.counted]
         stamps.append(np.full(len(pairs), f.stamp_ns, dtype=np.int64))
         people.append(pairs[:, 1])
-        said.append(f.velocities[pairs[:, 0]])
+        found.append(f.velocities[pairs[:, 0]])
     wanted = true_velocities(truth, np.concatenate(stamps), np.concatenate(people))
-    errors: Float = np.linalg.norm(np.concatenate(said) - wanted, axis=1)
+    errors: Float = np.linalg.norm(np.concatenate(found) - wanted, axis=1)
     return errors[np.isfinite(errors)]

@@ -6,7 +6,7 @@
     meshes.py     triangles with texture coordinates
     textures.py   procedural textures and the atlas they are sampled from
     rooms.py      floor, walls, furniture, clutter
-    bodies.py     articulated people
+    human_body.py articulated people
     robots.py     the robots as solid bodies
     heads.py      cameras: rays of every pixel, and what the sensor makes of the light
     rendering.py  ray casting (Embree) and shading

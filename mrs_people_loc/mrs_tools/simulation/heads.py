@@ -9,17 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.config import Mounting, load_yaml
 from mrs_people_loc.errors import ConfigError
-from mrs_people_loc.geometry import Float
 from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
-from mrs_tools.simulation.meshes import Float32
-from mrs_tools.simulation.scene import Head, Imaging
-
-Gray = NDArray[np.uint8]
+from mrs_people_loc.sensing.images import Gray
+from mrs_tools.simulation.scene import Imaging, StereoHead
 
 
-def mounting(head: Head) -> Mounting:
+def mounting(head: StereoHead) -> Mounting:
     """The head's place on the robot, as the robot's parameters hold it."""
     return Mounting(
         height=head.height,
@@ -31,7 +29,7 @@ def mounting(head: Head) -> Mounting:
     )
 
 
-def camera_models(head: Head) -> dict[str, CameraModel]:
+def camera_models(head: StereoHead) -> dict[str, CameraModel]:
     """Calibration of `left`, `right` and, with three cameras, `top`.
 
     Raises:
@@ -57,7 +55,7 @@ def camera_models(head: Head) -> dict[str, CameraModel]:
     return models
 
 
-def _model(head: Head, tx: float, ty: float) -> CameraModel:
+def _model(head: StereoHead, tx: float, ty: float) -> CameraModel:
     cx = (head.width - 1) / 2 if head.cx < 0 else head.cx
     cy = (head.height_px - 1) / 2 if head.cy < 0 else head.cy
     k = np.array([[head.focal, 0.0, cx], [0.0, head.focal, cy], [0.0, 0.0, 1.0]])
@@ -88,7 +86,7 @@ def read_calibration(path: Path) -> CameraModel:
         raise ConfigError(f"{path}: not a camera calibration: {err!r}") from err
 
 
-def is_raw(head: Head, models: dict[str, CameraModel]) -> bool:
+def is_raw(head: StereoHead, models: dict[str, CameraModel]) -> bool:
     """Whether the head gives raw images, to be rectified by the robot."""
     if not head.calibration:
         return bool(head.distortion) and any(head.distortion)

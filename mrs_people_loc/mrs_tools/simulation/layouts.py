@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_tools.simulation.rooms import SIZES, footprint
-from mrs_tools.simulation.scene import Furniture, Head, Person, Robot, Scene
+from mrs_tools.simulation.scene import Furniture, Person, Robot, Scene, StereoHead
 from mrs_tools.simulation.walks import Boxes, Way, way_of
 
 Rng = np.random.Generator
@@ -35,7 +35,7 @@ def expand(scene: Scene) -> Scene:
     people = [*scene.people]
     spots = _spots(scene, centre, rng)
     robots, heads = dict(scene.robots), dict(scene.heads)
-    common = next(iter(scene.heads.values()), Head())
+    common = next(iter(scene.heads.values()), StereoHead())
     names = [f"robot_{chr(ord('a') + k)}" for k in range(26)]
     names = [n for n in names if n not in robots][: plan.robots]
     middle = np.mean(spots, axis=0) if spots else centre
@@ -118,7 +118,7 @@ def _posts(
     return posts
 
 
-def _head(scene: Scene, common: Head, k: int, rng: Rng) -> Head:
+def _head(scene: Scene, common: StereoHead, k: int, rng: Rng) -> StereoHead:
     kind = scene.layout.heads
     if kind == "trinocular":
         return dataclasses.replace(common, top=common.baseline) if k == 0 else common
@@ -256,7 +256,7 @@ def _walking_group(scene: Scene, rng: Rng) -> Scene:
         people.append(_stranger(way, start, duration, scene, boxes, rng))
     people = [dataclasses.replace(person, seed=int(rng.integers(1, 2**31))) for person in people]
     robots, heads = dict(scene.robots), dict(scene.heads)
-    common = next(iter(scene.heads.values()), Head())
+    common = next(iter(scene.heads.values()), StereoHead())
     names = [f"robot_{chr(ord('a') + k)}" for k in range(26)]
     names = [n for n in names if n not in robots][: plan.robots]
     for k, name in enumerate(names):
@@ -318,7 +318,7 @@ def _way_out(way: Way, along: float, scene: Scene, boxes: Boxes) -> tuple[float,
 
 
 def _roadside(way: Way, along: float, scene: Scene, boxes: Boxes, rng: Rng) -> tuple[float, float]:
-    """Where somebody waits beside the way, with his back to what is there."""
+    """Where somebody waits beside the way, their back to what is there."""
     side = float(rng.choice((-1.0, 1.0)))
     for far in np.arange(0.5 * scene.walk.width + 1.6, 0.3, -0.1):
         for left in (side * far, -side * far):

@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Float32 = NDArray[np.float32]
+from mrs_people_loc.arrays import Float32
+
 Int32 = NDArray[np.int32]
 
 

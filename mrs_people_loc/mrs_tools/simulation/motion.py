@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import ConfigError
-from mrs_people_loc.geometry import Float
 
 #: Tracks are kept at this interval [s].
 STEP_S = 0.02
@@ -161,14 +161,14 @@ def rounded(points: NDArray, width: int = 41) -> NDArray:
 
 @dataclass(frozen=True)
 class Walker:
-    """One who walks on his own.
+    """One who walks on their own.
 
     Attributes:
         x: Where from [m].
         y: Where from [m].
-        speed: How fast he likes to walk [m/s].
+        speed: Preferred speed [m/s].
         goal: Where to; None: from place to place.
-        area: Centre and radius of the circle in which he chooses places [m]; None: anywhere.
+        area: Centre and radius of the circle in which they choose places [m]; None: anywhere.
     """
 
     x: float
@@ -189,7 +189,7 @@ def walk_about(
 ) -> list[Track]:
     """Walkers who keep clear of each other, of walls, furniture, people and robots.
 
-    A social force model (Helbing & Molnar 1995): everybody is drawn to his goal and pushed away
+    A social force model (Helbing & Molnar 1995): everybody is drawn to their goal and pushed away
     by what is near.
 
     Args:
@@ -252,8 +252,8 @@ def walk_about(
 
 
 def push(
-    who: NDArray,
-    what: NDArray,
+    places: NDArray,
+    others: NDArray,
     distance: float,
     *,
     radius: NDArray | float = 0.0,
@@ -262,15 +262,15 @@ def push(
     """Accelerations away from what is near, shape (n, 2) [m/s^2].
 
     Args:
-        who: Who is pushed [m], shape (n, 2).
-        what: By whom [m], shape (k, 2).
+        places: Of those that are pushed [m], shape (n, 2).
+        others: Of those that push [m], shape (k, 2).
         distance: Where it is 5 m/s^2 [m].
         radius: Of what pushes [m], shape (k,).
-        skip_self: `what` is `who`, and nobody pushes himself.
+        skip_self: `others` is `places`, and nobody pushes themselves.
     """
-    if not len(what):
-        return np.zeros_like(who)
-    away = who[:, None] - what[None]
+    if not len(others):
+        return np.zeros_like(places)
+    away = places[:, None] - others[None]
     gap = np.linalg.norm(away, axis=2)
     strength = 5.0 * np.exp(-(gap - distance - radius) / 0.15)
     if skip_self:
@@ -335,7 +335,7 @@ def read_tracks(
 
 
 def read_groups(path: str | Path) -> dict[int, int]:
-    """Who walked with whom: `groups.txt` beside a recording of `read_tracks`.
+    """Groups of people: `groups.txt` beside a recording of `read_tracks`.
 
     Each line holds the ids of one group; who is in no line, or alone in one, is in no group.
 

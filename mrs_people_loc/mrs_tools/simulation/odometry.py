@@ -66,12 +66,12 @@ def believe(track: Track, settings: Odometry, duration: float, rng: np.random.Ge
     truth = np.array([[p.x, p.y, p.yaw] for p in places])
     if settings.mode == "drift":
         return _drifting(at, truth, settings, rng, track.free)
-    said, covariance = truth, np.diag([_EXACT_SIGMA**2] * 2 + [_EXACT_SIGMA_YAW**2])
+    believed, covariance = truth, np.diag([_EXACT_SIGMA**2] * 2 + [_EXACT_SIGMA_YAW**2])
     if settings.mode == "localized":
         sigmas = np.array([settings.sigma, settings.sigma, settings.sigma_yaw])
-        said = truth + sigmas * _wandering(at, settings.period, rng)
+        believed = truth + sigmas * _wandering(at, settings.period, rng)
         covariance = np.diag(np.maximum(sigmas, 1e-4) ** 2)
-    return Belief("map", None, _samples(at, said, [covariance] * count, track.free))
+    return Belief("map", None, _samples(at, believed, [covariance] * count, track.free))
 
 
 def _wandering(at: NDArray, period: float, rng: np.random.Generator) -> NDArray:
@@ -87,7 +87,7 @@ def _drifting(
 ) -> Belief:
     """Integrates the true motions with errors; the covariance is integrated along."""
     count = len(at)
-    said = np.zeros((count, 3))
+    believed = np.zeros((count, 3))
     covariances = [
         np.diag([max(settings.sigma, 1e-4) ** 2] * 2 + [max(settings.sigma_yaw, 1e-4) ** 2])
     ]
@@ -97,10 +97,10 @@ def _drifting(
         way = float(np.linalg.norm(ahead)) + 0.2 * abs(turned)
         sigma, sigma_yaw = settings.drift * math.sqrt(way), settings.drift_yaw * math.sqrt(way)
         moved = ahead + rng.normal(0.0, 1.0, 2) * sigma
-        turn = rotation_2d(said[k - 1, 2])
+        turn = rotation_2d(believed[k - 1, 2])
         step = turn @ moved
-        said[k, :2] = said[k - 1, :2] + step
-        said[k, 2] = said[k - 1, 2] + turned + rng.normal() * sigma_yaw
+        believed[k, :2] = believed[k - 1, :2] + step
+        believed[k, 2] = believed[k - 1, 2] + turned + rng.normal() * sigma_yaw
         jacobian = np.eye(3)
         jacobian[:2, 2] = (-step[1], step[0])
         noise = np.diag([sigma**2, sigma**2, sigma_yaw**2])
@@ -108,18 +108,19 @@ def _drifting(
     # Where it starts is known with the error of the start.
     start = truth[0] + rng.normal(size=3) * [settings.sigma, settings.sigma, settings.sigma_yaw]
     map_from_odom = (float(start[0]), float(start[1]), wrap_angle(float(start[2])))
-    return Belief("odom", map_from_odom, _samples(at, said, covariances, free))
+    return Belief("odom", map_from_odom, _samples(at, believed, covariances, free))
 
 
 def _samples(
-    at: NDArray, said: NDArray, covariances: list[NDArray], free: bool
+    at: NDArray, believed: NDArray, covariances: list[NDArray], free: bool
 ) -> list[PoseSample]:
-    rates = np.gradient(said, at, axis=0)
-    speeds = rates[:, 0] * np.cos(said[:, 2]) + rates[:, 1] * np.sin(said[:, 2])
-    aside = rates[:, 1] * np.cos(said[:, 2]) - rates[:, 0] * np.sin(said[:, 2])
+    rates = np.gradient(believed, at, axis=0)
+    speeds = rates[:, 0] * np.cos(believed[:, 2]) + rates[:, 1] * np.sin(believed[:, 2])
+    aside = rates[:, 1] * np.cos(believed[:, 2]) - rates[:, 0] * np.sin(believed[:, 2])
     return [
         PoseSample(
-            float(at[k]), float(said[k, 0]), float(said[k, 1]), wrap_angle(float(said[k, 2])),
+            float(at[k]),
+            float(believed[k, 0]), float(believed[k, 1]), wrap_angle(float(believed[k, 2])),
             covariances[k], float(speeds[k]), float(rates[k, 2]), float(aside[k]) if free else 0.0,
         )
         for k in range(len(at))

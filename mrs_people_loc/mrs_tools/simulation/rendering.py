@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_tools.simulation.meshes import Float32, Int32, Mesh
+from mrs_people_loc.arrays import Float32
+from mrs_tools.simulation.meshes import Int32, Mesh
 from mrs_tools.simulation.textures import Atlas
 
 #: Owner of a ray that hits nothing.

@@ -6,11 +6,11 @@ import numpy as np
 
 from mrs_tools.simulation import textures
 from mrs_tools.simulation.meshes import Mesh, box, cylinder, merge
-from mrs_tools.simulation.scene import Head, Robot
+from mrs_tools.simulation.scene import Robot, StereoHead
 from mrs_tools.simulation.textures import Atlas
 
 
-def robot_mesh(robot: Robot, head: Head, rng: np.random.Generator, atlas: Atlas) -> Mesh:
+def robot_mesh(robot: Robot, head: StereoHead, rng: np.random.Generator, atlas: Atlas) -> Mesh:
     """A robot in its base_link, to be placed; nothing for the body `none`.
 
     Args:

@@ -108,14 +108,14 @@ class Furniture(Section):
 
 @dataclass(frozen=True)
 class Person(Section):
-    """One person. Without a path or a walk, he stands where x, y and yaw say."""
+    """One person. Without a path or a walk, they stand where x, y and yaw say."""
 
     x: float = _field(0.0, "axis of the neck, in the map [m]", low=-1000.0, high=1000.0)
     y: float = _field(0.0, "axis of the neck, in the map [m]", low=-1000.0, high=1000.0)
     yaw: float = _field(0.0, "where the person faces [rad]", low=-_TAU, high=_TAU)
     path: tuple[float, ...] = _field((), "x0, y0, x1, y1, ... to walk along [m]", kind="floats")
     speed: float = _field(1.0, "walking speed [m/s]", low=0.0, high=4.0)
-    walks: bool = _field(False, "walks about on his own, from x, y")
+    walks: bool = _field(False, "walks about on their own, from x, y")
     goal: tuple[float, ...] = _field(
         (), "where one who walks wants to go; empty: anywhere [m]", kind="floats", length=2
     )
@@ -125,12 +125,12 @@ class Person(Section):
     )  # fmt: skip
     member: bool = _field(False, "walks with the group along its way (section `walk`), from x, y")
     behind: tuple[float, ...] = _field(
-        (), "a member: when he begins to fall behind, and how long he stays far behind (4.6 m "
-        "along the way) before he catches up [s]",
+        (), "a member: when they begin to fall behind, and how long they stay far behind (4.6 m "
+        "along the way) before they catch up [s]",
         kind="floats", length=2,
     )  # fmt: skip
     leaves: float = _field(
-        -1.0, "a member: when he leaves for his goal; -1: never [s]", low=-1.0, high=1e6
+        -1.0, "a member: when they leave for their goal; -1: never [s]", low=-1.0, high=1e6
     )
     joins: float = _field(
         -1.0, "a member: waits until then, then joins the group; -1: is with it [s]",
@@ -159,7 +159,7 @@ class Person(Section):
     )
     pose: str = _field(
         "random",
-        "what one who stands does with his arms",
+        "what one who stands does with their arms",
         choices=(
             "random",
             "hang",
@@ -176,7 +176,7 @@ class Person(Section):
 
 
 @dataclass(frozen=True)
-class Head(Section):
+class StereoHead(Section):
     """A stereo head and its mounting (see the robot's `mounting` parameters)."""
 
     width: int = _field(160, "image width [px]", low=16, high=4096)
@@ -315,7 +315,9 @@ class Walk(Section):
     gap: float = _field(
         0.8, "how close members like to be; 0.5 is a dense group [m]", low=0.4, high=3.0
     )
-    wander: float = _field(1.0, "how much they change places; 0: each keeps his", low=0.0, high=4.0)
+    wander: float = _field(
+        1.0, "how much they change places; 0: each keeps theirs", low=0.0, high=4.0
+    )
     dawdle: float = _field(
         0.5, "how often each stops for a moment to look at something [1/min]", low=0.0, high=20.0
     )
@@ -371,7 +373,7 @@ class Scene:
     furniture: tuple[Furniture, ...] = ()
     people: tuple[Person, ...] = ()
     robots: Mapping[str, Robot] = dataclasses.field(default_factory=dict)
-    heads: Mapping[str, Head] = dataclasses.field(default_factory=dict)
+    heads: Mapping[str, StereoHead] = dataclasses.field(default_factory=dict)
     imaging: Imaging = Imaging()
     odometry: Odometry = Odometry()
     visibility: Visibility = Visibility()
@@ -419,11 +421,11 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             name: kind.from_mapping(_mapping(document.get(name) or {}, name))
             for name, kind in _SECTIONS.items()
         }
-        common = Head.from_mapping(_mapping(document.get("head") or {}, "head"))
+        common = StereoHead.from_mapping(_mapping(document.get("head") or {}, "head"))
         robots, heads = {}, {}
         for name, body in _mapping(document.get("robots") or {}, "robots").items():
             values = dict(_mapping(body or {}, f"robots.{name}"))
-            heads[name] = Head.from_mapping(_mapping(values.pop("head", {}), "head"), common)
+            heads[name] = StereoHead.from_mapping(_mapping(values.pop("head", {}), "head"), common)
             robots[name] = Robot.from_mapping(values)
         PlannerConfig(robots=tuple(robots))  # knows which names are allowed
         scene = Scene(

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Float32 = NDArray[np.float32]
+from mrs_people_loc.arrays import Float32
+
 Rng = np.random.Generator
 
 

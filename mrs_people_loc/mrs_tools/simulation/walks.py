@@ -1,12 +1,12 @@
 """A group that walks with its own dynamics, and the team that drives with it in formation.
 
 Everybody is driven by forces, as in `motion.walk_about` (Helbing & Molnar, Social force model for
-pedestrian dynamics, Physical Review E 51, 1995): towards where he wants to go at the speed that he
-likes, away from people, robots, walls and furniture. Members of the group are held together, too:
-they slow down or hurry along the way when they are ahead of the others or behind, and are drawn to
-the group's centre when they are far from it (Moussaid et al., The walking behaviour of pedestrian
-social groups and its impact on crowd dynamics, PLoS ONE 5(4), 2010). Speeds and sides that people
-like wander. The magnitudes are ours, chosen so that walks look plausible.
+pedestrian dynamics, Physical Review E 51, 1995): towards their goal at their preferred speed, away
+from people, robots, walls and furniture. Members of the group are held together, too: they slow
+down or hurry along the way when they are ahead of the others or behind, and are drawn to the
+group's centre when they are far from it (Moussaid et al., The walking behaviour of pedestrian
+social groups and its impact on crowd dynamics, PLoS ONE 5(4), 2010). Preferred speeds and sides
+wander. The magnitudes are ours, chosen so that walks look plausible.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class Way:
 
         Args:
             places: Where [m], shape (n, 2).
-            around: Looked for only within 1 m of these lengths, so that who walks stays on his
+            around: Looked for only within 1 m of these lengths, so that walkers stay on their
                 part of a way that comes back; shape (n,).
         """
         if around is None:
@@ -393,7 +393,7 @@ class _Simulation:
             comes = self._member & ~self._left & (now >= self._joins) & (self._joins >= 0)
             comes &= (now < self._leaves) & (away < self._reach + 0.9)
             if comes.any():
-                # On which part of the way he is may have changed while he was elsewhere.
+                # On which part of the way he is may have changed in the meantime.
                 near = np.full(int(comes.sum()), self._along[left].mean())
                 self._along[comes] = self._way.nearest(self._position[comes], near)
                 left |= comes
@@ -480,7 +480,7 @@ class _Simulation:
         return np.asarray(((pauses[..., 0] <= now) & (now < pauses[..., 1])).any(axis=1))
 
     def _go_on(self, now: float, centre: NDArray) -> None:
-        """Who is left behind while he looks at something has seen enough."""
+        """Members that are left behind while they look at something have seen enough."""
         far = np.linalg.norm(self._position - centre, axis=1) > _DAWDLED
         far &= (self._along < self._middle) & self._dawdles(now)
         begun = far[:, None] & (self._pauses[..., 0] <= now)
@@ -491,7 +491,7 @@ class _Simulation:
     def _forces(self, now: float, wish: NDArray) -> NDArray:
         """Accelerations by what is near, shape (n, 2) [m/s^2]."""
         position = self._real()
-        # Who likes to be close lets others come closer, too.
+        # Groups that keep close let others come closer, too.
         close = min(0.5, 0.2 + 0.375 * self._walk.gap)
         force = push(position, position, close, skip_self=True)
         force += self._comfort(position, wish, self._straggling(now) | self._dawdles(now))
@@ -528,7 +528,7 @@ class _Simulation:
         ahead = (towards * heading[:, None]).sum(axis=2)
         # In the group all around: were it only those in front, all would go slower and slower.
         strength = np.minimum(strength, 3.0) * np.where(both, 1.0, 0.35 + 0.325 * (1.0 + ahead))
-        # Past him, on the side where he is not; two who meet head-on keep to the right.
+        # Past them, on the side where they are not; two who meet head-on keep to the right.
         side = heading[:, None, 0] * towards[..., 1] - heading[:, None, 1] * towards[..., 0]
         closing = ((wish[:, None] - self._velocity[None]) * towards).sum(axis=2)
         meets = (wish[:, None] * self._velocity[None]).sum(axis=2) < -0.1

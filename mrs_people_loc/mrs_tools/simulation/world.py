@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from mrs_people_loc.geometry import rotation_from_rpy
 from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.images import Gray
 from mrs_tools.simulation import motion
-from mrs_tools.simulation.bodies import Body
-from mrs_tools.simulation.heads import Camera, Gray, camera_models, expose, is_raw, make_camera
+from mrs_tools.simulation.heads import Camera, camera_models, expose, is_raw, make_camera
 from mrs_tools.simulation.heads import mounting as head_mounting
+from mrs_tools.simulation.human_body import HumanBody
 from mrs_tools.simulation.meshes import Mesh, merge
 from mrs_tools.simulation.motion import Place, Track, Walker
 from mrs_tools.simulation.odometry import Belief, believe
@@ -39,7 +40,7 @@ _INSTANTS = 4
 
 
 @dataclass(frozen=True)
-class Frame:
+class RenderedFrame:
     """What one robot's head saw.
 
     Attributes:
@@ -69,7 +70,7 @@ class World:
         raw: Whether a robot gives raw images, by name.
         cameras: Each robot's cameras, by name.
         beliefs: What each robot says about its pose, by name.
-        has_group: Whether there is anybody of whom is known that he walks in a group.
+        has_group: Whether somebody is known to walk in a group.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -201,7 +202,7 @@ class World:
         self.people = people
         dark = scene.layout.cloth == "dark"
         self._bodies = [
-            Body(
+            HumanBody(
                 person,
                 int(self._rng(8, k).integers(1, 2**31)),
                 self._atlas,
@@ -257,7 +258,7 @@ class World:
 
     # ---------------------------------------------------------------------- looking ----
 
-    def render(self, name: str, index: int) -> Frame:
+    def render(self, name: str, index: int) -> RenderedFrame:
         """What a robot sees in a frame. The same every time, whatever was rendered before."""
         time = self.time_of(index) + self.scene.robots[name].phase
         exposure = self._exposure_of(name)
@@ -270,7 +271,7 @@ class World:
             )
             for k, camera in enumerate(self.cameras[name])
         }  # fmt: skip
-        return Frame(name, index, self.stamp_ns(time), images, pixels)
+        return RenderedFrame(name, index, self.stamp_ns(time), images, pixels)
 
     def look(self, name: str, time: float, camera: int = 0) -> tuple[NDArray, NDArray]:
         """Owner and depth [m] at the samples of a camera's pixels, without exposing.
@@ -285,8 +286,8 @@ class World:
         _, owner, depth = caster.look(origin, directions, seen.pixel_angle)
         return owner.reshape(shape), depth.reshape(shape)
 
-    def seen_pixels(self, frames: Sequence[Frame]) -> NDArray:
-        """Pixels of each person in the left image that shows most of him, shape (people,).
+    def seen_pixels(self, frames: Sequence[RenderedFrame]) -> NDArray:
+        """Pixels of each person in the left image that shows most of them, shape (people,).
 
         0 where no robot within `visibility.range` of the person has `visibility.share` of the
         pixels that a whole person has at that distance.

@@ -20,17 +20,17 @@ from rosbags.interfaces import (
 )
 
 from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
-from mrs_tools.commands.convert import Recording
 from mrs_tools.simulation.odometry import PoseSample
 from mrs_tools.simulation.rooms import floor_plan
-from mrs_tools.simulation.world import Frame, World
+from mrs_tools.simulation.world import RenderedFrame, World
 
 PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
 GROUP_TOPIC = "/ground_truth/group"
 MAP_TOPIC = "/map"
-#: As map_server offers it: who comes late gets the last one, too.
+#: As map_server offers it: late subscribers get the last one, too.
 _MAP_QOS = Qos(
     history=QosHistory.KEEP_LAST,
     depth=1,
@@ -66,7 +66,7 @@ class Messages:
         return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
-        """geometry_msgs/Pose on the floor; the position is NaN for who is not there."""
+        """geometry_msgs/Pose on the floor; the position is NaN for somebody who is not there."""
         qx, qy, qz, qw = quaternion_from_yaw(yaw if math.isfinite(yaw) else 0.0)
         z = 0.0 if math.isfinite(x) else math.nan
         return self._make(
@@ -160,7 +160,7 @@ class Messages:
         )
 
 
-def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
+def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) -> None:
     """Writes a bag.
 
     Args:
@@ -175,7 +175,7 @@ def write_bag(out: Path, world: World, frames: Iterator[list[Frame]]) -> None:
     with BagWriter(out) as bag:
         bag.add_topic(MAP_TOPIC, "nav_msgs/msg/OccupancyGrid", [_MAP_QOS])
         bag.write(MAP_TOPIC, world.stamp_ns(0.0), messages.floor_plan(world))
-        recordings = {name: Recording(bag, name) for name in world.names}
+        recordings = {name: RobotWriter(bag, name) for name in world.names}
         pending = [
             (world.stamp_ns(sample.time), name, belief.frame, sample)
             for name, belief in world.beliefs.items()

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.cells.clustering import cluster, connected
+from mrs_people_loc.cells.clustering import cluster
+from mrs_people_loc.neighbours import connected
 
 CELL = 0.05
 

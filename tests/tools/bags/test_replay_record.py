@@ -36,11 +36,12 @@ from stereo_msgs.msg import DisparityImage  # noqa: E402
 from typer.testing import CliRunner  # noqa: E402
 
 from mrs_people_loc.errors import BagError  # noqa: E402
+from mrs_tools.bags import replayer as replay  # noqa: E402
+from mrs_tools.bags.recorder import Recorder  # noqa: E402
+from mrs_tools.bags.replayer import Progress, Replayer  # noqa: E402
 from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore  # noqa: E402
 from mrs_tools.cli import app  # noqa: E402
-from mrs_tools.commands import replay  # noqa: E402
-from mrs_tools.commands.record import Recorder  # noqa: E402
-from mrs_tools.commands.replay import Progress, Replayer, message_class, node  # noqa: E402
+from mrs_tools.tool_node import message_class, node  # noqa: E402
 from ros.harness import own_domain  # noqa: E402
 
 # Of lark, which the ROS wheels load on the way.
@@ -405,7 +406,7 @@ def test_late_subscriber_gets_latched_messages(ros, tmp_path):
 
 
 def latched_offer():
-    from mrs_tools.commands.record import _recorded
+    from mrs_tools.bags.recorder import _recorded
 
     return _recorded(LATCHED)
 

@@ -20,7 +20,8 @@ from mrs_people_loc.messages import read_scan
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
 from mrs_people_loc.team.poses import Pose
-from mrs_tools.scoring.positions import Truth, score
+from mrs_tools.scoring.positions import score
+from mrs_tools.scoring.records import Truth
 
 pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
 pytest.importorskip("typer", reason="the mrs command needs typer")
@@ -28,31 +29,17 @@ pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim"
 
 from typer.testing import CliRunner
 
-from mrs_tools.bags.offline import estimate_of
+from mrs_tools.bags.estimates import estimate_of
 from mrs_tools.cli import app
-from mrs_tools.commands.evaluate import evaluate_bag
-from mrs_tools.commands.experiment import (
-    CELL_SIZES,
-    POSE_ERRORS,
-    SCENES,
-    TRIALS,
-    Draw,
-    Recording,
-    along_sight,
-    compare_architectures,
-    distances,
-    draw,
-    draws_of,
-    kinds_of,
-    misplaced,
-    people_of,
-    places_of,
-    recall_of_subsets,
-    remains_of,
-    run_experiment,
-    subsets,
-)
-from mrs_tools.experiment.report import PAPER_CLUSTERS, PAPER_ERROR_M, PAPER_REMOVED, reasons
+from mrs_tools.evaluation.results import evaluate_bag
+from mrs_tools.experiment.causes import along_sight, distances
+from mrs_tools.experiment.cluster_kinds import kinds_of, places_of
+from mrs_tools.experiment.comparisons import POSE_ERRORS, TRIALS, compare_architectures, misplaced
+from mrs_tools.experiment.draws import Draw, draw, draws_of
+from mrs_tools.experiment.paper_experiment import CELL_SIZES, SCENES, run_experiment
+from mrs_tools.experiment.recording import Recording
+from mrs_tools.experiment.report import reasons
+from mrs_tools.experiment.tally import people_of, recall_of_subsets, remains_of, subsets
 from mrs_tools.experiment.ways import (
     FilterThenShare,
     ShareThenFilter,
@@ -62,6 +49,7 @@ from mrs_tools.experiment.ways import (
     read_cloud,
     size_on_wire,
 )
+from mrs_tools.paper import PAPER_CLUSTERS, PAPER_ERROR_M, PAPER_REMOVED
 from mrs_tools.simulation.scene import load_scene, read_scene
 
 ROOT = Path(__file__).resolve().parents[3]

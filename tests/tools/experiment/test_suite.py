@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team
-from mrs_tools.scoring.positions import Estimate, Truth, score
+from mrs_tools.scoring.positions import score
+from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.stragglers import StragglerScores
 from mrs_tools.scoring.tracks import score_tracks
 
@@ -21,9 +22,11 @@ pytest.importorskip("typer", reason="the mrs command needs typer")
 from typer.testing import CliRunner
 
 from mrs_tools.cli import app
-from mrs_tools.commands import suite
-from mrs_tools.commands.evaluate import Result
-from mrs_tools.commands.suite import Row, markdown, steps
+from mrs_tools.commands import suite as suite_command
+from mrs_tools.evaluation.results import Result
+from mrs_tools.experiment import suite_steps as suite
+from mrs_tools.experiment.suite_report import markdown
+from mrs_tools.experiment.suite_steps import Row, steps
 from mrs_tools.simulation.scene import read_scene
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -247,7 +250,7 @@ def test_suite_of_one_scene_is_scored(tmp_path: Path, monkeypatch: pytest.Monkey
     (tmp_path / "suite.yaml").write_text(SUITE)
     (tmp_path / "walks.yaml").write_text(WALKS)
     out.write_text("# The suite\n\nKept.\n\n## Results on the test half\n\nOld.\n")
-    monkeypatch.setattr(suite, "suite_file", lambda name="suite.yaml": tmp_path / name)
+    monkeypatch.setattr(suite_command, "suite_file", lambda name="suite.yaml": tmp_path / name)
     result = CliRunner().invoke(app, ["suite", str(bags), "--out", str(out), "-j", "1"])
     assert result.exit_code == 0, result.output
     there = ["test_01_pair", "test_01_pair.yaml", "test_02_walk", "test_02_walk.yaml"]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from mrs_tools.commands.simulate import suite_file, suite_scenes
-from mrs_tools.commands.suite import run_suite
+from mrs_tools.experiment.suite_steps import run_suite
 from mrs_tools.installing import default_file
+from mrs_tools.simulation.suite_scenes import suite_file, suite_scenes
 
 pytest.importorskip("embreex", reason="the simulator is an extra: [sim]")
 

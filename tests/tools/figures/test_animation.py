@@ -22,7 +22,7 @@ from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_tools.cli import app
 from mrs_tools.figures import plots
-from mrs_tools.figures.animation import _Film, animate, nearest, palette_of, said, with_trails
+from mrs_tools.figures.animation import _Film, animate, headline, nearest, palette_of, with_trails
 from mrs_tools.figures.plots import TopView
 from tools.made_views import group_of, person, view, walk
 
@@ -140,15 +140,17 @@ def test_walls_are_drawn_as_in_the_grid():
 
 def test_title_describes_people_and_groups():
     two = person(1, 0, 0), person(2, 0, 1)
-    assert said(view(0.0)) == "0 people"
-    assert said(view(0.0, two[0])) == "1 person"
+    assert headline(view(0.0)) == "0 people"
+    assert headline(view(0.0, two[0])) == "1 person"
     one, both = group_of(two[0], velocity=np.array([0.3, 0.4])), group_of(*two)
-    assert said(view(0.0, *two, groups=[one])) == "2 people, 1 in group 1, walking at 0.5 m/s"
-    assert said(view(0.0, *two, groups=[both])) == "2 people, all in group 1, walking at 1.0 m/s"
+    assert headline(view(0.0, *two, groups=[one])) == "2 people, 1 in group 1, walking at 0.5 m/s"
+    assert (
+        headline(view(0.0, *two, groups=[both])) == "2 people, all in group 1, walking at 1.0 m/s"
+    )
     stands = group_of(*two, velocity=np.array([0.0, 0.05]))
-    assert said(view(0.0, *two, groups=[stands])) == "2 people, all in group 1, standing"
+    assert headline(view(0.0, *two, groups=[stands])) == "2 people, all in group 1, standing"
     unknown = group_of(*two, velocity=None, id=0)
-    assert said(view(0.0, *two, groups=[unknown])) == "2 people"
+    assert headline(view(0.0, *two, groups=[unknown])) == "2 people"
 
 
 def test_palette_has_frequent_and_distinct_colours():
@@ -222,10 +224,10 @@ def test_command(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "said"),
+    ("options", "code", "message"),
     [([], 2, "what is to be drawn"), (["--animation", "film.mp4"], 1, "is a .gif")],
 )
-def test_command_needs_something_to_draw(options, code, said):
+def test_command_needs_something_to_draw(options, code, message):
     result = CliRunner().invoke(app, ["plot", str(FORMATION), *options])
     assert result.exit_code == code
-    assert said in result.stderr
+    assert message in result.stderr

@@ -20,7 +20,7 @@ from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose
 from mrs_tools.bags.rosbag import BagWriter
 from mrs_tools.cli import app
-from mrs_tools.commands.plot import figures_of, run_bag
+from mrs_tools.figures.bag_figures import figures_of, run_bag
 from mrs_tools.figures.plots import TopView, draw_kept, seen_floor
 from tools.made_bag import Bag
 

@@ -7,14 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_tools.scoring.positions import (
-    Estimate,
-    Truth,
-    interval_of,
-    match,
-    score,
-    summary,
-)
+from mrs_tools.scoring.positions import interval_of, match, score, summary
+from mrs_tools.scoring.records import Estimate, Truth
 
 MS = 1_000_000
 NOBODY = (math.nan, math.nan)

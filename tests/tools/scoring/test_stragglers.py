@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
-from mrs_tools.scoring.positions import Estimate, Truth, score
+from mrs_tools.scoring.positions import score
+from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.stragglers import (
     Episode,
     StragglerScores,

@@ -9,7 +9,8 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from mrs_tools.scoring.positions import MATCH_DISTANCE, Estimate, Frame, Truth, score
+from mrs_tools.scoring.positions import MATCH_DISTANCE, Frame, score
+from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.tracks import Followed, follow, gospa, score_tracks
 
 motmetrics = pytest.importorskip("motmetrics", reason="a check of scores needs motmetrics")

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_tools.scoring.positions import Estimate, Truth, score
+from mrs_tools.scoring.positions import score
+from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.tracks import (
     TrackScores,
     follow,

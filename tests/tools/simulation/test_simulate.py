@@ -32,14 +32,14 @@ from typer.testing import CliRunner
 
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.cli import app
-from mrs_tools.commands.simulate import simulate, simulate_suite, suite_scenes, team_file, variants
 from mrs_tools.simulation import motion, textures
-from mrs_tools.simulation.bodies import Body
 from mrs_tools.simulation.heads import sample_offsets
+from mrs_tools.simulation.human_body import HumanBody
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.meshes import box, cylinder, merge, quad
 from mrs_tools.simulation.motion import Place, Walker
 from mrs_tools.simulation.odometry import believe
+from mrs_tools.simulation.render_scene import simulate, team_file
 from mrs_tools.simulation.rooms import SIZES, floor_plan, furniture_mesh
 from mrs_tools.simulation.scene import (
     FURNITURE,
@@ -51,8 +51,9 @@ from mrs_tools.simulation.scene import (
     load_scene,
     read_scene,
 )
+from mrs_tools.simulation.suite_scenes import simulate_suite, suite_scenes, variants
 from mrs_tools.simulation.textures import Atlas, Texture
-from mrs_tools.simulation.world import Frame, World
+from mrs_tools.simulation.world import RenderedFrame, World
 from mrs_tools.simulation.writer import (
     MAP_TOPIC,
     PEOPLE_TOPIC,
@@ -214,7 +215,7 @@ def test_a_dark_pullover_is_dark_and_nearly_plain() -> None:
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("speed", [0.0, 0.7, 1.4])
 def test_a_body_stands_on_the_floor_with_its_neck_over_its_place(seed: int, speed: float) -> None:
-    body = Body(Person(hair="bald", bag="none"), seed, Atlas())
+    body = HumanBody(Person(hair="bald", bag="none"), seed, Atlas())
     for step in range(7):
         place = Place(3.0, 2.0, 0.7, speed, 0.21 * step)
         vertices = body.mesh(place, 0.3 * step).vertices
@@ -230,9 +231,9 @@ def test_a_body_stands_on_the_floor_with_its_neck_over_its_place(seed: int, spee
 
 def test_people_vary_and_are_reproducible() -> None:
     def shape(seed: int) -> np.ndarray:
-        return Body(Person(), seed, Atlas()).mesh(Place(0, 0, 0, 0, 0), 0.0).vertices
+        return HumanBody(Person(), seed, Atlas()).mesh(Place(0, 0, 0, 0, 0), 0.0).vertices
 
-    heights = [Body(Person(), seed, Atlas()).height for seed in range(30)]
+    heights = [HumanBody(Person(), seed, Atlas()).height for seed in range(30)]
     assert 1.45 <= min(heights) < 1.62
     assert 1.80 < max(heights) <= 1.95
     widths = [np.ptp(shape(seed)[:, 1]) for seed in range(12)]
@@ -241,7 +242,7 @@ def test_people_vary_and_are_reproducible() -> None:
 
 
 def test_feet_on_the_floor_do_not_slide() -> None:
-    body = Body(Person(top="pullover", bottom="trousers", bag="none"), 1, Atlas())
+    body = HumanBody(Person(top="pullover", bottom="trousers", bag="none"), 1, Atlas())
     ankles = []
     for k in range(60):
         way = 0.02 * k
@@ -567,7 +568,7 @@ def test_near_and_visible_people_are_seen() -> None:
     image = {"left": np.zeros((2, 2), np.uint8)}
 
     def seen(a: list[float], b: list[float]) -> list[float]:
-        frames = [Frame(n, 0, 0, image, np.array(p)) for n, p in (("a", a), ("b", b))]
+        frames = [RenderedFrame(n, 0, 0, image, np.array(p)) for n, p in (("a", a), ("b", b))]
         return world.seen_pixels(frames).tolist()
 
     nobody = [0.0, 0.0, 0.0]

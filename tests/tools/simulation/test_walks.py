@@ -21,11 +21,12 @@ from typer.testing import CliRunner
 
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.cli import app
-from mrs_tools.commands.simulate import simulate, suite_scenes, with_tracks
 from mrs_tools.simulation import motion
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.odometry import believe
+from mrs_tools.simulation.render_scene import simulate
 from mrs_tools.simulation.scene import Odometry, Scene, load_scene, read_scene
+from mrs_tools.simulation.suite_scenes import suite_scenes, with_tracks
 from mrs_tools.simulation.walks import Boxes, Walked, Way, walk_together
 from mrs_tools.simulation.world import World
 from mrs_tools.simulation.writer import GROUP_TOPIC, PEOPLE_TOPIC

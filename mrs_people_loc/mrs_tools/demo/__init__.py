@@ -1,0 +1,1 @@
+"""A recorded team, replayed through its real processes."""

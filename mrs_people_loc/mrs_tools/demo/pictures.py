@@ -1,0 +1,168 @@
+"""Pictures of a team that was replayed through its real processes."""
+
+from __future__ import annotations
+
+import dataclasses
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mrs_people_loc import messages
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.config import Team
+from mrs_people_loc.errors import BagError
+from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
+from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_tools.bags.estimates import read_people
+from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.sources import read_grid
+from mrs_tools.bags.truth import read_truth
+from mrs_tools.demo.replayed_team import Listener
+from mrs_tools.figures.animation import animate, headline, with_trails
+from mrs_tools.figures.plots import TopView, draw_top_view, seen_floor
+from mrs_tools.scoring.records import Truth
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+#: What is drawn of the cells, of which there may be none.
+_NO_CELLS = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("robot", "<u4"), ("cluster", "<i4"), ("person", "<i4")]
+)
+
+
+def stamp_of(message: Any) -> int:
+    """The stamp of a message [ns]."""
+    return stamp_ns_of(message.header.stamp)
+
+
+@dataclass(frozen=True)
+class RecordedTeam:
+    """What a bag itself tells.
+
+    Attributes:
+        truth: The ground truth.
+        grid: Walls and furniture; None: it says nothing of them.
+        borders: By robot, what its camera sees of the floor, in its base_link [m].
+    """
+
+    truth: Truth
+    grid: OccupancyGrid | None
+    borders: dict[str, Float]
+
+
+def read_team_bag(path: Path, config: Team) -> RecordedTeam:
+    """Reads what a bag holds besides the messages that are replayed.
+
+    Raises:
+        BagError: The bag cannot be read, or lacks the calibration of a robot of the team.
+    """
+    infos: dict[str, CameraModel] = {}
+    with BagReader(path) as bag:
+        wanted = [t for t in bag.topics if t.endswith(("left/camera_info", "right/camera_info"))]
+        missing = [r for r in config.robots if f"/{r}/left/camera_info" not in wanted]
+        if missing:
+            raise BagError(
+                f"{path}: has no camera_info of {', '.join(missing)}; "
+                f"topics: {', '.join(bag.topics)}"
+            )
+        for topic, _, message in bag.decoded(wanted):
+            if topic not in infos:
+                infos[topic] = messages.read_camera_info(message)
+        truth, grid = read_truth(bag), read_grid(bag, config.planner.map_frame)
+    borders = {}
+    for robot, settings in config.robots.items():
+        left, right = (infos[f"/{robot}/{camera}/camera_info"] for camera in ("left", "right"))
+        camera = StereoCamera.from_models(left, right, mounting=settings.mounting)
+        reach = settings.disparity
+        borders[robot] = seen_floor(camera, reach.min_range, reach.max_range)
+    return RecordedTeam(truth, grid, borders)
+
+
+def draw_demo(views: Sequence[TopView], robots: int, out: Path, console: Console) -> None:
+    """Draws one interval and all of them.
+
+    The one has all robots, and as many people as there were. Of several it is the last; if
+    somebody fell behind, the one where he was farthest from their group.
+    """
+    whole = [view for view in with_trails(views) if len(view.robots) == robots]
+    most = max(len(view.people) for view in whole)
+    whole = [view for view in whole if len(view.people) == most]
+    shown = max(reversed(whole), key=_farthest_behind)
+    at_s = (shown.stamp_ns - views[0].stamp_ns) / 1e9
+    draw_top_view(dataclasses.replace(shown, title=f"after {at_s:.1f} s: {headline(shown)}"), out)
+    console.print(f"picture: {out}")
+    film = out.with_suffix(".gif")
+    with console.status("drawing the animation"):
+        animate(views, film)
+    console.print(f"animation: {film}")
+
+
+def _farthest_behind(view: TopView) -> float:
+    """How far stragglers are from the centres of their groups [m]; 0: there is none."""
+    places = {person.id: person.position for person in view.people}
+    return max(
+        (
+            float(np.hypot(*(places[one] - group.centre)))
+            for group in view.groups
+            for one in group.stragglers
+            if one in places
+        ),
+        default=0.0,
+    )
+
+
+def views_of(
+    people: Sequence[Any], listener: Listener, recorded: RecordedTeam, config: Team
+) -> list[TopView]:
+    """The map of each interval; each event is that of the last interval before it was heard."""
+    stamps_ns = [stamp_of(message) for message in people]
+    events: defaultdict[int, list[str]] = defaultdict(list)
+    for heard_ns, event in listener.events:
+        events[max(0, bisect_right(stamps_ns, heard_ns) - 1)].append(event)
+    return [
+        _top_view(message, listener.maps.get(stamp_ns), recorded, config, events[index])
+        for index, (stamp_ns, message) in enumerate(zip(stamps_ns, people, strict=True))
+    ]
+
+
+def _top_view(
+    message: Any,
+    cells: Any,
+    recorded: RecordedTeam,
+    config: Team,
+    events: Sequence[str],
+) -> TopView:
+    if cells is None:
+        records = np.empty(0, _NO_CELLS)
+    else:
+        # Our own topic: every field has four bytes, floats first, whole numbers after them.
+        kinds = {7: "<f4", 6: "<u4", 5: "<i4"}
+        layout = np.dtype([(f.name, kinds[f.datatype]) for f in cells.fields])
+        records = np.frombuffer(cells.data, layout)
+    stamp_ns = stamp_of(message)
+    people, groups = read_people(message)
+    true, visible = recorded.truth.at(stamp_ns)
+    return TopView(
+        title="",
+        stamp_ns=stamp_ns,
+        xy=np.stack([records["x"], records["y"]], axis=1).astype(np.float64),
+        robot=records["robot"],
+        cluster=records["cluster"],
+        person=records["person"],
+        robots=messages.read_people_scans(message),
+        views=recorded.borders,
+        people=people,
+        groups=groups,
+        truth=true,
+        circle_sigmas=config.planner.human.circle_sigmas,
+        visible=visible,
+        events=events,
+        grid=recorded.grid,
+    )

@@ -1,0 +1,1 @@
+"""What is wrong with a running team, and what to do: what `mrs doctor` prints."""

@@ -1,0 +1,284 @@
+"""What is wrong with a team, and what to do: sentences from facts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
+from mrs_people_loc.health.findings import Code
+from mrs_tools.diagnosis import lost_images, shared_memory
+from mrs_tools.diagnosis.causes import LOST_IMAGES, NODE, Symptom, by_cause
+from mrs_tools.diagnosis.facts import (
+    ERROR,
+    OK,
+    WARN,
+    Facts,
+    Report,
+    is_planner,
+    is_robot,
+    robot_node_of,
+)
+
+_NETWORK = "it hangs, or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
+
+_NO_ANSWER = (
+    "does not answer: it hangs (end it and start it again), or was killed some seconds ago, "
+    "or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
+)
+
+#: Advice on what the nodes report, by its code, where their sentence does not contain it.
+_ADVICE = {
+    Code.NO_PUBLISHER: "start what publishes it, or remap it: `ros2 topic list` shows what there "
+    "is; docs/cameras.md",
+    Code.NO_DATA: "it is announced, but nothing comes: its program hangs, or the network "
+    "lets only discovery pass (firewall, Wi-Fi): docs/network.md",
+    Code.WRONG_TYPE: "two programs mean different things by this name: remap one",
+    Code.WRONG_QOS: "let its publisher offer what is asked for; streams are asked for as best "
+    "effort, volatile",
+    Code.ALL_REFUSED: "none is used, for the reason given: correct their sender, or see "
+    "docs/cameras.md",
+    Code.SOME_REFUSED: "messages are refused for the reason given: correct their sender",
+    Code.NO_CALIBRATION: "publish camera_info beside the images: docs/cameras.md",
+    Code.OUTDATED: "/clock was set back and its stamps are ahead of it since: its sender does not "
+    "follow /clock (use_sim_time), or something other than the replay publishes this topic, too",
+    Code.NO_PAIR: "left and right must come, with stamps of one moment: docs/cameras.md",
+    Code.SCAN_SILENT: "its camera, its node or its network has stopped",
+    Code.LEFT_OUT_NO_POSE: "its poses come late or not at all: look at <robot>/pose, the load of "
+    "its computer, and the network",
+    Code.LEFT_OUT_TOO_OLD: "they come late: the network, the load of its computer, its clock",
+    Code.NO_POSE: "publish its pose, in the map, or set pose.map_from_odom",
+    Code.SLOW: "its computer or the network is too slow: see cpu, and *_ms",
+    **dict.fromkeys(
+        (Code.NO_VIEW, Code.NO_SCAN, Code.NO_ROBOT, Code.NO_INTERVAL), "wait, or see its inputs"
+    ),
+}
+
+#: By lifecycle state in which a node does not work: what that means, and how to change it.
+_STATES = {
+    "unconfigured": (
+        "receives and sends nothing: it waits (autostart:=false), or could not be configured, for "
+        "which its log has the reason",
+        "ros2 lifecycle set {node} configure && ros2 lifecycle set {node} activate",
+    ),
+    "inactive": (
+        "receives and sends nothing until activated",
+        "ros2 lifecycle set {node} activate",
+    ),
+    "finalized": (
+        "it was shut down, and receives and sends nothing",
+        "end its process, and start it again",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at.
+
+    Attributes:
+        subject: A node and what about it, or a topic.
+        level: ok, warning, error or waiting.
+        text: What was found.
+        advice: What to do; empty where the text has it, or nothing is to be done.
+        follows: What else was found that comes of this.
+    """
+
+    subject: str
+    level: str
+    text: str
+    advice: str = ""
+    follows: tuple[Check, ...] = ()
+
+
+def diagnose(facts: Facts) -> list[Check]:
+    """What is right and wrong with a team: the causes first, and what follows from each with it."""
+    nodes = list(dict.fromkeys(facts.nodes))
+    symptoms = [symptom for node in nodes for symptom in _symptoms(node, facts)]
+    simulated = sorted(node for node, sim in facts.sim_time.items() if sim)
+    timeless: list[Symptom] = []
+    if simulated and not facts.has_clock:
+        timeless = [symptom for symptom in symptoms if symptom.code == Code.NO_CLOCK]
+    others = [symptom for symptom in symptoms if symptom not in timeless]
+    checks = [
+        *_of_nodes(facts, unanswered=any(symptom.unanswered for symptom in symptoms)),
+        *_of_time(facts, simulated, timeless),
+        *_of_planners(facts),
+        *(
+            Check(topic, ERROR, text, "let both ask for the same; docs/network.md has the table")
+            for topic, text in facts.mismatches
+        ),
+        *_of_memory(facts),
+        *_with_consequences(others),
+    ]
+    bad = {symptom.node for symptom in others}
+    checks += [
+        Check(node, OK, f"{len(facts.reports[node])} findings, all well")
+        for node in nodes
+        if node not in bad
+    ]
+    if len(facts.viewers) > 1:
+        text = f"{len(facts.viewers)} run: {', '.join(facts.viewers)}"
+        checks.append(Check("mrs people", OK, text))
+    return checks
+
+
+def causes_in(reports: Mapping[str, Report]) -> list[Check]:
+    """What nodes report that is not well, the causes; what follows from each is with it.
+
+    Args:
+        reports: By node, its last report.
+    """
+    facts = Facts(0, list(reports), {node: dict(report) for node, report in reports.items()})
+    return _with_consequences(
+        [symptom for node in facts.nodes for symptom in _symptoms(node, facts)]
+    )
+
+
+def _with_consequences(symptoms: Sequence[Symptom]) -> list[Check]:
+    """Symptoms as checks, those of robots first; those that follow from an error, with it."""
+    in_order = sorted(symptoms, key=lambda symptom: not is_robot(symptom.node))
+    return [
+        _check(symptom, [_check(one) for one in follows])
+        for symptom, follows in by_cause(in_order).items()
+    ]
+
+
+def _check(symptom: Symptom, follows: Iterable[Check] = ()) -> Check:
+    subject = symptom.node if symptom.subject == NODE else f"{symptom.node}: {symptom.subject}"
+    advice = symptom.advice or (_ADVICE.get(symptom.code, "") if symptom.code else "")
+    return Check(subject, symptom.level, symptom.text, advice, tuple(follows))
+
+
+def _symptoms(node: str, facts: Facts) -> Iterable[Symptom]:
+    """What is not well with a node: the node itself, or what it reports."""
+    if node == f"/{ROBOT_NODE}":
+        yield Symptom(
+            node,
+            NODE,
+            ERROR,
+            "is a robot without a namespace, which is a robot's name: no planner finds it",
+            advice="start it in one: ros2 run robot_node robot_node --ros-args -r __ns:=/robot_a",
+        )
+    state = facts.states.get(node)
+    if state in _STATES:
+        text, advice = _STATES[state]
+        yield Symptom(node, NODE, ERROR, f"is {state}: {text}", advice=advice.format(node=node))
+    elif node not in facts.reports:
+        text = "is on the network, but reports nothing on /diagnostics"
+        if state is None:
+            text += ", and does not answer"
+        yield Symptom(node, NODE, ERROR, text, advice=_NETWORK)
+    else:
+        for subject in facts.reports[node]:
+            yield from _reported(node, subject, facts)
+        lost = lost_images.lost_images(facts.reports[node])
+        if lost:
+            yield Symptom(node, LOST_IMAGES, ERROR, lost, advice=lost_images.advice())
+
+
+def _reported(node: str, subject: str, facts: Facts) -> Iterable[Symptom]:
+    """What a node reports of a subject, if that is not well."""
+    level, text, values = facts.reports[node][subject]
+    if level == OK:
+        return
+    others = (names for names in facts.people_from.values() if node in names)
+    if subject == "people" and any(len(set(names)) > 1 for names in others):
+        return  # `_of_planners` tells it
+    code = _code(values)
+    robot, _, topic = subject.rpartition("/")
+    own = robot_node_of(node, robot)
+    if topic in ("points", "pose") and robot and own not in facts.nodes:
+        if code == Code.NO_PUBLISHER:
+            advice = f"there is no {own}: start it, or see `robots` in the team's file"
+            yield Symptom(node, subject, level, text, code, advice)
+            return
+        if code == Code.NO_DATA:
+            yield Symptom(node, subject, level, text, code, f"{own} {_NO_ANSWER}", unanswered=True)
+            return
+    yield Symptom(node, subject, level, text, code)
+
+
+def _code(values: Mapping[str, str]) -> Code | None:
+    """The code of a finding; None where it has none that is known here."""
+    try:
+        return Code(values.get("code", ""))
+    except ValueError:
+        return None
+
+
+def _of_nodes(facts: Facts, *, unanswered: bool) -> Iterable[Check]:
+    """Nodes that are missing, or that are there twice.
+
+    Args:
+        facts: What was seen.
+        unanswered: Whether there is a robot that does not answer.
+    """
+    if not facts.nodes:
+        yield Check(
+            "network",
+            ERROR,
+            f"no {ROBOT_NODE} and no {PLANNER_NODE} in ROS domain {facts.domain}",
+            "start them; the same ROS_DOMAIN_ID on all machines; if they run, the network keeps "
+            "them apart (multicast, firewall, discovery server): docs/network.md",
+        )
+        return
+    if not unanswered and not any(map(is_robot, facts.nodes)):
+        yield Check("network", ERROR, f"no {ROBOT_NODE} in ROS domain {facts.domain}", "start it")
+    if not any(map(is_planner, facts.nodes)):
+        yield Check("network", ERROR, f"no {PLANNER_NODE} in ROS domain {facts.domain}", "start it")
+    for name, count in Counter(facts.nodes).items():
+        if count > 1:
+            what = "rename one" if is_robot(name) else "end one, or give it a namespace"
+            text = f"{count} nodes have this name"
+            yield Check(name, ERROR, text, f"it was started twice: {what}")
+
+
+def _of_time(
+    facts: Facts, simulated: Sequence[str], timeless: Iterable[Symptom]
+) -> Iterable[Check]:
+    """Nodes that wait for `/clock`, and nodes that do not have the time of the others.
+
+    Args:
+        facts: What was seen.
+        simulated: The nodes that take their time from `/clock`.
+        timeless: What they report for want of it.
+    """
+    if simulated and not facts.has_clock:
+        yield Check(
+            "/clock",
+            ERROR,
+            f"{', '.join(simulated)} take their time from it, but nobody publishes it",
+            "mrs replay --clock, or use_sim_time:=false",
+            tuple(map(_check, timeless)),
+        )
+    real = sorted(node for node, sim in facts.sim_time.items() if sim is False)
+    if simulated and real:
+        yield Check(
+            "use_sim_time",
+            ERROR,
+            f"is true for {', '.join(simulated)} and false for {', '.join(real)}",
+            "set it alike for all",
+        )
+
+
+def _of_planners(facts: Facts) -> Iterable[Check]:
+    """More than one planner, under whatever names."""
+    advice = "end one, or give each team a namespace of its own"
+    for topic, names in sorted(facts.people_from.items()):
+        if len(set(names)) > 1:
+            text = f"{len(names)} nodes publish it: {', '.join(names)}"
+            yield Check(topic, ERROR, text, advice)
+    for planners in sorted({tuple(sorted(set(p))) for p in facts.shared_robots.values()}):
+        if len(planners) > 1:
+            robots = [t for t, p in facts.shared_robots.items() if set(p) == set(planners)]
+            text = f"{' and '.join(planners)} all listen to {', '.join(sorted(robots))}"
+            yield Check("planners", WARN, text, advice)
+
+
+def _of_memory(facts: Facts) -> Iterable[Check]:
+    """Shared memory that is full of what killed processes left behind."""
+    dead = shared_memory.trouble(facts.memory) if facts.memory else ""
+    if dead:
+        yield Check(str(shared_memory.MEMORY), WARN, dead, shared_memory.CLEAN)

@@ -1,0 +1,1 @@
+"""Bags through the pipeline, scored against their ground truth."""

@@ -1,0 +1,217 @@
+"""Runs bags through the pipeline and scores them against their ground truth.
+
+The rules of the scores are at the top of `scoring.positions`, for identities of `scoring.tracks`,
+for stragglers of `scoring.stragglers`.
+
+    result = evaluate_bag("scene.mcap", ["config/default.yaml"])
+    result.report()["people"]["recall"]
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mrs_people_loc.config import Groups, PlannerConfig
+from mrs_people_loc.errors import BagError
+from mrs_tools.bags.estimates import estimate_of, has_people, read_recorded
+from mrs_tools.bags.offline import BagRun, Interval
+from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.sources import RobotView, robots_of
+from mrs_tools.bags.truth import TRUTH_TOPIC, read_truth
+from mrs_tools.scoring.positions import Frame, percentile, ratio, score, summary
+from mrs_tools.scoring.records import Estimate, Truth
+from mrs_tools.scoring.stragglers import StragglerScores, score_centres, score_stragglers
+from mrs_tools.scoring.tracks import TrackScores, score_tracks
+
+#: What is counted of each view, in the order of the stages.
+STAGES = ("valid_pixels", "raw", "zones", "noise", "cells")
+
+
+@dataclass
+class Result:
+    """What the evaluation of one bag, or of several pooled, gave.
+
+    Attributes:
+        frames: One per ground-truth message.
+        tracks: What the scores of identities and velocities are made of.
+        stragglers: What the scores of stragglers are made of.
+        duration_s: From the first to the last message of the bag [s].
+        counts: By robot, for each of its views the numbers named in `STAGES`.
+        times_ms: By stage, what it took each time [ms]; `robot` and `planner` are what one view
+            and one interval took altogether.
+        estimates: What was found, one per interval.
+        truth: What is true; None for several bags.
+        notes: What a reader of the result should know.
+    """
+
+    frames: list[Frame] = field(default_factory=list)
+    tracks: TrackScores = field(default_factory=TrackScores)
+    stragglers: StragglerScores = field(default_factory=StragglerScores)
+    duration_s: float = 0.0
+    counts: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
+    times_ms: dict[str, list[float]] = field(default_factory=dict)
+    estimates: list[Estimate] = field(default_factory=list)
+    truth: Truth | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @classmethod
+    def pooled(cls, results: Sequence[Result]) -> Result:
+        """Several results as one; robots of one name count as one robot.
+
+        People and identities of one bag are not those of another.
+        """
+        total = cls()
+        for result in results:
+            total.frames += result.frames
+            total.tracks += result.tracks
+            total.stragglers += result.stragglers
+            total.duration_s += result.duration_s
+            for robot, rows in result.counts.items():
+                total.counts.setdefault(robot, []).extend(rows)
+            for stage, times in result.times_ms.items():
+                total.times_ms.setdefault(stage, []).extend(times)
+        return total
+
+    def report(self) -> dict[str, Any]:
+        """The figures, as the JSON of `mrs evaluate` has them; what is undefined is None."""
+        scores = summary(self.frames)
+        return {
+            "frames": scores["frames"],
+            "duration_s": self.duration_s,
+            "people": scores["people"],
+            "group": scores["group"],
+            "tracks": self.tracks.report(),
+            "stragglers": self.stragglers.report(),
+            "stages": {robot: _stage_means(rows) for robot, rows in sorted(self.counts.items())},
+            "timing_ms": {
+                stage: {"median": percentile(times, 50), "p99": percentile(times, 99)}
+                for stage, times in self.times_ms.items()
+            },
+        }
+
+
+def _stage_means(rows: Sequence[tuple[float, ...]]) -> dict[str, float | None]:
+    means = dict(zip(STAGES, np.mean(np.array(rows), axis=0).tolist(), strict=True))
+    kept = {
+        f"{stage}_kept": ratio(means[stage], means[before])
+        for before, stage in pairwise(STAGES[1:])
+    }
+    return {**means, **kept, "removed": means["raw"] - means["cells"]}
+
+
+def evaluate_bag(
+    bag: str | os.PathLike[str] | BagRun,
+    configs: Sequence[str | Path] = (),
+    *,
+    recorded: bool = False,
+    beside: bool = True,
+    use_map: bool = False,
+    on_interval: Callable[[Interval], None] | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Runs a bag through the pipeline, or reads what a planner said, and scores it.
+
+    Args:
+        bag: The bag; or a `BagRun`, which may have another pipeline and planner.
+        configs: Parameter files of the team, later ones win; not with a `BagRun`.
+        recorded: Score the `people` in the bag. A bag that has them and no robot's images or
+            `points` is scored so anyway.
+        beside: Whether the bag's own parameter file is read, see `BagRun`.
+        use_map: Whether its `/map` masks walls and furniture, likewise.
+        on_interval: Called with each interval that is run.
+        on_progress: Called with how much of the bag is done, 0 to 1.
+
+    Raises:
+        PeopleLocError: The bag or a file cannot be used.
+    """
+    if isinstance(bag, BagRun):
+        result = Result(truth=bag.truth(), duration_s=bag.duration_s)
+        _run(bag, result, on_interval, on_progress)
+        return _scored(result, bag.team.planner.groups)
+    with BagReader(bag) as reader:
+        if recorded or (not robots_of(reader) and has_people(reader)):
+            result = Result(truth=read_truth(reader), duration_s=reader.duration_s)
+            topic, result.estimates = read_recorded(reader)
+            result.notes.append(f"scored as recorded on {topic}")
+            return _scored(result, PlannerConfig().groups)
+    run = BagRun(bag, configs, beside=beside, use_map=use_map)
+    return evaluate_bag(run, on_interval=on_interval, on_progress=on_progress)
+
+
+def _scored(result: Result, groups: Groups) -> Result:
+    assert result.truth is not None
+    if not len(result.truth):
+        result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
+    frames = score(result.truth, result.estimates)
+    result.frames = score_centres(result.truth, frames, result.estimates, config=groups)
+    result.tracks = score_tracks(result.truth, result.frames, result.estimates)
+    result.stragglers = score_stragglers(
+        result.truth, result.frames, result.estimates, config=groups
+    )
+    return result
+
+
+def _run(
+    run: BagRun,
+    result: Result,
+    on_interval: Callable[[Interval], None] | None,
+    on_progress: Callable[[float], None] | None,
+) -> None:
+    times: defaultdict[str, list[float]] = defaultdict(list)
+
+    def on_view(view: RobotView) -> None:
+        stages = view.stages
+        result.counts.setdefault(view.robot, []).append(
+            (
+                float(np.isfinite(stages.disparity).mean()),
+                *(float(len(part)) for part in (stages.cloud, stages.zones, stages.noise)),
+                float(len(stages.scan.cells)),
+            )
+        )
+        for stage, took in view.times_ms.items():
+            times[stage].append(took)
+        times["robot"].append(sum(view.times_ms.values()))
+
+    of_planner: defaultdict[str, list[float]] = defaultdict(list)
+    for interval in run.intervals(on_view=on_view, on_progress=on_progress):
+        if on_interval is not None:
+            on_interval(interval)
+        result.estimates.append(estimate_of(interval.people))
+        for stage, took in interval.people.times_ms.items():
+            of_planner[stage].append(took)
+        of_planner["planner"].append(sum(interval.people.times_ms.values()))
+    result.times_ms = {**times, **of_planner}
+    result.notes += run.notes
+    result.notes += [f"not used: {what} ({count})" for what, count in run.dropped.items()]
+
+
+def names_of(bags: Sequence[Path]) -> list[str]:
+    """Short names of bags: as much of the end of their paths as tells them apart."""
+    paths = [Path(os.path.abspath(bag)) for bag in bags]
+    names = [path.stem if path.suffix == ".mcap" else path.name for path in paths]
+    for depth in range(2, max((len(path.parts) for path in paths), default=0) + 1):
+        names = [
+            name if names.count(name) == 1 else "/".join(path.parts[-depth:])
+            for name, path in zip(names, paths, strict=True)
+        ]
+    if len(set(names)) < len(names):
+        raise BagError(f"a bag is named twice: {', '.join(sorted(map(str, bags)))}")
+    return names
+
+
+def as_json(results: Mapping[str, Result]) -> dict[str, Any]:
+    """The figures of one bag, or of several and of all of them pooled."""
+    if len(results) == 1:
+        return next(iter(results.values())).report()
+    return {
+        "bags": {name: result.report() for name, result in results.items()},
+        "total": Result.pooled(list(results.values())).report(),
+    }

@@ -1,0 +1,144 @@
+"""Scores as tables of the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from mrs_tools.common import make_table, number
+from mrs_tools.evaluation.results import Result
+from mrs_tools.plain import plain
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def show(results: Mapping[str, Result], console: Console) -> None:
+    """Prints the figures as tables."""
+    from rich.text import Text
+
+    rows = dict(results)
+    if len(results) > 1:
+        rows["total"] = Result.pooled(list(results.values()))
+    reports = {name: result.report() for name, result in rows.items()}
+    console.print(_people_table(reports))
+    if any(result.tracks.tracks for result in rows.values()):
+        console.print(_tracks_table(reports))
+    if any(result.stragglers.observed_s for result in rows.values()):
+        console.print(_stragglers_table(reports))
+    last = reports[next(reversed(reports))]
+    if last["stages"]:
+        console.print(_stages_table(last["stages"]))
+    if last["timing_ms"]:
+        console.print(_timing_table(last["timing_ms"]))
+    for name, result in results.items():
+        for note in result.notes:
+            console.print(Text(plain(f"{name}: {note}")), style="yellow")
+
+
+def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
+    table = make_table("people (errors in cm; in 95%: truth is in the 95 % ellipse)")
+    table.add_column("bag", overflow="fold", min_width=8)
+    for column in ("frames", "true", "found", "recall", "prec.", "mean", "p95", "max"):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("in 95%", justify="right", no_wrap=True)
+    table.add_column("centre", justify="right", no_wrap=True)
+    for name, report in reports.items():
+        people, error = report["people"], report["people"]["error_m"]
+        table.add_row(
+            Text(plain(name)),
+            *(str(n) for n in (report["frames"], people["true"], people["matched"])),
+            *(number(people[key], 1, 3) for key in ("recall", "precision")),
+            *(number(error[key], 100, 1) for key in ("mean", "p95", "max")),
+            number(people["coverage_95"], 1, 3),
+            number(report["group"]["centre_error_m"]["mean"], 100, 1),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def _tracks_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
+    table = make_table(
+        "tracks (switches; per person and minute; MOTP, GOSPA in cm; velocity in cm/s)"
+    )
+    table.add_column("bag", overflow="fold", min_width=8)
+    for column in ("MOTA", "IDF1", "switches", "/min", "frag."):
+        table.add_column(column, justify="right", no_wrap=True)
+    for column in ("MOTP", "GOSPA", "v mean", "p95"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, report in reports.items():
+        tracks, velocity = report["tracks"], report["tracks"]["velocity_error_mps"]
+        table.add_row(
+            Text(plain(name)),
+            *(number(tracks[key], 1, 3) for key in ("mota", "idf1")),
+            number(tracks["id_switches"], 1, 0),
+            number(tracks["switches_per_person_minute"], 1, 2),
+            number(tracks["fragments"], 1, 0),
+            *(number(tracks[key], 100, 1) for key in ("motp_m", "gospa")),
+            *(number(velocity[key], 100, 1) for key in ("mean", "p95")),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
+    table = make_table("stragglers (delay of flags in s; false flags)")
+    table.add_column("bag", overflow="fold", min_width=8)
+    columns = ("true", "flagged", "in 1 s", "delay", "max", "unseen", "false", "minutes")
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, report in reports.items():
+        found = report["stragglers"]
+        table.add_row(
+            Text(plain(name)),
+            *(number(found[key], 1, 0) for key in ("true", "flagged")),
+            number(found["within_1_s"], 1, 3),
+            *(number(found["delay_s"][key], 1, 2) for key in ("mean", "max")),
+            *(number(found[key], 1, 0) for key in ("unseen", "false")),
+            number(found["minutes"], 1, 1),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
+    from rich.text import Text
+
+    table = make_table(
+        "stages: means per view, the share kept of the stage before, and what all of them remove"
+    )
+    table.add_column("robot")
+    for column in ("valid pixels", "raw", "zones", "noise", "cells", "removed"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for robot, means in stages.items():
+        table.add_row(
+            Text(plain(robot)),
+            f"{number(means['valid_pixels'], 100, 0)} %",
+            number(means["raw"], 1, 0),
+            *(
+                f"{number(means[s], 1, 0)} {number(means[f'{s}_kept'], 100, 1):>5} %"
+                for s in ("zones", "noise", "cells")
+            ),
+            number(means["removed"], 1, 0),
+        )
+    return table
+
+
+def _timing_table(timing: Mapping[str, Mapping[str, float | None]]) -> Any:
+    table = make_table("time [ms]")
+    for column in ("stage", "median", "p99"):
+        table.add_column(column, justify="left" if column == "stage" else "right")
+    for stage, times in timing.items():
+        whole = stage in ("robot", "planner")
+        table.add_row(
+            f"whole {stage}" if whole else stage,
+            *(number(times[which], 1, 2) for which in ("median", "p99")),
+            style="bold" if whole else None,
+        )
+    return table

@@ -1,0 +1,1 @@
+"""Fitting the body model to bags with ground truth."""

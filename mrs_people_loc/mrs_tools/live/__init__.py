@@ -1,0 +1,1 @@
+"""A running team: what the tools show of it."""

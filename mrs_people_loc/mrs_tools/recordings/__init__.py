@@ -1,0 +1,1 @@
+"""Converters: foreign recordings as bags of our topics."""

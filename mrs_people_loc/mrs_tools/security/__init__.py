@@ -1,0 +1,1 @@
+"""Membership of a team: certificates, tunnels, revocation."""

@@ -1,0 +1,74 @@
+"""ROS nodes of the tools, and classes of installed message types."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from mrs_ros.network import given_domain
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+NO_NAME = (
+    "no ROS 2 name; allowed: / before each part, and parts of letters, digits and _ that do not "
+    "begin with a digit"
+)
+
+
+@contextmanager
+def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node]:
+    """A node of a tool: no parameters, no log topic, and signals stay the tool's own business.
+
+    Args:
+        name: Node name; the process id is added.
+        context: The ROS context to use; None: one of its own, from the environment.
+        how: What else `rclpy.create_node` takes, such as a namespace.
+
+    Yields:
+        The node.
+    """
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.signals import SignalHandlerOptions
+
+    from mrs_ros.network import use_shipped_profile
+
+    own = context is None
+    if context is None:
+        given_domain()  # rclpy says only that the domain is invalid
+        use_shipped_profile()
+        context = Context()
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        made = rclpy.create_node(
+            f"{name}_{os.getpid()}",
+            context=context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+            **how,
+        )
+        try:
+            yield made
+        finally:
+            made.destroy_node()
+    finally:
+        if own:
+            rclpy.shutdown(context=context)
+
+
+def message_class(msgtype: str) -> Any:
+    """The class of an installed message type, None if it is not installed."""
+    package, _, name = msgtype.partition("/msg/")
+    if not re.fullmatch("[a-z][a-z0-9_]*", package) or not re.fullmatch("[A-Z][A-Za-z0-9]*", name):
+        return None
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name, None)
+    except ImportError:
+        return None

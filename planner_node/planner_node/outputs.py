@@ -1,0 +1,56 @@
+"""What the planner publishes of an interval."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import PointStamped, PoseArray
+from mrs_people_msgs.msg import People as PeopleMessage
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.planner import People
+from mrs_ros import convert
+from mrs_ros.managed_node import ManagedNode
+from mrs_ros.markers import Trails, markers
+
+
+class Outputs:
+    """The planner's publishers.
+
+    Args:
+        node: The planner's node.
+    """
+
+    def __init__(self, node: ManagedNode) -> None:
+        self._node = node
+        self._trails = Trails()
+        self._people = node.offer(PeopleMessage, "people", 10)
+        self._people_poses = node.offer(PoseArray, "people_poses", 10)
+        self._group_centroid = node.offer(PointStamped, "group_centroid", 10)
+        self._short_term_map = node.offer(PointCloud2, "short_term_map", 2)
+        self._events = node.offer(String, "events", 10)
+        self._markers = node.offer(MarkerArray, "markers", 2)
+
+    def begin_anew(self) -> None:
+        """Forgets the trails; publishes on `events` that everybody is new."""
+        self._trails = Trails()
+        self._events.publish(String(data="the time jumped back: everybody is new"))
+
+    def publish(self, result: People, config: PlannerConfig) -> None:
+        """Publishes an interval; the map and the markers only while somebody subscribes."""
+        frame = config.map_frame
+        self._people.publish(convert.people(result, frame))
+        self._people_poses.publish(convert.people_poses(result, frame))
+        centroid = convert.group_centroid(result, frame)
+        if centroid is not None:
+            self._group_centroid.publish(centroid)
+        for event in result.events:
+            self._node.get_logger().info(event)
+            self._events.publish(String(data=event))
+        if self._short_term_map.get_subscription_count():
+            self._short_term_map.publish(convert.short_term_map(result, frame))
+        self._trails.add(result)
+        if self._markers.get_subscription_count():
+            drawn = markers(result, frame, config.human.circle_sigmas, self._trails.places())
+            self._markers.publish(drawn)
