@@ -81,13 +81,13 @@ def test_range_errors_do_not_split_a_person(make_cells):
 
 
 @pytest.mark.parametrize(("range_sigma", "clusters"), [(0.25 / 10.5, 1), (0.001, 2)])
-def test_what_ranges_err_by_is_a_parameter(make_cells, range_sigma, clusters):
+def test_range_error_of_cells_is_a_parameter(make_cells, range_sigma, clusters):
     config = cfg.PlannerConfig.from_mapping({"masking.cell_range_sigma": range_sigma})
     scan = Scan("a", 0, make_cells(body(4.0, 0.0, width=0.45, depth=1.0), count=20))
     assert len(Planner(config).step([scan], ORIGIN, 0).clusters) == clusters
 
 
-def test_no_more_people_are_told_apart_than_the_tuning_says(make_cells):
+def test_number_of_split_people_is_bounded_by_the_tuning(make_cells):
     places = [cell for k in range(3) for cell in body(2.0, 0.5 * k, 0.5)]
     fused = fuse([Scan("a", 0, make_cells(places, count=20))], ORIGIN)
     everything, one = np.arange(len(fused)), np.zeros(len(fused), dtype=np.intp)

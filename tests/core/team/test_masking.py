@@ -189,7 +189,7 @@ def test_robot_seen_as_cells_is_not_a_person(make_cells):
     assert len(result.clusters) == 2
 
 
-def test_cells_of_a_robot_are_as_far_from_it_as_the_head_errs(make_cells):
+def test_cells_of_a_robot_are_masked_within_the_range_error(make_cells):
     """A cell 0.5 m behind a robot, 4.5 m away: a sigma of 0.48 m, or of 0.08 m."""
     poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 4.0, 0.0, 0.0)}
     fused = fuse([Scan("a", 0, make_cells([(4.5, 0.0)]))], poses)
