@@ -49,7 +49,7 @@ def moved(name: str, x: float, y: float, turn: float = 0.0) -> dict[str, Pose]:
     return {**TRUE, name: Pose(0, pose.x + x, pose.y + y, pose.yaw + turn)}
 
 
-def test_robots_that_agree(watch):
+def test_agreeing_robots_give_no_finding(watch):
     assert watch(TRUE) == {}
     assert watch(moved("robot_b", 0.1, -0.1)) == {}  # near enough
 
@@ -63,7 +63,7 @@ def test_robots_that_agree(watch):
         ("robot_b", -0.4, -0.3, math.radians(-6)),
     ],
 )
-def test_a_pose_that_is_off_is_named_and_by_how_much(watch, name, x, y, turn):
+def test_wrong_pose_is_named_with_its_offset(watch, name, x, y, turn):
     found = watch(moved(name, x, y, turn))
     assert list(found) == [name]
     one = found[name]
@@ -72,7 +72,7 @@ def test_a_pose_that_is_off_is_named_and_by_how_much(watch, name, x, y, turn):
     assert one.agreed < 0.3 < 0.8 < one.would_agree
 
 
-def test_of_two_robots_either_may_be_wrong(watch):
+def test_of_two_robots_both_are_named(watch):
     said = moved("robot_b", 0.7, 0.0)
     del said["robot_c"]
     found = watch(said)
@@ -81,21 +81,21 @@ def test_of_two_robots_either_may_be_wrong(watch):
     np.testing.assert_allclose(found["robot_b"].move, (-0.7, 0.0), atol=0.12)
 
 
-def test_robots_that_see_others_do_not_disagree(watch):
+def test_robots_that_see_different_people_do_not_disagree(watch):
     seen = {"robot_a": [0, 1], "robot_b": [2], "robot_c": [3, 4]}
     assert watch(TRUE, seen) == {}
 
 
-def test_one_person_says_nothing(watch):
+def test_one_person_is_insufficient(watch):
     seen = {name: [0] for name in TRUE}
     assert watch(moved("robot_b", 0.7, 0.0), seen) == {}
 
 
-def test_too_few_samples_say_nothing(watch):
+def test_too_few_samples_are_insufficient(watch):
     assert watch(moved("robot_c", 0.6, -0.3), steps=7) == {}
     assert Agreement().misplaced == {}
 
 
-def test_nobody_and_one_robot(watch):
+def test_no_people_and_one_robot_give_no_finding(watch):
     assert watch({"robot_a": TRUE["robot_a"]}) == {}
     assert watch(moved("robot_c", 0.6, 0.0), {name: [] for name in TRUE}) == {}
