@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.anthropometry import CLOSEST
 from mrs_people_loc.arrays import Float, Int, StructOfArrays
 from mrs_people_loc.neighbours import pairs_between, pairs_within
 from mrs_people_loc.team.fusion import CELL_SIGMA_RANGE, ShortTermMap, sights
@@ -26,6 +25,8 @@ from mrs_people_loc.team.poses import Pose
 _MOST = 8
 #: Somebody who is expected is in the cluster of the nearest cell, no farther than this [m].
 _EXPECTED_WITHIN = 0.3
+#: ... and two people are no nearer to each other than this [m].
+_LEAST_APART = 0.25
 #: Rounds of the k-means.
 _ROUNDS = 8
 #: Standard deviation of what is spread evenly over a width of 1.
@@ -138,7 +139,7 @@ def split_at(expected: Float, fused: ShortTermMap, cells: Int, label: Int, human
             continue
         # The halves of one person are nearer to each other than two people.
         middles = np.stack([np.bincount(part, axis) for axis in xy.T], axis=1) / held[:, np.newaxis]
-        if len(pairs_within(middles, CLOSEST)[0]):
+        if len(pairs_within(middles, _LEAST_APART)[0]):
             continue
         label[mine[part > 0]] = fresh + part[part > 0] - 1
         fresh += len(within) - 1

@@ -26,7 +26,6 @@ from mrs_people_loc.errors import FloorError
 from mrs_people_loc.geometry import BODY_FROM_OPTICAL, Float, rotation_from_rpy, wrap_angle
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import SUBPIXELS
-from mrs_people_loc.sensing.precision import PLANE_TOLERANCES_PX
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -36,8 +35,9 @@ MAX_PITCH_CHANGE, MAX_ROLL_CHANGE = math.radians(55.0), math.radians(30.0)
 #: Heights of the lens [m].
 LEAST_HEIGHT, GREATEST_HEIGHT = 0.2, 5.0
 
-#: A pixel on a plane differs from it by less [px].
-_TOLERANCE_PX = PLANE_TOLERANCES_PX[0]
+#: A pixel on a plane differs from it by less [px]; while the floor is refined, by ever less.
+_TOLERANCE_PX = 0.4
+_TOLERANCES_PX = (0.4, 0.3, 0.2)
 #: A pixel that is farther from the lens than the floor by more is below it [px].
 _BELOW_PX = 1.0
 #: Far floor is drawn to what stands before and behind it: less disparity does not count [px].
@@ -252,7 +252,7 @@ class FloorFinder:
         """
         shape = (len(views), self.camera.height, self.camera.width)
         found = pixels.select(slice(0))
-        for tolerance in PLANE_TOLERANCES_PX:
+        for tolerance in _TOLERANCES_PX:
             above = views - self._rays @ plane.astype(np.float32) > _TOLERANCE_PX
             beside = above.reshape(shape).astype(np.uint8)
             for view in beside:
