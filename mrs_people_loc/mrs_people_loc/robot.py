@@ -23,7 +23,7 @@ class RobotPipeline:
         robot: The robot's name.
         camera: Its head, with the mounting.
         config: Its configuration.
-        tuning: Of the default method.
+        tuning: Constants of the default method.
 
     Attributes:
         matcher: Makes its disparities.

@@ -39,7 +39,7 @@ def detect(
         walls: Walls and furniture, where there is a map of them.
         expected: Where people are expected: there, less evidence is enough.
         config: Parameters.
-        tuning: See there.
+        tuning: Its constants.
 
     Returns:
         Clusters of the bodies' cells. Those of robots, and of bodies that did not take part, come

@@ -25,14 +25,13 @@ _BLOCK = 50_000
 
 @dataclass(frozen=True)
 class JoiningTuning:
-    """What joining may be tuned by, besides `joining.*` in the configuration.
+    """Constants of joining, beside `joining.*` in the configuration.
 
     Attributes:
-        min_score: One robot's log-odds count no less than this: it may see badly. Fitted on the
-            suite.
-        square: Of the bodies in a square of this side [m] ...
-        most_in_square: ... so many take part, the likeliest: more than fifty robots see of two
-            people who touch.
+        min_score: Lower bound of one robot's log-odds; chosen on the training suite.
+        square: Side of a square [m] in which ...
+        most_in_square: ... so many bodies take part, the likeliest. Bounds the work; fifty robots
+            see no more of two people who touch.
     """
 
     min_score: float = -2.0
@@ -74,7 +73,7 @@ def join(
         bodies: The bodies.
         used: Which of them take part, shape (n,); where too many are in one square, the likeliest.
         config: Parameters.
-        tuning: See there.
+        tuning: Its constants.
     """
     index = _likeliest_in_square(bodies, np.flatnonzero(used), tuning)
     of_body = np.full(len(bodies), -1, dtype=np.intp)
@@ -269,7 +268,7 @@ def are_people(
 def _rivals(
     joined: Joined, bodies: BodiesOnMap, config: cfg.Joining, expected: Int | None
 ) -> list[list[int]]:
-    """Of each joined body, those of which at most one is a person; see `are_people`."""
+    """Of each joined body, those that are not people if it is one; see `are_people`."""
     one, other, away = pairs_within(joined.xy, max(config.apart, config.fragment_distance))
     squared = _squared_between(joined.xy, joined.covariance, one, other)
     same = away < config.apart

@@ -32,11 +32,11 @@ _HALF = 32
 
 @dataclass(frozen=True)
 class GroupsTuning:
-    """What groups may be tuned by, besides `groups.*` in the configuration.
+    """Constants of groups, beside `groups.*` in the configuration; chosen.
 
     Attributes:
-        max_step_s: An interval after a longer pause tells nothing of the time between; links and
-            missing members age by no more than this [s], stragglers by the whole pause.
+        max_step_s: After a longer pause, links and the absence of members who are not followed age
+            by no more than this [s]; stragglers age by the whole pause.
     """
 
     max_step_s: float = 1.0
@@ -74,7 +74,7 @@ class Groups:
 
     Args:
         config: Its parameters; may be replaced at any time.
-        tuning: See there.
+        tuning: Its constants.
 
     Attributes:
         config: Likewise.

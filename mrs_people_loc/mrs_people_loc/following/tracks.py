@@ -36,16 +36,16 @@ from mrs_people_loc.uncertainty import bounded
 
 @dataclass(frozen=True)
 class TracksTuning:
-    """What tracking may be tuned by, besides `tracking.*` in the configuration.
+    """Constants of tracking, beside `tracking.*` in the configuration; chosen.
 
     Attributes:
-        max_score: No detection's log-odds count more than this; fitted on the suite.
-        max_height_cost: A difference of heights counts no more than this against a pair, as a
-            squared Mahalanobis distance: two standard deviations.
-        max_delay_s: No detection is taken to be older than this [s].
-        max_variance: No variance of a place [m^2] or velocity [m^2/s^2] grows beyond this.
-        lost_reach: A lost person reappears no farther from where they were last seen than this
-            [m], besides what they may have walked.
+        max_score: Upper bound of a detection's log-odds.
+        max_height_cost: Upper bound of the cost of different heights, a squared Mahalanobis
+            distance: two standard deviations.
+        max_delay_s: Upper bound of a detection's age [s].
+        max_variance: Upper bound of the variance of a place [m^2] and a velocity [m^2/s^2].
+        lost_reach: A lost person reappears within this of where they were last seen [m], and of
+            what they may have walked.
     """
 
     max_score: float = 8.0
@@ -141,7 +141,7 @@ class Tracker:
 
     Args:
         config: Its parameters; may be replaced at any time.
-        tuning: See there.
+        tuning: Its constants.
 
     Attributes:
         config: Likewise.

@@ -1,1 +1,4 @@
-"""Sensing: from images to a disparity image, and to points in the robot's floor frame."""
+"""Sensing: `camera` (models) -> `images` (pairs) -> `disparity` -> `cloud` (points over the floor).
+
+`precision` holds what matching errs by.
+"""
