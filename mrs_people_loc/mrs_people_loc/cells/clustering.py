@@ -6,11 +6,8 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mrs_people_loc.geometry import Float
-
-Int = NDArray[np.intp]
+from mrs_people_loc.arrays import Bool, Float, Int
 
 #: Cell centres travel as float32; two that are exactly `distance` apart arrive up to 8 um off when
 #: they are 100 m from their robot.
@@ -111,7 +108,7 @@ class _Squares:
     index: Float
     low: Float
     high: Float
-    dense: NDArray[np.bool_]
+    dense: Bool
 
     @classmethod
     def of(cls, xy: Float, reach: float) -> _Squares:

@@ -13,10 +13,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
+from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.neighbours import pairs_between, pairs_within
 from mrs_people_loc.team.fusion import ShortTermMap, unit_vectors
 from mrs_people_loc.team.poses import Pose
@@ -165,7 +164,7 @@ class _SeenCells(StructOfArrays):
     xy: Float
     bearing: Float
     range_variance: Float
-    top: NDArray[np.float32]
+    top: Float32
     points: Float
     weight: Float
 
@@ -256,7 +255,7 @@ def _parts(
     return None
 
 
-def _are_tall_enough(part: Int, top: NDArray[np.float32], points: Float, human: cfg.Human) -> bool:
+def _are_tall_enough(part: Int, top: Float32, points: Float, human: cfg.Human) -> bool:
     """Whether every part has the height and the points of a person."""
     tall = np.full(int(part.max()) + 1, -np.inf)
     np.maximum.at(tall, part, top)

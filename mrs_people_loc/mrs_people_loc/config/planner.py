@@ -15,35 +15,32 @@ class Interval(Section):
     """When an interval closes."""
 
     max_wait: float = field(
-        0.1, "after the first scan the others have this long [s]", low=0.0, high=5.0
+        0.1, "maximum waiting time for the other scans after the first one [s]", low=0.0, high=5.0
     )
     max_scan_age: float = field(
-        0.25, "a scan that is older than the newest by more is left out [s]", low=0.0, high=5.0
+        0.25, "a scan that is older than the newest one by more is dropped [s]", low=0.0, high=5.0
     )
     max_pose_age: float = field(
-        0.25, "a scan is placed with poses no farther from its stamp than this [s]",
-        low=0.0, high=5.0,
-    )  # fmt: skip
-    robot_timeout: float = field(
-        2.0,
-        "a robot that is silent for longer is not waited for, and what is seen where it "
-        "was is not taken for it [s]",
-        low=0.1,
-        high=60.0,
+        0.25, "maximum time between a scan and the poses that locate it [s]", low=0.0, high=5.0
     )
+    robot_timeout: float = field(
+        2.0, "no interval waits for a robot that is silent for longer, and its last position is "
+        "no longer masked [s]",
+        low=0.1, high=60.0,
+    )  # fmt: skip
     max_clock_offset: float = field(
         0.2, "a robot whose clock differs by more from that of the robot nearest to the planner's "
-        "clock is left out [s]",
+        "clock is excluded [s]",
         low=0.001, high=5.0,
     )  # fmt: skip
     scan_rate: float = field(
-        0.0, "scans expected of each robot per second, of which half are enough; 0: as many as the "
-        "fastest delivers [Hz]",
+        0.0, "expected rate of scans per robot, of which half is sufficient; 0: the rate of the "
+        "fastest robot [Hz]",
         low=0.0, high=1000.0,
     )  # fmt: skip
     walking_speed: float = field(
-        0.7, "a scan older than the interval's newest is less sure of where people are, by so much "
-        "per second [m/s]; 0: it is not",
+        0.7, "growth of the position uncertainty of a scan with its age relative to the newest "
+        "scan of the interval [m/s]",
         low=0.0, high=5.0,
     )  # fmt: skip
 
@@ -53,7 +50,7 @@ class Clustering(Section):
     """Clustering based segmentation (eqs. 8-10)."""
 
     distance: float = field(
-        0.15, "points within this distance belong together: d_th [m]", low=0.01, high=2.0
+        0.15, "points within this distance belong to one cluster: d_th [m]", low=0.01, high=2.0
     )
 
 
@@ -62,7 +59,7 @@ class Splitting(Section):
     """How clusters that are more than one person are told apart."""
 
     max_width: float = field(
-        0.75, "a cluster that is wider than this is split into parts that are not [m]; 0: none is",
+        0.75, "a cluster wider than this is split into parts that are not [m]; 0: no splitting",
         low=0.0, high=5.0,
     )  # fmt: skip
 
@@ -77,12 +74,12 @@ class Human(Section):
     pixels of a 160 x 120 image (block matching widens it), of which half may be lost.
     """
 
-    min_height: float = field(1.2, "least height of the cluster's top [m]", low=0.0, high=3.0)
-    max_height: float = field(2.2, "greatest height of the cluster's top [m]", low=0.0, high=10.0)
-    min_width: float = field(0.20, "least extent along the long side [m]", low=0.0, high=5.0)
-    max_width: float = field(1.3, "greatest extent along the long side [m]", low=0.0, high=10.0)
-    max_depth: float = field(0.9, "greatest extent along the short side [m]", low=0.0, high=10.0)
-    min_points: int = field(150, "least number of 3D points in its cells", low=1, high=1_000_000)
+    min_height: float = field(1.2, "minimum height of the cluster's top [m]", low=0.0, high=3.0)
+    max_height: float = field(2.2, "maximum height of the cluster's top [m]", low=0.0, high=10.0)
+    min_width: float = field(0.20, "minimum extent along the long side [m]", low=0.0, high=5.0)
+    max_width: float = field(1.3, "maximum extent along the long side [m]", low=0.0, high=10.0)
+    max_depth: float = field(0.9, "maximum extent along the short side [m]", low=0.0, high=10.0)
+    min_points: int = field(150, "minimum number of 3D points in its cells", low=1, high=1_000_000)
     circle_sigmas: float = field(
         3.0, "radius of the drawn circle, in sigmas of the cluster", low=0.0, high=10.0
     )
@@ -101,18 +98,18 @@ class Joining(Section):
     """How the bodies that several robots found become people."""
 
     line_of_sight: bool = field(
-        True, "true: a body's place is less sure along the line of sight than across it; false: it "
-        "is equally sure in all directions"
+        True, "true: the position covariance of a body is elongated along the line of sight; "
+        "false: it is isotropic",
     )  # fmt: skip
     gate: float = field(
-        3.0, "bodies of different robots within so many sigmas are one", low=0.1, high=10.0
+        3.0, "bodies of different robots within this number of sigmas are one", low=0.1, high=10.0
     )
     max_distance: float = field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
     min_score: float = field(0.5, "log-odds from which a body is a person", low=-20.0, high=50.0)
-    apart: float = field(0.36, "two people are no closer than this [m]", low=0.0, high=2.0)
+    apart: float = field(0.36, "minimum distance of two people [m]", low=0.0, high=2.0)
     fragment_gate: float = field(
-        5.0, "a body within so many sigmas of a likelier person whom its robots did not see is "
-        "that person; 0: none is",
+        5.0, "a body within this number of sigmas of a likelier person, whom its robots did not "
+        "see, belongs to that person; 0: off",
         low=0.0, high=20.0,
     )  # fmt: skip
     fragment_distance: float = field(1.0, "... and within this distance [m]", low=0.0, high=5.0)
@@ -123,8 +120,8 @@ class Masking(Section):
     """What stands at known places and is no person: robots of the team, walls, furniture."""
 
     robot_radius: float = field(
-        0.25, "what is within this of another robot of the team is that robot [m]; 0: robots are "
-        "not told from people",
+        0.25, "detections within this distance of another robot of the team are that robot [m]; "
+        "0: robots are not masked",
         low=0.0, high=2.0,
     )  # fmt: skip
     cell_range_sigma: float = field(
@@ -134,22 +131,20 @@ class Masking(Section):
         low=0.0, high=1.0,
     )  # fmt: skip
     occupancy_grid: bool = field(
-        False, "true: the nav_msgs/OccupancyGrid on `map` says where walls and furniture are; "
-        "false: nothing does",
+        False, "true: walls and furniture are masked by the nav_msgs/OccupancyGrid on `map`",
         live=False,
     )  # fmt: skip
     occupied_from: int = field(
         65, "cells of the grid from this value on are occupied [%]", low=1, high=100
     )
     wall_margin: float = field(
-        0.15, "nobody's axis is nearer to walls and furniture than this [m]", low=0.0, high=1.0
+        0.15, "minimum distance of a person's axis from walls and furniture [m]", low=0.0, high=1.0
     )
     wall_score: float = field(
-        5.0, "log-odds of being a person that a body in a wall or in furniture loses, at most",
-        low=0.0, high=50.0,
-    )  # fmt: skip
+        5.0, "maximum log-odds that a body in a wall or in furniture loses", low=0.0, high=50.0
+    )
     beside_score: float = field(
-        1.5, "log-odds that a body beside a wall or furniture gains, at most", low=0.0, high=50.0
+        1.5, "maximum log-odds that a body beside a wall or furniture gains", low=0.0, high=50.0
     )
 
 
@@ -158,89 +153,86 @@ class Tracking(Section):
     """How people are followed from interval to interval."""
 
     enabled: bool = field(
-        True, "true: people have ids, velocities and a past; false: each interval stands for "
-        "itself, as in the paper"
+        True, "true: people are tracked, with ids and velocities; false: intervals are "
+        "independent, as in the paper",
     )  # fmt: skip
     acceleration: float = field(
-        0.5, "people change their velocity by about this much in a second, and by the square root "
-        "of n times it in n seconds [m/s]",
+        0.5, "standard deviation of the change of velocity in one second; it grows with the "
+        "square root of time [m/s]",
         low=0.01, high=10.0,
     )  # fmt: skip
     any_velocity: float = field(
-        0.8, "standard deviation of the velocity of somebody new: people stand or walk [m/s]",
+        0.8, "standard deviation of the velocity of a new track: people stand or walk [m/s]",
         low=0.01, high=10.0,
     )  # fmt: skip
-    max_speed: float = field(
-        2.0, "nobody walks faster while he is not seen [m/s]", low=0.1, high=20.0
-    )
+    max_speed: float = field(2.0, "maximum speed of unobserved people [m/s]", low=0.1, high=20.0)
     gate: float = field(
-        4.0, "what is found within so many sigmas of where somebody is expected may be him",
+        4.0, "detections within this number of sigmas of a predicted position may be assigned to "
+        "it",
         low=0.5, high=20.0,
     )  # fmt: skip
     max_distance: float = field(1.0, "... and within this distance [m]", low=0.1, high=10.0)
     body: float = field(
-        0.3, "... or within this, however sure both are: no two bodies are so close [m]",
+        0.3, "... or within this distance, whatever the covariances: no two bodies are so close "
+        "[m]",
         low=0.0, high=2.0,
     )  # fmt: skip
     height_sigma: float = field(
-        0.15, "standard deviation of the difference of two heights of one person [m]",
+        0.15, "standard deviation of the difference of two height measurements of one person [m]",
         low=0.01, high=10.0,
     )  # fmt: skip
     evidence_time: float = field(
-        0.5,
-        "log-odds of being a person, height and uncertainty are means over about so long [s]",
-        low=0.01,
-        high=60.0,
-    )
+        0.5, "averaging time of the log-odds, height and uncertainty of a track [s]",
+        low=0.01, high=60.0,
+    )  # fmt: skip
     sure_score: float = field(
-        6.0, "log-odds from which somebody new is a person at once", low=-20.0, high=8.0
+        6.0, "log-odds from which a new track is a person at once", low=-20.0, high=8.0
     )
     birth_score: float = field(
-        1.0, "... and from which somebody is a person who is followed for tracking.birth_time",
-        low=-20.0, high=8.0,
-    )  # fmt: skip
+        1.0, "... and from which a track is a person after tracking.birth_time", low=-20.0, high=8.0
+    )
     birth_time: float = field(0.2, "see tracking.birth_score [s]", low=0.0, high=10.0)
     start_time: float = field(
-        0.35,
-        "in the beginning, for so long, whoever is found and is no doubt is a person [s]",
-        low=0.0,
-        high=60.0,
-    )
+        0.35, "time after the start in which every detection from tracking.doubt_score on is a "
+        "person [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
     doubt_score: float = field(
-        0.0, "log-odds from which somebody new is followed, as no person yet", low=-20.0, high=50.0
+        0.0, "log-odds from which a new tentative track is started", low=-20.0, high=50.0
     )
     doubt_time: float = field(
-        0.25, "who is no person yet is given up when unseen for longer [s]", low=0.0, high=10.0
-    )
+        0.25, "a tentative track that is unobserved for longer is terminated [s]",
+        low=0.0, high=10.0,
+    )  # fmt: skip
     expected_score: float = field(
-        1.0, "log-odds that what is found gains where a person is expected", low=0.0, high=50.0
+        1.0, "log-odds that a detection gains where a person is expected", low=0.0, high=50.0
     )
     expected_points: float = field(
-        0.5, "where a person is expected a plain cluster needs this share of human.min_points",
+        0.5, "share of human.min_points that a plain cluster needs where a person is expected",
         low=0.0, high=1.0,
     )  # fmt: skip
     keep_score: float = field(
-        -1.0, "who is a person stays one down to these log-odds", low=-20.0, high=8.0
+        -1.0, "a person remains one down to these log-odds", low=-20.0, high=8.0
     )
     coast_time: float = field(
-        1.0, "a person who is not seen is given up after this [s]", low=0.0, high=60.0
-    )
+        1.0, "the track of an unobserved person is terminated after this time [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
     coast_share: float = field(
-        0.5, "... and after this share of the time for which he was seen", low=0.0, high=1e3
-    )
+        0.5, "... and after this share of the time for which the person was observed",
+        low=0.0, high=1e3,
+    )  # fmt: skip
     memory: float = field(
-        10.0, "who was given up, and is found again where he may have got to, has his id again, "
-        "for so long after he was seen, and no longer than he was seen [s]; 0: nobody has",
+        10.0, "time after the last observation for which a terminated track can resume with its "
+        "id, where the person may have got to, at most the time of observation [s]; 0: off",
         low=0.0, high=600.0,
     )  # fmt: skip
     lasting_share: float = field(
-        0.25, "share of the variance of what is found that stays the same from interval to "
-        "interval, so that following makes nobody's place surer than this",
+        0.25, "share of the variance of detections that is correlated over time, and is not "
+        "reduced by filtering",
         low=0.0, high=1.0,
     )  # fmt: skip
-    max_tracks: int = field(
-        1000, "no more people than this are followed at a time", low=1, high=10_000
-    )
+    max_tracks: int = field(1000, "maximum number of tracks", low=1, high=10_000)
 
 
 @dataclass(frozen=True)
@@ -248,36 +240,32 @@ class Groups(Section):
     """Who walks together, and who has fallen behind or left."""
 
     distance: float = field(
-        2.5, "a member who is farther than this from every other one is a straggler [m]",
+        2.5, "a member farther than this from every other one is a straggler [m]",
         low=0.3, high=100.0,
     )  # fmt: skip
     margin: float = field(
-        0.4,
-        "who comes to a group, or back to it, is nearer than groups.distance by this [m]",
-        low=0.0,
-        high=100.0,
-    )
+        0.4, "a person who joins or returns is nearer than groups.distance by this margin [m]",
+        low=0.0, high=100.0,
+    )  # fmt: skip
     speed: float = field(
-        0.8, "... and walks with it: velocities differ by no more than this [m/s]",
-        low=0.0, high=20.0,
-    )  # fmt: skip
+        0.8, "... and velocities differ by no more than this [m/s]", low=0.0, high=20.0
+    )
     hidden_sigmas: float = field(
-        2.0, "who is hidden may be nearer than he is expected, by so many sigmas",
+        2.0, "occluded people may be nearer than predicted by this number of sigmas",
         low=0.0, high=20.0,
     )  # fmt: skip
-    leave_time: float = field(0.5, "a straggler is farther for so long [s]", low=0.0, high=60.0)
+    leave_time: float = field(0.5, "time for which a straggler is farther [s]", low=0.0, high=60.0)
     join_time: float = field(
-        2.0, "who comes to a group, or back to it, is near for so long [s]", low=0.0, high=60.0
+        2.0, "time for which a person who joins or returns is near [s]", low=0.0, high=60.0
     )
     missing_time: float = field(
-        6.0, "a member who has been given up for so long is a straggler, too [s]; less than "
-        "tracking.memory, so that he can come back",
+        6.0, "a member whose track was terminated this long ago is a straggler, too [s]; less "
+        "than tracking.memory, so that the track can resume",
         low=0.0, high=600.0,
     )  # fmt: skip
     forget_time: float = field(
-        60.0, "who has been a straggler for so long is no member any more [s]",
-        low=0.0, high=3600.0,
-    )  # fmt: skip
+        60.0, "a straggler ceases to be a member after this time [s]", low=0.0, high=3600.0
+    )
 
 
 @dataclass(frozen=True)

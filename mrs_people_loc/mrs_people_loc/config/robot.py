@@ -25,10 +25,9 @@ class Images(Section):
         120, "larger images are scaled down to fit this height [px]", low=24, high=4096
     )
     max_stamp_difference: float = field(
-        0.005, "images whose stamps differ by up to this form a pair; 0: same stamp [s]",
-        low=0.0, high=1.0,
-    )  # fmt: skip
-    queue_size: int = field(8, "images per camera that wait for their pair", low=1, high=100)
+        0.005, "largest difference of the stamps of a pair; 0: equal stamps [s]", low=0.0, high=1.0
+    )
+    queue_size: int = field(8, "images per camera that wait for their counterpart", low=1, high=100)
 
 
 @dataclass(frozen=True)
@@ -54,14 +53,16 @@ class Disparity(Section):
     """Stereo matching with OpenCV's StereoBM (SAD)."""
 
     pre_filter: str = field(
-        "xsobel", "StereoBM's pre-filter, in place of the head's edge filter",
+        "xsobel", "StereoBM's pre-filter, instead of the edge filter of the paper's heads",
         choices=("xsobel", "normalized_response"),
     )  # fmt: skip
     pre_filter_size_px: int = field(
         11, "window of normalized_response [px] (the paper's edge mask)",
         low=5, high=255, odd=True,
     )  # fmt: skip
-    pre_filter_cap: int = field(63, "pre-filter output is cut here", low=1, high=63)
+    pre_filter_cap: int = field(
+        63, "the pre-filter's output is clipped to this value", low=1, high=63
+    )
     block_size_px: int = field(
         7, "SAD window [px] (the paper's stereo mask is 15)", low=5, high=51, odd=True
     )
@@ -73,10 +74,10 @@ class Disparity(Section):
     min_range: float = field(0.7, "nearest working depth [m]", low=0.1, high=50.0)
     max_range: float = field(5.0, "farthest working depth [m]", low=0.2, high=100.0)
     uniqueness_ratio: int = field(
-        10, "margin of the best over the second best match [%]", low=0, high=100
+        10, "margin of the best match over the second best [%]", low=0, high=100
     )
     texture_threshold: int = field(
-        10, "least sum of absolute pre-filter output over the block", low=0, high=100_000
+        10, "minimum sum of the absolute pre-filter output over the block", low=0, high=100_000
     )
     left_right_difference_px: int = field(
         1, "left and right match must agree within this [px]; -1: not checked", low=-1, high=16
@@ -105,10 +106,10 @@ class Sight(Section):
     """When a head is taken to be blind: its diagnostics say so."""
 
     min_valid: float = field(
-        0.25, "least share of pixels with a disparity; 0: not looked at", low=0.0, high=1.0
+        0.25, "minimum share of pixels with a disparity; 0: not checked", low=0.0, high=1.0
     )
     frames: int = field(
-        5, "so many views in a row must be bad before it is said, and good before it is taken back",
+        5, "consecutive bad views before a warning is raised, and good views before it is cleared",
         low=1, high=1000,
     )  # fmt: skip
 
@@ -117,14 +118,16 @@ class Sight(Section):
 class Floor(Section):
     """Whether the mounting fits the floor in view: diagnostics say when it does not."""
 
-    watch: bool = field(True, "true: a part of the views is searched for the floor")
+    watch: bool = field(True, "true: the floor is estimated in some of the views")
     max_angle: float = field(
-        0.026, "the head may be turned by this, and twice what the floor errs by [rad]",
+        0.026, "rotation of the head from which a warning is raised, in addition to twice the "
+        "floor's standard deviation [rad]",
         low=0.0, high=1.0,
     )  # fmt: skip
     max_height: float = field(
-        0.08, "the head may be higher or lower by this, likewise [m]", low=0.0, high=5.0
-    )
+        0.08, "change of the head's height from which a warning is raised, likewise [m]",
+        low=0.0, high=5.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -157,10 +160,10 @@ class Quantization(Section):
 
     cell: float = field(0.05, "side of a cell: hwin of eq. 4 [m]", low=0.01, high=1.0)
     top_support: int = field(
-        5, "so many points at or above it make the top of a column", low=1, high=1000
+        5, "points at or above the top of a column that support it", low=1, high=1000
     )
     top_gap: float = field(
-        0.25, "a column ends where no point follows within this height [m]", low=0.05, high=2.0
+        0.25, "a column ends at a vertical gap larger than this [m]", low=0.05, high=2.0
     )
 
 
@@ -169,25 +172,25 @@ class Bodies(Section):
     """People sought as bodies, in place of the paper's noise windows and cells."""
 
     search: bool = field(
-        True, "true: people are sought as upright bodies in bearing and inverse range; false: the "
-        "paper's zones, noise windows and cells"
+        True, "true: upright bodies are detected in bearing and inverse range; false: the paper's "
+        "zones, noise windows and cells",
     )  # fmt: skip
     max_range: float = field(6.0, "farthest range of a body [m]", low=0.5, high=50.0)
     min_extent: float = field(
-        0.35, "least vertical extent seen, mean over a body's width [m]", low=0.05, high=2.0
+        0.35, "minimum visible vertical extent, mean over a body's width [m]", low=0.05, high=2.0
     )
-    max_count: int = field(16, "so many candidates per view at most", low=1, high=100)
-    vote: bool = field(True, "true: all pixels of a body vote on one disparity")
+    max_count: int = field(16, "maximum number of candidates per view", low=1, high=100)
+    vote: bool = field(True, "true: all pixels of a body vote for one disparity")
     human_test: bool = field(
-        True, "true: a fitted model says how likely a body is a person; false: its vertical extent "
-        "stands for it; fitted with bodies.vote"
+        True, "true: a fitted model gives the log-odds that a body is a person; false: its "
+        "vertical extent is used instead; fitted with bodies.vote",
     )  # fmt: skip
     axis: bool = field(
-        True, "true: fitted offsets move a body from the surface that was seen to its axis; needs "
-        "bodies.vote"
+        True, "true: fitted offsets move a body from its visible surface to its axis; requires "
+        "bodies.vote",
     )  # fmt: skip
     min_score: float = field(
-        -3.0, "bodies with at least these log-odds of being a person go out", low=-20.0, high=20.0
+        -3.0, "bodies with at least these log-odds of being a person are sent", low=-20.0, high=20.0
     )
 
     def _check_relations(self) -> None:
@@ -200,33 +203,34 @@ class PoseInput(Section):
     """Where the robot's pose comes from, and how often it goes out."""
 
     source: str = field(
-        "odom", "where the pose comes from: nav_msgs/Odometry on `odom`, "
-        "geometry_msgs/PoseWithCovarianceStamped on `pose_in`, the parameter pose.static (static), "
-        "or TF (tf), which needs tf2_ros",
+        "odom", "source of the pose: nav_msgs/Odometry on `odom`, "
+        "geometry_msgs/PoseWithCovarianceStamped on `pose_in`, the parameter pose.static "
+        "(static), or TF (tf), which requires tf2_ros",
         choices=("odom", "pose_in", "static", "tf"), live=False,
     )  # fmt: skip
     static: tuple[float, ...] = field(
-        (), "x, y [m] and yaw [rad] of base_link in the map, where it stands (source static)",
+        (), "x, y [m] and yaw [rad] of base_link in the map (source static)",
         kind="floats", length=3,
     )  # fmt: skip
     sigmas: tuple[float, ...] = field(
-        (), "standard deviations of x, y [m] and yaw [rad] of a pose that comes without (source "
-        "static or tf), at least 0; empty: it is exact",
+        (), "standard deviations of x, y [m] and yaw [rad] of a pose without covariance (source "
+        "static or tf), at least 0; empty: exact",
         kind="floats", length=3,
     )  # fmt: skip
     map_from_odom: tuple[float, ...] = field(
         (), "x, y [m] and yaw [rad] of the odometry's frame in the map, for poses that are not in "
-        "the map already; empty: as TF says, where tf2_ros is installed",
+        "the map frame; empty: from TF, where tf2_ros is installed",
         kind="floats", length=3,
     )  # fmt: skip
     publish_tf: str = field(
-        "auto", "what TF is told besides the cameras, where tf2_msgs is installed: auto (map to "
-        "base_link for source static and for odometry in the map; map to the odometry's frame with "
-        "map_from_odom), always (map to base_link: nobody else may place it), never (no cameras)",
+        "auto", "transforms published on TF besides the cameras, where tf2_msgs is installed: "
+        "auto (map to base_link for source static and for odometry in the map; map to the "
+        "odometry's frame with map_from_odom), always (map to base_link: no other node may "
+        "publish it), never (no cameras either)",
         choices=("auto", "always", "never"), live=False,
     )  # fmt: skip
     map_frame: str = field("map", "the common frame", live=False)
-    max_rate: float = field(100.0, "poses published per second, at most [Hz]", low=1.0, high=1e3)
+    max_rate: float = field(100.0, "maximum rate of published poses [Hz]", low=1.0, high=1e3)
 
     def _check_relations(self) -> None:
         if self.source == "tf" and self.publish_tf == "always":

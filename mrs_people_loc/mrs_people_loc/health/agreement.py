@@ -14,10 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human
 from mrs_people_loc.clusters import measure
-from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.team.fusion import ShortTermMap, place_bodies
 from mrs_people_loc.team.masking import are_masked, bodies_of_robots

@@ -22,14 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import StructOfArrays
+from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.errors import FloorError
-from mrs_people_loc.geometry import BODY_FROM_OPTICAL, Float, rotation_from_rpy, wrap_angle
+from mrs_people_loc.geometry import BODY_FROM_OPTICAL, rotation_from_rpy, wrap_angle
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import SUBPIXELS
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 #: Matching draws the floor beside something that stands on it towards that, as far as its blocks
 #: reach; single pixels do nothing.
@@ -165,8 +162,8 @@ class Floor:
 class _FloorPixels(StructOfArrays):
     """Pixels of several views, a struct of arrays: where, the ray, disparity and its slope."""
 
-    frame: NDArray[np.intp]
-    pixel: NDArray[np.intp]
+    frame: Int
+    pixel: Int
     rays: Float32
     disparity: Float32
     slope: Float32
@@ -327,17 +324,17 @@ class FloorFinder:
                 plane = np.linalg.pinv(rays.T @ rays) @ (rays.T @ found.disparity)
         return plane, found
 
-    def _slope_fits(self, slope: Float32, wanted: NDArray[np.floating] | float) -> Mask:
+    def _slope_fits(self, slope: Float32, wanted: NDArray[np.floating] | float) -> Bool:
         tolerance = self._tuning.slope_px + self._tuning.slope_share * np.abs(wanted)
-        fits: Mask = np.abs(slope - wanted) < tolerance
+        fits: Bool = np.abs(slope - wanted) < tolerance
         return fits
 
-    def _plausible(self, planes: NDArray[np.floating]) -> Mask:
+    def _plausible(self, planes: NDArray[np.floating]) -> Bool:
         """Which planes, shape (n, 3), are within the limits of the mounting."""
         tuning, (x, y, z) = self._tuning, planes.T
         with np.errstate(invalid="ignore", over="ignore"):
             inverse = np.sqrt(x * x + y * y + z * z)
-            good: Mask = (
+            good: Bool = (
                 (inverse >= 1.0 / tuning.greatest_height)
                 & (inverse <= 1.0 / tuning.least_height)
                 & (np.abs(x) <= -z * math.tan(tuning.max_pitch_change))

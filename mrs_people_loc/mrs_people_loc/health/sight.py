@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Float32
 from mrs_people_loc.sensing.images import Gray, StereoImages
 
 
@@ -54,7 +54,7 @@ class SightWatch:
         self._before: dict[str, Gray] = {}
         self._still: dict[str, int] = {}
 
-    def step(self, images: StereoImages, disparity: NDArray[np.float32]) -> None:
+    def step(self, images: StereoImages, disparity: Float32) -> None:
         """Takes a view.
 
         Args:
@@ -69,7 +69,7 @@ class SightWatch:
         elif now and self.trouble:
             self.trouble = now
 
-    def _look(self, images: StereoImages, disparity: NDArray[np.float32]) -> str:
+    def _look(self, images: StereoImages, disparity: Float32) -> str:
         """What is wrong with one view."""
         cameras = {"left": images.left, "right": images.right, "top": images.top}
         valid = np.count_nonzero(disparity == disparity) / disparity.size

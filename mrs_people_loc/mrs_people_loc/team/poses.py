@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import ConfigError, PoseError
-from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.team.clocks import RESET_NS, Order, StampOrder
 
 
