@@ -6,24 +6,21 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mrs_people_loc.geometry import Float
-
-Int = NDArray[np.intp]
+from mrs_people_loc.arrays import Bool, Float, Int
 
 #: Cell centres travel as float32; two that are exactly `distance` apart arrive up to 8 um off when
 #: they are 100 m from their robot.
 _ROUNDING = 1e-5
 #: Where points are farther than this from the middle one, along y, gaps are shortened [m].
 _FAR = 1e4
-#: So many pairs are compared at once: memory that is new costs more than it is used.
+#: Pairs that are compared at once: small enough for memory to be reused.
 _BLOCK = 16_000
-#: Where points have more others to look at than this, on average, most are spared. Cells of 5 cm
-#: have 14 within 15 cm that follow them, of 24 that are looked at.
-_CROWDED = 64
-#: ... and those are spared that share a square with so many.
-_CROWD = 32
+#: Where points have more candidates than this, on average, those of dense squares are not compared
+#: one by one. Cells of 5 cm have 24 candidates within 15 cm.
+_MANY_CANDIDATES = 64
+#: A square that holds more points than this is dense.
+_DENSE = 32
 
 
 def cluster(xy: Float, *, distance: float) -> Int:
@@ -60,73 +57,133 @@ def _components(xy: Float, reach: float) -> Int:
         reach: Points at most this far apart are connected.
     """
     candidates = _Candidates.of(xy, reach)
-    if candidates.total <= _CROWDED * len(xy):
+    if candidates.total <= _MANY_CANDIDATES * len(xy):
         return connected(*candidates.pairs_within(reach), len(xy))
-    return _components_in_crowds(xy, reach)
+    return _components_of_dense(xy, reach)
 
 
-def _components_in_crowds(xy: Float, reach: float) -> Int:
-    """The same where many points are in one place, with work that does not grow with their square.
+def _components_of_dense(xy: Float, reach: float) -> Int:
+    """As `_components`, with work that does not grow with the square of the points in one place.
 
-    Points of a square whose diagonal is no longer than the reach are connected. Where they are
-    many, a tree says if any of them is near any of a square around; it is asked only if the two
-    squares are not connected anyhow, as most are by the outermost four points of each.
+    The plane is cut into squares. All points of a dense one are connected, so it takes part with
+    its four outermost points only; squares that these do not connect are compared in full.
     """
-    count = len(xy)
-    side = 0.7071 * reach  # a diagonal is a little shorter than the reach
-    cells, square, sizes = np.unique(
-        np.floor(xy / side), axis=0, return_inverse=True, return_counts=True
-    )
-    square = square.reshape(-1)
-    members = np.argsort(square, kind="stable")
-    first = np.cumsum(sizes) - sizes
-    low, high = (f.reduceat(xy[members], first) for f in (np.minimum, np.maximum))
-    # Far from the origin, where floor has no digits left, the square may be larger.
-    crowd = (sizes > _CROWD) & (((high - low) ** 2).sum(axis=1) <= reach**2)
-
-    outermost = [
-        members[first + _first_of_each(axis[members], first, sizes)]
-        for axis in (xy[:, 0], -xy[:, 0], xy[:, 1], -xy[:, 1])
-    ]
-    kept = ~crowd[square]
-    for points in outermost:
-        kept[points] = True
-    thin = np.flatnonzero(kept)
+    squares = _Squares.of(xy, reach)
+    dense = squares.dense[squares.of_point]
+    kept = ~dense
+    kept[squares.outermost()] = True
+    thin, inside = np.flatnonzero(kept), np.flatnonzero(dense)
     one, other = _Candidates.of(xy[thin], reach).pairs_within(reach)
-    crowded = np.flatnonzero(crowd[square])
-    one = np.concatenate([thin[one], members[first[square[crowded]]]])
-    other = np.concatenate([thin[other], crowded])
-    root = connected(one, other, count)
+    one = np.concatenate([thin[one], squares.members[squares.first[squares.of_point[inside]]]])
+    other = np.concatenate([thin[other], inside])
+    more_one, more_other = squares.pairs_across(connected(one, other, len(xy)))
+    return connected(
+        np.concatenate([one, *more_one]), np.concatenate([other, *more_other]), len(xy)
+    )
 
-    from scipy.spatial import KDTree  # here: it takes long to load
 
-    at = {place: number for number, place in enumerate(map(tuple, cells.tolist()))}
-    more_one, more_other = [], []
-    for number in np.flatnonzero(crowd).tolist():
-        mine = members[first[number] : first[number] + sizes[number]]
-        i, j = cells[number].tolist()
-        around = [at[i + di, j + dj] for di, dj in _AROUND if (i + di, j + dj) in at]
-        others = [
-            members[first[k] : first[k] + sizes[k]]
-            for k in around
-            if not (crowd[k] and root[members[first[k]]] == root[mine[0]])
-        ]
-        if not others:
-            continue
-        points = np.concatenate(others)
-        points = points[root[points] != root[mine[0]]]
+@dataclass(frozen=True)
+class _Squares:
+    """Points in squares whose diagonal is no longer than the reach: those of one are connected.
+
+    Attributes:
+        xy: The points, shape (n, 2).
+        reach: Points at most this far apart are connected.
+        of_point: Square of each point, shape (n,).
+        members: The points square by square, shape (n,).
+        first: Where in `members` each square begins, shape (k,).
+        sizes: How many points each holds, shape (k,).
+        index: Row and column of each, shape (k, 2).
+        low: Least coordinates of its points, shape (k, 2).
+        high: Greatest coordinates of its points, shape (k, 2).
+        dense: Whether it holds many, shape (k,).
+    """
+
+    xy: Float
+    reach: float
+    of_point: Int
+    members: Int
+    first: Int
+    sizes: Int
+    index: Float
+    low: Float
+    high: Float
+    dense: Bool
+
+    @classmethod
+    def of(cls, xy: Float, reach: float) -> _Squares:
+        """Sorts points into squares."""
+        side = 0.7071 * reach  # a diagonal is a little shorter than the reach
+        index, of_point, sizes = np.unique(
+            np.floor(xy / side), axis=0, return_inverse=True, return_counts=True
+        )
+        of_point = of_point.reshape(-1)
+        members = np.argsort(of_point, kind="stable")
+        first = np.cumsum(sizes) - sizes
+        low, high = (f.reduceat(xy[members], first) for f in (np.minimum, np.maximum))
+        # Far from the origin, where floor has no digits left, the square may be larger.
+        dense = (sizes > _DENSE) & (((high - low) ** 2).sum(axis=1) <= reach**2)
+        return cls(xy, reach, of_point, members, first, sizes, index, low, high, dense)
+
+    def points(self, number: int) -> Int:
+        """The points of a square."""
+        return self.members[self.first[number] : self.first[number] + self.sizes[number]]
+
+    def outermost(self) -> Int:
+        """Of each square its least and greatest point along x and y, shape (4 k,)."""
+        axes = (self.xy[:, 0], -self.xy[:, 0], self.xy[:, 1], -self.xy[:, 1])
+        return np.concatenate(
+            [
+                self.members[
+                    self.first + _first_of_each(axis[self.members], self.first, self.sizes)
+                ]
+                for axis in axes
+            ]
+        )
+
+    def pairs_across(self, root: Int) -> tuple[list[Int], list[Int]]:
+        """Connected pairs of points of dense squares and of squares around, not connected so far.
+
+        Args:
+            root: Of each point, the first one that it is connected with so far, shape (n,).
+        """
+        at = {place: number for number, place in enumerate(map(tuple, self.index.tolist()))}
+        ones, others = [], []
+        for number in np.flatnonzero(self.dense).tolist():
+            i, j = self.index[number].tolist()
+            own = root[self.members[self.first[number]]]
+            around = [at[i + di, j + dj] for di, dj in _AROUND if (i + di, j + dj) in at]
+            around = [
+                k
+                for k in around
+                if not (self.dense[k] and root[self.members[self.first[k]]] == own)
+            ]
+            if not around:
+                continue
+            points = np.concatenate([self.points(k) for k in around])
+            one, other = self._pairs_with(number, points[root[points] != own])
+            ones.append(one)
+            others.append(other)
+        return ones, others
+
+    def _pairs_with(self, number: int, points: Int) -> tuple[Int, Int]:
+        """Of points near a square, those within the reach of one in it, and that one."""
+        xy, reach = self.xy, self.reach
+        low, high = self.low[number], self.high[number]
         # Only what is near the square at all.
-        beyond = np.maximum(np.maximum(low[number] - xy[points], xy[points] - high[number]), 0.0)
+        beyond = np.maximum(np.maximum(low - xy[points], xy[points] - high), 0.0)
         points = points[(beyond**2).sum(axis=1) <= reach**2]
         if not len(points):
-            continue
+            return points, points
+
+        from scipy.spatial import KDTree  # here: it takes long to load
+
+        mine = self.points(number)
         _, nearest = KDTree(xy[mine]).query(xy[points], distance_upper_bound=1.001 * reach)
         found = np.flatnonzero(nearest < len(mine))
         nearest, points = mine[nearest[found]], points[found]
         near = ((xy[points] - xy[nearest]) ** 2).sum(axis=1) <= reach**2
-        more_one.append(nearest[near])
-        more_other.append(points[near])
-    return connected(np.concatenate([one, *more_one]), np.concatenate([other, *more_other]), count)
+        return nearest[near], points[near]
 
 
 #: Squares whose points may be within the reach: 1.41 sides.

@@ -49,7 +49,15 @@ def detect(
     possible = known.plain[~known.cells]
     pieces = cluster(xy[~known.cells], distance=distance)
     pieces = split_at(expected.xy, fused, possible, pieces, config.human)
-    pieces, too_wide = split(fused, possible, pieces, poses, config.splitting, config.human)
+    pieces, too_wide = split(
+        fused,
+        possible,
+        pieces,
+        poses,
+        config.splitting,
+        config.human,
+        cell_range_sigma=config.masking.cell_range_sigma,
+    )
 
     count = int(pieces.max(initial=-1)) + 1
     label = np.empty(len(known.plain), dtype=np.intp)

@@ -7,16 +7,22 @@ over the floor. The paper's XZ ground plane is our x-y plane.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Bool, Float32, Int
 from mrs_people_loc.scan import Cells
-
-Float32 = NDArray[np.float32]
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
 
 #: Grids up to this many tiles are numbered as they are, larger ones by sorting.
 _MAX_TABLE = 1 << 20
+#: Side of a column's height bins [m].
+_BIN = 0.05
+#: Bins above the zone: 3 m.
+_MAX_BINS = 60
+#: Bin of what is higher: beyond any gap.
+_OUT_OF_REACH = 126
+#: Bin numbers per column.
+_BINS = 128
+#: Lower than any point [m].
+_LOW = -10.0
 
 
 def discriminate_zones(points: Float32, *, low: float, high: float) -> Float32:
@@ -128,40 +134,66 @@ def measure_tops(
     holds_cell, reaches_up = np.zeros((2, len(in_zone)), dtype=bool)
     holds_cell[of_cell] = True
     reaches_up[of_cell[cells.z >= zone_high - gap]] = True
+    columns, near = np.flatnonzero(holds_cell), np.flatnonzero(reaches_up[of_above])
+    place, mm = _from_below(
+        np.concatenate([columns, of_zone, of_above[near]]),
+        np.concatenate([np.full(len(columns), _LOW, np.float32), points[:, 2], above[near, 2]]),
+        in_zone=len(columns) + len(points),
+        zone_high=zone_high,
+    )
+    top = np.full(len(in_zone), -np.inf, dtype=np.float32)
+    top[columns] = _tops_of_columns(place, mm, columns, in_zone[columns], support=support, gap=gap)
+    top = top[of_cell]
+    return np.where(top > -np.inf, top, cells.z)
 
-    # All of a column from below: a beginning, its points in the zone (bin 0), those above it.
-    near = np.flatnonzero(reaches_up[of_above])
-    height = above[near, 2]
-    bins = ((height - np.float32(zone_high)) / np.float32(_BIN)).astype(np.intp) + 1
-    bins[bins > _MAX_BINS] = _OUT_OF_REACH
-    columns = np.flatnonzero(holds_cell)
-    column = np.concatenate([columns, of_zone, of_above[near]])
-    bins = np.concatenate([np.zeros(len(columns) + len(points), dtype=np.intp), bins])
-    height = np.concatenate([np.full(len(columns), _LOW, dtype=np.float32), points[:, 2], height])
+
+def _from_below(column: Int, height: Float32, *, in_zone: int, zone_high: float) -> tuple[Int, Int]:
+    """Sorts the points of all columns by column, then height.
+
+    Args:
+        column: Of each point, shape (n,).
+        height: Of each point [m], shape (n,).
+        in_zone: So many of them, the first ones, are in the zone or begin a column.
+        zone_high: Upper end of the zone [m].
+
+    Returns:
+        place: Column times `_BINS` plus the bin, which is 0 in the zone, shape (n,).
+        mm: Height [mm], shape (n,).
+    """
+    bins = np.zeros(len(column), dtype=np.intp)
+    up = ((height[in_zone:] - np.float32(zone_high)) / np.float32(_BIN)).astype(np.intp) + 1
+    up[up > _MAX_BINS] = _OUT_OF_REACH
+    bins[in_zone:] = up
     mm = (height * np.float32(1000.0)).astype(np.intp)
     order = _argsort(mm + bins)  # the sum is in the order of both
     order = order[_argsort(column[order])]
-    place, mm = (column * _BINS + bins)[order], mm[order]
+    return (column * _BINS + bins)[order], mm[order]
 
+
+def _tops_of_columns(
+    place: Int, mm: Int, columns: Int, in_zone: Int, *, support: int, gap: float
+) -> Float32:
+    """Top of each column [m], shape (k,); -inf where too few points support one.
+
+    Args:
+        place: From `_from_below`, shape (n,).
+        mm: From `_from_below`, shape (n,).
+        columns: The columns, ascending; each has a beginning among the points, shape (k,).
+        in_zone: How many points each has in the zone, shape (k,).
+        support: See `measure_tops`.
+        gap: See `measure_tops`.
+    """
     # A column runs from its beginning to where more than `gap` lies empty; the next one is farther.
     far = place[1:] - place[:-1] > round(gap / _BIN) + 1
     ends = np.flatnonzero(np.concatenate([far, [True]])) + 1
     first = np.searchsorted(place, columns * _BINS) + 1
     end = ends[np.searchsorted(ends, first - 1, side="right")]
-    zone_end = first + in_zone[columns]
+    zone_end = first + in_zone
     kth = np.where(end - zone_end >= support, end, zone_end) - support
     supported = kth >= first
-    top = np.full(len(in_zone), -np.inf, dtype=np.float32)
-    top[columns[supported]] = mm[kth[supported]] / np.float32(1000.0)
-    top = top[of_cell]
-    return np.where(top > -np.inf, top, cells.z)
-
-
-_BIN = 0.05  # height bins of a column [m]
-_MAX_BINS = 60  # 3 m above the zone
-_OUT_OF_REACH = 126  # what is higher: beyond any gap
-_BINS = 128  # numbers of bins per column
-_LOW = -10.0  # lower than any point [m]
+    top = np.full(len(columns), -np.inf, dtype=np.float32)
+    top[supported] = mm[kth[supported]] / np.float32(1000.0)
+    return top
 
 
 def _select(points: Float32, keep: Bool) -> Float32:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.errors import CameraError
-from mrs_people_loc.geometry import BODY_FROM_OPTICAL, Float, rotation_from_rpy
+from mrs_people_loc.geometry import BODY_FROM_OPTICAL, rotation_from_rpy
 
 #: Distortion models by their names in CameraInfo, and how many coefficients each may have.
 DISTORTION_MODELS = {
@@ -28,6 +29,8 @@ _MIN_FOCAL = 1e-2
 _FOCAL_TOLERANCE = 1e-3
 #: ... and in the row (column for the vertical pair) of the principal point [px].
 _ROW_TOLERANCE_PX = 0.5
+#: A shorter baseline than this [m] is none: P lacks it.
+_LEAST_BASELINE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -181,67 +184,21 @@ class StereoCamera:
             CameraError: The cameras do not fit together, or a baseline is zero or reversed.
         """
         for name, other in (("right", right), ("top", top)):
-            if other is None:
-                continue
-            if (other.width, other.height) != (left.width, left.height):
-                raise CameraError(
-                    f"{name} camera_info is {other.width}x{other.height}; "
-                    f"wanted as left: {left.width}x{left.height}"
-                )
-            for axis in (0, 1):
-                got, want = other.p[axis, axis], left.p[axis, axis]
-                if abs(got - want) > _FOCAL_TOLERANCE * want:
-                    raise CameraError(
-                        f"{name} camera_info has focal length {got:g} px; wanted as left: {want:g}"
-                        " (rectified images share one focal length)"
-                    )
-        if abs(right.p[1, 2] - left.p[1, 2]) > _ROW_TOLERANCE_PX:
-            raise CameraError(
-                f"right camera_info has cy = {right.p[1, 2]:g} px; wanted as left: "
-                f"{left.p[1, 2]:g} (rows of rectified images correspond)"
-            )
-        fx, fy = float(left.p[0, 0]), float(left.p[1, 1])
-        tx = float(right.p[0, 3] - left.p[0, 3])
-        baseline = -tx / fx
-        if abs(baseline) < 1e-4:
-            raise CameraError(
-                "baseline is 0: P[3] of the right camera_info is missing; wanted: -fx * baseline"
-            )
-        if baseline < 0:
-            raise CameraError(
-                f"baseline is {baseline:g} m: P[3] of the right camera_info is {tx:g}; wanted: "
-                "-fx * baseline, negative (are left and right swapped?)"
-            )
-        vertical = {}
-        if top is not None:
-            if abs(top.p[0, 2] - left.p[0, 2]) > _ROW_TOLERANCE_PX:
-                raise CameraError(
-                    f"top camera_info has cx = {top.p[0, 2]:g} px; wanted as left: "
-                    f"{left.p[0, 2]:g} (columns of the vertical pair correspond)"
-                )
-            above = float(top.p[1, 3] - left.p[1, 3]) / fy
-            if abs(above) < 1e-4:
-                raise CameraError(
-                    "vertical baseline is 0: P[7] of the top camera_info is missing; "
-                    "wanted: fy * height of top above left"
-                )
-            offset = float(top.p[1, 2] - left.p[1, 2])
-            # Disparity of the vertical pair grows downwards in `top` when `top` is above.
-            vertical = {
-                "vertical_baseline": above,
-                "vertical_offset_px": offset if above > 0 else -offset,
-            }
+            if other is not None:
+                _check_same_images(left, other, name)
+        vertical_baseline, vertical_offset_px = _vertical_pair(left, top) if top else (0.0, 0.0)
         return cls(
             width=left.width,
             height=left.height,
-            fx=fx,
-            fy=fy,
+            fx=float(left.p[0, 0]),
+            fy=float(left.p[1, 1]),
             cx=float(left.p[0, 2]),
             cy=float(left.p[1, 2]),
-            baseline=baseline,
+            baseline=_baseline(left, right),
             disparity_offset_px=float(left.p[0, 2] - right.p[0, 2]),
+            vertical_baseline=vertical_baseline,
+            vertical_offset_px=vertical_offset_px,
             mounting=mounting or Mounting(),
-            **vertical,
         )
 
     @property
@@ -257,3 +214,70 @@ class StereoCamera:
     def disparity_of(self, depth: float) -> float:
         """Disparity of the horizontal pair at a depth along the optical axis [m], in px."""
         return self.depth_disparity / depth + self.disparity_offset_px
+
+
+def _check_same_images(left: CameraModel, other: CameraModel, name: str) -> None:
+    """Checks that a camera's images have the size and the focal length of the left one's.
+
+    Raises:
+        CameraError: They have not.
+    """
+    if (other.width, other.height) != (left.width, left.height):
+        raise CameraError(
+            f"{name} camera_info is {other.width}x{other.height}; "
+            f"wanted as left: {left.width}x{left.height}"
+        )
+    for axis in (0, 1):
+        got, want = other.p[axis, axis], left.p[axis, axis]
+        if abs(got - want) > _FOCAL_TOLERANCE * want:
+            raise CameraError(
+                f"{name} camera_info has focal length {got:g} px; wanted as left: {want:g}"
+                " (rectified images share one focal length)"
+            )
+
+
+def _baseline(left: CameraModel, right: CameraModel) -> float:
+    """Baseline of the horizontal pair [m].
+
+    Raises:
+        CameraError: The rows differ, or the baseline is zero or reversed.
+    """
+    if abs(right.p[1, 2] - left.p[1, 2]) > _ROW_TOLERANCE_PX:
+        raise CameraError(
+            f"right camera_info has cy = {right.p[1, 2]:g} px; wanted as left: "
+            f"{left.p[1, 2]:g} (rows of rectified images correspond)"
+        )
+    tx = float(right.p[0, 3] - left.p[0, 3])
+    baseline = -tx / float(left.p[0, 0])
+    if abs(baseline) < _LEAST_BASELINE:
+        raise CameraError(
+            "baseline is 0: P[3] of the right camera_info is missing; wanted: -fx * baseline"
+        )
+    if baseline < 0:
+        raise CameraError(
+            f"baseline is {baseline:g} m: P[3] of the right camera_info is {tx:g}; wanted: "
+            "-fx * baseline, negative (are left and right swapped?)"
+        )
+    return baseline
+
+
+def _vertical_pair(left: CameraModel, top: CameraModel) -> tuple[float, float]:
+    """How far `top` is above the left camera [m], and the disparity of a point at infinity [px].
+
+    Raises:
+        CameraError: The columns differ, or the baseline is zero.
+    """
+    if abs(top.p[0, 2] - left.p[0, 2]) > _ROW_TOLERANCE_PX:
+        raise CameraError(
+            f"top camera_info has cx = {top.p[0, 2]:g} px; wanted as left: "
+            f"{left.p[0, 2]:g} (columns of the vertical pair correspond)"
+        )
+    above = float(top.p[1, 3] - left.p[1, 3]) / float(left.p[1, 1])
+    if abs(above) < _LEAST_BASELINE:
+        raise CameraError(
+            "vertical baseline is 0: P[7] of the top camera_info is missing; "
+            "wanted: fy * height of top above left"
+        )
+    offset = float(top.p[1, 2] - left.p[1, 2])
+    # Disparity of the vertical pair grows downwards in `top` when `top` is above.
+    return above, offset if above > 0 else -offset

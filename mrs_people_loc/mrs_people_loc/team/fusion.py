@@ -7,17 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.poses import Pose, pose_effect, stack
 from mrs_people_loc.uncertainty import LARGEST_SIGMA, LEAST_SIGMA, bounded
-
-#: Plain cells carry no uncertainty. Standard deviation of their range, per square of it [1/m]: a
-#: quarter of a pixel of disparity at the paper's 10.5 px m.
-CELL_SIGMA_RANGE = 0.25 / 10.5
 
 
 @dataclass(frozen=True)
@@ -33,7 +28,7 @@ class ShortTermMap:
     """
 
     robots: tuple[str, ...]
-    robot: NDArray[np.intp]
+    robot: Int
     xy: Float
     cells: Cells
     stamps_ns: tuple[int, ...]
@@ -99,7 +94,7 @@ def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
     )
 
 
-def sights(vectors: Float) -> Float:
+def unit_vectors(vectors: Float) -> Float:
     """Vectors of length 1 in the same directions; (1, 0) where there is none, shape (n, 2)."""
     length = np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
     ahead = np.zeros_like(vectors)
@@ -109,7 +104,7 @@ def sights(vectors: Float) -> Float:
 
 def covariance_of_places(
     xy: Float,
-    robot: NDArray[np.intp],
+    robot: Int,
     poses: Sequence[Pose],
     *,
     along: Float,
@@ -128,8 +123,8 @@ def covariance_of_places(
         In the common frame [m^2], shape (n, 2, 2); NaN or infinite where a pose's is too large.
     """
     origin, of_poses = stack(poses)
-    sight = sights(xy - origin[robot])
-    outer = sight[:, :, np.newaxis] * sight[:, np.newaxis]
+    bearing = unit_vectors(xy - origin[robot])
+    outer = bearing[:, :, np.newaxis] * bearing[:, np.newaxis]
     covariance = across[:, np.newaxis, np.newaxis] * (np.eye(2) - outer)
     covariance += along[:, np.newaxis, np.newaxis] * outer
     return covariance + pose_effect(origin[robot], of_poses[robot], xy)

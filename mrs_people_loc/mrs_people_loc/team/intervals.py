@@ -285,7 +285,7 @@ class IntervalCollector:
         return self._awaited is not None
 
     def _take(self, now_ns: int) -> Closed:
-        pending: dict[str, Scan] = {}
+        """Makes the interval of the scans that wait."""
         left_out: dict[str, str] = {}
         # No delay makes a stamp seem ahead, so that is known of each scan by itself.
         offsets = self.clock_offsets(now_ns)
@@ -293,32 +293,72 @@ class IntervalCollector:
             if state.pending is not None:
                 offsets[name] = max(offsets.get(name, state.ahead_ns), state.ahead_ns)
         off_ns, right_ns = self._astray(offsets, now_ns), self._right_ns(offsets, now_ns)
+        pending, stamp_ns = self._take_pending(off_ns, left_out)
+        # When each was made by the right clock: one that is a little ahead does not make the
+        # others' scans old.
+        made_ns = {
+            name: scan.stamp_ns - max(self.robots[name].ahead_ns - right_ns, 0)
+            for name, scan in pending.items()
+        }
+        seen_ns = self._last_seen_ns(now_ns, max(made_ns.values(), default=stamp_ns))
+        newest_ns = max(*made_ns.values(), seen_ns or 0, 0)
+        scans, poses = self._place(pending, newest_ns, left_out)
+        for name in poses:
+            self.robots[name].seen_ns, self.robots[name].anew = made_ns[name], False
+        time_ns = max((scan.stamp_ns for scan in scans), default=stamp_ns)
+        if scans:
+            time_ns = self._follow(time_ns, seen_ns, newest_ns, poses)
+        others = {}
+        for name, state in self.robots.items():
+            if name not in poses:
+                pose = self._standing(state, time_ns + off_ns.get(name, 0))
+                if pose is not None:
+                    others[name] = pose
+        self._forget(now_ns)
+        return Closed(tuple(scans), poses, time_ns, left_out, others)
+
+    def _take_pending(
+        self, off_ns: Mapping[str, int], left_out: dict[str, str]
+    ) -> tuple[dict[str, Scan], int]:
+        """Takes the scans that wait, by robot, and the stamp of the last of them [ns].
+
+        Args:
+            off_ns: By robot whose clock is wrong, what it is ahead by [ns]: its scan is left out.
+            left_out: Gets the reasons.
+        """
+        pending: dict[str, Scan] = {}
         stamp_ns = 0
-        made_ns: dict[str, int] = {}  # by robot, when its scan was made by the right clock
         for name, state in self.robots.items():
             if state.pending is None:
                 continue
             scan, state.pending = state.pending, None
             state.used_ns = stamp_ns = scan.stamp_ns
-            if name in off_ns:
-                state.dropped["clock_offset"] += 1
-                state.seen_ns = None  # nor do the stamps count of what was used before
-                left_out[name] = (
-                    f"its clock is {say_offset(off_ns[name])} the others'; "
-                    f"allowed: {self.config.max_clock_offset:g} s"
-                )
-            else:
+            if name not in off_ns:
                 pending[name] = scan
-                # A clock that is a little ahead does not make the others' scans old.
-                made_ns[name] = scan.stamp_ns - max(state.ahead_ns - right_ns, 0)
-        seen_ns = self._last_seen_ns(now_ns, max(made_ns.values(), default=stamp_ns))
-        newest_ns = max(*made_ns.values(), seen_ns or 0, 0)
+                continue
+            state.dropped["clock_offset"] += 1
+            state.seen_ns = None  # nor do the stamps count of what was used before
+            left_out[name] = (
+                f"its clock is {say_offset(off_ns[name])} the others'; "
+                f"allowed: {self.config.max_clock_offset:g} s"
+            )
+        return pending, stamp_ns
+
+    def _place(
+        self, pending: Mapping[str, Scan], newest_ns: int, left_out: dict[str, str]
+    ) -> tuple[list[Scan], dict[str, Pose]]:
+        """The scans that are new enough and have a pose, and these poses by robot.
+
+        Args:
+            pending: Scans by robot.
+            newest_ns: Time of the newest one, of the last interval, too [ns].
+            left_out: Gets the reasons for those that are left out.
+        """
         max_pose_age_ns = round(self.config.max_pose_age * 1e9)
         scans: list[Scan] = []
         poses: dict[str, Pose] = {}
         for name, scan in pending.items():
-            state = self.robots[name]
-            age_ns = newest_ns - scan.stamp_ns
+            state, age_ns = self.robots[name], newest_ns - scan.stamp_ns
             if age_ns > self._max_age_ns:
                 state.dropped["too_old"] += 1
                 left_out[name] = (
@@ -333,29 +373,33 @@ class IntervalCollector:
                 left_out[name] = str(err)
                 continue
             scans.append(scan)
-            state.seen_ns, state.anew = made_ns[name], False
-        time_ns = max((scan.stamp_ns for scan in scans), default=stamp_ns)
-        if scans:
-            back_ns = self._last_ns - time_ns
-            # So much older its scans may be, and the last one's clock ahead.
-            may_be_ns = max(RESET_NS, self._max_age_ns + self._allowed_offset_ns)
-            if seen_ns is not None and 0 < back_ns <= may_be_ns:
-                time_ns = self._last_ns
-            elif back_ns > RESET_NS:  # where the others were is of another time
-                for name in self.robots.keys() - poses.keys():
-                    self.robots[name].poses.clear()
-            for state in self.robots.values():  # and what they saw
-                if state.seen_ns is not None and state.seen_ns > newest_ns:
-                    state.seen_ns = None
-            self._last_ns = time_ns
-        others = {}
-        for name, state in self.robots.items():
-            if name not in poses:
-                pose = self._standing(state, time_ns + off_ns.get(name, 0))
-                if pose is not None:
-                    others[name] = pose
-        self._forget(now_ns)
-        return Closed(tuple(scans), poses, time_ns, left_out, others)
+        return scans, poses
+
+    def _follow(
+        self, time_ns: int, seen_ns: int | None, newest_ns: int, poses: Mapping[str, Pose]
+    ) -> int:
+        """Time of the interval [ns]: no earlier than the last one's, unless time jumped back.
+
+        Args:
+            time_ns: Stamp of its newest scan [ns].
+            seen_ns: When the newest scan of earlier intervals was made [ns]; None: of this time
+                there was none.
+            newest_ns: Time of the newest scan, of both [ns].
+            poses: By robot that takes part, its pose.
+        """
+        back_ns = self._last_ns - time_ns
+        # So much older its scans may be, and the last one's clock ahead.
+        may_be_ns = max(RESET_NS, self._max_age_ns + self._allowed_offset_ns)
+        if seen_ns is not None and 0 < back_ns <= may_be_ns:
+            time_ns = self._last_ns
+        elif back_ns > RESET_NS:  # where the others were is of another time
+            for name in self.robots.keys() - poses.keys():
+                self.robots[name].poses.clear()
+        for state in self.robots.values():  # and what they saw
+            if state.seen_ns is not None and state.seen_ns > newest_ns:
+                state.seen_ns = None
+        self._last_ns = time_ns
+        return time_ns
 
     def _standing(self, state: RobotState, time_ns: int) -> Pose | None:
         """Where a robot without a scan is; None where nobody knows."""

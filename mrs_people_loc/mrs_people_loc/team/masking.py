@@ -1,8 +1,8 @@
-"""Masking: what stands at known places and is no person — the team's robots, walls and furniture.
+"""Masking: the team's robots, walls and furniture, which stand at known places and are no people.
 
-A robot is where its pose says. Walls and furniture are where an operator's occupancy grid says. Of
-plain cells, those that are theirs are left out before clustering, so that a person beside them
-stays a cluster of his own size; a body is judged as a whole, by where it is and how sure that is.
+A robot's place is that of its pose; walls and furniture are those of an occupancy grid. Plain cells
+of these are left out before clustering, so that a person beside them stays a cluster of their own
+size. A body is masked as a whole, by its place and the covariance of it.
 """
 
 from __future__ import annotations
@@ -15,30 +15,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Bool, Float, Float32, Int
 from mrs_people_loc.errors import GridError
-from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.team.fusion import (
-    CELL_SIGMA_RANGE,
     BodiesOnMap,
     ShortTermMap,
     covariance_of_places,
-    sights,
+    unit_vectors,
 )
 from mrs_people_loc.team.poses import Pose
 
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
 
-#: A robot is looked for no farther away than this, however unsure its place is: along the line of
-#: sight and across it [m].
-_REACH_ALONG, _REACH_ACROSS = 0.8, 0.4
-#: Log-odds of a body that is no robot unless it stands within a robot's radius.
-_CLEARLY_A_PERSON = 5.0
-#: Standard deviation of plain cells across the line of sight [m].
-_CELL_SIGMA_ACROSS = 0.03
-#: A wall's cells are looked for no farther along the line of sight than this [m].
-_WALL_REACH = 0.3
+@dataclass(frozen=True)
+class MaskingTuning:
+    """Constants of masking, chosen by hand.
+
+    Attributes:
+        gate: What is within so many standard deviations of a robot may be it.
+        reach_along: ... and no farther from it than this along the line of sight [m].
+        reach_across: Likewise across it [m].
+        clearly_a_person: A body with these log-odds is a person, unless it is within a robot's
+            radius.
+        cell_sigma_across: Standard deviation of plain cells across the line of sight [m]: about
+            half a cell of 5 cm.
+        wall_reach: A wall's cells are no farther from it than this along the line of sight [m].
+        inside: Unknown cells of a grid nearer than this to an occupied one are its inside [m].
+        beside: Nearer than this to a wall or furniture is beside it [m]: arm's length.
+    """
+
+    gate: float = 2.5
+    reach_along: float = 0.8
+    reach_across: float = 0.4
+    clearly_a_person: float = 5.0
+    cell_sigma_across: float = 0.03
+    wall_reach: float = 0.3
+    inside: float = 0.5
+    beside: float = 0.6
+
+
+_TUNING = MaskingTuning()
 
 
 # ----------------------------------------------------------------------------------- robots ----
@@ -53,13 +70,13 @@ def are_robots(
     *,
     radius: float,
     score: Float | None = None,
+    tuning: MaskingTuning = _TUNING,
 ) -> Bool:
     """What stands where another robot of the team stands, shape (n,).
 
-    Seen from another one, a robot looks like a person. What is as near to it as its radius or,
-    where its pose or what was seen is less sure than that, within 2.5 sigma is the robot; both
-    along the line of sight and across it. Beyond its radius, what clearly looks like a person is
-    somebody beside it.
+    A robot is what is within its radius or, where that is more, within `tuning.gate` standard
+    deviations; both along the line of sight and across it. Beyond the radius, what clearly looks
+    like a person is somebody beside it.
 
     Args:
         xy: Places of what was seen, in the common frame [m], shape (n, 2).
@@ -69,6 +86,7 @@ def are_robots(
         poses: By robot, its pose in the common frame; also of those that saw nothing.
         radius: Of a robot [m]; 0: robots are not told from people.
         score: Log-odds that it is a person, where they are known, shape (n,).
+        tuning: Constants.
     """
     masked = np.zeros(len(xy), dtype=bool)
     if not len(xy) or radius <= 0:
@@ -76,28 +94,33 @@ def are_robots(
     index = {name: k for k, name in enumerate(poses)}
     place = _places(poses)
     own = np.array([index[name] for name in names], dtype=np.intp)[robot]
-    what, which, away = pairs_between(xy, place, _farthest(radius))
+    what, which, away = pairs_between(xy, place, _farthest(radius, tuning))
     others = which != own[what]
     what, which, away = what[others], which[others], away[others]
-    sight = sights(xy[what] - place[own[what]])
-    aside = np.stack([-sight[:, 1], sight[:, 0]], axis=1)
+    along = unit_vectors(xy[what] - place[own[what]])
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     offset = place[which] - xy[what]
     of_robots = np.array([pose.covariance[:2, :2] for pose in poses.values()])
     there = np.ones(len(what), dtype=bool)
     with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
         total = covariance[what] + of_robots[which]
-        for axis, most in ((sight, _REACH_ALONG), (aside, _REACH_ACROSS)):
+        for axis, most in ((along, tuning.reach_along), (across, tuning.reach_across)):
             sigma = np.sqrt(np.einsum("nj,njk,nk->n", axis, total, axis))
-            reach = np.maximum(radius, np.fmin(2.5 * sigma, most))
+            reach = np.maximum(radius, np.fmin(tuning.gate * sigma, most))
             there &= np.abs(np.einsum("nj,nj->n", offset, axis)) < reach
     if score is not None:
-        there &= (away < radius) | (score[what] < _CLEARLY_A_PERSON)
+        there &= (away < radius) | (score[what] < tuning.clearly_a_person)
     masked[what[there]] = True
     return masked
 
 
 def bodies_of_robots(
-    bodies: BodiesOnMap, names: Sequence[str], poses: Mapping[str, Pose], config: cfg.Masking
+    bodies: BodiesOnMap,
+    names: Sequence[str],
+    poses: Mapping[str, Pose],
+    config: cfg.Masking,
+    *,
+    tuning: MaskingTuning = _TUNING,
 ) -> Bool:
     """Which bodies are robots of the team, shape (n,).
 
@@ -106,6 +129,7 @@ def bodies_of_robots(
         names: Names of the robots that saw them.
         poses: By robot, its pose in the common frame; also of those that saw nothing.
         config: Parameters.
+        tuning: Constants.
     """
     return are_robots(
         bodies.xy,
@@ -115,6 +139,7 @@ def bodies_of_robots(
         poses,
         radius=config.robot_radius,
         score=bodies.score,
+        tuning=tuning,
     )
 
 
@@ -122,30 +147,26 @@ def _places(poses: Mapping[str, Pose]) -> Float:
     return np.array([(pose.x, pose.y) for pose in poses.values()]).reshape(-1, 2)
 
 
-def _farthest(radius: float) -> float:
+def _farthest(radius: float, tuning: MaskingTuning) -> float:
     """How far from a robot what is taken for it may be [m]."""
-    return math.hypot(max(radius, _REACH_ALONG), max(radius, _REACH_ACROSS))
+    return math.hypot(max(radius, tuning.reach_along), max(radius, tuning.reach_across))
 
 
 # ------------------------------------------------------------------------------------ walls ----
 
-#: Sides of a grid's cells that make sense [m].
+#: Limits of a grid's resolution [m].
 _FINEST, _COARSEST = 0.005, 1.0
-#: What is unknown and nearer than this to something occupied is its inside [m].
-_INSIDE = 0.5
-#: Nearer than this to a wall or furniture is beside it: within arm's length [m].
-_BESIDE = 0.6
-#: Distances are needed up to this: the largest `wall_margin` [m].
+#: Distances are exact up to this: the largest `wall_margin` [m].
 _NEEDED = 1.0
-#: They are computed tile by tile, of so many cells a side at least; of so many new cells at once at
-#: most, and so many are kept.
+#: They are computed in tiles of so many cells a side, at least; of so many new cells in one call,
+#: at most; and so many cells are kept.
 _TILE, _CELLS_AT_ONCE, _CELLS_KEPT = 256, 2_000_000, 16_000_000
 #: Places about one, in standard deviations along the two axes of its covariance, and their weights.
 _STEPS = np.linspace(-2.4, 2.4, 9)
 _DRAWS: Float = np.stack(np.meshgrid(_STEPS, _STEPS), axis=-1).reshape(-1, 2)
 _WEIGHTS: Float = np.exp(-0.5 * (_DRAWS**2).sum(axis=1))
 _WEIGHTS /= _WEIGHTS.sum()
-#: No share of the draws is surer than this.
+#: Least share of the draws, so that the log-odds are finite.
 _TINY = 1e-9
 
 
@@ -192,28 +213,31 @@ class OccupancyGrid:
 
 
 class Walls:
-    """Where nobody can stand: how far it is to walls and furniture, wherever somebody asks.
+    """Distances to walls and furniture.
 
-    What is unknown just behind something occupied is taken for its inside: a range that is too long
-    puts what was seen of a wall there.
+    Unknown cells just behind occupied ones are their inside: a range that is too long puts what was
+    seen of a wall there.
 
-    Distances are computed where they are asked for, tile by tile, so a grid may be of a whole
-    factory: it is worked on where robots see something. Places of more tiles than can be computed
-    at once are answered from the next time on.
+    Distances are computed on demand, tile by tile, so a grid may be of a whole factory. Places in
+    more new tiles than one call computes get their distances in later calls.
 
     Args:
         grid: The grid.
         occupied_from: Its cells from this value on are occupied.
+        tuning: Constants.
     """
 
-    def __init__(self, grid: OccupancyGrid, *, occupied_from: int) -> None:
+    def __init__(
+        self, grid: OccupancyGrid, *, occupied_from: int, tuning: MaskingTuning = _TUNING
+    ) -> None:
         self._grid = grid
         self._occupied_from = occupied_from
-        self._border = math.ceil(_INSIDE / grid.resolution)
+        self._tuning = tuning
+        self._border = math.ceil(tuning.inside / grid.resolution)
         height, width = grid.data.shape
         self._shape = height + 2 * self._border, width + 2 * self._border
         # What is farther from a tile than this changes no distance up to `_NEEDED` in it.
-        self._around = math.ceil((_NEEDED + _INSIDE) / grid.resolution) + 1
+        self._around = math.ceil((_NEEDED + tuning.inside) / grid.resolution) + 1
         self._side = min(max(_TILE, 2 * self._around), max(self._shape))
         rows, columns = (-(-size // self._side) for size in self._shape)
         self._slot = np.full((rows, columns), -1)  # of each tile, where it is kept
@@ -237,7 +261,7 @@ class Walls:
         first = max(border - top, 0), max(border - left, 0)
         data[first[0] : first[0] + on.shape[0], first[1] : first[1] + on.shape[1]] = on
         occupied: Bool = data >= self._occupied_from
-        inside: Bool = (data < 0) & (self._to_nearest(occupied) < _INSIDE)
+        inside: Bool = (data < 0) & (self._to_nearest(occupied) < self._tuning.inside)
         distance = self._to_nearest(occupied | inside)[
             row - top : row - top + self._side, column - left : column - left + self._side
         ]
@@ -247,7 +271,7 @@ class Walls:
         self._slot.flat[tile], self._tile_in[slot] = slot, tile
         self._kept[slot, : distance.shape[0], : distance.shape[1]] = distance
 
-    def _to_nearest(self, occupied: Bool) -> NDArray[np.float32]:
+    def _to_nearest(self, occupied: Bool) -> Float32:
         """Distance of each cell's centre to the border of the nearest occupied cell [m]."""
         if not occupied.any():
             return np.full(occupied.shape, np.inf, dtype=np.float32)
@@ -289,12 +313,12 @@ class Walls:
         return np.where(on, found, np.inf).astype(np.float64)
 
     def log_odds(self, xy: Float, covariance: Float, config: cfg.Masking) -> Float:
-        """What the grid says for and against somebody being at a place, shape (n,).
+        """Log-odds by the grid that somebody is at a place, shape (n,).
 
-        Against it, where the place (with what it is unsure by) is in a wall or in furniture, or too
-        near to be a person's axis: up to `config.wall_score`. For it, up to `config.beside_score`,
-        beside them: what a robot sees behind a person there speaks against a person, and the grid
-        says that it is the wall.
+        At least `-config.wall_score`: as the share of the place's distribution that is in a wall or
+        in furniture, or too near to them for a person's axis. At most `config.beside_score` beside
+        them and 0 elsewhere: a wall close behind a body counts against a person in the robot's
+        view, and the grid explains it.
 
         Args:
             xy: Places in the common frame [m], shape (n, 2).
@@ -305,14 +329,14 @@ class Walls:
         axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
         places = xy[:, np.newaxis] + _DRAWS @ axes.transpose(0, 2, 1)
         inside = (self.distance(places) < config.wall_margin) @ _WEIGHTS
-        gain = np.where(self.distance(xy) < _BESIDE, config.beside_score, 0.0)
+        gain = np.where(self.distance(xy) < self._tuning.beside, config.beside_score, 0.0)
         odds = np.log((1.0 - inside + _TINY) / (inside + _TINY))
         return np.asarray(np.clip(odds, -config.wall_score, gain))
 
 
 # ------------------------------------------------------------------------------------- cells ----
 
-#: So many pairs of a cell and a robot are looked at at once.
+#: Pairs of a cell and a robot that are compared at once.
 _PAIRS_AT_ONCE = 500_000
 
 
@@ -322,6 +346,8 @@ def are_masked(
     poses: Mapping[str, Pose],
     walls: Walls | None,
     config: cfg.Masking,
+    *,
+    tuning: MaskingTuning = _TUNING,
 ) -> Bool:
     """Which plain cells of a map are of robots, walls or furniture, shape (n,).
 
@@ -331,6 +357,7 @@ def are_masked(
         poses: By robot, its pose in the common frame; also of those without cells.
         walls: What is known of walls and furniture.
         config: Parameters.
+        tuning: Constants.
     """
     xy, robot = fused.xy[cells], fused.robot[cells]
     masked = np.zeros(len(xy), dtype=bool)
@@ -339,8 +366,8 @@ def are_masked(
     seen_from = [poses[name] for name in fused.robots]
     away = xy - _places(dict(zip(fused.robots, seen_from, strict=True)))[robot]
     with np.errstate(over="ignore"):
-        sigma = CELL_SIGMA_RANGE * (away**2).sum(axis=1)
-    places, farthest = _places(poses), _farthest(config.robot_radius)
+        sigma = config.cell_range_sigma * (away**2).sum(axis=1)
+    places, farthest = _places(poses), _farthest(config.robot_radius, tuning)
     at_once = max(1, _PAIRS_AT_ONCE // len(poses))
     for start in range(0, len(xy), at_once):
         near = start + np.unique(pairs_between(xy[start : start + at_once], places, farthest)[0])
@@ -349,13 +376,19 @@ def are_masked(
             robot[near],
             seen_from,
             along=sigma[near] ** 2,
-            across=np.full(len(near), _CELL_SIGMA_ACROSS**2),
+            across=np.full(len(near), tuning.cell_sigma_across**2),
         )
         masked[near] = are_robots(
-            xy[near], covariance, robot[near], fused.robots, poses, radius=config.robot_radius
+            xy[near],
+            covariance,
+            robot[near],
+            fused.robots,
+            poses,
+            radius=config.robot_radius,
+            tuning=tuning,
         )
     if walls is not None:
-        reach = sights(away) * np.minimum(sigma, _WALL_REACH)[:, np.newaxis]
+        reach = unit_vectors(away) * np.minimum(sigma, tuning.wall_reach)[:, np.newaxis]
         for step in (-1.0, -0.5, 0.0, 0.5, 1.0):
             masked |= walls.distance(xy + step * reach) < config.wall_margin
     return masked
@@ -385,6 +418,8 @@ def mask(
     poses: Mapping[str, Pose],
     walls: Walls | None,
     config: cfg.Masking,
+    *,
+    tuning: MaskingTuning = _TUNING,
 ) -> Known:
     """Finds the team's robots, walls and furniture on a map.
 
@@ -394,10 +429,11 @@ def mask(
         poses: By robot, its pose in the common frame; also of those that saw nothing.
         walls: What is known of walls and furniture.
         config: Parameters.
+        tuning: Constants.
     """
     plain = np.flatnonzero(bodies.of_cell < 0)
     return Known(
         plain=plain,
-        cells=are_masked(fused, plain, poses, walls, config),
-        bodies=bodies_of_robots(bodies, fused.robots, poses, config),
+        cells=are_masked(fused, plain, poses, walls, config, tuning=tuning),
+        bodies=bodies_of_robots(bodies, fused.robots, poses, config, tuning=tuning),
     )

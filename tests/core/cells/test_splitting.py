@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.cells.clustering import cluster
-from mrs_people_loc.cells.splitting import split
+from mrs_people_loc.cells.splitting import SplittingTuning, split
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.fusion import fuse
@@ -78,6 +78,24 @@ def test_what_ranges_err_by_makes_nobody_two(make_cells):
     turned = {"a": Pose(0, 4.0, -4.0, math.pi / 2)}
     smeared = body(4.0, 0.0, width=0.45, depth=1.0)
     assert parts_of(make_cells, smeared, poses=turned)[0].max() == 0
+
+
+@pytest.mark.parametrize(("range_sigma", "clusters"), [(0.25 / 10.5, 1), (0.001, 2)])
+def test_what_ranges_err_by_is_a_parameter(make_cells, range_sigma, clusters):
+    config = cfg.PlannerConfig.from_mapping({"masking.cell_range_sigma": range_sigma})
+    scan = Scan("a", 0, make_cells(body(4.0, 0.0, width=0.45, depth=1.0), count=20))
+    assert len(Planner(config).step([scan], ORIGIN, 0).clusters) == clusters
+
+
+def test_no_more_people_are_told_apart_than_the_tuning_says(make_cells):
+    places = [cell for k in range(3) for cell in body(2.0, 0.5 * k, 0.5)]
+    fused = fuse([Scan("a", 0, make_cells(places, count=20))], ORIGIN)
+    everything, one = np.arange(len(fused)), np.zeros(len(fused), dtype=np.intp)
+    for most, wanted in ((3, (3, 0)), (2, (1, 1))):
+        tuning = SplittingTuning(most_people=most)
+        config = cfg.Splitting()
+        label, whole = split(fused, everything, one, ORIGIN, config, HUMAN, tuning=tuning)
+        assert (label.max() + 1, whole) == wanted
 
 
 def test_five_in_a_row_of_unlike_distances(make_cells):

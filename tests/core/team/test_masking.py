@@ -11,7 +11,13 @@ from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team import masking as module
 from mrs_people_loc.team.fusion import fuse
-from mrs_people_loc.team.masking import OccupancyGrid, Walls, are_masked, are_robots
+from mrs_people_loc.team.masking import (
+    MaskingTuning,
+    OccupancyGrid,
+    Walls,
+    are_masked,
+    are_robots,
+)
 from mrs_people_loc.team.poses import Pose
 
 #: A patch of cells as a person's body leaves them, 0.3 x 0.3 m.
@@ -181,6 +187,17 @@ def test_a_robot_seen_as_cells_is_no_person(make_cells):
     result = Planner(masking()).step([scan], poses, 0)
     assert len(result.fused) == 2 * len(BODY)
     assert len(result.clusters) == 2
+
+
+def test_cells_of_a_robot_are_as_far_from_it_as_the_head_errs(make_cells):
+    """A cell 0.5 m behind a robot, 4.5 m away: a sigma of 0.48 m, or of 0.08 m."""
+    poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 4.0, 0.0, 0.0)}
+    fused = fuse([Scan("a", 0, make_cells([(4.5, 0.0)]))], poses)
+    for sigma, masked in ((0.25 / 10.5, True), (0.004, False)):
+        config = cfg.Masking(cell_range_sigma=sigma)
+        assert are_masked(fused, np.arange(1), poses, None, config).tolist() == [masked]
+    tuning = MaskingTuning(reach_along=0.4)
+    assert not are_masked(fused, np.arange(1), poses, None, cfg.Masking(), tuning=tuning).any()
 
 
 def test_cells_are_looked_at_bit_by_bit_as_at_once(make_cells, monkeypatch):

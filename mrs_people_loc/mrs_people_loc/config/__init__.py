@@ -1,0 +1,86 @@
+"""Configuration: frozen, validated, and the one place of every default.
+
+Each field states its meaning, unit and allowed range; ROS parameters, the YAML files in `config/`
+and the tables in the documentation derive from these definitions. Lengths are metres, times
+seconds, angles radians, unless the name says otherwise (`_px`). The paper's constants are those of
+Martinez-Garcia, Ohya & Yuta (2004); `config/paper.yaml` holds them.
+
+| module | |
+|---|---|
+| `parameters` | one parameter, and sections of them |
+| `robot` | sections of `robot_node` |
+| `planner` | sections of `planner_node` |
+| `files` | parameter files, which describe a team |
+"""
+
+from mrs_people_loc.config.files import (
+    NODE_PARAMETERS,
+    PLANNER_NODE,
+    ROBOT_NODE,
+    Team,
+    load_team,
+    load_yaml,
+    robots_named,
+)
+from mrs_people_loc.config.parameters import (
+    Parameter,
+    Section,
+    Value,
+)
+from mrs_people_loc.config.planner import (
+    Clustering,
+    Groups,
+    Human,
+    Interval,
+    Joining,
+    Masking,
+    PlannerConfig,
+    Splitting,
+    Tracking,
+)
+from mrs_people_loc.config.robot import (
+    Bodies,
+    Disparity,
+    Floor,
+    Images,
+    Mounting,
+    Noise,
+    PoseInput,
+    Quantization,
+    RobotConfig,
+    Sight,
+    Zones,
+)
+
+__all__ = [
+    "NODE_PARAMETERS",
+    "PLANNER_NODE",
+    "ROBOT_NODE",
+    "Bodies",
+    "Clustering",
+    "Disparity",
+    "Floor",
+    "Groups",
+    "Human",
+    "Images",
+    "Interval",
+    "Joining",
+    "Masking",
+    "Mounting",
+    "Noise",
+    "Parameter",
+    "PlannerConfig",
+    "PoseInput",
+    "Quantization",
+    "RobotConfig",
+    "Section",
+    "Sight",
+    "Splitting",
+    "Team",
+    "Tracking",
+    "Value",
+    "Zones",
+    "load_team",
+    "load_yaml",
+    "robots_named",
+]

@@ -1,0 +1,304 @@
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.config.strategies import names, plain, values
+from mrs_people_loc import config as cfg
+from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team, robots_named
+from mrs_people_loc.errors import ConfigError, PeopleLocError
+
+TEAM = """
+/**/robot_node:            # every robot
+  ros__parameters:
+    use_sim_time: true
+    zones: {low: 0.30, high: 1.30}
+    noise.min_points: 15
+/robot_a/robot_node:       # one robot; later sections win
+  ros__parameters:
+    zones: {low: 0.25}
+    images: {top: true}
+/**/planner_node:
+  ros__parameters:
+    robots: [robot_a, robot_b]
+    human: {min_points: 99}
+"""
+
+
+@pytest.fixture(scope="session")
+def file_with(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("config")
+
+    def write(content: str | bytes, name: str = "team.yaml"):
+        path = folder / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return write
+
+
+def test_a_team(file_with):
+    team = load_team(file_with(TEAM))
+    assert team.planner == PlannerConfig.from_mapping(
+        {"robots": ["robot_a", "robot_b"], "human.min_points": 99}
+    )
+    every = {"zones": {"low": 0.30, "high": 1.30}, "noise.min_points": 15}
+    assert dict(team.robots) == {
+        "robot_a": RobotConfig.from_mapping(every | {"zones.low": 0.25, "images.top": True}),
+        "robot_b": RobotConfig.from_mapping(every),
+    }
+
+
+def test_the_order_of_sections_decides(file_with):
+    first_one, then_all = TEAM.index("/robot_a"), TEAM.index("/**/planner")
+    turned = TEAM[first_one:then_all] + TEAM[:first_one] + TEAM[then_all:]
+    robot = load_team(file_with(turned)).robots["robot_a"]
+    assert robot.zones == cfg.Zones(low=0.30, high=1.30)
+    assert robot.images.top
+
+
+def test_later_files_win(file_with):
+    one = file_with(TEAM, "one.yaml")
+    other = file_with(
+        "/**/robot_node: {ros__parameters: {zones: {low: 0.1}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_c, robot_a]}}",
+        "other.yaml",
+    )
+    team = load_team(one, other)
+    assert team.planner.robots == ("robot_c", "robot_a")
+    assert team.planner.human.min_points == 99
+    assert team.robots["robot_a"].zones == cfg.Zones(low=0.1, high=1.3)
+    team = load_team(other, one)
+    assert team.planner.robots == ("robot_a", "robot_b")
+    assert team.robots["robot_a"].zones == cfg.Zones(low=0.25, high=1.3)
+
+
+ONE_FOR_ALL = "/**/robot_node: {ros__parameters: {zones: {low: 0.1}}}"
+
+
+def test_robots_that_the_file_does_not_name(file_with):
+    path = file_with(ONE_FOR_ALL)
+    assert dict(load_team(path).robots) == {}
+    team = load_team(path, robots=("robot_x", "fleet/robot_y"))
+    assert team.robots["robot_x"].zones.low == 0.1
+    assert team.robots["fleet/robot_y"].zones.low == 0.1
+    assert team.planner.robots == ()
+    assert list(load_team(file_with(TEAM), robots=("robot_x",)).robots) == ["robot_a", "robot_b"]
+
+
+def test_parameters_that_hold_unless_the_file_says_otherwise(file_with):
+    unless_said = {"robot_a": {"images.top": False, "mounting.height": 1.5}}
+    robots = load_team(file_with(TEAM), unless_said=unless_said).robots
+    assert robots["robot_a"].images.top  # the file says so
+    assert robots["robot_a"].mounting.height == 1.5
+    assert robots["robot_b"].mounting.height == 1.0
+
+
+def test_which_robots_files_name(file_with):
+    assert robots_named(file_with(TEAM)) == ("robot_a", "robot_b")
+    assert robots_named(file_with(ONE_FOR_ALL)) == ()
+    own = (
+        "/robot_b/robot_node: {ros__parameters: {}}\n"
+        "/fleet/robot_a/robot_node: {ros__parameters: {}}"
+    )
+    assert robots_named(file_with(own), file_with(ONE_FOR_ALL, "all.yaml")) == (
+        "robot_b",
+        "fleet/robot_a",
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "robots"),
+    [
+        ("/**/robot_node", {"robot_a", "fleet/robot_b"}),
+        ("/**", {"robot_a", "fleet/robot_b"}),
+        ("/*/robot_node", {"robot_a"}),
+        ("/robot_a/robot_node", {"robot_a"}),
+        ("robot_a/robot_node", {"robot_a"}),
+        ("/fleet/**/robot_node", {"fleet/robot_b"}),
+        ("/fleet/*/robot_node", {"fleet/robot_b"}),
+        ("/*/robot_b/robot_node", {"fleet/robot_b"}),
+        ("/robot_node", set()),
+    ],
+)
+def test_which_robots_a_section_is_for(file_with, key, robots):
+    own = "use_sim_time: true" if key == "/**" else "zones: {low: 0.1}"
+    path = file_with(f"'{key}': {{ros__parameters: {{{own}}}}}")
+    if key == "/robot_node":
+        with pytest.raises(ConfigError, match="section /robot_node is of a robot that is not in t"):
+            load_team(path, robots=("robot_a", "fleet/robot_b"))
+        return
+    team = load_team(path, robots=("robot_a", "fleet/robot_b"))
+    if key != "/**":
+        assert {name for name, config in team.robots.items() if config.zones.low == 0.1} == robots
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "is not a ROS 2 parameter file"),
+        ("[1, 2]", "is not a ROS 2 parameter file"),
+        ("text", "is not a ROS 2 parameter file"),
+        ("/**: {}", r"section /\*\* must hold `ros__parameters:` and only that"),
+        ("/**: [ros__parameters]", "must hold `ros__parameters:` and only that"),
+        ("/**: {ros__parameters: {}, more: 1}", "must hold `ros__parameters:` and only that"),
+        ("/**/robot_node: {ros__parameters: }", "ros__parameters must be a mapping"),
+        ("/**/robot_node: {ros__parameters: [1]}", "ros__parameters must be a mapping"),
+        ("a: {b", "cannot be read as a YAML file"),
+        ("\t- a", "cannot be read as a YAML file"),
+        (b"a: \xff\xfe", "cannot be read as a YAML file"),
+        # What PyYAML does not translate into its own error.
+        ("a: 2001-13-45", "cannot be read as a YAML file"),
+        ("a: !!int x", "cannot be read as a YAML file"),
+        ("a: !!int ''", "cannot be read as a YAML file"),
+        ("a: !!bool x", "cannot be read as a YAML file"),
+        ("a: !!timestamp x", "cannot be read as a YAML file"),
+        ("[" * 1000, "cannot be read as a YAML file"),
+        ("a: " + "9" * 5000, "cannot be read as a YAML file"),
+        ("/**/robot_node: {ros__parameters: &a {zones: *a}}", r"read as a YAML file: .*alias, \*a"),
+        (
+            "/**/robot_node: {ros__parameters: {zones: &a [*a]}}",
+            r"found an alias, \*a; wanted: none",
+        ),
+        (
+            "/**/robot_node: {ros__parameters: {noise: {window: 1.0e+400}}}",
+            "noise.window is inf; al",
+        ),
+        (
+            "/**/robot_node: {ros__parameters: {noise.window: " + "9" * 400 + "}}",
+            "noise.window is 9+; allowed",
+        ),
+        (
+            "/**/robot_node: {ros__parameters: {zones: {hihg: 1}}}",
+            r"section /\*\*/robot_node: unknown parameter zones.hihg; did you mean zones.high",
+        ),
+        (
+            "/r/robot_node: {ros__parameters: {zones: {low: 9.0}}}",
+            "section /r/robot_node: zones.low is 9; allowed: less than zones.high",
+        ),
+        (
+            "/**/planner_node: {ros__parameters: {zones: {low: 0.2}}}",
+            r"section /\*\*/planner_node: unknown parameter zones.low",
+        ),
+        (
+            "/**/planner_node: {ros__parameters: {robots: [a, a]}}",
+            "robots names a more than once",
+        ),
+        ("/**: {ros__parameters: {zones: {low: 0.2}}}", "unknown parameter zones.low"),
+        ("/robot_a/robto_node: {ros__parameters: {}}", "section /robot_a/robto_node names no node"),
+        ("/my_planner_node: {ros__parameters: {a: 1}}", "section /my_planner_node names no node"),
+        ("/r/my_robot_node: {ros__parameters: {a: 1}}", "section /r/my_robot_node names no node"),
+        ("/robot_*/robot_node: {ros__parameters: {}}", r"section /robot_\*/robot_node names no no"),
+    ],
+)
+def test_a_bad_file_is_refused(file_with, content, message):
+    path = file_with(content)
+    with pytest.raises(ConfigError, match=message) as error:
+        load_team(path)
+    assert str(error.value).startswith(f"{path}: ") or "/**: {ros" in str(content)
+
+
+def test_sections_of_other_nodes_are_left_alone(file_with):
+    """An ordinary ROS 2 parameter file, as a whole machine may have one."""
+    others = """
+/camera_driver: {ros__parameters: {fps: 30, zones: {low: wrong}}}
+/robot_a/planner_server: {ros__parameters: {robots: 3}}
+/robot_a: {ekf_node: {ros__parameters: {two_d_mode: true}}}
+something: {else: [1, 2]}
+/**: {ros__parameters: {use_sim_time: true}}
+"""
+    assert load_team(file_with(TEAM + others)) == load_team(file_with(TEAM, "ours.yaml"))
+    assert robots_named(file_with(TEAM + others)) == ("robot_a", "robot_b")
+
+
+def test_a_namespace_may_hold_what_is_in_it(file_with):
+    """As in ROS 2; what is ours is checked there, too."""
+    inside = "fleet: {robot_a: {robot_node: {ros__parameters: {zones: {low: %s}}}}}"
+    path = file_with(inside % 0.1)
+    assert robots_named(path) == ("fleet/robot_a",)
+    assert load_team(path, robots=("fleet/robot_a",)).robots["fleet/robot_a"].zones.low == 0.1
+    with pytest.raises(ConfigError, match="section /fleet/robot_a/robot_node: zones.low is 'x'"):
+        load_team(file_with(inside % "x"))
+    misspelt = "fleet: {robot_nod: {ros__parameters: {}}}"
+    with pytest.raises(ConfigError, match=r"/fleet/robot_nod names .* did you mean \.\.\./robot_n"):
+        load_team(file_with(misspelt))
+    forgotten = "/robot_a/robot_node: {ros_parameters: {zones: {low: 0.1}}}"
+    with pytest.raises(ConfigError, match="must hold `ros__parameters:` and only that"):
+        load_team(file_with(forgotten))
+
+
+def test_the_home_folder_is_understood(file_with, monkeypatch):
+    path = file_with(TEAM)
+    monkeypatch.setenv("HOME", str(path.parent))
+    assert load_team(f"~/{path.name}") == load_team(path)
+    with pytest.raises(ConfigError, match=f"{path.parent}/none.yaml: cannot be read"):
+        robots_named("~/none.yaml")
+
+
+def test_a_robot_that_is_not_in_the_team_is_refused(file_with):
+    path = file_with(TEAM.replace("/robot_a/", "/robot_x/"))
+    message = "section /robot_x/robot_node is of a robot that is not in the team: robot_a, robot_b"
+    with pytest.raises(ConfigError, match=message):
+        load_team(path)
+
+
+def test_relations_hold_also_across_sections(file_with):
+    content = (
+        "/**/robot_node: {ros__parameters: {zones: {high: 0.9}}}\n"
+        "/robot_a/robot_node: {ros__parameters: {zones: {low: 1.0}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_a]}}"
+    )
+    with pytest.raises(ConfigError, match=r"zones\.low is 1; allowed: less than zones\.high, 0.9"):
+        load_team(file_with(content))
+
+
+def test_where_robots_stand_may_follow_that_they_do(file_with):
+    """A section of all robots, and each one's place in its own."""
+    path = file_with("""
+/**/robot_node: {ros__parameters: {pose: {source: static}}}
+/robot_a/robot_node: {ros__parameters: {pose: {static: [1, 2, 0.5]}}}
+""")
+    team = load_team(path, robots=("robot_a",))
+    assert team.robots["robot_a"].pose.static == (1.0, 2.0, 0.5)
+
+
+def test_a_file_that_is_not_there_is_refused(file_with):
+    folder = file_with("").parent
+    for path in (folder / "none.yaml", folder, str(folder / "none.yaml"), "a\0b"):
+        with pytest.raises(ConfigError, match="cannot be read as a YAML file"):
+            load_team(path)
+
+
+@pytest.mark.parametrize(
+    "line", ["a{0}: &a{0} [*a{1}, *a{1}]", "a{0}: &a{0} {{x: *a{1}, y: *a{1}}}",
+             "a{0}: &a{0} {{<<: [*a{1}, *a{1}]}}"]
+)  # fmt: skip
+def test_a_few_lines_that_stand_for_more_than_memory_holds_are_refused(file_with, line):
+    bomb = ["a0: &a0 {x: 1}", *(line.format(i, i - 1) for i in range(1, 60))]
+    path = file_with("/**/robot_node:\n  ros__parameters:\n    " + "\n    ".join(bomb))
+    with pytest.raises(ConfigError, match=r"found an alias, \*a0; wanted: none"):
+        load_team(path)
+
+
+node_keys = st.sampled_from(["/**", "/*", "/**/robot_node", "/r/robot_node", "/**/planner_node"])
+bodies = st.dictionaries(
+    st.just("ros__parameters"),
+    st.dictionaries(names, st.dictionaries(names, values, max_size=2) | values, max_size=3) | plain,
+)
+documents = (
+    st.dictionaries(node_keys | plain, bodies | plain, max_size=3).map(yaml.safe_dump)
+    | st.text(st.sampled_from("/*_:{}[]&!%-?|>'\"#, \n\tarobtnde019.~"), max_size=40)
+    | st.text(max_size=20)
+    | st.binary(max_size=20)
+)
+
+
+@given(documents, st.sampled_from([(), ("r",), ("r", "r/s")]))
+@settings(max_examples=200)
+def test_any_file(file_with, content, robots):
+    path = file_with(content, "any.yaml")
+    for read in (lambda: load_team(path, robots=robots), lambda: robots_named(path)):
+        try:
+            read()
+        except PeopleLocError as err:
+            assert type(err) is ConfigError  # noqa: PT017
