@@ -28,7 +28,7 @@ In the planner, `planner.Planner.step(scans, poses, time) -> People`:
 
 What flows is defined in `scan`, `clusters` and `people`. `health` watches a head, the floor it sees
 and the robots' poses. `config` holds all parameters, `anthropometry` sizes of people and
-`sensing.precision` what matching errs by.
+`precision` what matching errs by.
 """
 
 __version__ = "0.1.0"

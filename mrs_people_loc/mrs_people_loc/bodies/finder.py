@@ -32,10 +32,10 @@ from mrs_people_loc.bodies.patches import (
 )
 from mrs_people_loc.bodies.search import SEARCH_TUNING, BodySearch, Candidates, SearchTuning
 from mrs_people_loc.bodies.votes import VOTES_TUNING, VotesTuning
+from mrs_people_loc.precision import BODY_SIGMA_PX
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
-from mrs_people_loc.sensing.precision import BODY_SIGMA_PX
 from mrs_people_loc.timing import StageTimes
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from mrs_people_loc.anthropometry import APART_ACROSS, HIP_BREADTH, SURFACE_DEPTH, TALLEST
 from mrs_people_loc.arrays import Float, Float32, Int, StructOfArrays
 from mrs_people_loc.errors import CameraError
+from mrs_people_loc.precision import BODY_TOLERANCE_PX
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.sensing.precision import BODY_TOLERANCE_PX
 
 #: Heights that count [m]: pixels below are mostly floor, pixels above mostly wall.
 LOWEST, HIGHEST = 0.25, TALLEST

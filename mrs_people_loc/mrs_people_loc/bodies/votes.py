@@ -16,8 +16,8 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.bodies.patches import ACROSS, BODY, BODY_HEIGHTS, HEIGHTS, Patches, in_rows
+from mrs_people_loc.precision import BODY_TOLERANCE_PX
 from mrs_people_loc.sensing.images import Gray
-from mrs_people_loc.sensing.precision import BODY_TOLERANCE_PX
 
 
 @dataclass(frozen=True)

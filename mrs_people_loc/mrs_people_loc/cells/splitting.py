@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.anthropometry import CLOSEST
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.neighbours import pairs_between, pairs_within
 from mrs_people_loc.team.fusion import ShortTermMap, unit_vectors
@@ -39,7 +40,7 @@ class SplittingTuning:
     most_people: int = 8
     rounds: int = 8
     expected_within: float = 0.3
-    least_apart: float = 0.25
+    least_apart: float = CLOSEST
 
 
 _TUNING = SplittingTuning()

@@ -6,8 +6,10 @@ import dataclasses
 import re
 from dataclasses import dataclass
 
+from mrs_people_loc.anthropometry import APART_ACROSS, APART_JOINED
 from mrs_people_loc.config.parameters import Section, field
 from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.precision import PIXEL_SIGMA_PX
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class Joining(Section):
     )
     max_distance: float = field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
     min_score: float = field(0.5, "log-odds from which a body is a person", low=-20.0, high=50.0)
-    apart: float = field(0.36, "minimum distance of two people [m]", low=0.0, high=2.0)
+    apart: float = field(APART_JOINED, "minimum distance of two people [m]", low=0.0, high=2.0)
     fragment_gate: float = field(
         5.0, "a body within this number of sigmas of a likelier person, whom its robots did not "
         "see, belongs to that person; 0: off",
@@ -125,7 +127,8 @@ class Masking(Section):
         low=0.0, high=2.0,
     )  # fmt: skip
     cell_range_sigma: float = field(
-        0.25 / 10.5, "standard deviation of the range r of a plain cell, over r^2 [m/m^2]: the "
+        PIXEL_SIGMA_PX / 10.5,
+        "standard deviation of the range r of a plain cell, over r^2 [m/m^2]: the "
         "error of disparity [px] over focal length times baseline [px m]; the default is 0.25 px "
         "over 10.5 px m",
         low=0.0, high=1.0,
@@ -173,7 +176,8 @@ class Tracking(Section):
     )  # fmt: skip
     max_distance: float = field(1.0, "... and within this distance [m]", low=0.1, high=10.0)
     body: float = field(
-        0.3, "... or within this distance, whatever the covariances: no two bodies are so close "
+        APART_ACROSS,
+        "... or within this distance, whatever the covariances: no two bodies are so close "
         "[m]",
         low=0.0, high=2.0,
     )  # fmt: skip

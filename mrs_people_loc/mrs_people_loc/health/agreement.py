@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.anthropometry import APART_AMONG_ROBOTS
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human
@@ -43,7 +44,7 @@ class AgreementTuning:
         least_would_agree: ... and at least this share would, with its pose corrected.
     """
 
-    same: float = 0.35
+    same: float = APART_AMONG_ROBOTS
     reach: float = 1.0
     turns_deg: tuple[float, ...] = (0.0, 6.0, -6.0, 12.0, -12.0, 18.0, -18.0)
     samples: int = 20

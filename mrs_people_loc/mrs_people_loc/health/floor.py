@@ -25,6 +25,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.errors import FloorError
 from mrs_people_loc.geometry import BODY_FROM_OPTICAL, rotation_from_rpy, wrap_angle
+from mrs_people_loc.precision import PLANE_TOLERANCES_PX
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import SUBPIXELS
 
@@ -74,7 +75,7 @@ class FloorTuning:
         worst_height: Standard deviation of the height over the height, at most.
     """
 
-    tolerances_px: tuple[float, ...] = (0.4, 0.3, 0.2)
+    tolerances_px: tuple[float, ...] = PLANE_TOLERANCES_PX
     max_pitch_change: float = math.radians(55.0)
     max_roll_change: float = math.radians(30.0)
     least_height: float = 0.2

@@ -1,4 +1,1 @@
-"""Sensing: `camera` (models) -> `images` (pairs) -> `disparity` -> `cloud` (points over the floor).
-
-`precision` holds what matching errs by.
-"""
+"""Sensing: `camera` (models) -> `images` (pairs) -> `disparity` -> `cloud` (points, base_link)."""
