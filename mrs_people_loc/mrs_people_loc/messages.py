@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import (
     CameraError,
     GridError,
@@ -22,7 +23,7 @@ from mrs_people_loc.errors import (
     ScanError,
     StampError,
 )
-from mrs_people_loc.geometry import Float, yaw_from_quaternion
+from mrs_people_loc.geometry import yaw_from_quaternion
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 from mrs_people_loc.sensing.camera import CameraModel
 from mrs_people_loc.team.masking import OccupancyGrid

@@ -9,14 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mrs_people_loc.arrays import Float, Int
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
-from mrs_people_loc.geometry import Float
-
-Int = NDArray[np.intp]
 
 #: So many pairs are looked at faster than a tree is made.
 _FEW = 4096

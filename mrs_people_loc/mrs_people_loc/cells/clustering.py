@@ -6,12 +6,9 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.neighbours import connected
-
-Int = NDArray[np.intp]
 
 #: Cell centres travel as float32; two that are exactly `distance` apart arrive up to 8 um off when
 #: they are 100 m from their robot.
@@ -112,7 +109,7 @@ class _Squares:
     index: Float
     low: Float
     high: Float
-    dense: NDArray[np.bool_]
+    dense: Bool
 
     @classmethod
     def of(cls, xy: Float, reach: float) -> _Squares:

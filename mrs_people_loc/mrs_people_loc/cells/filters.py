@@ -7,13 +7,9 @@ over the floor. The paper's XZ ground plane is our x-y plane.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Bool, Float32, Int
 from mrs_people_loc.scan import Cells
-
-Float32 = NDArray[np.float32]
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
 
 #: Grids up to this many tiles are numbered as they are, larger ones by sorting.
 _MAX_TABLE = 1 << 20

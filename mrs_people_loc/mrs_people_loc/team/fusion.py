@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
@@ -29,7 +28,7 @@ class ShortTermMap:
     """
 
     robots: tuple[str, ...]
-    robot: NDArray[np.intp]
+    robot: Int
     xy: Float
     cells: Cells
     stamps_ns: tuple[int, ...]
@@ -105,7 +104,7 @@ def unit_vectors(vectors: Float) -> Float:
 
 def covariance_of_places(
     xy: Float,
-    robot: NDArray[np.intp],
+    robot: Int,
     poses: Sequence[Pose],
     *,
     along: Float,

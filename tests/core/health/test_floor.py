@@ -12,7 +12,7 @@ import pytest
 from mrs_people_loc import config as cfg
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.errors import FloorError
-from mrs_people_loc.health.floor import Floor, FloorFinder, FloorWatch, in_words
+from mrs_people_loc.health.floor import Floor, FloorFinder, FloorTuning, FloorWatch, in_words
 from mrs_people_loc.sensing.camera import StereoCamera
 
 CAMERA = StereoCamera(
@@ -204,7 +204,7 @@ def test_standard_deviations_match_the_errors() -> None:
             disparity_of(camera, ("floor", 0.0), ("wall", 5.0), error_px=error, seed=seed + k)
             for k in range(2)
         ]
-        found = FloorFinder(camera, hypotheses=300)(views)
+        found = FloorFinder(camera, tuning=FloorTuning(hypotheses=300))(views)
         off = (found.height - 1.2, found.pitch - 0.15, found.roll + 0.08)
         errors.append(np.divide(off, found.sigma))
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
