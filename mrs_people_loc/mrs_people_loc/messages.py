@@ -54,7 +54,7 @@ _QUATERNION_TOLERANCE = 1e-2
 #: Greatest coordinate of a pose [m]: any in the world, also where it counts from the equator: half
 #: the way round it is 20,040 km.
 _MAX_COORDINATE_M = 2.1e7
-#: A greater variance than this [m^2, rad^2] says "unknown" (as DBL_MAX does), as this one does.
+#: A greater variance than this [m^2, rad^2] means "unknown" (as DBL_MAX does), as this one does.
 _MAX_VARIANCE = 1e12
 #: More than any robot sends (`bodies.max_count`), and more than a planner has time for.
 _MAX_BODIES = 100
@@ -72,7 +72,7 @@ def read_stamp(message: Message) -> int:
     """Time of a message of a sensor [ns].
 
     Raises:
-        StampError: It is 0, which says that its sender sets none.
+        StampError: It is 0: its sender sets none.
     """
     stamp_ns = stamp_ns_of(message.header.stamp)
     if stamp_ns == 0:

@@ -58,7 +58,7 @@ class Clustering(Section):
 
 @dataclass(frozen=True)
 class Splitting(Section):
-    """How clusters that are more than one person are told apart."""
+    """Splitting of clusters that are more than one person."""
 
     max_width: float = field(
         0.75, "a cluster wider than this is split into parts that are not [m]; 0: no splitting",
@@ -68,12 +68,12 @@ class Splitting(Section):
 
 @dataclass(frozen=True)
 class Human(Section):
-    """Size of a human, as a cluster shows it. The paper says 'a priori' and prints no values.
+    """Size of a human, as a cluster shows it. The paper has it 'a priori' and prints no values.
 
-    Heights: from a school child to a tall man; a table's edge or a chair's back is lower, a wall or
-    a door higher. Width and depth: a body is 0.3 to 0.6 m; depth noise of 1/16 px and more smears
-    its cells along the line of sight. Points: of a body 5 m away the zone covers about 12 x 25
-    pixels of a 160 x 120 image (block matching widens it), of which half may be lost.
+    Heights: from a school child to a tall adult; a table's edge or a chair's back is lower, a wall
+    or a door higher. Width and depth: a body is 0.3 to 0.6 m; depth noise of 1/16 px and more
+    smears its cells along the line of sight. Points: of a body 5 m away the zone covers about
+    12 x 25 pixels of a 160 x 120 image (block matching widens it), of which half may be lost.
     """
 
     min_height: float = field(1.2, "minimum height of the cluster's top [m]", low=0.0, high=3.0)
@@ -97,7 +97,7 @@ class Human(Section):
 
 @dataclass(frozen=True)
 class Joining(Section):
-    """How the bodies that several robots found become people."""
+    """Joining of bodies that several robots found to people."""
 
     line_of_sight: bool = field(
         True, "true: the position covariance of a body is elongated along the line of sight; "
@@ -119,7 +119,7 @@ class Joining(Section):
 
 @dataclass(frozen=True)
 class Masking(Section):
-    """What stands at known places and is no person: robots of the team, walls, furniture."""
+    """Masking of the team's robots, walls and furniture, which stand at known places."""
 
     robot_radius: float = field(
         0.25, "detections within this distance of another robot of the team are that robot [m]; "
@@ -153,7 +153,7 @@ class Masking(Section):
 
 @dataclass(frozen=True)
 class Tracking(Section):
-    """How people are followed from interval to interval."""
+    """Tracking of people over intervals."""
 
     enabled: bool = field(
         True, "true: people are tracked, with ids and velocities; false: intervals are "
@@ -241,7 +241,7 @@ class Tracking(Section):
 
 @dataclass(frozen=True)
 class Groups(Section):
-    """Who walks together, and who has fallen behind or left."""
+    """Groups of people who walk together, and their stragglers."""
 
     distance: float = field(
         2.5, "a member farther than this from every other one is a straggler [m]",

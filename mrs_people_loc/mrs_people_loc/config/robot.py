@@ -32,9 +32,9 @@ class Images(Section):
 
 @dataclass(frozen=True)
 class Mounting(Section):
-    """Where the head sits: pose of the left (reference) camera in the robot's base_link.
+    """Pose of the left (reference) camera in the robot's base_link.
 
-    Angles turn as REP 103 says: first yaw (to the left), then pitch (nose down), then roll (right
+    Angles turn as in REP 103: first yaw (to the left), then pitch (nose down), then roll (right
     side down), each about the axis that the former left. Zero: level, looking ahead.
     """
 
@@ -103,7 +103,7 @@ class Disparity(Section):
 
 @dataclass(frozen=True)
 class Sight(Section):
-    """When a head is taken to be blind: its diagnostics say so."""
+    """When the diagnostics report that a head is blind."""
 
     min_valid: float = field(
         0.25, "minimum share of pixels with a disparity; 0: not checked", low=0.0, high=1.0
@@ -116,7 +116,7 @@ class Sight(Section):
 
 @dataclass(frozen=True)
 class Floor(Section):
-    """Whether the mounting fits the floor in view: diagnostics say when it does not."""
+    """When the diagnostics report that the mounting does not fit the floor in view."""
 
     watch: bool = field(True, "true: the floor is estimated in some of the views")
     max_angle: float = field(
@@ -169,7 +169,7 @@ class Quantization(Section):
 
 @dataclass(frozen=True)
 class Bodies(Section):
-    """People sought as bodies, in place of the paper's noise windows and cells."""
+    """Detection of people as bodies, instead of the paper's noise windows and cells."""
 
     search: bool = field(
         True, "true: upright bodies are detected in bearing and inverse range; false: the paper's "

@@ -1,8 +1,8 @@
-"""Agreement: whether a robot sees people where the others see them; if not, its pose is off.
+"""Agreement: whether robots see people at the same places; a robot that does not is misplaced.
 
-For a while the places where each robot sees people are kept. A robot whose people fall on the
-others' is where it says. One whose people fall on nobody's, but all of them would after one and the
-same small move and turn of the robot, is not: a person seen twice is two people then.
+The places where each robot sees people are kept for a while. A robot is misplaced if its people are
+not at the places of the others', but would be after one small move and turn of the robot: until
+then, a person whom both see is two people.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""The floor that a head sees: where the head sits over it, and whether it still sits there.
+"""The mounting of a head, from the floor that it sees.
 
 A plane is a plane in disparity space, too (v-disparity: Labayrade, Aubert & Tarel 2002): with m the
 floor's normal, downwards, over the lens's height, a floor pixel's disparity is linear in m,
 
     d = f B (m . ray),    height = 1 / |m|,
 
-so three pixels give a hypothesis and least squares the rest. Of all planes that may be the floor
-the one counts that most pixels lie on and few lie below: nothing is under a floor.
+so three pixels give a hypothesis, which least squares refine. Of all planes that may be the floor
+the one is chosen that most pixels lie on and few lie below.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _ROUNDED_PX = 0.5 / SUBPIXELS
 
 @dataclass(frozen=True)
 class FloorTuning:
-    """Constants of `FloorFinder`; chosen by hand, unless said otherwise.
+    """Constants of `FloorFinder`; chosen by hand, except for those that were fitted.
 
     Attributes:
         tolerances_px: A pixel on a plane differs from it by less than the first of these; while
@@ -125,7 +125,7 @@ _TUNING, _WATCH_TUNING = FloorTuning(), FloorWatchTuning()
 
 @dataclass(frozen=True)
 class Floor:
-    """Where a head sits, by the floor that it sees.
+    """Mounting of a head, by the floor that it sees.
 
     Attributes:
         height: Of the lens over the floor [m].
@@ -182,7 +182,7 @@ class FloorFinder:
     """Finds the floor in disparity images of one head.
 
     Args:
-        camera: The head. Its mounting says which way is about down.
+        camera: The head. Its mounting tells roughly which way is down.
         block_px: The largest block that disparities were matched with [px].
         tuning: Constants.
     """
@@ -198,7 +198,7 @@ class FloorFinder:
         rays = np.stack(
             [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)]
         )
-        # As the configuration has it: x ahead (the floor says nothing of yaw), z up.
+        # As configured: x ahead (the floor does not tell yaw), z up.
         self._level = rotation_from_rpy(mounting.roll, mounting.pitch, 0.0) @ BODY_FROM_OPTICAL
         scaled = camera.depth_disparity * (self._level @ rays.reshape(3, -1))
         self._rays = np.ascontiguousarray(scaled.T, dtype=np.float32)
@@ -224,7 +224,7 @@ class FloorFinder:
             disparities: [px], float32, each of shape (height, width), NaN where there is none.
 
         Raises:
-            FloorError: There is not enough floor in view; it says why.
+            FloorError: There is not enough floor in view.
         """
         frames = len(disparities)
         views = np.stack(disparities).reshape(frames, -1)
@@ -271,7 +271,7 @@ class FloorFinder:
         return _FloorPixels(frame, pixel, self._rays[pixel], views[frame, pixel], slope)
 
     def _search(self, views: Float32, pixels: _FloorPixels) -> Float | None:
-        """The plane that most speaks for (MSAC: Torr & Zisserman 2000); None if there is none."""
+        """The plane with the highest score (MSAC: Torr & Zisserman 2000); None if there is none."""
         tuning, tolerance = self._tuning, self._tuning.tolerances_px[0]
         rng = np.random.default_rng(len(pixels))
         triple = rng.integers(len(pixels), size=(3, tuning.hypotheses))
@@ -376,7 +376,7 @@ class FloorFinder:
         return height, pitch, roll, jacobian @ covariance @ jacobian.T
 
     def _mounting_of(self, plane: Float) -> Float:
-        """Height, pitch and roll: of the two ways to say it, the one nearer the configuration."""
+        """Height, pitch and roll: of the two solutions, the one nearer to the configuration."""
         inverse = float(np.linalg.norm(plane))
         # `down` in the head's own axes; there it is (sin pitch, -cos pitch sin roll, ...).
         x, y, z = BODY_FROM_OPTICAL @ self._level.T @ plane / inverse
@@ -397,10 +397,10 @@ class FloorFinder:
 
 
 class FloorWatch:
-    """Whether a head still sits where its configuration says, by the floor that it sees.
+    """Whether a head still has its configured mounting, by the floor that it sees.
 
-    It looks now and then, at a disparity image that was made anyway, and judges by the median of a
-    few looks, so that nothing that passes by counts.
+    It looks at one view per period, and judges by the median of several looks, so that passing
+    objects do not count.
 
     Args:
         camera: The head.
@@ -411,7 +411,7 @@ class FloorWatch:
     Attributes:
         camera: The head.
         config: By how much it may have moved.
-        floor: What the last looks say; None: too few of them saw the floor.
+        floor: Median of the last looks; None: too few of them saw the floor.
         moved: Whether the head sits somewhere else. Once it does, that holds until it is seen to
             sit right again.
         why_not: Why the last look did not see the floor; empty if it did.

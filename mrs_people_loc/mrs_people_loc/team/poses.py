@@ -195,7 +195,7 @@ class PoseBuffer:
             max_age_ns: The poses used are no farther from it than this [ns].
 
         Raises:
-            PoseError: No pose is near enough; says how near.
+            PoseError: No pose is near enough.
         """
         if not self._stamps:
             raise PoseError("no pose has arrived")
@@ -287,10 +287,10 @@ def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
 
 
 def static_pose(config: cfg.PoseInput, stamp_ns: int) -> Pose:
-    """The pose of a robot that stands where its parameters say, at any time.
+    """The pose of a robot that stands at its configured place, at any time.
 
     Raises:
-        ConfigError: They do not say it.
+        ConfigError: `pose.static` is empty.
     """
     if not config.static:
         raise ConfigError(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import PlannerConfig
-from mrs_people_loc.health.agreement import Agreement
+from mrs_people_loc.health.agreement import Agreement, AgreementTuning
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose
@@ -23,8 +23,9 @@ BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]
 def watch(make_cells):
     """What agreement says of robots that say they stand elsewhere than they do."""
 
-    def run(said, seen=None, steps=10, noise=0.08, seed=1):
-        agreement, random = Agreement(), np.random.default_rng(seed)
+    def run(said, seen=None, steps=10, noise=0.08, seed=1, **tuning):
+        agreement = Agreement(tuning=AgreementTuning(**tuning))
+        random = np.random.default_rng(seed)
         walked = np.zeros(2)
         for _ in range(steps):
             walked = walked + random.normal(0.1, 0.05, 2)
@@ -99,3 +100,10 @@ def test_too_few_samples_are_insufficient(watch):
 def test_no_people_and_one_robot_give_no_finding(watch):
     assert watch({"robot_a": TRUE["robot_a"]}) == {}
     assert watch(moved("robot_c", 0.6, 0.0), {name: [] for name in TRUE}) == {}
+
+
+def test_tuning_sets_samples_and_reach(watch):
+    said = moved("robot_c", 0.6, -0.3)
+    assert list(watch(said, steps=7, enough=7)) == ["robot_c"]
+    assert watch(said, reach=0.5) == {}
+    assert watch(said, samples=7) == {}

@@ -12,7 +12,14 @@ import pytest
 from mrs_people_loc import config as cfg
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.errors import FloorError
-from mrs_people_loc.health.floor import Floor, FloorFinder, FloorTuning, FloorWatch, in_words
+from mrs_people_loc.health.floor import (
+    Floor,
+    FloorFinder,
+    FloorTuning,
+    FloorWatch,
+    FloorWatchTuning,
+    in_words,
+)
 from mrs_people_loc.sensing.camera import StereoCamera
 
 CAMERA = StereoCamera(
@@ -338,3 +345,17 @@ def test_stamps_that_jump_back_reset_the_state() -> None:
     floor = watch(camera)
     feed(floor, tilted, 1000, 4)
     assert feed(floor, tilted, 0, 5) == [False] * 4 + [True]
+
+
+def test_tuning_sets_periods_and_looks() -> None:
+    camera = head(height=1.2, pitch=0.1)
+    tuning = FloorWatchTuning(period_s=1.0, looks=3)
+    floor = FloorWatch(camera, cfg.Floor(), tuning=tuning)
+    view = disparity_of(camera, ("floor", 0.0))
+    for second in range(3):
+        assert floor.floor is None
+        floor.step(view, second * SECOND)
+    assert floor.floor is not None
+    assert FloorFinder(camera, tuning=FloorTuning(least_part=0.3))([view]).part > 0.3
+    with pytest.raises(FloorError):
+        FloorFinder(camera, tuning=FloorTuning(least_part=0.9))([view])

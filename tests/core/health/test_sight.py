@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.health.sight import SightWatch
+from mrs_people_loc.health.sight import SightTuning, SightWatch
 from mrs_people_loc.sensing.images import StereoImages
 
 SHAPE = (120, 160)
@@ -105,3 +105,10 @@ def test_frozen_camera_is_detected_while_the_other_moves() -> None:
     assert said == "right image stands still"
     # A recording of one frame stands still as a whole: nothing is broken there.
     assert after(9, SightWatch(cfg.Sight()), left=frozen, right=frozen) == ""
+
+
+def test_tuning_sets_what_is_black() -> None:
+    dark = image(mean=15.0, deviation=5.0)
+    assert after(5, SightWatch(cfg.Sight()), left=dark, right=dark) == ""
+    sight = SightWatch(cfg.Sight(), tuning=SightTuning(black=20.0))
+    assert after(5, sight, left=dark, right=dark).startswith("left image is black (mean 15")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.team.poses import Pose, PoseBuffer
+from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseTuning
 
 PI = math.pi
 MS = 1_000_000
@@ -388,3 +388,15 @@ def test_clearing_removes_all_poses():
     assert poses.newest_ns is None
     poses.add(pose(100))
     assert len(poses) == 1
+
+
+def test_tuning_sets_drift_and_jumps():
+    tuning = PoseTuning(speeds=(0.5, 0.2, 0.1), jump=0.1, jump_speed=1.0)
+    poses = PoseBuffer(tuning=tuning)
+    poses.add(Pose(0, 0.0, 0.0, 0.0))
+    stayed = poses.at(2 * SECOND, 2 * SECOND)  # 2 s at these speeds
+    np.testing.assert_allclose(np.sqrt(np.diag(stayed.covariance)), (1.0, 0.4, 0.2))
+    poses.add(Pose(SECOND, 1.05, 0.0, 0.0))
+    assert poses.jumps == 0
+    poses.add(Pose(2 * SECOND, 2.25, 0.0, 0.0))
+    assert poses.jumps == 1
