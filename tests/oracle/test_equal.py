@@ -107,7 +107,7 @@ def test_view_of_random_images_equals_the_oracle(vertical, offset, base):
     ],
     ids=str,
 )
-def test_each_step_of_the_default_method_may_be_off(changes):
+def test_steps_that_are_off_equal_the_oracle(changes):
     images, stages, camera, config = random_view(BODIES, **changes)
     assert len(stages.scan.cells) > 0
     check_view(images, stages, camera, config)

@@ -185,7 +185,7 @@ def test_wrong_stage_of_the_default_method_is_detected(
         check_made(recorded, BODIES)
 
 
-def test_the_stages_are_right_if_nothing_is_changed(recorded):
+def test_unchanged_stages_pass_the_comparison(recorded):
     check_made(recorded, CELLS)
     check_made(recorded, BODIES)
 
@@ -279,7 +279,7 @@ OF_PEOPLE = {
 }  # fmt: skip
 
 
-def test_people_are_right_if_nothing_is_changed():
+def test_unchanged_people_pass_the_comparison():
     check_people(*people_of_the_mixed_team())
 
 
