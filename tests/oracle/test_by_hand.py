@@ -22,7 +22,7 @@ from oracle.splitting import split_of
 from oracle.votes import value_at, vote_of
 
 
-def test_clusters():
+def test_clusters_match_hand_computed_values():
     places = [(1.0, 0.0), (0.0, 0.0), (0.15, 0.0), (0.30, 0.0), (1.0, 0.16)]
     assert clusters_of(places, 0.15) == [1, 0, 0, 0, 2]
 
@@ -38,7 +38,7 @@ def scan_of(robot, cells):
     return Scan(robot, 0, made)
 
 
-def test_joining():
+def test_joining_matches_hand_computed_values():
     # Seen by a from the left and by b from below, each sure across its line of sight (1 cm) and
     # not along it (10 cm): the place is where their lines cross. Seen by a alone: another one.
     poses = {"a": Pose(0, 0.0, 2.0, 0.0), "b": Pose(0, 2.0, 0.0, math.pi / 2)}
@@ -61,7 +61,7 @@ def test_joining():
     assert len(found.persons) == 1
 
 
-def test_splitting():
+def test_splitting_matches_hand_computed_values():
     # Two of 0.45 m side by side, 2 m ahead: 0.9 m, more than 0.75; the halves are not.
     cells = [(2.0, 0.025 + 0.05 * k, 0, 0.0) for k in range(-9, 9)]
     poses = {"a": Pose(0, 0.0, 0.0, 0.0)}
@@ -81,7 +81,7 @@ def test_splitting():
 CAMERA = StereoCamera(width=21, height=21, fx=10, fy=10, cx=10, cy=10, baseline=0.1)
 
 
-def test_extents():
+def test_extents_match_hand_computed_values():
     disparity = np.full((21, 21), np.nan, dtype=np.float32)
     disparity[8:13, 10] = 0.5  # 2 m ahead: each pixel is 0.2 m high
     disparity[0, 10] = 0.5  # 3 m up: too high
@@ -97,7 +97,7 @@ def test_extents():
     assert extents[row, column] == 0.0
 
 
-def test_values_between_pixels():
+def test_values_between_pixels_are_interpolated():
     image = np.array([[0.0, 10.0], [20.0, 30.0]])
     assert value_at(image, 0.5, 0.5) == pytest.approx(15.0)
     assert value_at(image, 0.25, 0.0) == pytest.approx(2.5)
@@ -105,7 +105,7 @@ def test_values_between_pixels():
     assert value_at(image, 9.0, 9.0) == pytest.approx(30.0)
 
 
-def test_a_vote():
+def test_vote_matches_hand_computed_values():
     # A slope of grey levels: right shows what left shows, 0.4 px more to the left than expected.
     rows, columns = 30, 29
     grey = np.tile(20.0 + 60.0 * np.sin(np.arange(100) / 4.0), (60, 1))
@@ -119,7 +119,7 @@ def test_a_vote():
 
 
 @pytest.mark.parametrize("top", [1.0, 1.3, 1.75])
-def test_tops(top):
+def test_tops_match_hand_computed_values(top):
     difference = np.full((30, 29), -5.0)
     heights = 0.1 + 0.075 * np.arange(30)
     difference[heights < top] = 0.0
@@ -130,7 +130,7 @@ def test_tops(top):
     assert top_of(difference, 0.5, -np.ones((30, 29))) == pytest.approx(0.8125)
 
 
-def test_walls():
+def test_walls_match_hand_computed_values():
     data = np.zeros((10, 10), dtype=np.int8)
     data[:, 5] = 100
     walls = Walls(OccupancyGrid(0.1, 0.0, 0.0, 0.0, data), occupied_from=65)

@@ -31,7 +31,7 @@ from oracle.scenes import (
 
 
 @pytest.mark.parametrize("files", [[PAPER], [DEFAULT], [PAPER, TEAM]], ids=lambda f: f[-1].stem)
-def test_the_papers_formation(files):
+def test_papers_formation_equals_the_oracle(files):
     run = BagRun(BAG, files, planner=lambda c: Planner(c.memoryless()))
     intervals = list(run.intervals())[::7]
     assert len(intervals) == 3
@@ -63,13 +63,13 @@ def cells_by_the_core(cloud, config):
     ],
     ids=str,
 )
-def test_cells_of_random_clouds(seed, changes):
+def test_cells_of_random_clouds_equal_the_oracle(seed, changes):
     config = RobotConfig.from_mapping(changes)
     cloud = random_cloud(seed)
     check_cells("random", cells_by_the_core(cloud, config), cells_of(cloud, config))
 
 
-def test_cells_with_a_far_outlier():
+def test_cells_with_a_far_outlier_equal_the_oracle():
     # Too far for a table of all tiles: the numbers of tiles come from sorting.
     cloud = random_cloud(1)
     cloud[0] = (9_000.0, -9_000.0, 1.0)
@@ -80,7 +80,7 @@ def test_cells_with_a_far_outlier():
 
 
 @pytest.mark.parametrize("cloud", [np.empty((0, 3)), [[2.0, 0.0, 1.0]], [[2.0, 0.0, 1.5]]], ids=len)
-def test_cells_of_next_to_nothing(cloud):
+def test_cells_of_few_points_equal_the_oracle(cloud):
     config = RobotConfig.from_mapping({"noise.min_points": 1})
     points = np.array(cloud, dtype=np.float32).reshape(-1, 3)
     check_cells("few", cells_by_the_core(points, config), cells_of(points, config))
@@ -89,7 +89,7 @@ def test_cells_of_next_to_nothing(cloud):
 @pytest.mark.parametrize("vertical", [0.0, 0.1, -0.08])
 @pytest.mark.parametrize("offset", [0.0, 3.25])
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
-def test_a_view_of_random_images(vertical, offset, base):
+def test_view_of_random_images_equals_the_oracle(vertical, offset, base):
     images, stages, camera, config = random_view(base, vertical=vertical, offset=offset)
     assert len(stages.cloud) > 1000
     assert len(stages.scan.cells) > 0
@@ -107,7 +107,7 @@ def test_a_view_of_random_images(vertical, offset, base):
     ],
     ids=str,
 )
-def test_each_step_of_the_default_method_may_be_off(changes):
+def test_steps_that_are_off_equal_the_oracle(changes):
     images, stages, camera, config = random_view(BODIES, **changes)
     assert len(stages.scan.cells) > 0
     check_view(images, stages, camera, config)
@@ -128,7 +128,7 @@ def test_each_step_of_the_default_method_may_be_off(changes):
     ],
     ids=str,
 )
-def test_people_of_random_scans(seed, planner):
+def test_people_of_random_scans_equal_the_oracle(seed, planner):
     config = PlannerConfig.from_mapping(
         {
             "human.min_points": 100, "human.max_width": 3.0, "human.max_depth": 3.0,
@@ -144,7 +144,7 @@ def test_people_of_random_scans(seed, planner):
 
 @pytest.mark.parametrize("max_width", [0.2, 0.4, 0.75])
 @pytest.mark.parametrize("seed", range(8))
-def test_wide_clusters_are_split_alike(seed, max_width):
+def test_splitting_of_wide_clusters_equals_the_oracle(seed, max_width):
     config = PlannerConfig.from_mapping(
         {"splitting.max_width": max_width, "clustering.distance": 0.3, "human.min_points": 10}
     )
@@ -157,7 +157,7 @@ def test_wide_clusters_are_split_alike(seed, max_width):
 
 
 @pytest.mark.parametrize("with_walls", [False, True])
-def test_a_team_that_seeks_bodies_in_part(with_walls):
+def test_mixed_team_equals_the_oracle(with_walls):
     (scans, poses), grid = mixed_team()
     planner, time_ns = Planner(PlannerConfig().memoryless()), 10_000_000
     planner.take_grid(grid if with_walls else None)
@@ -170,7 +170,7 @@ def test_a_team_that_seeks_bodies_in_part(with_walls):
             check_people(scans, people, planner.config)
 
 
-def test_what_stereo_bm_does_not_repeat_is_allowed_for_and_no_more():
+def test_only_the_known_share_of_nondeterministic_pixels_is_allowed():
     run = BagRun(BAG, [DEFAULT])
     view = next(iter(next(run.intervals()).views.values()))
     for cap, part in ((63, 0.004), (31, 0.0)):

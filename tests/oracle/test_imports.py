@@ -66,7 +66,7 @@ def test_only_types_and_configuration_are_imported_from_the_packages(file):
     }
 
 
-def test_the_modules_are_all_there():
+def test_all_modules_of_the_oracle_exist():
     assert len(MODULES) > 15
 
 
@@ -81,7 +81,7 @@ def test_comparing_calls_the_finder_of_bodies_and_nothing_else_of_the_core():
     assert core & called == {"BodyFinder", "BodySearch", "StageTimes"}
 
 
-def test_it_is_not_shipped():
+def test_oracle_is_not_shipped():
     root = FOLDER.parents[1]
     for file in ("pyproject.toml", "mrs_people_loc/setup.py", "robot_node/setup.py",
                  "planner_node/setup.py"):  # fmt: skip

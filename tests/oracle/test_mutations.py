@@ -168,7 +168,7 @@ def mutations(cases):
 
 
 @mutations(OF_BOTH | OF_CELLS)
-def test_a_wrong_stage_of_the_papers_method_is_noticed(
+def test_wrong_stage_of_the_papers_method_is_detected(
     recorded, monkeypatch, module, name, wrong, what
 ):
     monkeypatch.setattr(module, name, wrong(getattr(module, name)))
@@ -177,7 +177,7 @@ def test_a_wrong_stage_of_the_papers_method_is_noticed(
 
 
 @mutations(OF_BOTH | OF_BODIES)
-def test_a_wrong_stage_of_the_default_method_is_noticed(
+def test_wrong_stage_of_the_default_method_is_detected(
     recorded, monkeypatch, module, name, wrong, what
 ):
     monkeypatch.setattr(module, name, wrong(getattr(module, name)))
@@ -185,13 +185,13 @@ def test_a_wrong_stage_of_the_default_method_is_noticed(
         check_made(recorded, BODIES)
 
 
-def test_the_stages_are_right_if_nothing_is_changed(recorded):
+def test_unchanged_stages_pass_the_comparison(recorded):
     check_made(recorded, CELLS)
     check_made(recorded, BODIES)
 
 
 @pytest.mark.parametrize("field", ["x", "y", "z", "z_min", "top", "count"])
-def test_one_bit_of_one_cell_is_noticed(field):
+def test_one_bit_of_one_cell_is_detected(field):
     from mrs_people_loc.cells.scanner import filter_cloud
     from mrs_people_loc.timing import StageTimes
 
@@ -279,12 +279,12 @@ OF_PEOPLE = {
 }  # fmt: skip
 
 
-def test_people_are_right_if_nothing_is_changed():
+def test_unchanged_people_pass_the_comparison():
     check_people(*people_of_the_mixed_team())
 
 
 @mutations(OF_PEOPLE)
-def test_a_wrong_stage_of_the_planner_is_noticed(monkeypatch, module, name, wrong, what):
+def test_wrong_stage_of_the_planner_is_detected(monkeypatch, module, name, wrong, what):
     monkeypatch.setattr(module, name, wrong(getattr(module, name)))
     with pytest.raises(DiffersError, match=what):
         check_people(*people_of_the_mixed_team())
@@ -324,7 +324,7 @@ def with_person(people, **changes):
     ids=lambda x: x if isinstance(x, str) else "",
 )  # fmt: skip
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
-def test_a_wrong_person_is_noticed(wrong, what, base):
+def test_wrong_person_is_detected(wrong, what, base):
     config = PlannerConfig()
     scans, poses = drawn_scans(base, 0)
     people = Planner(config.memoryless()).step(scans, poses, 0)
@@ -346,7 +346,7 @@ def test_a_wrong_person_is_noticed(wrong, what, base):
         ({"covariance": 1e-6}, "place"),
     ],
 )
-def test_a_wrong_track_is_noticed(changes, what):
+def test_wrong_track_is_detected(changes, what):
     from mrs_people_loc.following.tracks import Tracker
 
     config = PlannerConfig.from_mapping({"tracking.gate": 20.0, "tracking.lasting_share": 0.0})

@@ -66,7 +66,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
         "",
         *_people_of_kinds(first, last, kinds),
         "",
-        "## Who is who",
+        "## Tracks",
         "",
         "With default.yaml; velocity, and the groups' centre, are mean errors.",
         "",

@@ -197,7 +197,7 @@ def test_differing_results_prevent_timing(bag, monkeypatch):
         bench.run_bench(bag, [PAPER], frames=1, robots=1)
 
 
-def test_without_the_repository_it_says_that_nothing_is_compared(bag, monkeypatch, tmp_path):
+def test_without_the_repository_no_comparison_is_reported(bag, monkeypatch, tmp_path):
     # As it is installed from a wheel or with colcon: there is no tests/oracle beside it.
     monkeypatch.setattr(bench_oracle, "_FOLDER", tmp_path)
     assert bench_oracle.find() is None
@@ -212,7 +212,7 @@ def test_without_the_repository_it_says_that_nothing_is_compared(bag, monkeypatc
     assert json.loads(file.read_text())["equal_to_reference"] is None
 
 
-def test_the_oracle_is_found_where_nobody_has_imported_it():
+def test_oracle_is_found_without_a_previous_import():
     code = "from mrs_tools.bench.oracle import find; print(find().__file__)"
     result = subprocess.run(
         [sys.executable, "-c", code], cwd="/", capture_output=True, text=True, check=True
@@ -220,7 +220,7 @@ def test_the_oracle_is_found_where_nobody_has_imported_it():
     assert Path(result.stdout.strip()) == ROOT / "tests" / "oracle" / "comparison.py"
 
 
-def test_a_missed_target_is_no_error(bag, monkeypatch, tmp_path):
+def test_missed_target_is_not_an_error(bag, monkeypatch, tmp_path):
     slow = bench_targets.Target("planner", "paper.yaml", 99.0, 2.0, "ms")
     monkeypatch.setattr(bench_run, "targets", lambda *_: [slow])
     app = typer.Typer()
@@ -236,7 +236,7 @@ def test_a_missed_target_is_no_error(bag, monkeypatch, tmp_path):
     [(1.9, False, True), (2.0, False, True), (2.1, False, False), (2.1, True, True),
      (1.9, True, False), (math.nan, True, False), (math.nan, False, False)],
 )  # fmt: skip
-def test_targets(value, at_least, reached):
+def test_targets_are_compared_in_their_direction(value, at_least, reached):
     target = bench_targets.Target("t", "c", value, 2.0, "ms", at_least)
     assert target.report()["reached"] is reached
 

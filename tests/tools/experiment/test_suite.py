@@ -141,7 +141,7 @@ def test_table_of_tracks_matches_hand_computed_values() -> None:
              "test_c": followed(1, 1, 2, 2)}  # fmt: skip
     kinds = {"test_a": suite.STANDING, "test_b": suite.WALKING, "test_c": suite.GROUP}
     text = markdown([Row("printed", found, kinds), Row("ours", found, kinds)], "test")
-    (_, _, after) = text.partition("## Who is who")
+    (_, _, after) = text.partition("## Tracks")
     rows = {label: cells_of(after, label)[1:-1] for label in
             ("standing and walking", "standing", "walking", "walking group")}  # fmt: skip
     assert rows == {
