@@ -8,6 +8,10 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("scenes/*.md")])
 LINK = re.compile(r"\[[^][]*\]\(([^()\s]+)\)")
+FILE = re.compile(
+    r"`(?:pytest )?((?:bags|config|docs|mrs_people_loc|msgs|requirements|scenes|setup|tests)/"
+    r"[\w./-]+\.(?:json|msg|py|rviz|sh|txt|xml|yaml))`"
+)
 CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
 
 
@@ -35,6 +39,13 @@ def broken_links(page: Path) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_relative_links_resolve(page: Path) -> None:
     assert broken_links(page) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_named_files_exist(page: Path) -> None:
+    if page.name != "CHANGELOG.md":  # older entries name files that have moved
+        named = set(FILE.findall(page.read_text(encoding="utf-8")))
+        assert not {name for name in named if not (ROOT / name).is_file()}
 
 
 def test_broken_links_are_detected(tmp_path: Path) -> None:

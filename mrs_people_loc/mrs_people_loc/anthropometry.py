@@ -40,3 +40,6 @@ APART_ACROSS: Final = CLOSEST + ACROSS_ERROR
 APART_JOINED: Final = APART_ACROSS + AXIS_ERROR
 #: Likewise two estimates of one robot in one view, in any direction.
 APART_IN_VIEW: Final = APART_ACROSS + 2.0 * AXIS_ERROR
+#: Likewise single estimates of two robots, where their poses are compared: each errs across its
+#: line of sight.
+APART_AMONG_ROBOTS: Final = APART_ACROSS + ACROSS_ERROR

@@ -1,4 +1,4 @@
-"""Structs of arrays: many things of one kind, with one array for each of their properties."""
+"""Structs of arrays: many things of one kind, one array for each property; array types."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stamps against each other, and against the clock of who hears them."""
+"""Clocks: the order of stamps, and the offset of a sender's clock from the receiver's."""
 
 from __future__ import annotations
 
@@ -61,12 +61,11 @@ class StampOrder:
 
 @dataclass
 class ClockOffset:
-    """A sender's clock against the listener's, from stamps and arrivals.
+    """Offset of a sender's clock from the receiver's, estimated from stamps and arrivals.
 
-    A message arrives later than its stamp says by its delay, less what the sender's clock is ahead.
-    Delays vary and are never negative, so over a while the greatest `stamp - arrival` is the offset
-    less the least delay. One stamp may be wrong, so it is the greatest of all but one of some spans
-    of time.
+    `stamp - arrival` is the offset less the delay. Delays vary and are never negative, so over a
+    while the greatest one is the offset less the least delay. One stamp may be wrong, so the second
+    greatest of some spans of time counts.
 
     Attributes:
         heard_ns: When the last message arrived [ns]; None before the first.
@@ -78,8 +77,8 @@ class ClockOffset:
 
     #: The spans, and how many of them count.
     _SPAN_NS, _SPANS = 500_000_000, 20
-    #: A sender is heard for so long before its clock is said to be behind: it may also be a busy
-    #: machine or network at the beginning [ns].
+    #: A clock is behind only after a sender was heard for so long: delays may be long at the
+    #: beginning [ns].
     _SETTLE_NS = 2_000_000_000
 
     def add(self, stamp_ns: int, now_ns: int, *, anew: bool = False) -> None:
@@ -89,7 +88,7 @@ class ClockOffset:
         self.heard_ns = now_ns
         offset_ns, span = stamp_ns - now_ns, now_ns // self._SPAN_NS
         if self._greatest and self._greatest[-1][0] > span:
-            self._greatest.clear()  # the listener's clock was set back
+            self._greatest.clear()  # the receiver's clock was set back
         self._end(span)
         if not self._greatest:
             self._first_ns = now_ns
@@ -104,7 +103,7 @@ class ClockOffset:
         return sorted(offset for _, offset in self._greatest)[-2:][0] if self._greatest else None
 
     def is_settled(self, now_ns: int) -> bool:
-        """Whether the sender has been heard for long enough to say that its clock is behind."""
+        """Whether the sender has been heard for long enough to find that its clock is behind."""
         return bool(self._greatest) and now_ns - self._first_ns >= self._SETTLE_NS
 
     def begin_anew(self) -> None:
@@ -117,12 +116,12 @@ class ClockOffset:
 
 
 def right_offset(offsets_ns: Iterable[int]) -> int:
-    """What the right clock is ahead of the listener's by [ns].
+    """What the right clock is ahead of the receiver's by [ns]: that of the nearest one.
 
-    Who is nearest to the listener's clock is right. So among several the listener decides, and a
-    recording that is played later, where all are far off alike, is no trouble.
+    So the receiver decides among several, and in a recording that is played later, where all are
+    off alike, all are right.
 
     Args:
-        offsets_ns: What the senders' clocks are ahead of the listener's by [ns].
+        offsets_ns: What the senders' clocks are ahead of the receiver's by [ns].
     """
     return min(offsets_ns, key=abs, default=0)

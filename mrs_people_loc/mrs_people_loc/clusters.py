@@ -1,4 +1,4 @@
-"""Clusters: what is measured of each cluster of cells on the map (section 6.4)."""
+"""Clusters: measures of each cluster of cells on the map (section 6.4)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Clusters:
 
     @classmethod
     def none(cls, robots: int) -> Clusters:
-        """No cluster, of no cell; of a map of so many robots."""
+        """No clusters of no cells, on a map of so many robots."""
         number, value = np.empty(0, dtype=np.intp), np.empty(0)
         return cls(
             label=number, centroid=np.empty((0, 2)), scatter=np.empty((0, 2, 2)), sigma=value,
@@ -58,15 +58,15 @@ class Clusters:
             seen_by=np.empty((0, robots), dtype=bool),
         )  # fmt: skip
 
-    def unite(self, others: Clusters, label: Int) -> Clusters:
-        """These clusters and others, which follow them.
+    def followed_by(self, others: Clusters, label: Int) -> Clusters:
+        """These clusters, then others.
 
         Args:
             others: The others, of other cells of the same map.
             label: Cluster of each cell of both, shape (n,).
         """
-        mine, theirs = vars(self), vars(others)
-        both = {name: np.concatenate([mine[name], theirs[name]]) for name in mine}
+        one, other = vars(self), vars(others)
+        both = {name: np.concatenate([one[name], other[name]]) for name in one}
         return Clusters(**{**both, "label": label})
 
     def seen_from(self, robots: Sequence[str], number: int) -> tuple[str, ...]:
@@ -134,7 +134,7 @@ def _extent(values: Float, first: Int) -> Float:
 
 
 def mean_stamp(fused: ShortTermMap, seen_by: Bool) -> int:
-    """When robots of a map looked, on average [ns].
+    """Mean stamp of the scans of some robots of a map [ns].
 
     Args:
         fused: The map.

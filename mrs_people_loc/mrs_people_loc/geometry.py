@@ -11,9 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from mrs_people_loc.arrays import Float as Float
 
 #: Turns a vector of an optical frame into the frame of the same head with REP 103 body axes.
 BODY_FROM_OPTICAL: Float = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import (
     CameraError,
     GridError,
@@ -22,7 +23,7 @@ from mrs_people_loc.errors import (
     ScanError,
     StampError,
 )
-from mrs_people_loc.geometry import Float, yaw_from_quaternion
+from mrs_people_loc.geometry import yaw_from_quaternion
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 from mrs_people_loc.sensing.camera import CameraModel
 from mrs_people_loc.team.masking import OccupancyGrid
@@ -53,7 +54,7 @@ _QUATERNION_TOLERANCE = 1e-2
 #: Greatest coordinate of a pose [m]: any in the world, also where it counts from the equator: half
 #: the way round it is 20,040 km.
 _MAX_COORDINATE_M = 2.1e7
-#: A greater variance than this [m^2, rad^2] says "unknown" (as DBL_MAX does), as this one does.
+#: A greater variance than this [m^2, rad^2] means "unknown" (as DBL_MAX does), as this one does.
 _MAX_VARIANCE = 1e12
 #: More than any robot sends (`bodies.max_count`), and more than a planner has time for.
 _MAX_BODIES = 100
@@ -71,7 +72,7 @@ def read_stamp(message: Message) -> int:
     """Time of a message of a sensor [ns].
 
     Raises:
-        StampError: It is 0, which says that its sender sets none.
+        StampError: It is 0: its sender sets none.
     """
     stamp_ns = stamp_ns_of(message.header.stamp)
     if stamp_ns == 0:

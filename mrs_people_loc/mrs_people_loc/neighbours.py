@@ -9,14 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mrs_people_loc.arrays import Float, Int
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
-from mrs_people_loc.geometry import Float
-
-Int = NDArray[np.intp]
 
 #: So many pairs are looked at faster than a tree is made.
 _FEW = 4096
@@ -28,7 +26,7 @@ def pairs_within(xy: Float, reach: float) -> tuple[Int, Int, Float]:
     """Pairs of points at most `reach` apart, each once, in no order.
 
     Args:
-        xy: Points [m], shape (n, 2); those with a NaN are near nobody.
+        xy: Points [m], shape (n, 2); those with a NaN are near none.
         reach: The distance [m], inclusive.
 
     Returns:
@@ -44,7 +42,7 @@ def pairs_between(xy: Float, others: Float, reach: float) -> tuple[Int, Int, Flo
     """Pairs of a point and another one at most `reach` from it, in no order.
 
     Args:
-        xy: Points [m], shape (n, 2); those with a NaN are near nobody.
+        xy: Points [m], shape (n, 2); those with a NaN are near none.
         others: Likewise, shape (k, 2).
         reach: The distance [m], inclusive.
 
@@ -86,7 +84,7 @@ def _near(xy: Float, others: Float, one: Int, other: Int, reach: float) -> tuple
 
 
 def connected(one: Int, other: Int, count: int) -> Int:
-    """Connected components: of each of `count` points, the least index that it is joined to.
+    """Connected components: of each of `count` points, the least index in its component.
 
     Args:
         one: One end of each edge, shape (m,).

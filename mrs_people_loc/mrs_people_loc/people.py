@@ -1,4 +1,4 @@
-"""People: as detected, as expected, as followed, and the groups they walk in."""
+"""People as detected, expected and followed, and their groups."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mrs_people_loc.geometry import squared_mahalanobis
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.team.fusion import ShortTermMap
 
-#: Log-odds of being a person of a plain cluster of human size, for which nobody gives any.
+#: Log-odds of being a person of a cluster of human size: the paper's test gives none.
 PLAIN_SCORE = 6.0
 
 
 @dataclass(frozen=True)
 class Person:
-    """One person in one interval: as found, or as followed from interval to interval.
+    """One person in one interval, detected or followed.
 
     Attributes:
         position: In the common frame [m], shape (2,).
@@ -28,14 +28,14 @@ class Person:
         height: Highest supported point over the floor [m].
         sigma: Of the cluster, see `Clusters` [m].
         robots: Names of the robots that saw the person.
-        label: The cluster; -1: none, he is not seen.
+        label: The cluster; -1: none, they are not seen.
         score: Log-odds that it is a person.
-        stamp_ns: When the robots looked at him last, the mean of their scans' stamps [ns].
-        id: Who it is, from 1; 0: not followed.
+        stamp_ns: When they were last seen, the mean of the robots' stamps [ns].
+        id: Of the track, from 1; 0: not followed.
         velocity: In the common frame [m/s], shape (2,); None: unknown.
         velocity_covariance: Of the velocity [m^2/s^2], shape (2, 2); None: unknown.
-        age_s: Time since he was first seen [s].
-        coasting: Whether he is predicted, not seen.
+        age_s: Time since they were first seen [s].
+        coasting: Whether they are predicted, not seen.
     """
 
     position: Float
@@ -55,7 +55,7 @@ class Person:
 
 @dataclass(frozen=True)
 class Group:
-    """People who belong together.
+    """People who walk together.
 
     Attributes:
         centre: Centre of gravity of their positions [m], shape (2,).
@@ -66,7 +66,7 @@ class Group:
         velocity: Of the centre [m/s], shape (2,); None: unknown.
         velocity_covariance: Of the velocity [m^2/s^2], shape (2, 2); None: unknown.
         members: Their ids, ascending; none if they are not followed.
-        id: Which group it is, from 1; 0: groups are not followed.
+        id: From 1; 0: groups are not followed.
         stragglers: Ids of members that have fallen behind or left, and for how long [s].
     """
 
@@ -83,14 +83,16 @@ class Group:
 
 
 def gather(people: Sequence[Person]) -> Group | None:
-    """People as one group, about the centre of gravity of their positions; None of nobody."""
+    """All people as one group, about their centre of gravity; None if there are none."""
     if not people:
         return None
     positions = np.array([person.position for person in people])
     centre = positions.mean(axis=0)
     distance = np.hypot(*(positions - centre).T)
     velocities = [p.velocity for p in people if p.velocity is not None]
-    unsure = [p.velocity_covariance for p in people if p.velocity_covariance is not None]
+    velocity_covariances = [
+        p.velocity_covariance for p in people if p.velocity_covariance is not None
+    ]
     return Group(
         centre=centre,
         covariance=np.sum([p.covariance for p in people], axis=0) / len(people) ** 2,
@@ -99,7 +101,9 @@ def gather(people: Sequence[Person]) -> Group | None:
         size=len(people),
         velocity=np.mean(velocities, axis=0) if len(velocities) == len(people) else None,
         velocity_covariance=(
-            np.sum(unsure, axis=0) / len(people) ** 2 if len(unsure) == len(people) else None
+            np.sum(velocity_covariances, axis=0) / len(people) ** 2
+            if len(velocity_covariances) == len(people)
+            else None
         ),
         members=tuple(sorted(person.id for person in people if person.id)),
     )
@@ -118,7 +122,7 @@ class Expected(StructOfArrays):
     covariance: Float
 
     def near(self, xy: Float, covariance: Float, *, gate: float, reach: float) -> Int:
-        """Which of them something at a place may be, the nearest in sigmas; -1: none of them.
+        """Of each place, which expected person may be there, the nearest in sigmas; -1: none.
 
         Args:
             xy: Places [m], shape (m, 2).
@@ -150,7 +154,7 @@ class Detections:
 
     Attributes:
         cells: Indices of these cells, ascending, shape (n,).
-        clusters: What they are clusters of; its labels are of these cells.
+        clusters: Their clusters; the labels are of these cells.
         persons: The people among the clusters.
         too_wide: How many clusters are wider than a person and could not be split: each may hold
             more people than were found.
@@ -166,32 +170,37 @@ class Detections:
         """Nothing, in no cell."""
         return cls(np.empty(0, dtype=np.intp), Clusters.none(len(fused.robots)), ())
 
-    def unite(self, others: Detections, *, apart: float) -> Detections:
-        """These and what another detector found in the other cells of the map.
 
-        Where some robots seek bodies and others do not, both may see the same person.
+def combine(detections: Detections, preferred: Detections, *, min_distance: float) -> Detections:
+    """Detections of two detectors in different cells of one map.
 
-        Args:
-            others: They come first, and whoever is near to one of them is left out.
-            apart: Two people are at least this far apart [m].
-        """
-        if not len(others.cells):
-            return self
-        if not len(self.cells):
-            return others
-        mine = np.array([person.position for person in self.persons]).reshape(-1, 2)
-        theirs = np.array([person.position for person in others.persons]).reshape(-1, 2)
-        near, _, away = pairs_between(mine, theirs, apart)
-        same = set(near[away < apart].tolist())
-        first = len(self.clusters)
-        moved = [dataclasses.replace(one, label=first + one.label) for one in others.persons]
-        alone = [one for number, one in enumerate(self.persons) if number not in same]
-        cells = np.concatenate([self.cells, others.cells])
-        label = np.concatenate([self.clusters.label, first + others.clusters.label])
-        order = np.argsort(cells)
-        return Detections(
-            cells=cells[order],
-            clusters=self.clusters.unite(others.clusters, label[order]),
-            persons=(*moved, *alone),
-            too_wide=self.too_wide + others.too_wide,
-        )
+    Where some robots seek bodies and others do not, both detectors may see the same person.
+
+    Args:
+        detections: Their clusters come first.
+        preferred: Their people come first, and those of the others that are nearer than the
+            distance to one of them are left out.
+        min_distance: Of two people [m].
+    """
+    if not len(preferred.cells):
+        return detections
+    if not len(detections.cells):
+        return preferred
+    xy, preferred_xy = (
+        np.array([person.position for person in of.persons]).reshape(-1, 2)
+        for of in (detections, preferred)
+    )
+    near, _, away = pairs_between(xy, preferred_xy, min_distance)
+    same = set(near[away < min_distance].tolist())
+    first = len(detections.clusters)
+    moved = [dataclasses.replace(one, label=first + one.label) for one in preferred.persons]
+    others = [one for number, one in enumerate(detections.persons) if number not in same]
+    cells = np.concatenate([detections.cells, preferred.cells])
+    label = np.concatenate([detections.clusters.label, first + preferred.clusters.label])
+    order = np.argsort(cells)
+    return Detections(
+        cells=cells[order],
+        clusters=detections.clusters.followed_by(preferred.clusters, label[order]),
+        persons=(*moved, *others),
+        too_wide=detections.too_wide + preferred.too_wide,
+    )

@@ -12,7 +12,7 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.following.groups import Groups
 from mrs_people_loc.following.tracks import Tracker
-from mrs_people_loc.people import NOBODY, Group, Person, gather
+from mrs_people_loc.people import NOBODY, Group, Person, combine, gather
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import ShortTermMap, allow_for_walking, fuse, place_bodies
 from mrs_people_loc.team.masking import OccupancyGrid, Walls, mask
@@ -22,20 +22,19 @@ from mrs_people_loc.timing import StageTimes
 
 @dataclass(frozen=True)
 class People:
-    """What one interval gave.
+    """The result of one interval.
 
     Attributes:
         stamp_ns: Time of the interval, the stamp of its newest scan [ns].
-        poses: By robot, the pose at its scan's stamp (`Pose.stamp_ns`): what it was made from.
+        poses: By robot, the pose at its scan's stamp (`Pose.stamp_ns`) that was used.
         persons: The people.
-        groups: Who belongs together, the largest group first; all of them are one where they are
-            not followed, none where nobody is there.
+        groups: Their groups, the largest first; one of all people where they are not followed.
         events: What has happened to the groups, in sentences.
         fused: The short-term map.
         clusters: Measures of its clusters.
         too_wide: How many clusters are wider than a person and could not be split: each may hold
             more people than were found.
-        times_ms: What each stage took, by name [ms].
+        times_ms: Duration of each stage, by name [ms].
     """
 
     stamp_ns: int
@@ -55,7 +54,7 @@ class People:
 
 
 class Planner:
-    """Finds the people in the scans of all robots, and follows them.
+    """Detects people in the scans of all robots, and follows them.
 
     Args:
         config: Its configuration; may be replaced at any time.
@@ -63,7 +62,7 @@ class Planner:
     Attributes:
         config: Likewise.
         tracker: Follows people.
-        groups: Follows who belongs together.
+        groups: Follows their groups.
     """
 
     def __init__(self, config: PlannerConfig) -> None:
@@ -73,15 +72,15 @@ class Planner:
         self._walls: Walls | None = None
 
     def begin_anew(self) -> None:
-        """Forgets everybody: the time jumped back. Ids of people and groups go on."""
+        """Forgets all people: the time jumped back. Ids of people and groups go on."""
         self.tracker.begin_anew()
         self.groups.begin_anew()
 
     def take_grid(self, grid: OccupancyGrid | None) -> None:
-        """Takes what is known of walls and furniture, for the intervals that follow.
+        """Takes a map of walls and furniture, for the intervals that follow.
 
         Args:
-            grid: In the common frame; None: nothing is known.
+            grid: In the common frame; None: there is no map.
         """
         occupied_from = self.config.masking.occupied_from
         self._walls = None if grid is None else Walls(grid, occupied_from=occupied_from)
@@ -94,26 +93,27 @@ class Planner:
             poses: By robot, its pose in the common frame at its scan's stamp; also of robots
                 without a scan, which others may see.
             time_ns: Time of the interval [ns]. Where it is older than the last one by more than
-                `clocks.RESET_NS`, everybody is new.
+                `clocks.RESET_NS`, all people are new.
 
         Raises:
             ScanError: A robot has two scans.
             PoseError: A robot has no pose.
         """
-        scans = _in_order(scans, poses)
+        scans = _by_robot(scans, poses)
         config, times = self.config, StageTimes()
         self.tracker.config, self.groups.config = config.tracking, config.groups
         expected = self.tracker.expect(time_ns) if config.tracking.enabled else NOBODY
         placed = allow_for_walking(scans, poses, time_ns, config.interval.walking_speed)
         fused = fuse(scans, placed)
         times.mark("fusion")
-        in_view = place_bodies(fused, placed, line_of_sight=config.joining.line_of_sight)
-        known = mask(fused, in_view, poses, self._walls, config.masking)
+        seen = place_bodies(fused, placed, line_of_sight=config.joining.line_of_sight)
+        masked = mask(fused, seen, poses, self._walls, config.masking)
         times.mark("masking")
-        joined = bodies.detect(fused, in_view, known, self._walls, expected, config)
+        # The default method detects in bodies, the paper's in cells that belong to no body.
+        of_bodies = bodies.detect(fused, seen, masked, self._walls, expected, config)
         times.mark("joining")
-        clusters = cells.detect(fused, known, placed, expected, config)
-        found = clusters.unite(joined, apart=config.joining.apart)
+        of_cells = cells.detect(fused, masked, placed, expected, config)
+        found = combine(of_cells, of_bodies, min_distance=config.joining.apart)
         times.mark("clustering")
         persons, groups, events = self._follow(found.persons, time_ns, times)
         used = {scan.robot: poses[scan.robot] for scan in scans}
@@ -124,7 +124,7 @@ class Planner:
     def _follow(
         self, persons: tuple[Person, ...], time_ns: int, times: StageTimes
     ) -> tuple[tuple[Person, ...], tuple[Group, ...], tuple[str, ...]]:
-        """Who these are over time, in which groups, and what has happened to the groups."""
+        """Tracked people, their groups, and events of the groups."""
         if not self.config.tracking.enabled:
             everybody = gather(persons)
             return persons, (everybody,) if everybody else (), ()
@@ -135,8 +135,8 @@ class Planner:
         return persons, groups, events
 
 
-def _in_order(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> list[Scan]:
-    """The scans by the names of their robots, each of which has one, and a pose."""
+def _by_robot(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> list[Scan]:
+    """The scans in the order of their robots' names; checks that each has one, and a pose."""
     scans = sorted(scans, key=lambda scan: scan.robot)
     names = [scan.robot for scan in scans]
     if len(set(names)) < len(names):

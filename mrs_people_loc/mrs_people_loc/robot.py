@@ -1,7 +1,8 @@
-"""One robot: from images to its scan, stage by stage as in the paper's section 5."""
+"""One robot: from its images to its scan, by the paper's method (section 5) or the default one."""
 
 from __future__ import annotations
 
+from mrs_people_loc.bodies.finder import BODY_TUNING, BodyTuning
 from mrs_people_loc.bodies.scanner import BodyScanner, BodyStages
 from mrs_people_loc.cells.scanner import CellScanner, CellStages
 from mrs_people_loc.config import RobotConfig
@@ -11,7 +12,7 @@ from mrs_people_loc.sensing.disparity import StereoMatcher
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.timing import StageTimes
 
-#: Everything that one view went through, by the paper's method or by the default one.
+#: All intermediate results of one view, of the paper's method or of the default one.
 Stages = CellStages | BodyStages
 
 
@@ -22,6 +23,7 @@ class RobotPipeline:
         robot: The robot's name.
         camera: Its head, with the mounting.
         config: Its configuration.
+        tuning: Constants of the default method.
 
     Attributes:
         matcher: Makes its disparities.
@@ -30,13 +32,22 @@ class RobotPipeline:
         CameraError: Camera and configuration do not fit together.
     """
 
-    def __init__(self, robot: str, camera: StereoCamera, config: RobotConfig) -> None:
+    def __init__(
+        self,
+        robot: str,
+        camera: StereoCamera,
+        config: RobotConfig,
+        tuning: BodyTuning = BODY_TUNING,
+    ) -> None:
         self.robot = robot
         self.camera = camera
         self.config = config
         self.matcher = StereoMatcher(camera, config.disparity)
-        scanner = BodyScanner if config.bodies.search else CellScanner
-        self._scan: BodyScanner | CellScanner = scanner(robot, camera, config)
+        self._scan: CellScanner | BodyScanner
+        if config.bodies.search:
+            self._scan = BodyScanner(robot, camera, config, tuning)
+        else:
+            self._scan = CellScanner(robot, camera, config)
 
     def step(self, images: StereoImages) -> Scan:
         """The scan of one view.
@@ -47,7 +58,7 @@ class RobotPipeline:
         return self.stages(images).scan
 
     def stages(self, images: StereoImages) -> Stages:
-        """The scan of one view, and everything on the way to it.
+        """The scan of one view, and all intermediate results.
 
         Raises:
             ImageError: The images do not fit the camera.

@@ -16,7 +16,7 @@ from mrs_people_loc.errors import ScanError
 CELL_DTYPE = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("z_min", "<f4"), ("top", "<f4"), ("count", "<u4")]
 )
-#: One cell of a body on the wire: what a scan of bodies has besides.
+#: One cell of a body on the wire: a scan of bodies has these fields in addition.
 BODY_DTYPE = np.dtype(
     [
         *((name, CELL_DTYPE[name].str) for name in CELL_DTYPE.names or ()),
@@ -41,8 +41,8 @@ class Cells(StructOfArrays):
         z_min: Lowest point in the zone [m], float32.
         top: Highest supported point of the column, measured before the zone cut [m], float32.
         count: Number of 3D points in the cell, uint32.
-        body: Which body of its scan the cell belongs to, from 1; 0: none, as where a robot does not
-            seek bodies, uint32.
+        body: Which body of its scan the cell belongs to, from 1; 0: none, as in scans of the
+            paper's method, uint32.
         score: Log-odds that this body is a person, float32.
         sigma_range: Standard deviation of the body's place along the line of sight [m], float32.
         sigma_across: Likewise, across it [m], float32.
@@ -112,7 +112,7 @@ class Cells(StructOfArrays):
 
 @dataclass(frozen=True)
 class Scan:
-    """What one robot saw in one view.
+    """The scan of one view of a robot.
 
     Attributes:
         robot: The robot's name.
@@ -127,12 +127,12 @@ class Scan:
 
 @dataclass(frozen=True)
 class ScanStages:
-    """Everything that one view went through; scanners add stages of their own.
+    """All intermediate results of one view; scanners add their own.
 
     Attributes:
         disparity: [px], float32, shape (height, width), NaN where there is none.
         scan: The cells (W).
-        times_ms: What each stage took, by name [ms].
+        times_ms: Duration of each stage, by name [ms].
     """
 
     disparity: Float32

@@ -1,4 +1,4 @@
-"""What stages take."""
+"""Durations of stages."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ _clock: Callable[[], int] = time.perf_counter_ns
 
 
 def now_ns() -> int:
-    """The clock that stages are timed with [ns]: the time that passes."""
+    """The clock that stages are timed with [ns]: wall time, unless in `processor_time`."""
     return _clock()
 
 
 @contextmanager
 def processor_time() -> Iterator[None]:
-    """Within, stages are timed by what they take of the processor.
+    """Context in which stages are timed by this thread's processor time.
 
-    That is what passes on an idle machine; on a busy one, what other programs take in between does
-    not count. For benchmarks, in one thread.
+    Time that other programs take does not count. For benchmarks, in one thread.
     """
     global _clock
     before, _clock = _clock, time.thread_time_ns
@@ -30,14 +29,18 @@ def processor_time() -> Iterator[None]:
 
 
 class StageTimes:
-    """What passed between marks, by `now_ns`."""
+    """Time between marks, by `now_ns`.
+
+    Attributes:
+        ms: Duration of each stage, by name [ms].
+    """
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
         self._last = now_ns()
 
     def mark(self, stage: str) -> None:
-        """Ends a stage: its time is what passed since the last mark."""
+        """Ends a stage, which began at the last mark."""
         now = now_ns()
         self.ms[stage] = (now - self._last) / 1e6
         self._last = now

@@ -1,4 +1,4 @@
-"""Covariances: what is taken for one, whatever a message says."""
+"""Bounds of covariances that come in messages."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float
 
-#: No standard deviation is taken for smaller [m].
+#: Least standard deviation [m].
 LEAST_SIGMA = 0.01
-#: ... and none for larger [m]: what a message says of its uncertainty may be anything.
+#: Largest standard deviation [m].
 LARGEST_SIGMA = 100.0
-#: A covariance with anything larger says nothing [m^2].
+#: A covariance with a larger element is taken for unknown [m^2].
 _USABLE = 1e12
 
 
 def bounded(covariance: Float) -> Float:
-    """Covariances with standard deviations between a least and a largest one, whatever came in."""
+    """Covariances with standard deviations from `LEAST_SIGMA` to `LARGEST_SIGMA`.
+
+    Args:
+        covariance: [m^2], any values, NaN included, shape (n, 2, 2).
+    """
     largest = LARGEST_SIGMA**2
     usable: Any = (np.abs(covariance) < _USABLE).all(axis=(1, 2))  # NaN compares false
     covariance = np.where(usable[:, np.newaxis, np.newaxis], covariance, largest * np.eye(2))

@@ -14,27 +14,27 @@ def orders(*given_ms: int) -> list[str]:
     return [order.take(stamp * MS).value for stamp in given_ms]
 
 
-def test_stamps_in_order():
+def test_ordered_stamps_are_accepted():
     assert orders(0, 1, 5000) == ["newer"] * 3
 
 
-def test_repeated_and_late_stamps():
+def test_repeated_and_late_stamps_are_refused():
     assert orders(5000, 5000, 4999, 4000, 5001) == ["newer", "late", "late", "late", "newer"]
 
 
-def test_one_or_two_that_are_very_late_change_nothing():
+def test_one_or_two_very_late_stamps_change_nothing():
     assert orders(5000, 1000, 5001, 1000, 1001, 5002) == [
         "newer", "late", "newer", "late", "late", "newer",
     ]  # fmt: skip
 
 
-def test_three_in_succession_that_go_forward_are_a_new_beginning():
+def test_three_consecutive_early_stamps_reset_the_clock():
     assert orders(5000, 1000, 1001, 1002, 1003) == ["newer", "late", "late", "anew", "newer"]
     assert orders(5000, 1000, 1000, 1000, 1000) == ["newer", *["late"] * 4]
     assert orders(5000, 1000, 1001, 900, 901, 902) == ["newer", *["late"] * 4, "anew"]
 
 
-def test_beginning_anew_takes_anything():
+def test_after_a_reset_any_stamp_is_accepted():
     order = StampOrder()
     order.take(5 * SECOND)
     order.begin_anew()
@@ -43,7 +43,7 @@ def test_beginning_anew_takes_anything():
 
 
 @given(st.lists(stamps, max_size=40))
-def test_what_is_taken_goes_forward_between_new_beginnings(given_ns):
+def test_accepted_stamps_increase_between_resets(given_ns):
     order, taken, resets = StampOrder(), [], 0
     for stamp in given_ns:
         was = order.take(stamp)
@@ -66,7 +66,7 @@ def offset_of(*arrivals_ms: tuple[int, int], now_ms: int | None = None) -> float
     return None if found is None else found / MS
 
 
-def test_the_offset_is_less_the_least_delay():
+def test_offset_excludes_the_minimum_delay():
     assert offset_of((0, -30)) == -30
     assert offset_of((0, -30), (100, -10), (200, -400)) == -10
     # Of two spans of half a second the lesser one, and so on: the greatest of all but one.
@@ -75,11 +75,11 @@ def test_the_offset_is_less_the_least_delay():
     assert offset_of((0, 4990), (600, 4980), (1200, 4700)) == 4980
 
 
-def test_one_stamp_that_is_wrong_says_nothing_of_a_clock():
+def test_single_wrong_stamp_does_not_change_the_offset():
     assert offset_of((0, -30), (600, -20), (1200, 900), (1800, -10)) == -10
 
 
-def test_the_offset_is_of_the_last_ten_seconds():
+def test_offset_covers_the_last_ten_seconds():
     arrivals = ((0, -10), (600, -10), (5000, -50), (9000, -40))
     assert offset_of(*arrivals) == -10
     assert offset_of(*arrivals, now_ms=10_600) == -50  # (0, ...) and (600, ...) are over
@@ -102,12 +102,12 @@ def test_a_sender_is_settled_after_two_seconds():
     assert not clock.is_settled(20_000 * MS)
 
 
-def test_a_listener_whose_clock_is_set_back_begins_anew():
+def test_clock_set_back_on_the_receiver_resets_the_offset():
     assert offset_of((9000, 0), (9600, 0), (1000, 10)) == 10
 
 
 @given(st.lists(st.tuples(st.integers(0, 3000), st.integers(-5000, 5000)), max_size=50))
-def test_the_offset_is_that_of_a_plain_search(steps):
+def test_offset_equals_a_plain_search(steps):
     clock, spans, now = ClockOffset(), {}, 0
     for wait, offset in steps:
         now += wait
@@ -121,5 +121,5 @@ def test_the_offset_is_that_of_a_plain_search(steps):
     ("offsets", "right"),
     [([], 0), ([700], 700), ([-10, 190], -10), ([5000, -20], -20), ([5000, 5010, -4000], -4000)],
 )
-def test_who_is_right(offsets, right):
+def test_reference_clock_is_that_nearest_to_the_listeners(offsets, right):
     assert right_offset(offsets) == right

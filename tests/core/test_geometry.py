@@ -39,7 +39,7 @@ def rotation_from_quaternion(x: float, y: float, z: float, w: float) -> np.ndarr
     )
 
 
-def test_optical_axes_in_the_body_frame():
+def test_optical_axes_are_mapped_to_the_body_frame():
     right, down, forward = np.eye(3)
     np.testing.assert_array_equal(BODY_FROM_OPTICAL @ right, [0, -1, 0])  # y is left
     np.testing.assert_array_equal(BODY_FROM_OPTICAL @ down, [0, 0, -1])  # z is up
@@ -59,12 +59,12 @@ def test_optical_axes_in_the_body_frame():
         ((PI / 2, PI / 2, 0), (0, 1, 0), (1, 0, 0)),  # rolled (left is up), then pitched
     ],
 )
-def test_rotation_by_hand(rpy, vector, turned):
+def test_rotation_matches_hand_computed_values(rpy, vector, turned):
     np.testing.assert_allclose(rotation_from_rpy(*rpy) @ vector, turned, atol=1e-15)
 
 
 @given(roll=angles, pitch=angles, yaw=angles)
-def test_rotation_is_the_product_of_three_and_orthonormal(roll, pitch, yaw):
+def test_rotation_is_an_orthonormal_product_of_three(roll, pitch, yaw):
     rotation = rotation_from_rpy(roll, pitch, yaw)
     product = rotation_about(2, yaw) @ rotation_about(1, pitch) @ rotation_about(0, roll)
     np.testing.assert_allclose(rotation, product, atol=1e-14)
@@ -73,11 +73,11 @@ def test_rotation_is_the_product_of_three_and_orthonormal(roll, pitch, yaw):
 
 
 @given(yaw=angles)
-def test_planar_rotation_is_that_of_yaw(yaw):
+def test_planar_rotation_equals_yaw_rotation(yaw):
     np.testing.assert_allclose(rotation_2d(yaw), rotation_from_rpy(0, 0, yaw)[:2, :2], atol=1e-15)
 
 
-def test_planar_rotation_by_hand():
+def test_planar_rotation_matches_hand_computed_values():
     np.testing.assert_allclose(rotation_2d(PI / 2) @ (3.0, 0.5), (-0.5, 3.0), atol=1e-15)
 
 
@@ -95,7 +95,7 @@ def test_planar_rotation_by_hand():
         (PI + 0.25, -PI + 0.25),
     ],
 )
-def test_wrap_angle_by_hand(angle, wrapped):
+def test_wrap_angle_matches_hand_computed_values(angle, wrapped):
     assert wrap_angle(angle) == pytest.approx(wrapped, abs=1e-15)
 
 
@@ -117,11 +117,11 @@ def test_wrap_angle_keeps_the_direction(angle):
         ((0, 0, -math.sqrt(0.5), -math.sqrt(0.5)), PI / 2),  # -q is the same rotation
     ],
 )
-def test_yaw_of_a_quaternion_by_hand(quaternion, yaw):
+def test_yaw_of_a_quaternion_matches_hand_computed_values(quaternion, yaw):
     assert yaw_from_quaternion(*quaternion) == pytest.approx(yaw)
 
 
-def test_quaternion_of_a_yaw_by_hand():
+def test_quaternion_of_a_yaw_matches_hand_computed_values():
     assert quaternion_from_yaw(PI / 3) == pytest.approx((0, 0, 0.5, math.sqrt(3) / 2))
 
 
@@ -132,7 +132,7 @@ def test_yaw_round_trip(yaw):
 
 
 @given(roll=st.floats(-0.5, 0.5), pitch=st.floats(-0.5, 0.5), yaw=angles)
-def test_yaw_of_a_leaning_robot(roll, pitch, yaw):
+def test_yaw_of_a_tilted_robot_is_its_heading(roll, pitch, yaw):
     quaternion = quaternion_from_rotation(rotation_from_rpy(roll, pitch, yaw))
     assert wrap_angle(yaw_from_quaternion(*quaternion) - yaw) == pytest.approx(0.0, abs=1e-9)
 
@@ -149,7 +149,7 @@ def test_quaternion_round_trip(roll, pitch, yaw):
     assert quaternion[3] >= 0.0
 
 
-def test_quaternion_of_a_rotation_by_hand():
+def test_quaternion_of_a_rotation_matches_hand_computed_values():
     s = math.sqrt(0.5)
     nose_down = rotation_from_rpy(0, PI / 2, 0)
     assert quaternion_from_rotation(nose_down) == pytest.approx((0, s, 0, s))

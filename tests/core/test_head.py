@@ -43,7 +43,7 @@ def take(head: Head, n=1, **encodings):
     return head.take_image("right", image(n, encodings.get("right", "mono8"), "right"))
 
 
-def test_a_pair_makes_a_view(infos):
+def test_pair_gives_a_view(infos):
     view = take(calibrated(infos), 7)
     assert view.images.stamp_ns == view.stages.scan.stamp_ns == 7_000_000_000
     assert view.header.frame_id == "left"
@@ -62,8 +62,8 @@ def test_images_wait_for_their_calibration(infos):
     assert view.images.stamp_ns == 2_000_000_000
 
 
-def test_a_calibration_is_not_to_blame_for_images_that_waited_for_it(infos, camera_info):
-    """It can be used, and is: the error is that of an image."""
+def test_images_that_do_not_fit_a_later_calibration_are_refused_as_images(infos, camera_info):
+    """The calibration is usable, so the error is that of an image."""
     head = Head("robot_a", RobotConfig())
     assert take(head, 1) is None
     p = infos["right"].p
@@ -83,7 +83,7 @@ def test_a_calibration_is_not_to_blame_for_images_that_waited_for_it(infos, came
     assert e.value.camera == "right"
 
 
-def test_encodings_must_not_differ(infos):
+def test_different_encodings_are_refused(infos):
     head = calibrated(infos)
     with pytest.raises(ImageError, match="right image is 'bgr8'; wanted as left: 'mono8'"):
         take(head, 1, right="bgr8")
@@ -91,7 +91,7 @@ def test_encodings_must_not_differ(infos):
 
 
 def test_images_without_stamps_are_refused_at_once(infos):
-    """Not only the second one, as one that is not newer: then one scan would be of no time."""
+    """Already the first one, not only the second one for not being newer."""
     head = calibrated(infos)
     for camera in ("left", "right"):
         with pytest.raises(StampError, match="its sender sets none"):
@@ -99,7 +99,7 @@ def test_images_without_stamps_are_refused_at_once(infos):
     assert take(head, 1) is not None
 
 
-def test_a_parameter_mends_what_a_parameter_broke(infos):
+def test_parameter_change_can_be_undone(infos):
     head = Head("robot_a", RobotConfig.from_mapping({"disparity": {"min_range": 0.1}}))
     head.take_camera_info("left", infos["left"])
     with pytest.raises(CameraError, match="raise min_range"):
@@ -112,14 +112,14 @@ def test_a_parameter_mends_what_a_parameter_broke(infos):
     assert take(head, 3) is not None
 
 
-def test_a_parameter_that_does_not_fit_is_refused(infos):
+def test_unsuitable_parameter_is_refused(infos):
     head = calibrated(infos)
     with pytest.raises(CameraError, match="raise min_range"):
         head.configure(RobotConfig.from_mapping({"disparity": {"min_range": 0.1}}))
     assert take(head, 1) is not None  # as before
 
 
-def test_a_head_that_looks_steeply_down_says_that_it_sees_no_bodies(infos):
+def test_head_looking_steeply_down_is_refused_for_bodies(infos):
     for info in infos.values():
         info.p = [
             3.0 * info.p[0],
@@ -146,7 +146,7 @@ def test_a_head_that_looks_steeply_down_says_that_it_sees_no_bodies(infos):
     assert take(head, 4) is not None  # as before
 
 
-def test_a_new_calibration_counts_from_the_next_image(infos, camera_info):
+def test_new_calibration_applies_from_the_next_image(infos, camera_info):
     head = calibrated(infos)
     before = head.pipeline
     assert head.take_camera_info("left", infos["left"]) is None

@@ -35,7 +35,7 @@ def header(frame_id="map") -> SimpleNamespace:
     return SimpleNamespace(stamp=stamp(), frame_id=frame_id)
 
 
-def test_time_of_a_stamp():
+def test_stamp_is_converted_to_nanoseconds():
     assert messages.stamp_ns_of(stamp()) == 12_000_000_345
     # uint32 of a bag, which must not overflow
     assert messages.stamp_ns_of(stamp(np.int32(2**31 - 1), np.uint32(999_999_999))) == (
@@ -46,7 +46,7 @@ def test_time_of_a_stamp():
 # -------------------------------------------------------------------------- camera_info ----
 
 
-def test_camera_info_by_hand(camera_info):
+def test_camera_info_matches_hand_computed_values(camera_info):
     p = [100.0, 0.0, 79.5, -10.0, 0.0, 101.0, 59.5, 3.0, 0.0, 0.0, 1.0, 0.0]
     k = [90.0, 0.0, 70.0, 0.0, 91.0, 50.0, 0.0, 0.0, 1.0]
     r = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
@@ -58,7 +58,7 @@ def test_camera_info_by_hand(camera_info):
     np.testing.assert_array_equal(model.r, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 
-def test_camera_info_with_arrays_as_rosbags_and_rclpy_have_them(camera_info):
+def test_camera_info_arrays_of_rosbags_and_rclpy_are_read(camera_info):
     plain = camera_info()
     arrays = camera_info(k=np.array(plain.k), r=np.array(plain.r), p=np.array(plain.p))
     np.testing.assert_array_equal(
@@ -119,7 +119,7 @@ def right_info(camera_info, tx, **changes):
         (-10.0, {"width": 320}, "right camera_info is 320x120; wanted as left: 160x120"),
     ],
 )
-def test_camera_infos_of_no_pair_are_refused(camera_info, tx, changes, message):
+def test_camera_infos_that_form_no_pair_are_refused(camera_info, tx, changes, message):
     left, right = camera_info(), right_info(camera_info, tx, **changes)
     with pytest.raises(CameraError, match=message):
         StereoCamera.from_models(*map(messages.read_camera_info, (left, right)))
@@ -143,13 +143,13 @@ def image(rows, encoding="mono8", **changes) -> SimpleNamespace:
     return SimpleNamespace(**values | changes)
 
 
-def test_grey_image():
+def test_grey_image_is_read():
     grey = messages.read_image(image([[1, 2, 3], [4, 5, 6]]))
     np.testing.assert_array_equal(grey, [[1, 2, 3], [4, 5, 6]])
     assert grey.dtype == np.uint8
 
 
-def test_padded_rows():
+def test_padded_rows_are_read():
     padded = image([[1, 2, 3, 99], [4, 5, 6, 99]], width=3)
     np.testing.assert_array_equal(messages.read_image(padded), [[1, 2, 3], [4, 5, 6]])
     padded = image([[0, 0, 255, 0, 255, 0, 99, 99]], "rgb8", width=2)
@@ -166,7 +166,7 @@ def test_padded_rows():
         ("8UC3", [29, 150, 76]),  # as OpenCV has it
     ],
 )
-def test_colours_become_grey(encoding, grey):
+def test_colours_are_converted_to_grey(encoding, grey):
     # Red, green, blue weigh 0.299, 0.587, 0.114; alpha does not count.
     alphas = [[200], [0], [255]] if encoding.endswith("a8") else [[], [], []]
     pixels = [[*row, *alpha] for row, alpha in zip(255 * np.eye(3, dtype=int), alphas, strict=True)]
@@ -175,7 +175,7 @@ def test_colours_become_grey(encoding, grey):
 
 
 @pytest.mark.parametrize("encoding", ["mono8", "8UC1"])
-def test_grey_by_either_name(encoding):
+def test_both_grey_encodings_are_read(encoding):
     rows = [[1, 2, 3], [4, 5, 6]]
     np.testing.assert_array_equal(messages.read_image(image(rows, encoding)), rows)
 
@@ -187,7 +187,7 @@ def test_a_pose_without_a_stamp_is_refused():
         messages.read_pose(message)
 
 
-def test_a_stamp_of_zero_is_none():
+def test_stamp_of_zero_is_refused():
     message = SimpleNamespace(header=header())
     message.header.stamp.sec, message.header.stamp.nanosec = 0, 1
     assert messages.read_stamp(message) == 1
@@ -197,7 +197,7 @@ def test_a_stamp_of_zero_is_none():
 
 
 @pytest.mark.parametrize("make", [bytes, bytearray, lambda data: np.frombuffer(data, np.uint8)])
-def test_image_data_in_any_buffer(make):
+def test_image_data_of_any_buffer_type_is_read(make):
     message = image([[1, 2], [3, 4]])
     message.data = make(message.data)
     np.testing.assert_array_equal(messages.read_image(message), [[1, 2], [3, 4]])
@@ -253,7 +253,7 @@ def odometry(x=1.0, y=2.0, z=0.0, quaternion=(0, 0, 0, 1), covariance=(0.0,) * 3
     return SimpleNamespace(header=header(), child_frame_id="robot_a/base_link", pose=pose)
 
 
-def test_pose_by_hand():
+def test_pose_matches_hand_computed_values():
     s = math.sqrt(0.5)
     pose = messages.read_pose(odometry(1.5, -2.5, 7.0, (0, 0, s, s), np.arange(36.0)))
     assert (pose.stamp_ns, pose.x, pose.y) == (12_000_000_345, 1.5, -2.5)
@@ -262,13 +262,13 @@ def test_pose_by_hand():
     np.testing.assert_array_equal(pose.covariance, [[0, 1, 5], [6, 7, 11], [30, 31, 35]])
 
 
-def test_a_quaternion_that_is_rounded_is_read():
+def test_rounded_quaternion_is_accepted():
     pose = messages.read_pose(odometry(quaternion=(0, 0, 0.7078, 0.7078)))
     assert pose.yaw == pytest.approx(math.pi / 2)
 
 
 @pytest.mark.parametrize("lean", [{"roll": 0.5}, {"pitch": -0.5}])
-def test_a_robot_on_a_slope_has_a_heading(lean):
+def test_robot_on_a_slope_has_a_heading(lean):
     rpy = {"roll": 0.0, "pitch": 0.0, "yaw": 2.0} | lean
     quaternion = quaternion_from_rotation(rotation_from_rpy(**rpy))
     assert messages.read_pose(odometry(quaternion=quaternion)).yaw == pytest.approx(2.0)
@@ -311,7 +311,7 @@ BASE = "robot_a/base_link"
     ["robot_a/base_link", "/robot_a/base_link", "base_link", "/base_link", "",
      "robot_a/base_footprint", "base_footprint"],
 )  # fmt: skip
-def test_odometry_of_the_robot_itself(child):
+def test_odometry_of_the_robot_is_accepted(child):
     message = odometry()
     message.child_frame_id = child
     assert messages.read_pose(message, BASE).x == 1.0
@@ -320,7 +320,7 @@ def test_odometry_of_the_robot_itself(child):
 @pytest.mark.parametrize(
     "child", ["robot_b/base_link", "robot_a/odom", "camera_link", "robot_a//base_link", "robot_a"]
 )
-def test_odometry_of_something_else_is_refused(child):
+def test_odometry_of_another_frame_is_refused(child):
     message = odometry()
     message.child_frame_id = child
     with pytest.raises(PoseError, match=f"child_frame_id is '{child}'; wanted: '{BASE}' "):
@@ -328,7 +328,7 @@ def test_odometry_of_something_else_is_refused(child):
     assert messages.read_pose(message).x == 1.0  # whatever it is of
 
 
-def test_a_pose_has_no_child_and_a_robot_may_have_no_name():
+def test_pose_without_child_frame_or_robot_name_is_read():
     message = odometry()
     message.child_frame_id = "base_footprint"
     assert messages.read_pose(message, "base_link").x == 1.0
@@ -344,7 +344,7 @@ def transform(x=1.0, y=2.0, z=3.0, quaternion=(0, 0, 0, 1)) -> SimpleNamespace:
     )
 
 
-def test_a_transform_is_a_pose_by_hand():
+def test_transform_matches_hand_computed_pose():
     s = math.sqrt(0.5)
     pose = messages.read_transform(transform(quaternion=(0, 0, s, s)), (0.1, 0.2, 0.3))
     assert (pose.stamp_ns, pose.x, pose.y) == (12_000_000_345, 1.0, 2.0)
@@ -366,22 +366,22 @@ def test_a_bad_transform_is_refused(changes, message):
         messages.read_transform(transform(**changes))
 
 
-def test_unused_entries_of_the_covariance_may_be_anything():
+def test_unused_covariance_entries_are_ignored():
     covariance = np.full((6, 6), NAN)
     covariance[np.ix_([0, 1, 5], [0, 1, 5])] = np.diag([0.1, 0.2, 0.3])
     pose = messages.read_pose(odometry(covariance=covariance.reshape(-1)))
     np.testing.assert_array_equal(pose.covariance, np.diag([0.1, 0.2, 0.3]))
 
 
-def test_an_unknown_covariance_can_be_computed_with():
-    """DBL_MAX stands for it."""
+def test_unknown_covariance_is_finite():
+    """It is given as DBL_MAX."""
     pose = messages.read_pose(odometry(covariance=np.eye(6).reshape(-1) * sys.float_info.max))
     np.testing.assert_array_equal(pose.covariance, np.eye(3) * 1e12)
     placed = Pose(0, 1.0, 2.0, 0.5) @ pose
     assert np.isfinite(placed.covariance).all()
 
 
-def test_scans_that_people_were_made_from():
+def test_scans_used_for_people_are_read():
     def robot_scan(robot, nanosec, x):
         pose = with_covariance(x, 0.0, 0.0, (0, 0, 0, 1), (0.0,) * 36)
         return SimpleNamespace(robot=robot, stamp=stamp(1, nanosec), pose=pose)
@@ -450,11 +450,11 @@ def read(message, **options) -> list[tuple]:
     return [tuple(round(float(v), 6) for v in record) for record in scan.cells.to_records()]
 
 
-def test_scan_by_hand():
+def test_scan_matches_hand_computed_values():
     assert read(point_cloud()) == CELLS
 
 
-def test_scan_of_bodies_by_hand():
+def test_scan_of_bodies_matches_hand_computed_values():
     assert read(point_cloud(BODY_CELLS, BODY_FIELDS)) == BODY_CELLS
     shuffled = dict(reversed(BODY_FIELDS.items())) | {"label": 5, "sigma_range": F8, "body": 2}
     assert read(point_cloud(BODY_CELLS, shuffled)) == BODY_CELLS
@@ -496,7 +496,7 @@ def test_cells_without_a_body_are_plain_cells():
     ],
     ids=str,
 )
-def test_an_empty_scan_is_legal(empty, point_step):
+def test_empty_scan_is_valid(empty, point_step):
     message = point_cloud([], **empty)
     message.point_step = point_step
     assert read(message) == []
@@ -516,14 +516,14 @@ def test_fields_may_be_of_another_datatype():
     ]
 
 
-def test_several_rows_with_padding():
+def test_several_padded_rows_are_read():
     one = point_cloud(CELLS[:1])
     rows = one.data + b"12345678" + point_cloud(CELLS[1:]).data + b"12345678"
     one.data, one.height, one.row_step = rows, 2, one.point_step + 8
     assert read(one) == CELLS
 
 
-def test_frame_of_a_scan():
+def test_scan_has_the_frame_of_its_robot():
     assert read(point_cloud(header=header("base_link")), frame_id="base_link") == CELLS
     with pytest.raises(ScanError, match="frame_id is 'map'; wanted: 'robot_a/base_link'"):
         read(point_cloud(header=header("map")))
@@ -602,7 +602,7 @@ def test_a_bad_scan_is_refused(message, error):
         read(message)
 
 
-def test_more_than_any_robot_sends_is_refused():
+def test_scan_above_the_size_limit_is_refused():
     bodies = [(*CELLS[0], 7 * i + 1, 3.0, 0.1, 0.1) for i in range(101)]
     assert len(read(point_cloud(bodies[:100], BODY_FIELDS))) == 100
     with pytest.raises(ScanError, match="scan has 101 bodies; allowed: up to 100"):
@@ -612,7 +612,7 @@ def test_more_than_any_robot_sends_is_refused():
         read(point_cloud(CELLS * 5_000 + CELLS[:1]))
 
 
-def test_the_greatest_count():
+def test_largest_count_is_read():
     assert read(counted(2**32 - 1))[0][5] == 2**32 - 1
     assert read(counted(2.0**32 - 1, F8))[0][5] == 2**32 - 1
 
@@ -646,7 +646,7 @@ def occupancy_grid(
         lambda values: array.array("b", values),  # rclpy
     ],
 )
-def test_occupancy_grid_by_hand(make):
+def test_occupancy_grid_matches_hand_computed_values(make):
     turned = (0.0, 0.0, math.sin(0.2), math.cos(0.2))
     message = occupancy_grid(make([0, 100, -1, 0, 50, 0]), quaternion=turned)
     grid = messages.read_occupancy_grid(message, "map")
@@ -704,7 +704,7 @@ def only_our_errors(function, *arguments):
     data=st.binary(max_size=200),
     whole=st.booleans(),
 )
-def test_any_image(encoding, height, width, padding, data, whole):
+def test_any_image_is_read_or_refused(encoding, height, width, padding, data, whole):
     step = max(0, width * messages.ENCODINGS.get(encoding, (1, ""))[0] + padding)
     if whole and step * height <= 1000:
         data = (data + bytes(1000))[: step * height]
@@ -729,7 +729,7 @@ def test_any_image(encoding, height, width, padding, data, whole):
     | st.text(max_size=4),
     binning_x=small,
 )
-def test_any_camera_info(camera_info, **values):
+def test_any_camera_info_is_read_or_refused(camera_info, **values):
     model = only_our_errors(messages.read_camera_info, camera_info(**values))
     if model is not None:
         only_our_errors(model.check_raw)
@@ -743,7 +743,7 @@ def test_any_camera_info(camera_info, **values):
     | st.floats(-4, 4).map(lambda yaw: (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))),
     covariance=st.lists(number, min_size=36, max_size=36) | st.just([0.1] * 36),
 )
-def test_any_pose(x, y, quaternion, covariance):
+def test_any_pose_is_read_or_refused(x, y, quaternion, covariance):
     pose = only_our_errors(
         messages.read_pose, odometry(x, y, 0.0, quaternion, np.array(covariance))
     )
@@ -776,7 +776,7 @@ def point_clouds(draw):
 
 
 @given(point_clouds())
-def test_any_scan(message):
+def test_any_scan_is_read_or_refused(message):
     scan = only_our_errors(messages.read_scan, message, "robot_a")
     if scan is not None:
         assert len(scan.cells) == message.width * message.height
@@ -792,7 +792,9 @@ def test_any_scan(message):
     quaternion=st.tuples(number, number, number, number) | st.just((0.0, 0.0, 0.0, 1.0)),
     whole=st.booleans(),
 )
-def test_any_occupancy_grid(data, width, height, resolution, place, quaternion, whole):
+def test_any_occupancy_grid_is_read_or_refused(
+    data, width, height, resolution, place, quaternion, whole
+):
     if whole:
         width, height = len(data), 1
     message = occupancy_grid(

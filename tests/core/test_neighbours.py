@@ -28,7 +28,7 @@ def away(a, b) -> float:
 
 @given(points=POINTS, reach=REACH)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_pairs_are_those_that_looking_at_all_finds(points, reach):
+def test_pairs_equal_those_of_comparing_all(points, reach):
     one, other, distance = pairs_within(array_of(points), reach)
     wanted = {
         (i, j): away(points[i], points[j])
@@ -42,7 +42,7 @@ def test_pairs_are_those_that_looking_at_all_finds(points, reach):
 
 @given(points=POINTS, others=POINTS, reach=REACH)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_pairs_of_two_kinds_are_those_that_looking_at_all_finds(points, others, reach):
+def test_pairs_of_two_sets_equal_those_of_comparing_all(points, others, reach):
     one, other, distance = pairs_between(array_of(points), array_of(others), reach)
     wanted = {
         (i, j): away(a, b)
@@ -55,7 +55,7 @@ def test_pairs_of_two_kinds_are_those_that_looking_at_all_finds(points, others, 
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
-def test_the_reach_is_inclusive_whatever_the_scale(scale):
+def test_reach_is_inclusive_at_any_scale(scale):
     # 3, 4, 5, and 5 with a last digit more.
     xy = scale * np.array([(0.0, 0.0), (3.0, 4.0), (0.0, np.nextafter(5.0, 9.0))])
     one, other, _ = pairs_within(xy, 5.0 * scale)

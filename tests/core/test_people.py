@@ -39,7 +39,7 @@ def only(clusters: Clusters) -> dict:
 # ---------------------------------------------------------------------------- measures ----
 
 
-def test_a_row_of_three_by_hand(make_map):
+def test_row_of_three_cells_matches_hand_computed_values(make_map):
     fused = make_map(
         [(1, 5), (3, 5), (5, 5)], z_min=[0.4, 0.2, 0.3], top=[1.5, 1.7, 1.6], count=[10, 20, 30]
     )
@@ -67,14 +67,14 @@ def test_width_and_depth_lie_along_the_principal_axes(make_map, angle):
     np.testing.assert_allclose(one["centroid"], (4, -2))
 
 
-def test_a_cluster_of_one_cell(make_map):
+def test_cluster_of_one_cell_is_measured(make_map):
     one = only(measure(make_map([(1, 2)]), np.array([0])))
     assert (one["sigma"], one["width"], one["depth"]) == (0.0, 0.0, 0.0)
     np.testing.assert_array_equal(one["scatter"], np.zeros((2, 2)))
     np.testing.assert_array_equal(one["centroid"], (1, 2))
 
 
-def test_no_cells_no_clusters(make_map):
+def test_no_cells_give_no_clusters(make_map):
     clusters = measure(make_map([]), np.empty(0, dtype=np.intp))
     assert len(clusters) == 0
     assert clusters.centroid.shape == (0, 2)
@@ -85,7 +85,7 @@ def test_no_cells_no_clusters(make_map):
     assert locate(make_map([]), clusters, human, {"robot_a": EXACT}) == ()
 
 
-def test_who_saw_a_cluster(make_map):
+def test_cluster_lists_its_robots(make_map):
     fused = make_map(
         [(0, 0), (0, 0), (9, 0), (9, 0)],
         robot=[0, 2, 2, 2],
@@ -119,7 +119,7 @@ def measures_by_loop(xy: np.ndarray, cells: Cells) -> dict:
 
 
 @given(st.lists(st.integers(0, 4), min_size=1, max_size=40), st.integers(0, 99))
-def test_measures_against_a_loop(make_map, drawn, seed):
+def test_measures_equal_a_plain_loop(make_map, drawn, seed):
     _, label = np.unique(drawn, return_inverse=True)  # from 0 without gaps
     n, rng = len(label), np.random.default_rng(seed)
     fields = {
@@ -171,13 +171,13 @@ PERSON = {"height": 1.75, "width": 0.5, "depth": 0.25, "points": 300}
         ({"points": 149}, False),
     ],
 )
-def test_human_size(make_map, change, human):
+def test_limits_of_human_size_are_inclusive(make_map, change, human):
     some = measure(make_map([(0, 0), (9, 9)]), np.array([0, 1]))
     values = {name: np.array([value, 0.0]) for name, value in (PERSON | change).items()}
     assert is_human(dataclasses.replace(some, **values), LIMITS).tolist() == [human, False]
 
 
-def test_the_papers_furniture_and_fragments_are_no_people(make_map):
+def test_papers_furniture_and_fragments_are_not_people(make_map):
     body = [(0.05 * i, 0.05 * j) for i in range(6) for j in range(3)]
     for fields, human in (
         ({}, True),
@@ -193,7 +193,7 @@ def test_the_papers_furniture_and_fragments_are_no_people(make_map):
 # ----------------------------------------------------------------------------- people ----
 
 
-def test_a_person_by_hand(make_map):
+def test_person_matches_hand_computed_values(make_map):
     fused = make_map(
         [(9, 9), (3, 4), (5, 4)],
         robot=[0, 0, 1],
@@ -218,7 +218,7 @@ def test_a_person_by_hand(make_map):
     np.testing.assert_allclose(person.covariance, expected, atol=1e-12)
 
 
-def test_an_uncertain_heading_moves_people_across_the_line_of_sight(make_map):
+def test_uncertain_heading_adds_covariance_across_the_line_of_sight(make_map):
     fused = make_map([(3.0, 0.0)])
     pose = Pose(0, 1.0, 0.0, 0.5, np.diag([0.0, 0.0, 0.01]))
     clusters = measure(fused, np.array([0]))
@@ -235,7 +235,7 @@ def test_an_uncertain_heading_moves_people_across_the_line_of_sight(make_map):
         np.testing.assert_allclose(np.diag(person.covariance), np.diag(expected), atol=1e-15)
 
 
-def test_each_persons_covariance_is_of_those_who_saw_it(make_map):
+def test_covariance_of_a_person_is_that_of_its_robots(make_map):
     fused = make_map([(3, 0), (3, 0), (6, 0)], robot=[0, 1, 1], robots=("robot_a", "robot_b"))
     clusters = measure(fused, np.array([0, 0, 1]))
     poses = {
@@ -248,7 +248,7 @@ def test_each_persons_covariance_is_of_those_who_saw_it(make_map):
     np.testing.assert_allclose(far.covariance, np.diag([0.0, 0.2]))
 
 
-def test_people_are_those_that_are_human(make_map):
+def test_people_are_clusters_of_human_size(make_map):
     fused = make_map([(0, 0), (1, 0), (2, 0), (3, 0)])
     clusters = measure(fused, np.arange(4))
     people = locate(fused, clusters, np.array([0, 1, 0, 1], dtype=bool), {"robot_a": EXACT})
@@ -263,11 +263,11 @@ def person_at(x: float, y: float, covariance=(0.0, 0.0)) -> Person:
     return Person(np.array([x, y]), np.diag(covariance), 1.7, 0.1, ("robot_a",), 0)
 
 
-def test_nobody_is_no_group():
+def test_no_people_form_no_group():
     assert gather(()) is None
 
 
-def test_a_group_by_hand():
+def test_group_matches_hand_computed_values():
     group = gather(
         (person_at(0, 0, (0.1, 0)), person_at(6, 0, (0.2, 0)), person_at(0, 3, (0, 0.9)))
     )

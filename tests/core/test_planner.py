@@ -51,7 +51,7 @@ def positions(people: People) -> np.ndarray:
     return np.array([person.position for person in people.persons]).reshape(-1, 2)
 
 
-def test_people_of_a_scene(scene):
+def test_people_of_a_scene_are_found(scene):
     people = step(scene)
     np.testing.assert_allclose(positions(people), PEOPLE, atol=1e-6)
     assert all(p.robots == ("robot_a", "robot_b", "robot_c") for p in people.persons)
@@ -66,13 +66,13 @@ def test_people_of_a_scene(scene):
     assert list(people.times_ms) == stages
 
 
-def test_what_it_was_made_from(scene):
+def test_result_has_its_scans_and_poses(scene):
     people = step(scene[:2])
     assert people.poses == {name: POSES[name] for name in ("robot_a", "robot_b")}
     assert people.fused.robots == ("robot_a", "robot_b")
 
 
-def test_the_configuration_counts(scene):
+def test_configuration_takes_effect(scene):
     for values, found in (
         ({"human.min_height": 0.5}, 4),
         ({"human.min_height": 1.8}, 0),
@@ -86,7 +86,7 @@ def test_the_configuration_counts(scene):
 
 
 @pytest.mark.parametrize("scans", [[], [Scan("robot_a", 0, Cells.empty())]])
-def test_nobody(scans):
+def test_empty_scans_give_no_people(scans):
     people = step(scans, time_ns=5)
     assert people.persons == ()
     assert people.group is None
@@ -95,7 +95,7 @@ def test_nobody(scans):
     assert list(people.poses) == [scan.robot for scan in scans]
 
 
-def test_one_cell_is_nobody(make_cells):
+def test_single_cell_is_not_a_person(make_cells):
     people = step([Scan("robot_a", 0, make_cells([(1, 1)]))])
     assert (len(people.clusters), people.persons) == (1, ())
 
@@ -113,7 +113,7 @@ def test_a_robot_without_a_pose_is_refused(scene):
 
 @given(st.permutations(range(3)), st.randoms(use_true_random=False))
 @settings(max_examples=30)
-def test_the_order_of_scans_and_cells_does_not_matter(scene, order, random):
+def test_order_of_scans_and_cells_does_not_matter(scene, order, random):
     def shuffled(scan: Scan) -> Scan:
         cells = random.sample(range(len(scan.cells)), len(scan.cells))
         return Scan(scan.robot, scan.stamp_ns, Cells.from_records(scan.cells.to_records()[cells]))
@@ -155,7 +155,7 @@ def test_people_move_with_the_map(scene, x, y, yaw):
     assert after.group.rms_spread == pytest.approx(before.group.rms_spread)
 
 
-def test_a_heading_that_is_off_moves_what_is_far_away(scene):
+def test_wrong_heading_moves_distant_people(scene):
     # By 0.1 rad, about the robot's place; the person at (3, 4) is at (-3, 0.5) from there.
     people = step(scene[:1], {"robot_a": Pose(0, 6.0, 3.5, wrap_angle(PI + 0.1))})
     c, s = math.cos(0.1), math.sin(0.1)
@@ -163,8 +163,8 @@ def test_a_heading_that_is_off_moves_what_is_far_away(scene):
     assert np.linalg.norm(positions(people) - turned, axis=1).min() < 1e-6
 
 
-def test_older_scans_are_less_sure_of_where_people_are(scene):
-    """One robot saw them half a second before the interval: they may have walked 0.35 m."""
+def test_older_scans_have_larger_covariances(scene):
+    """One robot observed them half a second before the interval: they may have walked 0.35 m."""
     old, fresh = scene[0], scene[1]
     memoryless = {"tracking.enabled": False}
     planner = Planner(PlannerConfig.from_mapping({"interval.walking_speed": 0.7, **memoryless}))

@@ -156,14 +156,14 @@ def test_overhead_sees_one_person_in_every_frame_of_a_pass(
     assert (direction * steps[:, 1] > 0).mean() > 0.85
 
 
-def test_overhead_sees_nobody_where_nobody_is(overhead: dict[int, View]) -> None:
+def test_overhead_finds_nobody_in_an_empty_view(overhead: dict[int, View]) -> None:
     for first, last in EMPTY:
         frames = [n for n in overhead if first <= n <= last]
         assert len(frames) == (last - first) // 3 + 1
         assert [n for n in frames if overhead[n].people.persons] == []
 
 
-def test_overhead_never_sees_two_people_nor_anybody_too_early(overhead: dict[int, View]) -> None:
+def test_overhead_never_finds_two_people_or_one_too_early(overhead: dict[int, View]) -> None:
     persons = {n: view.people.persons for n, view in overhead.items()}
     assert max(map(len, persons.values())) == 1
     seen = [n for n, found in persons.items() if any(not person.coasting for person in found)]
@@ -230,7 +230,7 @@ def _torsos_of(view: View, within_m: float = 0.15) -> list[list[int]]:
     return result
 
 
-def test_five_every_torso_is_in_a_person_and_nothing_else_is_one(five: list[View]) -> None:
+def test_five_torsos_match_people_one_to_one(five: list[View]) -> None:
     for view in five:
         found = _torsos_of(view)
         assert sorted(t for torsos in found for t in torsos) == [0, 1, 2, 3, 4]
@@ -239,13 +239,13 @@ def test_five_every_torso_is_in_a_person_and_nothing_else_is_one(five: list[View
         assert len(found) >= 4
 
 
-def test_five_are_five(five: list[View]) -> None:
+def test_five_people_are_five(five: list[View]) -> None:
     # Measured: in all of 200 pairs. With other blocks (11 to 17 px) or 10 % less in a limit, the
     # two in the middle or the two at the left are one object in some pairs.
     assert [len(view.people.persons) for view in five] == [5] * 10
 
 
-def test_five_single_people_are_where_their_torsos_are(five: list[View]) -> None:
+def test_five_single_people_are_at_their_torsos(five: list[View]) -> None:
     # The torsos are surfaces, some 0.1 m in front of the axis. Measured in 200 pairs: 0.09 m in the
     # mean and 0.10 m in the worst pair, 0.19 m at most, heights of 1.67 to 1.77 m.
     errors, heights = [], []
@@ -262,8 +262,8 @@ def test_five_single_people_are_where_their_torsos_are(five: list[View]) -> None
     assert max(heights) < 1.80
 
 
-def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
-    """Real people, shoulder to shoulder; the body model knows drawn ones only."""
+def test_five_people_are_found_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
+    """Real people, shoulder to shoulder; the body model was fitted to simulated ones."""
     mounting = tmp_path / "mounting.yaml"
     mounting.write_text(
         "/**/robot_node: {ros__parameters: {mounting: {height: 1.259, pitch: 0.0738}}}\n"
@@ -284,8 +284,8 @@ def test_five_by_the_default_method(five_bag: Path, tmp_path: Path) -> None:
     assert found >= 38
 
 
-def test_five_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Path) -> None:
-    """Shoulder to shoulder their cells are two clusters, and parts of these by a body's width."""
+def test_five_people_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Path) -> None:
+    """Shoulder to shoulder, their cells form two clusters, which are split by a body's width."""
     changes = tmp_path / "five.yaml"
     changes.write_text(
         "/**/robot_node: {ros__parameters: {mounting: {height: 1.259, pitch: 0.0738}}}\n"

@@ -47,7 +47,7 @@ def view(request, make_head, rectangle) -> tuple[StereoCamera, StereoImages]:
     return head.camera(), dataclasses.replace(images, stamp_ns=123)
 
 
-def test_a_person_in_a_scan(view, paper):
+def test_person_appears_in_a_scan(view, paper):
     camera, images = view
     scan = RobotPipeline("robot_a", camera, paper()).step(images)
     assert (scan.robot, scan.stamp_ns) == ("robot_a", 123)
@@ -62,7 +62,7 @@ def test_a_person_in_a_scan(view, paper):
     assert cells.z_min[near].min() >= 0.2
 
 
-def test_the_stages_are_those_of_the_paper(view, paper):
+def test_stages_equal_those_of_the_paper(view, paper):
     camera, images = view
     values = {
         "zones": {"low": 0.3, "high": 1.3},
@@ -104,7 +104,7 @@ UPRIGHT = {"bodies.min_score": -20.0, "disparity.pre_filter_cap": 31}
     [{}, {"bodies.axis": False, "bodies.vote": False}, {"bodies.human_test": False}],
     ids=str,
 )
-def test_the_stages_of_bodies(view, switches):
+def test_stages_of_the_body_scanner_are_complete(view, switches):
     camera, images = view
     config = RobotConfig.from_mapping(UPRIGHT | switches)
     pipeline = RobotPipeline("robot_a", camera, config)
@@ -136,7 +136,7 @@ def test_the_stages_of_bodies(view, switches):
     np.testing.assert_array_equal(again.cells.to_records(), expected)
 
 
-def test_a_front_is_among_the_bodies(view):
+def test_simulated_front_is_among_the_bodies(view):
     camera, images = view
     cells = RobotPipeline("robot_a", camera, RobotConfig.from_mapping(UPRIGHT)).step(images).cells
     places = [
@@ -152,7 +152,7 @@ def test_a_front_is_among_the_bodies(view):
 
 
 @pytest.mark.parametrize("focal_px", [300.0, 105.46])
-def test_a_head_that_looks_steeply_down_sees_no_bodies(make_head, paper, focal_px):
+def test_head_looking_steeply_down_needs_the_papers_method(make_head, paper, focal_px):
     down = Mounting(height=2.7, pitch=1.47)
     camera = make_head(fx=focal_px, fy=focal_px, mounting=down).camera()
     with pytest.raises(CameraError, match=r"bodies.search is true .*pitch = 1.47 rad"):
@@ -163,7 +163,7 @@ def test_a_head_that_looks_steeply_down_sees_no_bodies(make_head, paper, focal_p
 
 @pytest.mark.parametrize("grey", [0, 255])
 @pytest.mark.parametrize("search_bodies", [True, False])
-def test_a_view_of_nothing_is_an_empty_scan(make_head, grey, search_bodies):
+def test_empty_view_gives_an_empty_scan(make_head, grey, search_bodies):
     flat = np.full((120, 160), grey, dtype=np.uint8)
     config = RobotConfig.from_mapping({"bodies.search": search_bodies})
     stages = RobotPipeline("robot_a", make_head().camera(), config).stages(
@@ -181,13 +181,13 @@ def test_images_of_another_size_are_refused(make_head):
         )
 
 
-def test_a_range_that_does_not_fit_the_camera_is_refused(make_head):
+def test_range_unsuitable_for_the_camera_is_refused(make_head):
     config = RobotConfig.from_mapping({"disparity.min_range": 0.1})
     with pytest.raises(CameraError, match=r"disparity\.min_range = 0.1 m asks for 112 px"):
         RobotPipeline("robot_a", make_head(width=112).camera(), config)
 
 
-def test_stage_times(monkeypatch):
+def test_stage_times_are_measured(monkeypatch):
     clock = iter([1_000_000, 3_000_000, 3_500_000])
     monkeypatch.setattr(timing, "now_ns", lambda: next(clock))
     times = StageTimes()
@@ -287,7 +287,7 @@ def test_every_interval_of_the_starter_bag_has_every_robot(bag):
     assert all(pairer.unpaired == 0 for pairer in bag.pairers.values())
 
 
-def test_all_people_of_the_starter_bag_are_found_and_none_is_invented(bag):
+def test_all_people_of_the_starter_bag_and_no_others_are_found(bag):
     errors = []
     for people in bag.people:
         found = np.array([person.position for person in people.persons])
@@ -305,7 +305,7 @@ def test_all_people_of_the_starter_bag_are_found_and_none_is_invented(bag):
     assert np.mean(errors) <= (0.036 if searched else 0.047)
 
 
-def test_errors_in_the_starter_bag_are_of_the_size_that_the_covariances_say(bag):
+def test_errors_in_the_starter_bag_match_the_covariances(bag):
     squared = []
     for person in (person for people in bag.people for person in people.persons):
         errors = person.position - bag.truth
@@ -315,7 +315,7 @@ def test_errors_in_the_starter_bag_are_of_the_size_that_the_covariances_say(bag)
     assert np.mean(squared) > 0.1  # and they are not boundless
 
 
-def test_people_of_the_starter_bag_have_the_height_of_people(bag):
+def test_people_of_the_starter_bag_have_plausible_heights(bag):
     heights = defaultdict(list)
     for person in (person for people in bag.people for person in people.persons):
         nearest = np.linalg.norm(person.position - bag.truth, axis=1).argmin()

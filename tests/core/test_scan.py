@@ -11,7 +11,7 @@ NAMES = ("x", "y", "z", "z_min", "top", "count")
 OF_BODIES = ("body", "score", "sigma_range", "sigma_across")
 
 
-def test_bytes_of_a_cell():
+def test_cell_has_the_documented_bytes():
     # The wire's contract: five float32 and a uint32, little-endian, without gaps.
     assert CELL_DTYPE.names == NAMES
     assert CELL_DTYPE.itemsize == 24
@@ -20,7 +20,7 @@ def test_bytes_of_a_cell():
     assert record.tobytes() == bytes.fromhex(expected)
 
 
-def test_bytes_of_a_cell_of_a_body():
+def test_cell_of_a_body_has_the_documented_bytes():
     # The same, and then a uint32 and three float32: old readers find what they know in its place.
     assert BODY_DTYPE.names == NAMES + OF_BODIES
     assert BODY_DTYPE.itemsize == 40
@@ -45,7 +45,7 @@ def of_bodies(cells: Cells) -> Cells:
     )
 
 
-def test_records_of_bodies_and_back(make_cells):
+def test_records_of_bodies_round_trip(make_cells):
     cells = of_bodies(make_cells([(1, 2), (3, -4), (5, 6)]))
     records = cells.to_records()
     assert records.dtype == BODY_DTYPE
@@ -58,14 +58,14 @@ def test_records_of_bodies_and_back(make_cells):
     assert nobody.to_records().dtype == CELL_DTYPE
 
 
-def test_cells_are_of_no_body_unless_said(make_cells):
+def test_cells_belong_to_no_body_by_default(make_cells):
     cells = make_cells([(1, 2), (3, 4)])
     for name in OF_BODIES:
         np.testing.assert_array_equal(getattr(cells, name), [0, 0])
         assert getattr(cells, name).dtype == BODY_DTYPE[name]
 
 
-def test_records_and_back(make_cells):
+def test_records_round_trip(make_cells):
     cells = make_cells(
         [(1, 2), (3, -4)], z=[1.0, 1.1], z_min=[0.2, 0.3], top=[1.7, 1.8], count=[5, 6]
     )
@@ -88,7 +88,7 @@ def test_records_may_have_more_fields_and_other_types():
     np.testing.assert_array_equal(cells.count, [7, 7])
 
 
-def test_no_cells():
+def test_no_cells_are_valid():
     assert len(Cells.empty()) == 0
     assert len(Cells.concatenate([])) == 0
     assert len(Cells.concatenate([Cells.empty(), Cells.empty()])) == 0
@@ -128,14 +128,14 @@ def test_bad_arrays_are_refused(make_cells, name, change, message):
 
 @pytest.mark.parametrize("name", [n for n in NAMES + OF_BODIES if n not in ("count", "body")])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_values_that_are_not_finite_are_refused(make_cells, name, value):
+def test_non_finite_values_are_refused(make_cells, name, value):
     cells = make_cells([(1, 2), (3, 4), (5, 6)])
     getattr(cells, name)[1:] = value
     with pytest.raises(ScanError, match=f"{name} is NaN or infinite in 2 of 3 points"):
         dataclasses.replace(cells)
 
 
-def test_cells_and_scans_do_not_change(make_cells):
+def test_cells_and_scans_are_immutable(make_cells):
     scan = Scan("robot_a", 5, make_cells([(1, 2)]))
     with pytest.raises(dataclasses.FrozenInstanceError):
         scan.stamp_ns = 6  # type: ignore[misc]

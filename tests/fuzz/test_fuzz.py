@@ -16,8 +16,8 @@ FUZZ = Path(__file__).with_name("run.py")
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_seeds_are_right(name: str) -> None:
-    """The fuzzer begins where nothing is refused; these raise if they are."""
+def test_seeds_are_accepted_by_their_targets(name: str) -> None:
+    """The fuzzer starts from accepted inputs; the targets raise if a seed is refused."""
     for seed in TARGETS[name].seeds():
         assert len(seed) <= TARGETS[name].max_length
         TARGETS[name].take(seed)
@@ -39,7 +39,7 @@ def fuzz(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)  # 20 s of one core
-def test_only_our_errors_come_out(tmp_path: Path) -> None:
+def test_targets_raise_only_our_errors(tmp_path: Path) -> None:
     done = fuzz("all", tmp_path, "--short")
     assert done.returncode == 0, done.stdout[-5000:]
     assert "---- nothing found" in done.stdout
@@ -48,8 +48,8 @@ def test_only_our_errors_come_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(300)
-def test_what_else_comes_out_is_found(tmp_path: Path) -> None:
-    """Three bytes in a row: 16 million tries by chance, some thousand by coverage."""
+def test_fuzzer_finds_planted_exception(tmp_path: Path) -> None:
+    """Three consecutive bytes: 16 million random tries, some thousand with coverage."""
     done = fuzz("planted", tmp_path, "-runs=200000", "-seed=1")
     assert done.returncode == 1
     assert "KeyError" in done.stdout

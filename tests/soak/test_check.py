@@ -25,7 +25,7 @@ def made(count: int = 3000) -> Load:
     return load
 
 
-def test_a_sound_run_passes():
+def test_sound_run_passes():
     load = made()
     assert len(load.intervals) == 2999
     assert len(load.sent) == 8 * 2999
@@ -34,7 +34,7 @@ def test_a_sound_run_passes():
     assert "lost 0" in load.table("made up")
 
 
-def test_what_is_lost_is_counted():
+def test_losses_are_counted():
     load = made()
     missing = [load.intervals.pop(1000 - k) for k in range(5)]
     assert load.lost == {scan for interval in missing for scan in interval.scans}
@@ -57,7 +57,7 @@ def test_intervals_without_a_robot_are_counted():
 
 
 @pytest.mark.parametrize(("kb_per_s", "holds"), [(0, True), (15, True), (25, False)])
-def test_memory_that_grows_is_noticed(kb_per_s, holds):
+def test_growing_memory_is_detected(kb_per_s, holds):
     load = made()
     load.memory_kb["planner"] = [100_000 + kb_per_s * second for second in range(300)]
     assert load.growth_kb("planner") == 200 * kb_per_s
@@ -68,7 +68,7 @@ def test_memory_that_grows_is_noticed(kb_per_s, holds):
             check(load, long=True)
 
 
-def test_latency_that_grows_is_noticed():
+def test_growing_latency_is_detected():
     load = made()
     load.intervals = [
         interval._replace(oldest_ms=60.0 + k * 0.05) for k, interval in enumerate(load.intervals)

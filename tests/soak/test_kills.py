@@ -48,7 +48,7 @@ def check(result: Kills) -> None:
     "count", [pytest.param(3, id="short"), pytest.param(500, id="long", marks=pytest.mark.soak)]
 )
 @pytest.mark.timeout(7200)
-def test_kills_at_random(show: Show, tmp_path: Path, count: int) -> None:
+def test_nodes_recover_from_random_kills(show: Show, tmp_path: Path, count: int) -> None:
     result = kill_at_random(BAG, [PAPER, TEAM], tmp_path, count=count, seed=count)
     show(result.table())
     # Nothing of ours is in shared memory: a kill can leave nothing there. The driver is.
@@ -66,7 +66,7 @@ def test_kills_at_random(show: Show, tmp_path: Path, count: int) -> None:
         ([Kill("robot_a", 2.0, {"robot_b": 0.3})] * 99 + [Kill("a", None, {"b": 0.3})], False),
     ],
 )
-def test_what_is_held_of_kills_fails_when_it_should(kills: list[Kill], holds: bool) -> None:
+def test_check_of_kills_fails_beyond_its_limits(kills: list[Kill], holds: bool) -> None:
     result = Kills(kills, load=[1.0])
     if holds:
         check(result)

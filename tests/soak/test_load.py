@@ -104,7 +104,7 @@ def checked(run_once: Callable[[], Load], show: Show, *, long: bool) -> Load:
     ],
 )
 @pytest.mark.timeout(1500)
-def test_eight_robots_with_images(
+def test_full_team_with_images_keeps_limits(
     hall: Hall,
     show: Show,
     tmp_path: Path,
@@ -162,7 +162,7 @@ def scans_of(bag: Path, files: list[Path]) -> dict[str, Recorded]:
     ],
 )
 @pytest.mark.timeout(1500)
-def test_scans_of_eight_robots(
+def test_planner_with_scans_of_eight_robots_keeps_limits(
     hall: Hall, show: Show, tmp_path: Path, seconds: float, frames: int, hz: float
 ) -> None:
     bag, team_file = hall(frames)

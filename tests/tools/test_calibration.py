@@ -56,8 +56,8 @@ def carpet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "carpet.mcap"
 
 
-def test_the_formation_prints_a_teams_file(tmp_path: Path) -> None:
-    """Three heads, level and one metre high; what is printed is what the nodes read."""
+def test_formation_prints_a_team_file(tmp_path: Path) -> None:
+    """Three heads, level and one metre high; the nodes can read the output."""
     code, out, err = run(FORMATION)
     assert code == 0
     tmp_path.joinpath("team.yaml").write_text(out, "utf-8")
@@ -71,14 +71,14 @@ def test_the_formation_prints_a_teams_file(tmp_path: Path) -> None:
     assert "15 views" in err
 
 
-def test_only_the_robot_that_was_asked_for() -> None:
+def test_only_the_requested_robot_is_calibrated() -> None:
     code, out, _ = run(FORMATION, "--robot", "robot_b")
     assert code == 0
     assert list(yaml.safe_load(out)) == ["/robot_b/robot_node"]
 
 
-def test_tilted_heads_of_which_nothing_is_configured(carpet: Path, tmp_path: Path) -> None:
-    """The file beside the bag knows the mounting; without it the floor must do."""
+def test_unconfigured_tilted_heads_are_calibrated(carpet: Path, tmp_path: Path) -> None:
+    """The mounting is in the file beside the bag; without that file only the floor is used."""
     bag = tmp_path / "alone.mcap"
     bag.write_bytes(carpet.read_bytes())
     for name, mounting in (
@@ -94,15 +94,15 @@ def test_tilted_heads_of_which_nothing_is_configured(carpet: Path, tmp_path: Pat
         assert math.degrees(found.roll - mounting.roll) == pytest.approx(0.0, abs=1.0)
 
 
-def test_what_the_floor_does_not_tell_is_kept(carpet: Path) -> None:
+def test_unobservable_values_are_kept(carpet: Path) -> None:
     _, out, _ = run(carpet, "-r", "robot_a")
     mounting = yaml.safe_load(out)["/robot_a/robot_node"]["ros__parameters"]["mounting"]
     assert (mounting["forward"], mounting["yaw"]) == (0.2, 0.1)
     assert set(mounting) == {"height", "pitch", "roll", "forward", "yaw"}
 
 
-def test_no_floor_says_what_to_do(tmp_path: Path) -> None:
-    """A search that is told that heads look up finds no floor where there is one."""
+def test_without_floor_advice_is_printed(tmp_path: Path) -> None:
+    """With a configuration of heads that look up, the floor is not found."""
     file = tmp_path / "up.yaml"
     file.write_text(
         "/**/robot_node: {ros__parameters: {mounting: {height: 1.0, pitch: -1.5}}}", "utf-8"
@@ -113,23 +113,23 @@ def test_no_floor_says_what_to_do(tmp_path: Path) -> None:
     assert "Point the head so that" in " ".join(err.split())
 
 
-def test_a_robot_that_the_bag_does_not_have() -> None:
+def test_robot_that_is_not_in_the_bag_is_an_error() -> None:
     with pytest.raises(BagError, match=r"no images of robot_x; it has those of: robot_a, robot_b"):
         from_bag(FORMATION, [], ["robot_x"])
 
 
-def test_neither_bag_nor_robot_is_wrong_usage() -> None:
+def test_neither_bag_nor_robot_is_a_usage_error() -> None:
     assert run()[0] == 2
     assert run("-r", "robot_a", "-r", "robot_b")[0] == 2
 
 
-def test_a_robot_without_views_says_what_it_waited_for() -> None:
+def test_robot_without_views_reports_the_missing_inputs() -> None:
     config = load_team(robots=("robot_a",)).robots["robot_a"]
     with pytest.raises(FloorError, match=r"robot_a: no view.*/robot_a/left/image_rect"):
         Calibration("robot_a", config).floor()
 
 
-def test_long_recordings_are_thinned_out_evenly() -> None:
+def test_long_recordings_are_subsampled_evenly() -> None:
     one = Calibration("robot_a", load_team(robots=("robot_a",)).robots["robot_a"])
     for number in range(1000):
         one._keep(np.full((2, 2), number, dtype=np.float32))
@@ -140,7 +140,7 @@ def test_long_recordings_are_thinned_out_evenly() -> None:
     assert kept[-1] > 980
 
 
-def test_snippet_by_hand() -> None:
+def test_snippet_matches_hand_computed_values() -> None:
     floor = Floor(1.0034, 0.17249, -0.0001, np.diag([0.012, 0.004, 0.005]) ** 2, 0.18, 40)
     assert snippet("robot_a", Mounting(height=1.0, left=-0.05), floor) == (
         "/robot_a/robot_node:\n"
@@ -154,7 +154,7 @@ def test_snippet_by_hand() -> None:
 
 
 @pytest.mark.slow
-def test_a_real_head_that_looks_down(tmp_path: Path) -> None:
+def test_real_head_looking_down_is_calibrated(tmp_path: Path) -> None:
     """OAK-D over a patio: `config/oak_overhead.yaml` was fitted to its floor by other means."""
     if not OAK.is_dir():
         pytest.skip("needs ../shared/data/oak-stereo-overhead-person")

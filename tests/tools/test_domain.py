@@ -15,24 +15,24 @@ from mrs_tools import domain
 
 
 @pytest.mark.parametrize(("text", "number"), [("", None), ("0", 0), ("42", 42), ("232", 232)])
-def test_the_environment_names_a_domain(monkeypatch, text, number):
+def test_domain_of_the_environment_is_used(monkeypatch, text, number):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     assert given_domain() == number
 
 
 @pytest.mark.parametrize("text", ["abc", "-1", "1.0", " 7", "233", "9" * 30, "٣"])
-def test_what_is_no_domain_is_refused(monkeypatch, text):
+def test_invalid_domain_is_refused(monkeypatch, text):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID is '.*'; allowed: a whole number"):
         given_domain()
 
 
-def test_two_never_have_the_same_domain():
+def test_two_processes_never_get_the_same_domain():
     with domain.own_domain() as one, domain.own_domain() as other:
         assert one != other
 
 
-def test_a_folder_of_locks_that_is_none_of_ours_is_said(monkeypatch, tmp_path):
+def test_foreign_lock_folder_is_reported(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     (tmp_path / f"mrs_people_loc-domains-{os.getuid()}").write_text("somebody else's")
     wanted = r"domains-\d+: cannot be used \(.*; remove it, or set"
@@ -41,7 +41,7 @@ def test_a_folder_of_locks_that_is_none_of_ours_is_said(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("participant", [0, 3])
-def test_a_domain_that_somebody_else_uses_is_not_taken(participant):
+def test_domain_in_use_is_not_taken(participant):
     with domain.own_domain() as one:
         pass
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
@@ -50,7 +50,7 @@ def test_a_domain_that_somebody_else_uses_is_not_taken(participant):
             assert other != one
 
 
-def test_a_private_domain_is_in_the_environment_while_it_lasts(monkeypatch):
+def test_private_domain_is_set_in_the_environment_temporarily(monkeypatch):
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     with domain.private_domain() as words:
@@ -60,7 +60,7 @@ def test_a_private_domain_is_in_the_environment_while_it_lasts(monkeypatch):
     assert "ROS_DOMAIN_ID" not in os.environ
 
 
-def test_the_domain_that_is_given_is_used(monkeypatch):
+def test_given_domain_is_used(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "0")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     with domain.private_domain() as words:
@@ -69,7 +69,7 @@ def test_the_domain_that_is_given_is_used(monkeypatch):
     assert os.environ["ROS_DOMAIN_ID"] == "0"
 
 
-def test_whoever_else_publishes_is_named():
+def test_other_publishers_are_named():
     def publisher(namespace: str, name: str) -> Any:
         return SimpleNamespace(node_namespace=namespace, node_name=name)
 

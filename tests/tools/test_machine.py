@@ -24,7 +24,7 @@ def others(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return shares
 
 
-def test_one_of_ten_may_be_slow(others: list[float]) -> None:
+def test_one_slow_try_of_ten_passes(others: list[float]) -> None:
     said: list[str] = []
     times = iter([0.5, 9.0, *[1.0] * 8])
     nine_of_ten(lambda: next(times), 1.0, "it", show=said.append)
@@ -32,20 +32,20 @@ def test_one_of_ten_may_be_slow(others: list[float]) -> None:
     assert "9.00 s; others had 0% of" in said[0]
 
 
-def test_two_of_ten_may_not(others: list[float]) -> None:
+def test_two_slow_tries_of_ten_fail(others: list[float]) -> None:
     times = iter([9.0, 9.0, *[1.0] * 8])
     with pytest.raises(AssertionError, match="it: 2 of 10 took longer than the promised 1 s"):
         nine_of_ten(lambda: next(times), 1.0, "it")
 
 
-def test_none_of_three_may_be_slow(others: list[float]) -> None:
+def test_one_slow_try_of_three_fails(others: list[float]) -> None:
     times = iter([1.0, 9.0, 1.0])
     with pytest.raises(AssertionError, match="promised"):
         nine_of_ten(lambda: next(times), 1.0, "it", tries=3)
 
 
-def test_a_try_counts_by_what_others_use(others: list[float]) -> None:
-    """Also one that was fast does not, and one that was slow does."""
+def test_try_counts_by_the_load_of_others(others: list[float]) -> None:
+    """A fast try may not count, and a slow one may."""
     others += [0.9, 0.0, 0.5]
     times = iter([9.0, 1.0, 0.1, 2.0])
     with pytest.raises(AssertionError, match="it: 1 of 2 took longer"):
@@ -53,7 +53,7 @@ def test_a_try_counts_by_what_others_use(others: list[float]) -> None:
 
 
 @pytest.mark.parametrize("ci", [False, True])
-def test_a_busy_machine_says_nothing_and_that_is_said(
+def test_busy_machine_is_reported_as_not_measured(
     others: list[float], monkeypatch: pytest.MonkeyPatch, ci: bool
 ) -> None:
     if ci:
@@ -65,13 +65,13 @@ def test_a_busy_machine_says_nothing_and_that_is_said(
     assert said[1].startswith("NOT MEASURED: this machine is too busy")
 
 
-def test_a_promise_that_is_broken_already_fails_on_a_busy_machine(others: list[float]) -> None:
+def test_already_failed_limit_fails_on_a_busy_machine(others: list[float]) -> None:
     others += [0.0, 0.0, 0.9, 0.9, 0.9, 0.9, 0.9]
     with pytest.raises(AssertionError, match="it: 2 of 2 took longer"):
         nine_of_ten(lambda: 9.0, 1.0, "it")
 
 
-def test_a_machine_that_stays_busy_is_not_waited_for(
+def test_permanently_busy_machine_is_not_waited_for(
     others: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(machine, "_quiet_moment_comes", lambda: False)
@@ -81,7 +81,7 @@ def test_a_machine_that_stays_busy_is_not_waited_for(
         nine_of_ten(lambda: next(times), 1.0, "it")
 
 
-def test_what_this_test_starts_is_ours() -> None:
+def test_children_of_the_test_are_its_own_load() -> None:
     before = Used.now()
     with subprocess.Popen([sys.executable, "-c", BURN]):
         pass
@@ -96,7 +96,7 @@ def test_what_this_test_starts_is_ours() -> None:
     assert after_it.all - before.all > 0.2
 
 
-def test_what_lost_its_parent_stays_ours() -> None:
+def test_orphaned_children_remain_the_tests_own_load() -> None:
     child = f"import sys\n{BURN}\nsys.stdin.read()"
     run = f"subprocess.run([sys.executable, '-c', {child!r}])"
     code = f"import subprocess, sys; {run}"

@@ -24,12 +24,12 @@ from mrs_tools.plain import plain
         ("\ud800", r"\ud800"),
     ],
 )
-def test_what_is_no_printable_character_is_spelled_out(text, wanted):
+def test_unprintable_characters_are_escaped(text, wanted):
     assert plain(text) == wanted
 
 
 @pytest.mark.parametrize("command", [["evaluate"], ["replay"], ["plot", "--out", "out"]])
-def test_a_file_name_in_an_error_steers_no_terminal(command, tmp_path, monkeypatch):
+def test_file_names_in_errors_are_escaped(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, [*command, "\x1b]0;title\x07[/b].mcap"])
     assert result.exit_code == 1

@@ -1,5 +1,6 @@
-"""The default method: upright bodies, sought in each view and joined on the common map.
+"""The default method: upright bodies, found in each view and joined on the common map.
 
-search -> patches -> votes -> model -> finder   (on the robot)
-joining                                          (in the planner)
+On the robot: `search` (candidates) -> `patches` (what is around them) -> `votes` (one disparity
+each) -> `model` (log-odds of a person, axis) -> `finder` (bodies, cells) -> `scanner` (the scan).
+In the planner: `joining` (bodies of several robots that are one) -> `detector` (people).
 """

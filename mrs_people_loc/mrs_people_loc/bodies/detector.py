@@ -1,4 +1,4 @@
-"""The default detector: bodies of all robots, joined, that are likely people."""
+"""The default detector: bodies of all robots are joined; likely ones are people."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ import numpy as np
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool
-from mrs_people_loc.bodies.joining import Joined, are_people, join
+from mrs_people_loc.bodies.joining import (
+    JOINING_TUNING,
+    Joined,
+    JoiningTuning,
+    are_people,
+    join,
+)
 from mrs_people_loc.clusters import Clusters, mean_stamp, measure
 from mrs_people_loc.people import Detections, Expected, Person
 from mrs_people_loc.team.fusion import BodiesOnMap, ShortTermMap
@@ -22,24 +28,27 @@ def detect(
     walls: Walls | None,
     expected: Expected,
     config: cfg.PlannerConfig,
+    tuning: JoiningTuning = JOINING_TUNING,
 ) -> Detections:
     """People among the bodies of a map.
 
     Args:
         fused: The map.
         bodies: Its bodies.
-        known: Which of them are robots.
-        walls: What is known of walls and furniture.
+        known: Which of them are robots of the team.
+        walls: Walls and furniture, where there is a map of them.
         expected: Where people are expected: there, less evidence is enough.
         config: Parameters.
+        tuning: Its constants.
 
     Returns:
-        The joined bodies as clusters; robots, and what is one too many in its place, come last.
+        Clusters of the bodies' cells. Those of robots, and of bodies that did not take part, come
+        last.
     """
     if not len(bodies):
         return Detections.nothing(fused)
     tracking = config.tracking
-    joined = join(bodies, ~known.bodies, config.joining)
+    joined = join(bodies, ~known.bodies, config.joining, tuning)
     if walls is not None:
         log_odds = walls.log_odds(joined.xy, joined.covariance, config.masking)
         joined = dataclasses.replace(joined, score=joined.score + log_odds)
@@ -51,16 +60,16 @@ def detect(
     people = are_people(likely, bodies, config.joining, expected=near)
 
     cells = np.flatnonzero(bodies.of_cell >= 0)
-    none = joined.of_body < 0  # robots, and what is one too many in its place
-    number = np.where(none, len(joined) + np.cumsum(none) - 1, joined.of_body)
-    clusters = measure(fused, number[bodies.of_cell[cells]], cells)
+    left_out = joined.of_body < 0
+    label = np.where(left_out, len(joined) + np.cumsum(left_out) - 1, joined.of_body)
+    clusters = measure(fused, label[bodies.of_cell[cells]], cells)
     return Detections(cells, clusters, _people(fused, clusters, joined, people))
 
 
 def _people(
     fused: ShortTermMap, clusters: Clusters, joined: Joined, people: Bool
 ) -> tuple[Person, ...]:
-    """The people among joined bodies: place and covariance are those of the joining."""
+    """The people: place and covariance of the joined bodies, sizes of their clusters."""
     return tuple(
         Person(
             position=joined.xy[i],

@@ -1,8 +1,8 @@
-"""Bodies: what a robot makes of one view when it seeks people as bodies.
+"""Bodies in one view of a robot.
 
-    search -> patches -> vote -> evidence -> human? where is its axis? -> cells
+    search -> patches -> vote -> evidence -> score and axis by the model -> cells
 
-`bodies` in the configuration switches each step.
+`bodies.*` in the configuration switches the steps on and off.
 """
 
 from __future__ import annotations
@@ -32,31 +32,30 @@ from mrs_people_loc.bodies.patches import (
 )
 from mrs_people_loc.bodies.search import SEARCH_TUNING, BodySearch, Candidates, SearchTuning
 from mrs_people_loc.bodies.votes import VOTES_TUNING, VotesTuning
+from mrs_people_loc.precision import BODY_SIGMA_PX
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
-from mrs_people_loc.sensing.precision import BODY_SIGMA_PX
 from mrs_people_loc.timing import StageTimes
 
 
 @dataclass(frozen=True)
 class FinderTuning:
-    """What judging candidates may be tuned by; values without another origin were fitted.
+    """Constants of judging candidates; without another origin, chosen on the training suite.
 
     Attributes:
-        sigma: Where the model does not give it, the standard deviation of a place along the line
-            of sight is this [m] ...
-        sigma_px: ... and this of disparity [px], root sum square;
-        sigma_across: and this is that across it [m].
-        min_sigma: No range is surer than this [m]: with a longer baseline bodies are no thinner.
-        apart_across: Two bodies of one view are no closer than this across the line of sight [m],
-            where along it they are within so many of their standard deviations ...
-        apart_sigmas: ... these, or within `apart`.
-        apart: Two bodies of one view are no closer than this in all [m].
-        beyond: The model may move a body to so many times `bodies.max_range`.
-        lowest_top: Tops of bodies are sought from here up [m].
-        filled: A row is of the body where at least this share of the trunk's samples is ...
-        min_contrast: ... and their mean contrast is at least this (see `Vote`).
+        sigma: Standard deviation along the line of sight [m] where the model does not give it, to
+            which ...
+        sigma_px: ... that of the disparity [px] is added (root sum square).
+        sigma_across: Standard deviation across the line of sight [m], likewise.
+        min_sigma: No range has a smaller one [m]: a longer baseline makes bodies no thinner.
+        apart: Two bodies of one view are no closer than this [m].
+        apart_across: Nor closer than this across the line of sight [m] ...
+        apart_sigmas: ... where their ranges agree within so many standard deviations.
+        beyond: The model moves no body beyond so many times `bodies.max_range`.
+        lowest_top: Tops of bodies are this high at least [m].
+        filled: A row belongs to a body if at least this share of the trunk's samples does ...
+        min_contrast: ... and their mean contrast (`Vote`) is at least this.
     """
 
     sigma: float = AXIS_ERROR
@@ -74,9 +73,9 @@ class FinderTuning:
 
 @dataclass(frozen=True)
 class BodyTuning:
-    """What the steps of the default method on a robot may be tuned by.
+    """Constants of the default method on a robot, beside `bodies.*` in the configuration.
 
-    `bodies.*` in the configuration is what users set; the model was fitted with these.
+    The model was fitted with them: after a change, run `mrs fit`.
 
     Attributes:
         search: Candidates.
@@ -96,13 +95,13 @@ BODY_TUNING = BodyTuning()
 
 @dataclass(frozen=True)
 class View:
-    """A view with its candidates, before anything is judged.
+    """The candidates of a view and the evidence for them.
 
     Attributes:
-        candidates: Where a body may be.
+        candidates: Places where a body may be.
         patches: Their patches, centred.
-        vote: What the pixels of each say together.
-        evidence: What the patches say.
+        vote: Their disparities, voted.
+        evidence: Input of the model.
     """
 
     candidates: Candidates
@@ -116,7 +115,7 @@ class Bodies(StructOfArrays):
     """Bodies of one view, likeliest first, a struct of arrays of one length (n,).
 
     Attributes:
-        x: Place of the axis in base_link [m].
+        x: Of the axis in base_link [m].
         y: Likewise [m].
         bearing: From the lens [rad].
         range: Horizontal, from the lens [m].
@@ -139,10 +138,10 @@ class Bodies(StructOfArrays):
 
     @functools.cached_property
     def silhouettes(self) -> tuple[Bool, Float]:
-        """Which samples are of the bodies, and how far to the left of their middle columns are.
+        """Samples that belong to the bodies, and offsets of the columns from their middles.
 
         Shapes (n, rows of `CELL_HEIGHTS`, columns of `SILHOUETTE`) and (n, columns) [m]. Each body
-        has one sample at least: nobody may get lost.
+        has one sample at least, so that none gets lost.
         """
         difference = self.patches.difference[:, CELL_HEIGHTS, SILHOUETTE]
         with np.errstate(invalid="ignore"):
@@ -161,10 +160,10 @@ class BodyFinder:
 
     Args:
         camera: The head.
-        config: Which steps are taken.
+        config: Parameters.
         min_range: Nearest working range [m].
         model: The fitted model; the package's own if None.
-        tuning: See there.
+        tuning: Its constants.
 
     Raises:
         CameraError: The head does not see bodies upright.
@@ -226,7 +225,7 @@ class BodyFinder:
         return View(candidates, patches, vote, evidence)
 
     def judge(self, view: View) -> Bodies:
-        """Which candidates may be people, and where their axes are."""
+        """The candidates that may be people, at their axes, by the model."""
         config, tuning, evidence = self.config, self.tuning.finder, view.evidence
         model = self._model or body_model.fitted()
         scale = self.camera.depth_disparity
@@ -301,7 +300,7 @@ def _tops(patches: Patches, contrast: Float32, tuning: FinderTuning) -> Float:
 
 
 def _place(bodies: Bodies, body: Int, left: Float) -> tuple[Float32, Float32]:
-    """Where in base_link [m] is what lies so far to the left of a body's axis, across its sight."""
+    """Points beside the axes of bodies, across the line of sight: x and y in base_link [m]."""
     x = bodies.x[body] - left * np.sin(bodies.bearing[body])
     y = bodies.y[body] + left * np.cos(bodies.bearing[body])
     return x.astype(np.float32), y.astype(np.float32)
@@ -318,7 +317,7 @@ def points_of(bodies: Bodies) -> Float32:
 def cells_of(bodies: Bodies) -> Cells:
     """The cells that go out: each body's silhouette, column by column.
 
-    They stand on the upright surface through the axis that faces the lens, so that the centre of
+    Each lies in the vertical plane through the axis that faces the lens, so that the centre of
     gravity of a body's cells, weighted with their counts, is its place.
 
     Returns:

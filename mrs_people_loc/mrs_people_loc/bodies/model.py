@@ -1,4 +1,4 @@
-"""What a patch says of the body in it: is it human, where is its axis, how sure is that.
+"""The model: from a patch to the log-odds of a person, the place of the axis and its uncertainty.
 
 The evidence is the share of a patch's samples that lie at the body's depth, behind it and in front
 of it, by height and distance from its middle: a person has free space beside and above, a wall goes
@@ -57,10 +57,10 @@ _UPPER = _between(HEIGHTS[BODY_HEIGHTS], 1.0, 9.0)
 
 @dataclass(frozen=True)
 class Evidence:
-    """What patches say, as numbers for the model; each row is one patch.
+    """Input of the model, one row for each patch.
 
     Attributes:
-        even: Not changed when left and right are swapped, shape (n, `EVEN`).
+        even: Unchanged when left and right are swapped, shape (n, `EVEN`).
         odd: Changes its sign then, shape (n, `ODD`).
         depth: Of the body's disparity [px], shape (n, `DEPTH`).
     """
@@ -73,12 +73,12 @@ class Evidence:
 def gather_evidence(
     patches: Patches, extent: Float, vote: Vote, *, depth_disparity: float
 ) -> Evidence:
-    """Reads patches.
+    """Evidence of patches.
 
     Args:
         patches: Patches, centred on bodies.
-        extent: Metres of vertical extent that the search saw [m], shape (n,).
-        vote: What their pixels say together.
+        extent: Vertical extent that the search saw [m], shape (n,).
+        vote: Their disparities, voted.
         depth_disparity: Focal length times baseline [px m].
     """
     even, odd, same = _shares(patches, vote)

@@ -1,8 +1,8 @@
-"""Upright patches: what a head sees at, beside and behind a place where a body may be.
+"""Upright patches: disparities at, beside and behind a place where a body may be.
 
 A patch is a vertical rectangle that stands at the place and faces the lens, sampled every few
-centimetres. Each sample looks up the disparity of the pixel that shows it and compares it with the
-patch's own. So all that follows sees bodies in metres, at any range, however a head is mounted.
+centimetres. Each sample compares the disparity of the pixel that shows it with the patch's own, so
+that later steps see bodies in metres, at any range, however a head is mounted.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from mrs_people_loc.arrays import Bool, Float, Float32, StructOfArrays
 from mrs_people_loc.bodies.search import tolerance_px
 from mrs_people_loc.sensing.camera import StereoCamera
 
-# The sampling grid, and the parts of a body on it. The model is fitted to them: whoever changes one
-# runs `mrs fit`. Numbers without a name were chosen; the grid keeps the same samples over a few cm.
+# The sampling grid, and the parts of a body on it. The model is fitted to them: after a change, run
+# `mrs fit`. Where no origin is given, numbers were chosen.
 
 #: Across the line of sight, to the left [m], and over the floor [m].
 ACROSS: Float32 = np.linspace(-0.70, 0.70, 29, dtype=np.float32)
@@ -57,13 +57,13 @@ SILHOUETTE = span(np.abs(ACROSS) < SHOULDER_BREADTH / 2.0 + COLUMN)
 
 @dataclass(frozen=True)
 class PatchTuning:
-    """What moves patches to the middle of a body; fitted on the suite.
+    """Constants of centring patches, chosen on the training suite.
 
     Attributes:
-        passes: How often they are moved.
-        near: What is within so many tolerances of a patch may be of its body.
-        max_across: No move is farther across the line of sight [m].
-        max_px: No move is farther in disparity [px].
+        passes: How often patches are moved.
+        near: Samples within so many tolerances of a patch may belong to its body.
+        max_across: Longest move across the line of sight [m].
+        max_px: Longest move in disparity [px].
     """
 
     passes: int = 2
@@ -106,7 +106,7 @@ class PatchSampler:
 
     Args:
         camera: The head.
-        tuning: See there.
+        tuning: Its constants.
     """
 
     def __init__(self, camera: StereoCamera, tuning: PatchTuning = PATCH_TUNING) -> None:
@@ -167,7 +167,7 @@ class PatchSampler:
         return x, y, z
 
     def centred(self, disparity: Float32, bearing: Float, inverse_range: Float) -> Patches:
-        """Patches moved to the middle of what stands at their places: its median, its centroid.
+        """Patches moved to the median range and the centroid of the body at their places.
 
         Args: as those of a call.
         """

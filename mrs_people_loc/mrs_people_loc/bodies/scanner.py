@@ -26,7 +26,7 @@ from mrs_people_loc.timing import StageTimes
 
 @dataclass(frozen=True)
 class BodyStages(ScanStages):
-    """What the default scanner makes of a view; points are made when somebody asks for them.
+    """Results of the default scanner; the points, for display, are made on first access.
 
     Attributes:
         bodies: The bodies.
@@ -59,7 +59,7 @@ class BodyScanner:
         robot: The robot's name.
         camera: Its head.
         config: Parameters.
-        tuning: See there.
+        tuning: Its constants.
 
     Raises:
         CameraError: Camera and configuration do not fit together, or the head does not see bodies

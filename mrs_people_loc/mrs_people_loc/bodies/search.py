@@ -1,4 +1,4 @@
-"""Bodies sought in bearing and inverse range: where a robot's view holds something upright.
+"""Search for upright things in a view, over bearing and inverse range.
 
 Depth noise runs along the line of sight and grows with the square of the range, so on the ground
 plane a far body is a long smear. In bearing and inverse range it is a spot of the same size
@@ -16,16 +16,16 @@ import numpy as np
 from mrs_people_loc.anthropometry import APART_ACROSS, HIP_BREADTH, SURFACE_DEPTH, TALLEST
 from mrs_people_loc.arrays import Float, Float32, Int, StructOfArrays
 from mrs_people_loc.errors import CameraError
+from mrs_people_loc.precision import BODY_TOLERANCE_PX
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.sensing.precision import BODY_TOLERANCE_PX
 
-#: Heights that count [m]: what is lower is mostly floor, what is higher mostly wall.
+#: Heights that count [m]: pixels below are mostly floor, pixels above mostly wall.
 LOWEST, HIGHEST = 0.25, TALLEST
 
 
 @dataclass(frozen=True)
 class SearchTuning:
-    """What the search may be tuned by; values without another origin were fitted on the suite.
+    """Constants of the search; without another origin, chosen on the training suite.
 
     Attributes:
         half_width: Extents are averaged over this far to each side [m].
@@ -209,7 +209,7 @@ class BodySearch:
         camera: The head.
         min_range: Nearest horizontal range [m].
         max_range: Farthest horizontal range [m].
-        tuning: See there.
+        tuning: Its constants.
 
     Raises:
         CameraError: The head looks so steeply down or up that it does not see bodies upright, or

@@ -1,9 +1,9 @@
 """One disparity per body, voted by all its pixels.
 
-StereoBM gives each pixel a disparity of its own, to 1/16 px at best. Once it is known which samples
-are one body, all of them can say together by how much the right image must be shifted: the shift
-that minimizes the sum of squared differences between left and right, with gain and offset between
-the cameras fitted along (Lucas & Kanade 1981, for one body at a time).
+StereoBM gives each pixel a disparity of its own, to 1/16 px at best. The samples of one body
+together give the shift of the right image that minimizes the sum of squared differences between
+left and right, with gain and offset between the cameras fitted at the same time (Lucas & Kanade
+1981, for one body at a time).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.bodies.patches import ACROSS, BODY, BODY_HEIGHTS, HEIGHTS, Patches, in_rows
+from mrs_people_loc.precision import BODY_TOLERANCE_PX
 from mrs_people_loc.sensing.images import Gray
-from mrs_people_loc.sensing.precision import BODY_TOLERANCE_PX
 
 
 @dataclass(frozen=True)
 class VotesTuning:
-    """What the vote may be tuned by; fitted on the suite.
+    """Constants of the vote, chosen on the training suite.
 
     Attributes:
         iterations: Of Gauss-Newton.
@@ -51,13 +51,13 @@ _RIDGE = 1e-2
 
 @dataclass(frozen=True)
 class Vote:
-    """What the pixels of n bodies say together.
+    """Voted disparities of n bodies.
 
     Attributes:
-        shift: How much more disparity than its patch a body has [px], shape (n,).
-        sigma: Standard deviation of that, as the residuals give it [px], shape (n,).
-        contrast: Of each sample of a patch, how much better it matches at the body's disparity (1)
-            than behind it (-1), shape (n, heights, across), float32.
+        shift: Disparity of a body minus its patch's [px], shape (n,).
+        sigma: Standard deviation of the shift, by the residuals [px], shape (n,).
+        contrast: Whether a sample matches at the body's disparity (1) or behind it (-1), shape (n,
+            heights, across), float32.
     """
 
     shift: Float
@@ -66,7 +66,7 @@ class Vote:
 
     @classmethod
     def nothing(cls, count: int) -> Vote:
-        """No vote at all: no shift, no contrast."""
+        """No vote: zeros."""
         zeros = np.zeros(count)
         return cls(zeros, zeros, np.zeros((count, len(HEIGHTS), len(ACROSS)), dtype=np.float32))
 
@@ -79,14 +79,14 @@ def vote(
     offset_px: float,
     tuning: VotesTuning = VOTES_TUNING,
 ) -> Vote:
-    """The disparity of each body, and what matches there.
+    """The disparity of each body, and the samples that match there.
 
     Args:
         left: Left image, uint8, shape (height, width).
         right: Right image, likewise.
         patches: Patches, centred on the bodies.
         offset_px: Disparity of a point at infinity.
-        tuning: See there.
+        tuning: Its constants.
     """
     if not len(patches):
         return Vote.nothing(0)
@@ -160,7 +160,7 @@ def _contrast(
         patches: The patches.
         offset: Disparity of the bodies beyond their patches' [px], shape (n,).
         fitted: Gain and offset of the grey levels from right to left, shape (n,) each.
-        tuning: See there.
+        tuning: Its constants.
     """
     shape = (len(patches) * len(HEIGHTS), len(ACROSS))
     seen = _look_up(left, patches.u.reshape(shape), patches.v.reshape(shape)).reshape(

@@ -6,12 +6,9 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mrs_people_loc.geometry import Float
+from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.neighbours import connected
-
-Int = NDArray[np.intp]
 
 #: Cell centres travel as float32; two that are exactly `distance` apart arrive up to 8 um off when
 #: they are 100 m from their robot.
@@ -28,11 +25,11 @@ _DENSE = 32
 
 
 def cluster(xy: Float, *, distance: float) -> Int:
-    """Labels points so that those within a distance, directly or over others, share a label.
+    """Labels the connected components of points within a distance of each other.
 
-    The paper's three rules (two free points, a free and a labelled one, two labelled ones: within
-    d_th they belong together) say that clusters are the connected components of the graph whose
-    edges join points at most d_th apart. It has one solution, whatever the order of the points.
+    By the paper's three rules (two free points, a free and a labelled one, two labelled ones:
+    within d_th they belong together) clusters are the connected components of the graph whose edges
+    join points at most d_th apart, whatever the order of the points.
 
     Args:
         xy: Points [m], shape (n, 2).
@@ -40,7 +37,7 @@ def cluster(xy: Float, *, distance: float) -> Int:
 
     Returns:
         Label of each point from 0, shape (n,). Clusters are numbered by their least point (x, then
-        y), so the numbers do not depend on the order either.
+        y), so the numbers do not depend on the order of the points.
     """
     count = len(xy)
     if count == 0:
@@ -54,7 +51,7 @@ def cluster(xy: Float, *, distance: float) -> Int:
 
 
 def _components(xy: Float, reach: float) -> Int:
-    """Of each point, the first one that it is connected with, shape (n,).
+    """Connected components: of each point, the first one of its component, shape (n,).
 
     Args:
         xy: Points in the order of x, then y, shape (n, 2).
@@ -112,7 +109,7 @@ class _Squares:
     index: Float
     low: Float
     high: Float
-    dense: NDArray[np.bool_]
+    dense: Bool
 
     @classmethod
     def of(cls, xy: Float, reach: float) -> _Squares:
@@ -195,7 +192,7 @@ _AROUND = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if (i, j) != (0, 0
 
 
 def _first_of_each(values: Float, first: Int, sizes: Int) -> Int:
-    """Where in each stretch of values the least one is, shape (stretches,)."""
+    """Where in each stretch of values its least one is, shape (stretches,)."""
     least = np.repeat(np.minimum.reduceat(values, first), sizes)
     hits = np.flatnonzero(values == least)
     stretch = np.searchsorted(first, hits, side="right") - 1
@@ -205,11 +202,11 @@ def _first_of_each(values: Float, first: Int, sizes: Int) -> Int:
 
 @dataclass(frozen=True)
 class _Candidates:
-    """Pairs of points that may be near each other: of each point, a stretch of others.
+    """Pairs of points that may be within the reach: of each point, a stretch of others.
 
-    The plane is cut into stripes along y that are as wide as the reach. What is near a point lies
-    in its own stripe or the next ones, not farther than the reach along y: a stretch of the points
-    sorted by stripe and y.
+    The plane is cut into stripes along y that are as wide as the reach. The neighbours of a point
+    are in its own stripe or the next ones, within the reach along y: a stretch of the points sorted
+    by stripe and y.
 
     Attributes:
         xy: The points, shape (n, 2).
@@ -217,7 +214,7 @@ class _Candidates:
         begin: Where in this order the stretch of each begins; first those in its own stripe, then
             those in the next one, shape (2 n,).
         count: How long it is.
-        total: How many pairs there are to look at.
+        total: Number of pairs.
     """
 
     xy: Float
@@ -229,7 +226,7 @@ class _Candidates:
     @classmethod
     def of(cls, xy: Float, reach: float) -> _Candidates:
         """Candidates for being at most `reach` apart, of points in the order of x."""
-        wide = 1.001 * reach  # what rounding does to the sums below must hide no pair
+        wide = 1.001 * reach  # so that rounding of the sums below loses no pair
         x, y = xy[:, 0], xy[:, 1]
         # Stripes are numbered with no more than one empty one between, and long gaps along y are
         # shortened: so a far outlier costs no precision.

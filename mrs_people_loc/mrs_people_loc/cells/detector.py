@@ -30,8 +30,8 @@ def detect(
 
     The paper's three steps are clusters, their measures, and those that are human-sized, each at
     its centre of gravity. What is known to be no person is left out before. Clusters that are wider
-    than a person are split; where somebody is expected, two people are told apart, and a cluster
-    of fewer points is a person.
+    than a person are split. Where several people are expected in one cluster, each gets a part of
+    it, and an expected person needs fewer points.
 
     Args:
         fused: The map.
@@ -77,7 +77,7 @@ def detect(
 def _are_people(
     clusters: Clusters, expected: Expected, config: cfg.PlannerConfig
 ) -> tuple[Bool, Bool]:
-    """Which clusters are people, and which of them would be if nobody was expected there."""
+    """Which clusters are people, and which of them also are without being expected."""
     certain = is_human(clusters, config.human)
     if not len(expected):
         return certain.copy(), certain

@@ -7,15 +7,11 @@ over the floor. The paper's XZ ground plane is our x-y plane.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Bool, Float32, Int
 from mrs_people_loc.scan import Cells
 
-Float32 = NDArray[np.float32]
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
-
-#: Grids up to this many tiles are numbered as they are, larger ones by sorting.
+#: In grids of up to this many tiles all are numbered, in larger ones the occupied tiles only.
 _MAX_TABLE = 1 << 20
 #: Side of a column's height bins [m].
 _BIN = 0.05
@@ -112,9 +108,9 @@ def measure_tops(
     """Height of the column above each cell, measured before the zone cut.
 
     The column is the noise window that holds the cell's centre. From its highest point in the
-    zone it goes up through the cloud until it meets a gap (a ceiling above a head is not the
-    person's). Its top is the `support`-th highest point of what was passed above the zone or,
-    where these are fewer, of its points in the zone: a few mismatches make no one taller.
+    zone it goes up through the cloud to the first gap (a ceiling above a head is not part of the
+    person). Its top is the `support`-th highest point of what was passed above the zone or,
+    where these are fewer, of its points in the zone: a few mismatches raise no top.
 
     Args:
         cells: Cells from `quantize`.
@@ -214,7 +210,7 @@ def _argsort(numbers: Int) -> Int:
 
 
 def _tile(xy: Float32, side: float) -> tuple[Int, Float32]:
-    """Tiles the ground plane from its origin and says which tile holds each point.
+    """Tiles the ground plane from its origin, and finds the tile of each point.
 
     Args:
         xy: Shape (2, n).

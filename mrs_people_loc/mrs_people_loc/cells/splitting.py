@@ -13,11 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.anthropometry import CLOSEST
-from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
+from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.neighbours import pairs_between, pairs_within
 from mrs_people_loc.team.fusion import ShortTermMap, unit_vectors
 from mrs_people_loc.team.poses import Pose
@@ -40,6 +39,7 @@ class SplittingTuning:
     most_people: int = 8
     rounds: int = 8
     expected_within: float = 0.3
+    least_apart: float = CLOSEST
 
 
 _TUNING = SplittingTuning()
@@ -141,7 +141,7 @@ def split_at(
             continue
         # The halves of one person are nearer to each other than two people.
         middles = np.stack([np.bincount(part, axis) for axis in xy.T], axis=1) / held[:, np.newaxis]
-        if len(pairs_within(middles, CLOSEST)[0]):
+        if len(pairs_within(middles, tuning.least_apart)[0]):
             continue
         label[mine[part > 0]] = fresh + part[part > 0] - 1
         fresh += len(within) - 1
@@ -164,7 +164,7 @@ class _SeenCells(StructOfArrays):
     xy: Float
     bearing: Float
     range_variance: Float
-    top: NDArray[np.float32]
+    top: Float32
     points: Float
     weight: Float
 
@@ -255,7 +255,7 @@ def _parts(
     return None
 
 
-def _are_tall_enough(part: Int, top: NDArray[np.float32], points: Float, human: cfg.Human) -> bool:
+def _are_tall_enough(part: Int, top: Float32, points: Float, human: cfg.Human) -> bool:
     """Whether every part has the height and the points of a person."""
     tall = np.full(int(part.max()) + 1, -np.inf)
     np.maximum.at(tall, part, top)

@@ -48,7 +48,7 @@ NODE_PARAMETERS = frozenset({"use_sim_time", "autostart", "start_type_descriptio
 
 @dataclass(frozen=True)
 class Team:
-    """What parameter files say of a team.
+    """A team, as parameter files describe it.
 
     Attributes:
         planner: The planner's configuration.
@@ -85,7 +85,7 @@ def load_team(
         paths: YAML files; later ones win.
         robots: Names of the robots, where the files do not name them.
         unless_said: By robot, parameters by dotted name that hold instead of the defaults where
-            the files say nothing of them.
+            the files do not set them.
 
     Raises:
         ConfigError: A file cannot be read, is not a parameter file, or holds a bad value.
@@ -141,7 +141,7 @@ def load_yaml(path: Path) -> Any:
 def _read_sections(path: str | Path) -> list[tuple[Path, str, dict[str, Any]]]:
     """Sections of a file that are ours: file, key with a leading slash, flat parameters; checked.
 
-    `~` in the path is the home folder: shells do not say so in `team:=~/team.yaml`.
+    `~` in the path is the home folder: shells leave it in `team:=~/team.yaml`.
     """
     path = Path(os.path.expanduser(path))
     document = load_yaml(path)
@@ -154,7 +154,7 @@ def _read_sections(path: str | Path) -> list[tuple[Path, str, dict[str, Any]]]:
         if not _NODE_KEY.fullmatch(key):
             alike = difflib.get_close_matches(node, _CONFIG_TYPES, 1, _NEARLY_OURS)
             if not alike:
-                continue  # somebody else's
+                continue  # of another node
             raise ConfigError(
                 f"{path}: section {key} names no node of ours; did you mean .../{alike[0]}? "
                 "(sections of other nodes are left alone, if their names are less like ours)"

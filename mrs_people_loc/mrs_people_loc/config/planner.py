@@ -6,8 +6,10 @@ import dataclasses
 import re
 from dataclasses import dataclass
 
+from mrs_people_loc.anthropometry import APART_ACROSS, APART_JOINED
 from mrs_people_loc.config.parameters import Section, field
 from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.precision import PIXEL_SIGMA_PX
 
 
 @dataclass(frozen=True)
@@ -24,33 +26,25 @@ class Interval(Section):
         0.25, "maximum time between a scan and the poses that locate it [s]", low=0.0, high=5.0
     )
     robot_timeout: float = field(
-        2.0,
-        "no interval waits for a robot that is silent for longer, and its last position is "
+        2.0, "no interval waits for a robot that is silent for longer, and its last position is "
         "no longer masked [s]",
-        low=0.1,
-        high=60.0,
-    )
+        low=0.1, high=60.0,
+    )  # fmt: skip
     max_clock_offset: float = field(
-        0.2,
-        "a robot whose clock differs by more from that of the robot nearest to the "
-        "planner's clock is excluded [s]",
-        low=0.001,
-        high=5.0,
-    )
+        0.2, "a robot whose clock differs by more from that of the robot nearest to the planner's "
+        "clock is excluded [s]",
+        low=0.001, high=5.0,
+    )  # fmt: skip
     scan_rate: float = field(
-        0.0,
-        "expected rate of scans per robot, of which half is sufficient; 0: the rate of the "
+        0.0, "expected rate of scans per robot, of which half is sufficient; 0: the rate of the "
         "fastest robot [Hz]",
-        low=0.0,
-        high=1000.0,
-    )
+        low=0.0, high=1000.0,
+    )  # fmt: skip
     walking_speed: float = field(
-        0.7,
-        "growth of the position uncertainty of a scan with its age relative to the newest "
+        0.7, "growth of the position uncertainty of a scan with its age relative to the newest "
         "scan of the interval [m/s]",
-        low=0.0,
-        high=5.0,
-    )
+        low=0.0, high=5.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,24 +58,22 @@ class Clustering(Section):
 
 @dataclass(frozen=True)
 class Splitting(Section):
-    """How clusters that are more than one person are told apart."""
+    """Splitting of clusters that are more than one person."""
 
     max_width: float = field(
-        0.75,
-        "a cluster wider than this is split into parts that are not [m]; 0: no splitting",
-        low=0.0,
-        high=5.0,
-    )
+        0.75, "a cluster wider than this is split into parts that are not [m]; 0: no splitting",
+        low=0.0, high=5.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Human(Section):
-    """Size of a human, as a cluster shows it. The paper says 'a priori' and prints no values.
+    """Size of a human, as a cluster shows it. The paper has it 'a priori' and prints no values.
 
-    Heights: from a school child to a tall man; a table's edge or a chair's back is lower, a wall or
-    a door higher. Width and depth: a body is 0.3 to 0.6 m; depth noise of 1/16 px and more smears
-    its cells along the line of sight. Points: of a body 5 m away the zone covers about 12 x 25
-    pixels of a 160 x 120 image (block matching widens it), of which half may be lost.
+    Heights: from a school child to a tall adult; a table's edge or a chair's back is lower, a wall
+    or a door higher. Width and depth: a body is 0.3 to 0.6 m; depth noise of 1/16 px and more
+    smears its cells along the line of sight. Points: of a body 5 m away the zone covers about
+    12 x 25 pixels of a 160 x 120 image (block matching widens it), of which half may be lost.
     """
 
     min_height: float = field(1.2, "minimum height of the cluster's top [m]", low=0.0, high=3.0)
@@ -105,51 +97,46 @@ class Human(Section):
 
 @dataclass(frozen=True)
 class Joining(Section):
-    """How the bodies that several robots found become people."""
+    """Joining of bodies that several robots found to people."""
 
     line_of_sight: bool = field(
-        True,
-        "true: the position covariance of a body is elongated along the line of sight; "
+        True, "true: the position covariance of a body is elongated along the line of sight; "
         "false: it is isotropic",
-    )
+    )  # fmt: skip
     gate: float = field(
         3.0, "bodies of different robots within this number of sigmas are one", low=0.1, high=10.0
     )
     max_distance: float = field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
     min_score: float = field(0.5, "log-odds from which a body is a person", low=-20.0, high=50.0)
-    apart: float = field(0.36, "minimum distance of two people [m]", low=0.0, high=2.0)
+    apart: float = field(APART_JOINED, "minimum distance of two people [m]", low=0.0, high=2.0)
     fragment_gate: float = field(
-        5.0,
-        "a body within this number of sigmas of a likelier person, whom its robots did not "
+        5.0, "a body within this number of sigmas of a likelier person, whom its robots did not "
         "see, belongs to that person; 0: off",
-        low=0.0,
-        high=20.0,
-    )
+        low=0.0, high=20.0,
+    )  # fmt: skip
     fragment_distance: float = field(1.0, "... and within this distance [m]", low=0.0, high=5.0)
 
 
 @dataclass(frozen=True)
 class Masking(Section):
-    """What stands at known places and is no person: robots of the team, walls, furniture."""
+    """Masking of the team's robots, walls and furniture, which stand at known places."""
 
     robot_radius: float = field(
-        0.25,
-        "detections within this distance of another robot of the team are that robot [m]; "
+        0.25, "detections within this distance of another robot of the team are that robot [m]; "
         "0: robots are not masked",
-        low=0.0,
-        high=2.0,
-    )
+        low=0.0, high=2.0,
+    )  # fmt: skip
     cell_range_sigma: float = field(
-        0.25 / 10.5, "standard deviation of the range r of a plain cell, over r^2 [m/m^2]: the "
+        PIXEL_SIGMA_PX / 10.5,
+        "standard deviation of the range r of a plain cell, over r^2 [m/m^2]: the "
         "error of disparity [px] over focal length times baseline [px m]; the default is 0.25 px "
         "over 10.5 px m",
         low=0.0, high=1.0,
     )  # fmt: skip
     occupancy_grid: bool = field(
-        False,
-        "true: walls and furniture are masked by the nav_msgs/OccupancyGrid on `map`",
+        False, "true: walls and furniture are masked by the nav_msgs/OccupancyGrid on `map`",
         live=False,
-    )
+    )  # fmt: skip
     occupied_from: int = field(
         65, "cells of the grid from this value on are occupied [%]", low=1, high=100
     )
@@ -166,52 +153,42 @@ class Masking(Section):
 
 @dataclass(frozen=True)
 class Tracking(Section):
-    """How people are followed from interval to interval."""
+    """Tracking of people over intervals."""
 
     enabled: bool = field(
-        True,
-        "true: people are tracked, with ids and velocities; false: intervals are "
+        True, "true: people are tracked, with ids and velocities; false: intervals are "
         "independent, as in the paper",
-    )
+    )  # fmt: skip
     acceleration: float = field(
-        0.5,
-        "standard deviation of the change of velocity in one second; it grows with the "
+        0.5, "standard deviation of the change of velocity in one second; it grows with the "
         "square root of time [m/s]",
-        low=0.01,
-        high=10.0,
-    )
+        low=0.01, high=10.0,
+    )  # fmt: skip
     any_velocity: float = field(
-        0.8,
-        "standard deviation of the velocity of a new track: people stand or walk [m/s]",
-        low=0.01,
-        high=10.0,
-    )
+        0.8, "standard deviation of the velocity of a new track: people stand or walk [m/s]",
+        low=0.01, high=10.0,
+    )  # fmt: skip
     max_speed: float = field(2.0, "maximum speed of unobserved people [m/s]", low=0.1, high=20.0)
     gate: float = field(
-        4.0,
-        "detections within this number of sigmas of a predicted position may be assigned to it",
-        low=0.5,
-        high=20.0,
-    )
+        4.0, "detections within this number of sigmas of a predicted position may be assigned to "
+        "it",
+        low=0.5, high=20.0,
+    )  # fmt: skip
     max_distance: float = field(1.0, "... and within this distance [m]", low=0.1, high=10.0)
     body: float = field(
-        0.3,
-        "... or within this distance, whatever the covariances: no two bodies are so close [m]",
-        low=0.0,
-        high=2.0,
-    )
+        APART_ACROSS,
+        "... or within this distance, whatever the covariances: no two bodies are so close "
+        "[m]",
+        low=0.0, high=2.0,
+    )  # fmt: skip
     height_sigma: float = field(
-        0.15,
-        "standard deviation of the difference of two height measurements of one person [m]",
-        low=0.01,
-        high=10.0,
-    )
+        0.15, "standard deviation of the difference of two height measurements of one person [m]",
+        low=0.01, high=10.0,
+    )  # fmt: skip
     evidence_time: float = field(
-        0.5,
-        "averaging time of the log-odds, height and uncertainty of a track [s]",
-        low=0.01,
-        high=60.0,
-    )
+        0.5, "averaging time of the log-odds, height and uncertainty of a track [s]",
+        low=0.01, high=60.0,
+    )  # fmt: skip
     sure_score: float = field(
         6.0, "log-odds from which a new track is a person at once", low=-20.0, high=8.0
     )
@@ -220,98 +197,76 @@ class Tracking(Section):
     )
     birth_time: float = field(0.2, "see tracking.birth_score [s]", low=0.0, high=10.0)
     start_time: float = field(
-        0.35,
-        "time after the start in which every detection from tracking.doubt_score on is a "
+        0.35, "time after the start in which every detection from tracking.doubt_score on is a "
         "person [s]",
-        low=0.0,
-        high=60.0,
-    )
+        low=0.0, high=60.0,
+    )  # fmt: skip
     doubt_score: float = field(
         0.0, "log-odds from which a new tentative track is started", low=-20.0, high=50.0
     )
     doubt_time: float = field(
-        0.25,
-        "a tentative track that is unobserved for longer is terminated [s]",
-        low=0.0,
-        high=10.0,
-    )
+        0.25, "a tentative track that is unobserved for longer is terminated [s]",
+        low=0.0, high=10.0,
+    )  # fmt: skip
     expected_score: float = field(
         1.0, "log-odds that a detection gains where a person is expected", low=0.0, high=50.0
     )
     expected_points: float = field(
-        0.5,
-        "share of human.min_points that a plain cluster needs where a person is expected",
-        low=0.0,
-        high=1.0,
-    )
+        0.5, "share of human.min_points that a plain cluster needs where a person is expected",
+        low=0.0, high=1.0,
+    )  # fmt: skip
     keep_score: float = field(
         -1.0, "a person remains one down to these log-odds", low=-20.0, high=8.0
     )
     coast_time: float = field(
-        1.0,
-        "the track of an unobserved person is terminated after this time [s]",
-        low=0.0,
-        high=60.0,
-    )
+        1.0, "the track of an unobserved person is terminated after this time [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
     coast_share: float = field(
-        0.5,
-        "... and after this share of the time for which the person was observed",
-        low=0.0,
-        high=1e3,
-    )
+        0.5, "... and after this share of the time for which the person was observed",
+        low=0.0, high=1e3,
+    )  # fmt: skip
     memory: float = field(
-        10.0,
-        "time after the last observation for which a terminated track can resume with its "
+        10.0, "time after the last observation for which a terminated track can resume with its "
         "id, where the person may have got to, at most the time of observation [s]; 0: off",
-        low=0.0,
-        high=600.0,
-    )
+        low=0.0, high=600.0,
+    )  # fmt: skip
     lasting_share: float = field(
-        0.25,
-        "share of the variance of detections that is correlated over time, and is not "
+        0.25, "share of the variance of detections that is correlated over time, and is not "
         "reduced by filtering",
-        low=0.0,
-        high=1.0,
-    )
+        low=0.0, high=1.0,
+    )  # fmt: skip
     max_tracks: int = field(1000, "maximum number of tracks", low=1, high=10_000)
 
 
 @dataclass(frozen=True)
 class Groups(Section):
-    """Who walks together, and who has fallen behind or left."""
+    """Groups of people who walk together, and their stragglers."""
 
     distance: float = field(
-        2.5,
-        "a member farther than this from every other one is a straggler [m]",
-        low=0.3,
-        high=100.0,
-    )
+        2.5, "a member farther than this from every other one is a straggler [m]",
+        low=0.3, high=100.0,
+    )  # fmt: skip
     margin: float = field(
-        0.4,
-        "a person who joins or returns is nearer than groups.distance by this margin [m]",
-        low=0.0,
-        high=100.0,
-    )
+        0.4, "a person who joins or returns is nearer than groups.distance by this margin [m]",
+        low=0.0, high=100.0,
+    )  # fmt: skip
     speed: float = field(
         0.8, "... and velocities differ by no more than this [m/s]", low=0.0, high=20.0
     )
     hidden_sigmas: float = field(
-        2.0,
-        "occluded people may be nearer than predicted by this number of sigmas",
-        low=0.0,
-        high=20.0,
-    )
+        2.0, "occluded people may be nearer than predicted by this number of sigmas",
+        low=0.0, high=20.0,
+    )  # fmt: skip
     leave_time: float = field(0.5, "time for which a straggler is farther [s]", low=0.0, high=60.0)
     join_time: float = field(
         2.0, "time for which a person who joins or returns is near [s]", low=0.0, high=60.0
     )
     missing_time: float = field(
-        6.0,
-        "a member whose track was terminated this long ago is a straggler, too [s]; less "
+        6.0, "a member whose track was terminated this long ago is a straggler, too [s]; less "
         "than tracking.memory, so that the track can resume",
-        low=0.0,
-        high=600.0,
-    )
+        low=0.0, high=600.0,
+    )  # fmt: skip
     forget_time: float = field(
         60.0, "a straggler ceases to be a member after this time [s]", low=0.0, high=3600.0
     )

@@ -32,9 +32,9 @@ class Images(Section):
 
 @dataclass(frozen=True)
 class Mounting(Section):
-    """Where the head sits: pose of the left (reference) camera in the robot's base_link.
+    """Pose of the left (reference) camera in the robot's base_link.
 
-    Angles turn as REP 103 says: first yaw (to the left), then pitch (nose down), then roll (right
+    Angles turn as in REP 103: first yaw (to the left), then pitch (nose down), then roll (right
     side down), each about the axis that the former left. Zero: level, looking ahead.
     """
 
@@ -53,10 +53,9 @@ class Disparity(Section):
     """Stereo matching with OpenCV's StereoBM (SAD)."""
 
     pre_filter: str = field(
-        "xsobel",
-        "StereoBM's pre-filter, instead of the edge filter of the paper's heads",
+        "xsobel", "StereoBM's pre-filter, instead of the edge filter of the paper's heads",
         choices=("xsobel", "normalized_response"),
-    )
+    )  # fmt: skip
     pre_filter_size_px: int = field(
         11, "window of normalized_response [px] (the paper's edge mask)",
         low=5, high=255, odd=True,
@@ -104,37 +103,31 @@ class Disparity(Section):
 
 @dataclass(frozen=True)
 class Sight(Section):
-    """When a head is taken to be blind: its diagnostics say so."""
+    """When the diagnostics report that a head is blind."""
 
     min_valid: float = field(
         0.25, "minimum share of pixels with a disparity; 0: not checked", low=0.0, high=1.0
     )
     frames: int = field(
-        5,
-        "consecutive bad views before a warning is raised, and good views before it is cleared",
-        low=1,
-        high=1000,
-    )
+        5, "consecutive bad views before a warning is raised, and good views before it is cleared",
+        low=1, high=1000,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Floor(Section):
-    """Whether the mounting fits the floor in view: diagnostics say when it does not."""
+    """When the diagnostics report that the mounting does not fit the floor in view."""
 
     watch: bool = field(True, "true: the floor is estimated in some of the views")
     max_angle: float = field(
-        0.026,
-        "rotation of the head from which a warning is raised, in addition to twice the "
+        0.026, "rotation of the head from which a warning is raised, in addition to twice the "
         "floor's standard deviation [rad]",
-        low=0.0,
-        high=1.0,
-    )
+        low=0.0, high=1.0,
+    )  # fmt: skip
     max_height: float = field(
-        0.08,
-        "change of the head's height from which a warning is raised, likewise [m]",
-        low=0.0,
-        high=5.0,
-    )
+        0.08, "change of the head's height from which a warning is raised, likewise [m]",
+        low=0.0, high=5.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -176,13 +169,12 @@ class Quantization(Section):
 
 @dataclass(frozen=True)
 class Bodies(Section):
-    """People sought as bodies, in place of the paper's noise windows and cells."""
+    """Detection of people as bodies, instead of the paper's noise windows and cells."""
 
     search: bool = field(
-        True,
-        "true: upright bodies are detected in bearing and inverse range; false: the paper's "
+        True, "true: upright bodies are detected in bearing and inverse range; false: the paper's "
         "zones, noise windows and cells",
-    )
+    )  # fmt: skip
     max_range: float = field(6.0, "farthest range of a body [m]", low=0.5, high=50.0)
     min_extent: float = field(
         0.35, "minimum visible vertical extent, mean over a body's width [m]", low=0.05, high=2.0
@@ -190,15 +182,13 @@ class Bodies(Section):
     max_count: int = field(16, "maximum number of candidates per view", low=1, high=100)
     vote: bool = field(True, "true: all pixels of a body vote for one disparity")
     human_test: bool = field(
-        True,
-        "true: a fitted model gives the log-odds that a body is a person; false: its "
+        True, "true: a fitted model gives the log-odds that a body is a person; false: its "
         "vertical extent is used instead; fitted with bodies.vote",
-    )
+    )  # fmt: skip
     axis: bool = field(
-        True,
-        "true: fitted offsets move a body from its visible surface to its axis; requires "
+        True, "true: fitted offsets move a body from its visible surface to its axis; requires "
         "bodies.vote",
-    )
+    )  # fmt: skip
     min_score: float = field(
         -3.0, "bodies with at least these log-odds of being a person are sent", low=-20.0, high=20.0
     )
@@ -213,42 +203,32 @@ class PoseInput(Section):
     """Where the robot's pose comes from, and how often it goes out."""
 
     source: str = field(
-        "odom",
-        "source of the pose: nav_msgs/Odometry on `odom`, "
+        "odom", "source of the pose: nav_msgs/Odometry on `odom`, "
         "geometry_msgs/PoseWithCovarianceStamped on `pose_in`, the parameter pose.static "
         "(static), or TF (tf), which requires tf2_ros",
-        choices=("odom", "pose_in", "static", "tf"),
-        live=False,
-    )
+        choices=("odom", "pose_in", "static", "tf"), live=False,
+    )  # fmt: skip
     static: tuple[float, ...] = field(
-        (),
-        "x, y [m] and yaw [rad] of base_link in the map (source static)",
-        kind="floats",
-        length=3,
-    )
+        (), "x, y [m] and yaw [rad] of base_link in the map (source static)",
+        kind="floats", length=3,
+    )  # fmt: skip
     sigmas: tuple[float, ...] = field(
-        (),
-        "standard deviations of x, y [m] and yaw [rad] of a pose without covariance (source "
+        (), "standard deviations of x, y [m] and yaw [rad] of a pose without covariance (source "
         "static or tf), at least 0; empty: exact",
-        kind="floats",
-        length=3,
-    )
+        kind="floats", length=3,
+    )  # fmt: skip
     map_from_odom: tuple[float, ...] = field(
-        (),
-        "x, y [m] and yaw [rad] of the odometry's frame in the map, for poses that are not "
-        "in the map frame; empty: from TF, where tf2_ros is installed",
-        kind="floats",
-        length=3,
-    )
+        (), "x, y [m] and yaw [rad] of the odometry's frame in the map, for poses that are not in "
+        "the map frame; empty: from TF, where tf2_ros is installed",
+        kind="floats", length=3,
+    )  # fmt: skip
     publish_tf: str = field(
-        "auto",
-        "transforms published on TF besides the cameras, where tf2_msgs is installed: auto "
-        "(map to base_link for source static and for odometry in the map; map to the "
+        "auto", "transforms published on TF besides the cameras, where tf2_msgs is installed: "
+        "auto (map to base_link for source static and for odometry in the map; map to the "
         "odometry's frame with map_from_odom), always (map to base_link: no other node may "
         "publish it), never (no cameras either)",
-        choices=("auto", "always", "never"),
-        live=False,
-    )
+        choices=("auto", "always", "never"), live=False,
+    )  # fmt: skip
     map_frame: str = field("map", "the common frame", live=False)
     max_rate: float = field(100.0, "maximum rate of published poses [Hz]", low=1.0, high=1e3)
 

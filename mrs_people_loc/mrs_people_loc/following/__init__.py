@@ -1,1 +1,1 @@
-"""Following people over time: tracks of persons, and the groups they walk in."""
+"""Following people over time: `tracks` (identity, velocity) -> `groups` (members, stragglers)."""

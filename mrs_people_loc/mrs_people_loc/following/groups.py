@@ -1,11 +1,11 @@
-"""Groups: who walks together, who has fallen behind or left, and what has happened.
+"""Groups: people who walk together, stragglers, and events.
 
-Two people are linked once they have walked near each other for a while, and no more once they have
-been farther apart for a while; a group is what links hold together. Of the groups that share
-members with an earlier one, that with the most is the same group and keeps its id. A member who is
-no longer held is a straggler of his group until he is back, or has been away for so long that he
-has left it. Time is an argument; where it jumps back by more than `clocks.RESET_NS`, all groups are
-new, and their ids go on.
+Two people are linked once they have walked near each other for a while, and no longer once they
+have been farther apart for a while; a group is a connected component of the links. Of the
+components that share members with an earlier group, the one with the most is the same group and
+keeps its id. A member outside the group's component is a straggler until they are back, or have
+been away for so long that they have left. Time is an argument; where it jumps back by more than
+`clocks.RESET_NS`, all groups are new, and their ids go on.
 """
 
 from __future__ import annotations
@@ -18,26 +18,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.clocks import RESET_NS
-from mrs_people_loc.geometry import Float
 from mrs_people_loc.neighbours import connected, pairs_within
 from mrs_people_loc.people import Group, Person, gather
 
-Bool = NDArray[np.bool_]
+Ids = NDArray[np.int64]
 
-#: Ids are below 2^32: two of them are one number.
+#: Ids are below 2^32: two of them fit in one number.
 _HALF = 32
-#: An interval that comes later says nothing of the time between, except to stragglers: for the
-#: others it counts as if it came so long after the one before [s].
-_LONGEST_STEP = 1.0
+
+
+@dataclass(frozen=True)
+class GroupsTuning:
+    """Constants of groups, beside `groups.*` in the configuration; chosen.
+
+    Attributes:
+        max_step_s: After a longer pause, links and the absence of members who are not followed age
+            by no more than this [s]; stragglers age by the whole pause.
+    """
+
+    max_step_s: float = 1.0
+
+
+GROUPS_TUNING = GroupsTuning()
 
 
 @dataclass
 class _Roster:
-    """Who belongs to a group.
+    """The members of a group.
 
     Attributes:
-        joined_s: By member, for how long he has belonged to it [s].
+        joined_s: By member, for how long they have belonged to it [s].
         unseen_s: By member who is not followed at the moment, since when [s].
         away_s: By straggler, since when [s].
     """
@@ -47,7 +59,7 @@ class _Roster:
     away_s: dict[int, float] = field(default_factory=dict)
 
     def all(self) -> tuple[dict[int, float], ...]:
-        """All that is known."""
+        """All three mappings."""
         return self.joined_s, self.unseen_s, self.away_s
 
     def drop(self, member: int) -> None:
@@ -57,22 +69,24 @@ class _Roster:
 
 
 class Groups:
-    """Follows who belongs together.
+    """Follows groups of people.
 
     Args:
         config: Its parameters; may be replaced at any time.
+        tuning: Its constants.
 
     Attributes:
         config: Likewise.
     """
 
-    def __init__(self, config: cfg.Groups) -> None:
+    def __init__(self, config: cfg.Groups, tuning: GroupsTuning = GROUPS_TUNING) -> None:
         self.config = config
+        self.tuning = tuning
         self._next_id = 1
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Forgets all groups: the time jumped back. Ids go on."""
+        """Forgets all groups: the time jumped back. Ids go on, so that none means two groups."""
         self._time_ns: int | None = None
         self._rosters: dict[int, _Roster] = {}
         self._ids = np.empty(0, dtype=np.int64)
@@ -86,7 +100,7 @@ class Groups:
         """Takes the people of an interval.
 
         Args:
-            people: Who is followed, in the order of their ids.
+            people: The followed people, in the order of their ids.
             time_ns: Time of the interval [ns]; a little older than the last one: nothing gets
                 older; older by more than `RESET_NS`: all groups are new.
 
@@ -100,63 +114,47 @@ class Groups:
         if self._time_ns is None or since_ns >= 0:
             self._time_ns = time_ns
         dt_s = max(since_ns, 0) / 1e9
-        homes = self._homes()
-        self._link(people, homes, min(dt_s, _LONGEST_STEP))
-        parts = self._parts()
+        group_of = self._group_of()
+        self._link(people, group_of, min(dt_s, self.tuning.max_step_s))
+        components = self._components()
         events: list[str] = []
-        names = self._names(parts, homes, events)
-        self._call_roll(names, parts, homes, dt_s, events)
+        ids = self._identify(components, group_of, events)
+        self._update_rosters(ids, components, group_of, dt_s, events)
         by_id = {person.id: person for person in people}
         groups = []
-        for name, part in zip(names, parts, strict=True):
-            group = gather([by_id[member] for member in part])
+        for number, component in zip(ids, components, strict=True):
+            group = gather([by_id[member] for member in component])
             assert group is not None
-            away = dict(sorted(self._rosters[name].away_s.items()))
-            groups.append(dataclasses.replace(group, id=name, stragglers=away))
+            away = dict(sorted(self._rosters[number].away_s.items()))
+            groups.append(dataclasses.replace(group, id=number, stragglers=away))
         groups.sort(key=lambda group: (-group.size, group.id))
         return tuple(groups), tuple(events)
 
+    def _group_of(self) -> dict[int, int]:
+        """By member, their group; without stragglers."""
+        return {
+            member: number
+            for number, roster in self._rosters.items()
+            for member in roster.joined_s
+            if member not in roster.away_s
+        }
+
     # ---- links ----
 
-    def _link(self, people: Sequence[Person], homes: Mapping[int, int], dt_s: float) -> None:
-        """Who is linked to whom by now; only pairs that are near each other or linked are held."""
+    def _link(self, people: Sequence[Person], group_of: Mapping[int, int], dt_s: float) -> None:
+        """Brings the links up to date; only pairs that are near each other or linked are kept."""
         config = self.config
         ids = np.array([person.id for person in people], dtype=np.int64)
         xy = np.array([person.position for person in people]).reshape(-1, 2)
-        one, other, _ = pairs_within(xy, config.distance)
-        # Who is not followed at the moment goes on holding together those whom he held together.
-        there = np.isin(self._pairs, ids)
-        hidden = set(homes) - set(ids.tolist())
-        kept = self._linked & ~there.all(axis=1)
-        kept &= (there | np.isin(self._pairs, list(hidden))).all(axis=1)
-        waiting = self._pairs[kept]
-        held = there.all(axis=1)
-        keys = np.concatenate([_key(self._pairs[held]), _key(ids[np.stack([one, other], axis=1)])])
-        keys, first = np.unique(keys, return_index=True)
-        known = first < np.count_nonzero(held)
-        linked, doubt_s = np.zeros(len(keys), dtype=bool), np.zeros(len(keys))
-        linked[known] = self._linked[held][first[known]]
-        doubt_s[known] = self._doubt_s[held][first[known]]
-        pairs = np.stack([keys >> _HALF, keys & ((1 << _HALF) - 1)], axis=1)
+        waiting = self._pairs[self._waiting(ids, group_of)]
+        pairs, linked, doubt_s = self._candidates(ids, xy)
         one, other = np.searchsorted(ids, pairs).T
+        apart, together = self._compare(people, xy, one, other)
 
-        away = np.hypot(*(xy[one] - xy[other]).T)
-        unseen = np.array([person.coasting for person in people], dtype=bool)
-        slack = np.array(
-            [config.hidden_sigmas * _sigma(p.covariance) if p.coasting else 0.0 for p in people]
-        )
-        apart = away - slack[one] - slack[other] > config.distance
-        velocity = np.array(
-            [p.velocity if p.velocity is not None else (np.nan, np.nan) for p in people]
-        ).reshape(-1, 2)
-        faster = np.hypot(*(velocity[one] - velocity[other]).T) > config.speed  # not of NaN
-        together = (away < config.distance - config.margin) & ~faster
-        together &= ~unseen[one] & ~unseen[other]
-
-        # Who is held by the same group anyway, or is as new as the other one, is linked at once.
-        home = np.array([homes.get(person.id, 0) for person in people], dtype=np.intp)
+        # Two members of one group, or two new people, are linked at once.
+        group = np.array([group_of.get(person.id, 0) for person in people], dtype=np.intp)
         young = np.array([person.age_s < config.join_time for person in people], dtype=bool)
-        at_once = (home[one] == home[other]) & (home[one] > 0) & ~apart
+        at_once = (group[one] == group[other]) & (group[one] > 0) & ~apart
         at_once |= young[one] & young[other] & together
         doubt_s = np.where(np.where(linked, apart, together), doubt_s + dt_s, 0.0)
         changed = doubt_s >= np.where(linked, config.leave_time, config.join_time)
@@ -169,91 +167,132 @@ class Groups:
         self._linked = np.concatenate([linked[keep], np.ones(len(waiting), dtype=bool)])
         self._doubt_s = np.concatenate([doubt_s[keep], np.zeros(len(waiting))])
 
-    def _homes(self) -> dict[int, int]:
-        """By member, the group that holds him."""
-        return {
-            member: name
-            for name, roster in self._rosters.items()
-            for member in roster.joined_s
-            if member not in roster.away_s
-        }
+    def _waiting(self, ids: Ids, group_of: Mapping[int, int]) -> Bool:
+        """Which pairs are links of members who are not followed at the moment; they stay."""
+        there = np.isin(self._pairs, ids)
+        hidden = set(group_of) - set(ids.tolist())
+        waiting = self._linked & ~there.all(axis=1)
+        waiting &= (there | np.isin(self._pairs, list(hidden))).all(axis=1)
+        return waiting
 
-    def _parts(self) -> list[list[int]]:
-        """The ids of those that links hold together."""
-        everybody = np.union1d(self._ids, self._pairs)
-        one, other = np.searchsorted(everybody, self._pairs[self._linked]).T
-        root = connected(one, other, len(everybody))[np.searchsorted(everybody, self._ids)]
-        parts: dict[int, list[int]] = {}
-        for who, first in zip(self._ids.tolist(), root.tolist(), strict=True):
-            parts.setdefault(first, []).append(who)
-        return list(parts.values())
+    def _candidates(self, ids: Ids, xy: Float) -> tuple[Ids, Bool, Float]:
+        """Pairs of followed people that are near each other or were kept.
+
+        Returns:
+            Their ids, shape (n, 2); whether they are linked; for how long that has been in doubt
+            [s]; shape (n,) each.
+        """
+        one, other, _ = pairs_within(xy, self.config.distance)
+        held = np.isin(self._pairs, ids).all(axis=1)
+        keys = np.concatenate([_key(self._pairs[held]), _key(ids[np.stack([one, other], axis=1)])])
+        keys, first = np.unique(keys, return_index=True)
+        old = first < np.count_nonzero(held)
+        linked, doubt_s = np.zeros(len(keys), dtype=bool), np.zeros(len(keys))
+        linked[old] = self._linked[held][first[old]]
+        doubt_s[old] = self._doubt_s[held][first[old]]
+        pairs = np.stack([keys >> _HALF, keys & ((1 << _HALF) - 1)], axis=1)
+        return pairs, linked, doubt_s
+
+    def _compare(
+        self, people: Sequence[Person], xy: Float, one: Int, other: Int
+    ) -> tuple[Bool, Bool]:
+        """Which pairs of people are too far apart, and which walk together, shape (n,) each."""
+        config = self.config
+        away = np.hypot(*(xy[one] - xy[other]).T)
+        unseen = np.array([person.coasting for person in people], dtype=bool)
+        slack = np.array(
+            [config.hidden_sigmas * _sigma(p.covariance) if p.coasting else 0.0 for p in people]
+        )
+        apart = away - slack[one] - slack[other] > config.distance
+        velocity = np.array(
+            [p.velocity if p.velocity is not None else (np.nan, np.nan) for p in people]
+        ).reshape(-1, 2)
+        faster = np.hypot(*(velocity[one] - velocity[other]).T) > config.speed  # not of NaN
+        together = (away < config.distance - config.margin) & ~faster
+        together &= ~unseen[one] & ~unseen[other]
+        return apart, together
+
+    def _components(self) -> list[list[int]]:
+        """Connected components of the links: ids of the followed people in each."""
+        linked = np.union1d(self._ids, self._pairs)
+        one, other = np.searchsorted(linked, self._pairs[self._linked]).T
+        root = connected(one, other, len(linked))[np.searchsorted(linked, self._ids)]
+        components: dict[int, list[int]] = {}
+        for member, first in zip(self._ids.tolist(), root.tolist(), strict=True):
+            components.setdefault(first, []).append(member)
+        return list(components.values())
 
     # ---- rosters ----
 
-    def _names(
-        self, parts: Sequence[Sequence[int]], homes: Mapping[int, int], events: list[str]
+    def _identify(
+        self,
+        components: Sequence[Sequence[int]],
+        group_of: Mapping[int, int],
+        events: list[str],
     ) -> list[int]:
-        """Which group each part is; those that are new get a roster."""
+        """Which group each component is; new ones get a roster."""
         shared = []
-        for index, part in enumerate(parts):
-            for name in sorted({homes[m] for m in part if m in homes}):
-                held = [self._rosters[name].joined_s[m] for m in part if homes.get(m) == name]
-                shared.append((-len(held), -max(held), name, index))
-        names: dict[int, int] = {}
-        for _, _, name, index in sorted(shared):
-            if index not in names and name not in names.values():
-                names[index] = name
-        for index, part in enumerate(parts):
-            if index in names:
+        for index, component in enumerate(components):
+            for number in sorted({group_of[m] for m in component if m in group_of}):
+                joined_s = self._rosters[number].joined_s
+                held = [joined_s[m] for m in component if group_of.get(m) == number]
+                shared.append((-len(held), -max(held), number, index))
+        ids: dict[int, int] = {}
+        for _, _, number, index in sorted(shared):
+            if index not in ids and number not in ids.values():
+                ids[index] = number
+        for index, component in enumerate(components):
+            if index in ids:
                 continue
-            names[index] = self._next_id
+            ids[index] = self._next_id
             self._next_id += 1
-            self._rosters[names[index]] = _Roster()
-            before = {homes[m] for m in part if m in homes}
-            if len(part) > 1 and before:
-                whence = ", ".join(f"group {name}" for name in sorted(before))
-                events.append(f"{_people(part)} split from {whence} as group {names[index]}")
-        return [names[index] for index in range(len(parts))]
+            self._rosters[ids[index]] = _Roster()
+            before = {group_of[m] for m in component if m in group_of}
+            if len(component) > 1 and before:
+                origin = ", ".join(f"group {number}" for number in sorted(before))
+                events.append(f"{_people(component)} split from {origin} as group {ids[index]}")
+        return [ids[index] for index in range(len(components))]
 
-    def _call_roll(
+    def _update_rosters(
         self,
-        names: Sequence[int],
-        parts: Sequence[Sequence[int]],
-        homes: Mapping[int, int],
+        ids: Sequence[int],
+        components: Sequence[Sequence[int]],
+        group_of: Mapping[int, int],
         dt_s: float,
         events: list[str],
     ) -> None:
-        """Brings the rosters up to date: who is there, who is not, and who is no more."""
-        for name, part in zip(names, parts, strict=True):
-            self._take(name, part, homes, dt_s, events)
-        where = {m: name for name, part in zip(names, parts, strict=True) for m in part}
-        sizes = {name: len(part) for name, part in zip(names, parts, strict=True)}
-        for name, roster in list(self._rosters.items()):
-            for member in sorted(set(roster.joined_s) - {m for m in where if where[m] == name}):
-                self._miss(name, member, sizes.get(where.get(member, 0), 0), dt_s, events)
-            if not roster.joined_s and name not in names:
-                del self._rosters[name]
+        for number, component in zip(ids, components, strict=True):
+            self._admit(number, component, group_of, dt_s, events)
+        now = {m: number for number, part in zip(ids, components, strict=True) for m in part}
+        sizes = {number: len(part) for number, part in zip(ids, components, strict=True)}
+        for number, roster in list(self._rosters.items()):
+            for member in sorted(set(roster.joined_s) - {m for m in now if now[m] == number}):
+                size = sizes.get(now.get(member, 0), 0)
+                self._mark_absent(number, member, size, dt_s, events)
+            if not roster.joined_s and number not in ids:
+                del self._rosters[number]
 
-    def _take(
+    def _admit(
         self,
-        name: int,
-        part: Sequence[int],
-        homes: Mapping[int, int],
+        number: int,
+        component: Sequence[int],
+        group_of: Mapping[int, int],
         dt_s: float,
         events: list[str],
     ) -> None:
-        """The people of a part are there: they are members of the group that it is."""
-        roster = self._rosters[name]
+        """Enters the people of a component in the roster of its group."""
+        roster = self._rosters[number]
         founded = not roster.joined_s
         merged: dict[int, list[int]] = {}
-        for member in part:
+        for member in component:
             if member in roster.away_s:
                 away_s = roster.away_s[member]
-                events.append(f"{_people([member])} is back with group {name} after {away_s:.1f} s")
+                text = f"{_people([member])} is back with group {number} after {away_s:.1f} s"
+                events.append(text)
             elif member not in roster.joined_s and not founded:
-                merged.setdefault(homes.get(member, 0), []).append(member)
-            former = homes.get(member, name)
-            if former != name and not founded:
+                merged.setdefault(group_of.get(member, 0), []).append(member)
+            former = group_of.get(member, number)
+            if former != number and not founded:
                 self._rosters[former].drop(member)
             joined_s = roster.joined_s.get(member, -dt_s) + dt_s
             roster.drop(member)
@@ -262,7 +301,7 @@ class Groups:
             left = self._rosters.get(former, _Roster())
             stay = set(left.joined_s) - set(left.away_s)
             if former and stay.isdisjoint(self._ids.tolist()):
-                # Its stragglers, and who is not followed at the moment, come along.
+                # Its stragglers, and members who are not followed at the moment, come along.
                 for each in set(left.joined_s) - set(roster.joined_s):
                     for mine, theirs in zip(roster.all(), left.all(), strict=True):
                         if each in theirs:
@@ -270,29 +309,39 @@ class Groups:
                 for of in left.all():
                     of.clear()
             if former and len(members) > 1:
-                events.append(f"group {former} ({_people(members)}) merges into group {name}")
+                events.append(f"group {former} ({_people(members)}) merges into group {number}")
             else:
-                events += [f"{_people([member])} joins group {name}" for member in members]
+                events += [f"{_people([member])} joins group {number}" for member in members]
 
-    def _miss(self, name: int, member: int, elsewhere: int, dt_s: float, events: list[str]) -> None:
-        """A member is not there: he is in a group of so many people elsewhere; 0: not seen."""
-        config, roster = self.config, self._rosters[name]
+    def _mark_absent(
+        self, number: int, member: int, elsewhere: int, dt_s: float, events: list[str]
+    ) -> None:
+        """A member is not there.
+
+        Args:
+            number: The group.
+            member: The member.
+            elsewhere: Size of the group that they are in instead; 0: not seen.
+            dt_s: Time since the last interval [s].
+            events: What has happened; appended to.
+        """
+        config, roster = self.config, self._rosters[number]
         alone = len(roster.joined_s) == 1
         if member in roster.away_s:
             roster.away_s[member] += dt_s
             if roster.away_s[member] >= config.forget_time:
                 roster.drop(member)
-                events.append(f"{_people([member])} has left group {name}")
+                events.append(f"{_people([member])} has left group {number}")
         elif elsewhere:
             if alone or roster.joined_s[member] < config.join_time:
                 roster.drop(member)
                 return
             roster.away_s[member] = config.leave_time
             if elsewhere == 1:
-                events.append(f"{_people([member])} has fallen behind or left group {name}")
+                events.append(f"{_people([member])} has fallen behind or left group {number}")
         else:
-            lately_s = min(dt_s, _LONGEST_STEP)
-            roster.unseen_s[member] = roster.unseen_s.get(member, 0.0) + lately_s
+            recent_s = min(dt_s, self.tuning.max_step_s)
+            roster.unseen_s[member] = roster.unseen_s.get(member, 0.0) + recent_s
             unseen_s = roster.unseen_s[member]
             if unseen_s >= config.missing_time:
                 if alone or roster.joined_s[member] < config.join_time:
@@ -300,7 +349,7 @@ class Groups:
                     return
                 roster.away_s[member] = unseen_s
                 events.append(
-                    f"{_people([member])} of group {name} has not been seen for {unseen_s:.0f} s"
+                    f"{_people([member])} of group {number} has not been seen for {unseen_s:.0f} s"
                 )
 
 
@@ -309,7 +358,7 @@ def _people(members: Iterable[int]) -> str:
     return f"person {each[0]}" if len(each) == 1 else f"people {', '.join(each)}"
 
 
-def _key(pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def _key(pairs: Ids) -> Ids:
     """One number for each pair of ids."""
     return np.asarray(pairs[:, 0] << _HALF | pairs[:, 1])
 

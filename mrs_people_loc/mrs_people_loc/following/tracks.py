@@ -1,17 +1,17 @@
-"""Tracking: who is who from interval to interval, and how fast everybody walks.
+"""Tracking: the identity and the velocity of each person, from interval to interval.
 
 Each person is a Kalman filter of place and velocity (constant velocity, driven by white noise of
 acceleration; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation,
-2001, section 6.2), which takes what the planner found with its measured covariance. Found people
-are assigned to known ones by the least sum of squared Mahalanobis distances within a gate.
+2001, section 6.2), which takes the detections of the planner with their measured covariance.
+Detections are assigned to tracks by the least sum of squared Mahalanobis distances within a gate.
 
-What is found brings log-odds of being a person. A track's evidence is their mean of late: views of
-one thing resemble each other, so that a lamp seen ten times is no surer a person than a lamp seen
-once, and the sum would say so. A track becomes a person when it has enough of it, coasts when it is
-not seen, and ends when the evidence has gone or the time is out. Who has ended is remembered for a
-while and may come back under the same id.
+A detection brings log-odds of being a person. A track's evidence is their recent mean: views of one
+thing resemble each other, so that a lamp seen ten times is no surer a person than a lamp seen once,
+and the sum would say so. A track becomes a person when it has enough evidence, coasts while it is
+not seen, and ends when the evidence or the time is used up. Ended tracks are remembered for a while
+and may come back under the same id.
 
-Time is an argument. Where it jumps back by more than `clocks.RESET_NS`, everybody is new, and ids
+Time is an argument. Where it jumps back by more than `clocks.RESET_NS`, all tracks are new, and ids
 go on.
 """
 
@@ -32,34 +32,47 @@ from mrs_people_loc.neighbours import connected, pairs_between
 from mrs_people_loc.people import NOBODY, Expected, Person
 from mrs_people_loc.uncertainty import bounded
 
-#: What is found says no more for a person than this.
-_LARGEST_SCORE = 8.0
-#: A height says no more than this against a pair, as a squared Mahalanobis distance.
-_HEIGHT_SAYS = 4.0
-#: What was found is taken for no older than this [s].
-_LONGEST_DELAY = 1.0
-#: No variance of a place or a velocity grows beyond this [m^2, m^2/s^2].
-_LARGEST_VARIANCE = 25.0
-#: Nobody appears farther from where he was lost than this and what he may have walked [m].
-_REACH = 0.5
+
+@dataclass(frozen=True)
+class TracksTuning:
+    """Constants of tracking, beside `tracking.*` in the configuration; chosen.
+
+    Attributes:
+        max_score: Upper bound of a detection's log-odds.
+        max_height_cost: Upper bound of the cost of different heights, a squared Mahalanobis
+            distance: two standard deviations.
+        max_delay_s: Upper bound of a detection's age [s].
+        max_variance: Upper bound of the variance of a place [m^2] and a velocity [m^2/s^2].
+        lost_reach: A lost person reappears within this of where they were last seen [m], and of
+            what they may have walked.
+    """
+
+    max_score: float = 8.0
+    max_height_cost: float = 4.0
+    max_delay_s: float = 1.0
+    max_variance: float = 25.0
+    lost_reach: float = 0.5
+
+
+TRACKS_TUNING = TracksTuning()
 
 
 @dataclass
 class _Tracks(StructOfArrays):
-    """A struct of arrays of one length (n,).
+    """Tracks, a struct of arrays of one length (n,).
 
     Attributes:
         id: From 1; 0: no person yet.
         state: Place [m] and velocity [m/s], shape (n, 4).
         covariance: Of the state, shape (n, 4, 4).
-        noise: Mean covariance of late of what was found [m^2], shape (n, 2, 2).
-        evidence: Mean log-odds of late of being a person.
-        height: Mean height of late [m].
+        noise: Recent mean covariance of its detections [m^2], shape (n, 2, 2).
+        evidence: Recent mean of its log-odds of being a person.
+        height: Recent mean height [m].
         age_s: Since it was first seen [s].
         seen: Whether it is seen in this interval.
         unseen_s: Since it was last seen [s].
-        seen_s: For how long it was seen, in all [s].
-        last: What was last found of it.
+        seen_s: For how long it was seen, in total [s].
+        last: Its last detection.
     """
 
     id: Int
@@ -74,8 +87,8 @@ class _Tracks(StructOfArrays):
     seen_s: Float
     last: NDArray[np.object_]
 
-    def predict(self, dt_s: float, acceleration: float) -> None:
-        """Moves everybody on by a time."""
+    def predict(self, dt_s: float, acceleration: float, max_variance: float) -> None:
+        """The Kalman filter's prediction."""
         if dt_s <= 0:
             return
         t, q = dt_s, acceleration**2
@@ -87,9 +100,9 @@ class _Tracks(StructOfArrays):
         noise[(2, 3), (2, 3)] = q * t
         self.state = self.state @ move.T
         self.covariance = move @ self.covariance @ move.T + noise
-        # Bounded by one factor each, so that it stays a covariance.
+        # One factor for the whole matrix, so that it stays a covariance.
         largest = self.covariance[:, (0, 1, 2, 3), (0, 1, 2, 3)].max(axis=1, initial=0.0)
-        factor = np.minimum(1.0, _LARGEST_VARIANCE / np.maximum(largest, 1e-12))
+        factor = np.minimum(1.0, max_variance / np.maximum(largest, 1e-12))
         self.covariance *= factor[:, np.newaxis, np.newaxis]
         self.age_s = self.age_s + t
         self.unseen_s = self.unseen_s + t
@@ -97,7 +110,7 @@ class _Tracks(StructOfArrays):
 
 @dataclass(frozen=True)
 class _Found(StructOfArrays):
-    """What was found, a struct of arrays of one length (n,); of one track each once it is one."""
+    """Detections of an interval, a struct of arrays of one length (n,)."""
 
     persons: NDArray[np.object_]
     xy: Float
@@ -107,15 +120,17 @@ class _Found(StructOfArrays):
     height: Float
 
     @classmethod
-    def from_persons(cls, persons: Sequence[Person], time_ns: int) -> _Found:
+    def from_persons(cls, persons: Sequence[Person], time_ns: int, tuning: TracksTuning) -> _Found:
         each = np.empty(len(persons), dtype=object)
         each[:] = persons
         return cls(
             persons=each,
             xy=np.array([p.position for p in persons]).reshape(-1, 2),
             covariance=bounded(np.array([p.covariance for p in persons]).reshape(-1, 2, 2)),
-            score=np.minimum([p.score for p in persons], _LARGEST_SCORE).reshape(-1),
-            delay_s=np.clip([(time_ns - p.stamp_ns) / 1e9 for p in persons], 0.0, _LONGEST_DELAY),
+            score=np.minimum([p.score for p in persons], tuning.max_score).reshape(-1),
+            delay_s=np.clip(
+                [(time_ns - p.stamp_ns) / 1e9 for p in persons], 0.0, tuning.max_delay_s
+            ),
             height=np.array([p.height for p in persons]),
         )
 
@@ -125,51 +140,54 @@ class Tracker:
 
     Args:
         config: Its parameters; may be replaced at any time.
+        tuning: Its constants.
 
     Attributes:
         config: Likewise.
         jumps_back: How often the time has jumped back, by more than `RESET_NS`.
-        turned_away: How often somebody new was not followed because there were too many.
+        turned_away: How often a new detection was not followed because there were too many tracks.
     """
 
-    def __init__(self, config: cfg.Tracking) -> None:
+    def __init__(self, config: cfg.Tracking, tuning: TracksTuning = TRACKS_TUNING) -> None:
         self.config = config
+        self.tuning = tuning
         self.jumps_back = 0
         self.turned_away = 0
         self._time_ns: int | None = None
         self._followed_s = 0.0
         self._next_id = 1
-        self._tracks = _begun(_Found.from_persons((), 0), config)
+        self._tracks = _begun(_Found.from_persons((), 0, tuning), config)
         self._lost = self._tracks
 
     def begin_anew(self) -> None:
-        """Forgets everybody: the time jumped back. Ids go on, so that none means two people."""
+        """Forgets all tracks: the time jumped back. Ids go on, so that none means two people."""
         self.jumps_back += 1
         self._time_ns = None
         self._followed_s = 0.0
-        self._tracks = self._lost = _begun(_Found.from_persons((), 0), self.config)
+        nobody = _Found.from_persons((), 0, self.tuning)
+        self._tracks = self._lost = _begun(nobody, self.config)
 
     def expect(self, time_ns: int) -> Expected:
-        """Where the people who are followed will be at a time [ns]; the tracker stays as it is."""
+        """Where the followed people will be at a time [ns]; does not change the tracker."""
         if self._is_another(time_ns):
             return NOBODY
-        known = self._tracks.select(self._tracks.id > 0)
-        if not len(known):
+        people = self._tracks.select(self._tracks.id > 0)
+        if not len(people):
             return NOBODY
-        known.predict(self._since(time_ns), self.config.acceleration)
-        xy, velocity = known.state[:, :2], known.state[:, 2:]
-        return Expected(xy - self._late(time_ns) * velocity, known.covariance[:, :2, :2])
+        self._predict(people, self._since(time_ns))
+        xy, velocity = people.state[:, :2], people.state[:, 2:]
+        return Expected(xy - self._late(time_ns) * velocity, people.covariance[:, :2, :2])
 
     def step(self, persons: Sequence[Person], time_ns: int) -> tuple[Person, ...]:
-        """Takes what was found in an interval.
+        """Takes the detections of an interval.
 
         Args:
-            persons: What was found, with log-odds and delays.
+            persons: The detections, with log-odds and stamps.
             time_ns: Time of the interval [ns]; a little older than the last one: scans that came
-                late by themselves; older by more than `RESET_NS`: everybody is new.
+                late by themselves; older by more than `RESET_NS`: all tracks are new.
 
         Returns:
-            Everybody who is followed, seen or not, by id.
+            All people who are followed, seen or not, by id.
         """
         if self._is_another(time_ns):
             self.begin_anew()
@@ -177,10 +195,13 @@ class Tracker:
         if self._time_ns is None or not late_s:
             self._time_ns = time_ns
         self._followed_s += dt_s
-        self._tracks.predict(dt_s, self.config.acceleration)
-        self._lost.predict(dt_s, self.config.acceleration)
-        self._take(_Found.from_persons(persons, self._time_ns), dt_s)
+        self._predict(self._tracks, dt_s)
+        self._predict(self._lost, dt_s)
+        self._associate(_Found.from_persons(persons, self._time_ns, self.tuning), dt_s)
         return self._persons(late_s)
+
+    def _predict(self, tracks: _Tracks, dt_s: float) -> None:
+        tracks.predict(dt_s, self.config.acceleration, self.tuning.max_variance)
 
     def _since(self, time_ns: int) -> float:
         return 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / 1e9)
@@ -193,17 +214,17 @@ class Tracker:
         """Whether time has jumped back."""
         return self._time_ns is not None and self._time_ns - time_ns > RESET_NS
 
-    def _take(self, found: _Found, dt_s: float) -> None:
+    def _associate(self, found: _Found, dt_s: float) -> None:
+        """Updates tracks with their detections, ends old ones and begins new ones."""
         config, tracks = self.config, self._tracks
         tracks.seen[:] = False
-        # First who is known, then who may become so.
         free = np.arange(len(found))
-        for known in (True, False):
-            rows = np.flatnonzero((tracks.id > 0) == known)
-            one, other = _assign(tracks, rows, found, free, config)
+        for confirmed in (True, False):  # people first, then tracks that may become some
+            rows = np.flatnonzero((tracks.id > 0) == confirmed)
+            one, other = _assign(tracks, rows, found, free, config, self.tuning)
             _update(tracks, one, found, other, config, dt_s)
             free = np.setdiff1d(free, other)
-        # Nobody is believed in unseen, or remembered, for longer than he was seen.
+        # No track coasts, or is remembered, for longer than it was seen.
         coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
         limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
         ended = ~tracks.seen & (tracks.unseen_s > limit)
@@ -220,18 +241,18 @@ class Tracker:
             self.turned_away += len(free) - room
         tracks = _Tracks.concatenate([tracks, _begun(found.select(free[:room]), config)])
         self._tracks = tracks
-        self._name(np.flatnonzero(tracks.id == 0))
+        self._confirm(np.flatnonzero(tracks.id == 0))
 
-    def _name(self, rows: Int) -> None:
-        """Gives ids to tracks that are people by now: a new one, or that of somebody lost."""
+    def _confirm(self, rows: Int) -> None:
+        """Gives ids to tracks that are people by now: a new one, or that of a lost track."""
         config, tracks = self.config, self._tracks
         old = tracks.age_s[rows] >= config.birth_time
         least = np.where(old, min(config.birth_score, config.sure_score), config.sure_score)
         sure = tracks.evidence[rows] >= least
-        # In the beginning everybody is new; later on, hardly anybody appears out of nowhere.
+        # In the beginning all people are new; later on, hardly any appear out of nowhere.
         sure |= self._followed_s < config.start_time
         for row in rows[sure & tracks.seen[rows]].tolist():
-            lost = self._who_was(row)
+            lost = self._match_lost(row)
             if lost is None:
                 tracks.id[row] = self._next_id
                 self._next_id += 1
@@ -241,8 +262,8 @@ class Tracker:
             tracks.seen_s[row] += self._lost.seen_s[lost]
             self._lost = self._lost.select(np.arange(len(self._lost)) != lost)
 
-    def _who_was(self, row: int) -> int | None:
-        """The one among the lost whom a new track continues; None: nobody."""
+    def _match_lost(self, row: int) -> int | None:
+        """Which lost track a new one continues; None: none."""
         lost, tracks = self._lost, self._tracks
         if not len(lost):
             return None
@@ -251,22 +272,23 @@ class Tracker:
         squared = squared_mahalanobis(here - lost.state[:, :2], total)
         seen_at = lost.state[:, :2] - lost.unseen_s[:, np.newaxis] * velocity
         possible = squared <= self.config.gate**2
-        possible &= np.hypot(*(here - seen_at).T) <= _REACH + self.config.max_speed * lost.unseen_s
+        reach = self.tuning.lost_reach + self.config.max_speed * lost.unseen_s
+        possible &= np.hypot(*(here - seen_at).T) <= reach
         if not possible.any():
             return None
         cost = (
             squared
             + np.log(_determinant(total))
-            + _height_cost(tracks.height[row], lost.height, self.config)
+            + _height_cost(tracks.height[row], lost.height, self.config, self.tuning)
         )
         return int(np.where(possible, cost, np.inf).argmin())
 
     def _persons(self, late_s: float) -> tuple[Person, ...]:
-        """Everybody as he was so long before the tracker's time."""
+        """All people as they were so long before the tracker's time."""
         tracks = self._tracks
         rows = np.flatnonzero(tracks.id > 0)
         rows = rows[np.argsort(tracks.id[rows], kind="stable")]
-        # Errors of what is found stay alike from interval to interval: no mean makes them small.
+        # Errors of detections resemble each other from interval to interval: no mean removes them.
         unsure_of = tracks.covariance[rows, :2, :2] + self.config.lasting_share * tracks.noise[rows]
         places = tracks.state[rows, :2] - late_s * tracks.state[rows, 2:]
         velocities, unsure = tracks.state[rows, 2:], tracks.covariance[rows, 2:, 2:]
@@ -295,7 +317,7 @@ class Tracker:
 
 
 def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
-    """A track of each."""
+    """A new track of each detection."""
     count = len(found)
     covariance = np.zeros((count, 4, 4))
     covariance[:, :2, :2] = found.covariance
@@ -315,7 +337,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
     )
 
 
-def _looked_for(tracks: _Tracks, rows: Int, delay_s: Float) -> tuple[Float, Float]:
+def _delayed(tracks: _Tracks, rows: Int, delay_s: Float) -> tuple[Float, Float]:
     """Where tracks were so long ago: places, shape (n, 2), and covariances, shape (n, 2, 2)."""
     state, p = tracks.state[rows], tracks.covariance[rows]
     d = delay_s[:, np.newaxis]
@@ -326,50 +348,54 @@ def _looked_for(tracks: _Tracks, rows: Int, delay_s: Float) -> tuple[Float, Floa
 
 
 def _assign(
-    tracks: _Tracks, rows: Int, found: _Found, free: Int, config: cfg.Tracking
+    tracks: _Tracks,
+    rows: Int,
+    found: _Found,
+    free: Int,
+    config: cfg.Tracking,
+    tuning: TracksTuning,
 ) -> tuple[Int, Int]:
-    """Which track was found as what: indices of both, of one length."""
+    """Assigns detections to tracks: indices of tracks and detections, of one length."""
     if not len(rows) or not len(free):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     reach = config.max_distance + config.max_speed * float(found.delay_s[free].max())
     row, column, _ = pairs_between(tracks.state[rows, :2], found.xy[free], reach)
     one, other = rows[row], free[column]
-    places, covariances = _looked_for(tracks, one, found.delay_s[other])
+    places, covariances = _delayed(tracks, one, found.delay_s[other])
     measured = found.covariance[other]
     total = covariances + measured
     offset = found.xy[other] - places
     squared = squared_mahalanobis(offset, total)
     away = np.hypot(*offset.T)
     squared = np.where(away <= config.body, np.minimum(squared, config.gate**2), squared)
-    # Besides the likelihood's determinant, against that of what was found: who is lost for long
-    # may be anywhere, and must not take what is near to somebody else.
+    # With the determinant of the likelihood, relative to that of the detection: a track that has
+    # long been unseen may be anywhere, and must not take a detection from a surer one.
     cost = squared + np.log(_determinant(total) / _determinant(measured))
-    cost += _height_cost(tracks.height[one], found.height[other], config)
-    # A pair is worth what it is better than no pair.
-    worth = cost - 2.0 * config.gate**2
+    cost += _height_cost(tracks.height[one], found.height[other], config, tuning)
+    gain = 2.0 * config.gate**2 - cost  # over leaving both unassigned
     near = (squared <= config.gate**2) & (away <= config.max_distance)
-    possible = np.flatnonzero(near & (worth < 0))
-    best = possible[_best(row[possible], column[possible], worth[possible], len(rows), len(free))]
+    possible = np.flatnonzero(near & (gain > 0))
+    best = possible[_best(row[possible], column[possible], gain[possible], len(rows), len(free))]
     return one[best], other[best]
 
 
-def _best(row: Int, column: Int, worth: Float, rows: int, columns: int) -> Int:
-    """Which pairs to take, each row and column once, so that the sum of their worth is least.
+def _best(row: Int, column: Int, gain: Float, rows: int, columns: int) -> Int:
+    """Which pairs to take, each row and column at most once, so that the total gain is greatest.
 
-    Pairs that nothing links have nothing to do with each other: each knot is solved for itself.
+    Connected components of the pairs are independent problems, solved one by one.
     """
-    knot = connected(row, rows + column, rows + columns)[row]
-    size = np.bincount(knot, minlength=rows)
-    taken = [np.flatnonzero(size[knot] == 1)]
+    component = connected(row, rows + column, rows + columns)[row]
+    size = np.bincount(component, minlength=rows)
+    taken = [np.flatnonzero(size[component] == 1)]
     for number in np.flatnonzero(size > 1):
         from scipy.optimize import linear_sum_assignment  # here: it takes long to load
 
-        mine = np.flatnonzero(knot == number)
+        mine = np.flatnonzero(component == number)
         (_, i), (_, j) = (np.unique(of[mine], return_inverse=True) for of in (row, column))
         table = np.zeros((i.max() + 1, j.max() + 1))
-        table[i, j] = worth[mine]
+        table[i, j] = gain[mine]
         chosen = np.zeros(table.shape, dtype=bool)
-        chosen[linear_sum_assignment(table)] = True
+        chosen[linear_sum_assignment(table, maximize=True)] = True
         taken.append(mine[chosen[i, j]])
     return np.concatenate(taken)
 
@@ -377,13 +403,13 @@ def _best(row: Int, column: Int, worth: Float, rows: int, columns: int) -> Int:
 def _update(
     tracks: _Tracks, rows: Int, found: _Found, index: Int, config: cfg.Tracking, dt_s: float
 ) -> None:
-    """The Kalman filter's update of some tracks with what was found of them."""
+    """The Kalman filter's update of some tracks with their detections."""
     if not len(rows):
         return
     delay_s = found.delay_s[index]
-    place, innovation = _looked_for(tracks, rows, delay_s)
+    place, innovation = _delayed(tracks, rows, delay_s)
     p = tracks.covariance[rows]
-    # H = [1, -delay]: what was found is where somebody was when he was looked at.
+    # H = [1, -delay]: a detection is where a person was when the robots looked at them.
     h_p = p[:, :2] - delay_s[:, np.newaxis, np.newaxis] * p[:, 2:]
     total = innovation + found.covariance[index]
     gain = np.linalg.solve(total, h_p).transpose(0, 2, 1)
@@ -401,9 +427,9 @@ def _update(
     tracks.last[rows] = found.persons[index]
 
 
-def _height_cost(one: Float, other: Float, config: cfg.Tracking) -> Float:
+def _height_cost(one: Float, other: Float, config: cfg.Tracking, tuning: TracksTuning) -> Float:
     squared = ((one - other) / config.height_sigma) ** 2
-    return np.asarray(np.fmin(squared, _HEIGHT_SAYS))  # also where a height is not known
+    return np.asarray(np.fmin(squared, tuning.max_height_cost))  # that of a NaN, too
 
 
 def _determinant(matrices: Float) -> Float:

@@ -1,1 +1,1 @@
-"""What is wrong: a head that has moved or gone blind, a robot that is not where it says."""
+"""Health: of a head (`sight`, `floor`) and of the robots' poses (`agreement`); `findings`."""

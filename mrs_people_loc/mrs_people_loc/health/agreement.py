@@ -1,8 +1,8 @@
-"""Agreement: whether a robot sees people where the others see them; if not, its pose is off.
+"""Agreement: whether robots see people at the same places; a robot that does not is misplaced.
 
-For a while the places where each robot sees people are kept. A robot whose people fall on the
-others' is where it says. One whose people fall on nobody's, but all of them would after one and the
-same small move and turn of the robot, is not: a person seen twice is two people then.
+The places where each robot sees people are kept for a while. A robot is misplaced if its people are
+not at the places of the others', but would be after one small move and turn of the robot: until
+then, a person whom both see is two people.
 """
 
 from __future__ import annotations
@@ -14,29 +14,48 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.anthropometry import APART_AMONG_ROBOTS
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human
 from mrs_people_loc.clusters import measure
-from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.team.fusion import ShortTermMap, place_bodies
 from mrs_people_loc.team.masking import are_masked, bodies_of_robots
 from mrs_people_loc.team.poses import Pose
 
-#: Places of two robots this near each other are of one person [m].
-_SAME = 0.35
-#: A pose is not sought farther off than this [m]: beyond, a neighbour is as good an explanation.
-_REACH = 1.0
-#: ... with one of these turns as a start [rad], the likeliest first.
-_TURNS = np.radians([0.0, 6.0, -6.0, 12.0, -12.0, 18.0, -18.0])
-#: Samples that are kept, and the fewest that say anything.
-_SAMPLES, _ENOUGH = 20, 8
-#: So many robots are compared with the others at a time: each takes some milliseconds.
-_AT_ONCE = 4
-#: People that agree per sample, on average, at least: one alone fits anywhere.
-_LEAST_PEOPLE = 1.8
-#: Share of a robot's people that agree where it says it is, at most, and where it would be.
-_FEW, _MOST = 0.35, 0.65
+
+@dataclass(frozen=True)
+class AgreementTuning:
+    """Constants of `Agreement`, chosen by hand.
+
+    Attributes:
+        same: Places of two robots nearer to each other than this are of one person [m].
+        reach: A pose is corrected by no more than this [m]: beyond, another person is as likely an
+            explanation.
+        turns_deg: Turns that corrections are searched from, the likeliest first [deg].
+        samples: Intervals that are kept.
+        enough: Intervals with people of a robot and of others, at least.
+        at_once: Robots that are compared with the others per interval: each takes some
+            milliseconds.
+        least_people: People that agree per interval, on average, at least: one fits anywhere.
+        most_agreed: A robot is misplaced if no more than this share of its people agree,
+        least_would_agree: ... and at least this share would, with its pose corrected.
+    """
+
+    same: float = APART_AMONG_ROBOTS
+    reach: float = 1.0
+    turns_deg: tuple[float, ...] = (0.0, 6.0, -6.0, 12.0, -12.0, 18.0, -18.0)
+    samples: int = 20
+    enough: int = 8
+    at_once: int = 4
+    least_people: float = 1.8
+    most_agreed: float = 0.35
+    least_would_agree: float = 0.65
+
+
+_TUNING = AgreementTuning()
 
 
 @dataclass(frozen=True)
@@ -70,11 +89,17 @@ class Agreement:
 
     Attributes:
         misplaced: The robots that do not agree with the others, and what would mend it.
+        tuning: Constants.
     """
 
     misplaced: dict[str, Misplaced] = field(default_factory=dict)
+    tuning: AgreementTuning = _TUNING
     _next: int = 0
-    _samples: deque[_Sample] = field(default_factory=lambda: deque(maxlen=_SAMPLES))
+    _samples: deque[_Sample] = field(default_factory=deque)
+
+    def __post_init__(self) -> None:
+        """Makes room for the samples."""
+        self._samples = deque(maxlen=self.tuning.samples)
 
     def add(
         self, fused: ShortTermMap, poses: Mapping[str, Pose], config: cfg.PlannerConfig
@@ -91,7 +116,7 @@ class Agreement:
         names = sorted({name for sample in self._samples for name in sample.places})
         for gone in set(self.misplaced) - set(names):
             del self.misplaced[gone]
-        for _ in range(min(_AT_ONCE, len(names))):
+        for _ in range(min(self.tuning.at_once, len(names))):
             self._next = (self._next + 1) % len(names)
             name = names[self._next]
             self.misplaced.pop(name, None)
@@ -100,6 +125,7 @@ class Agreement:
                 self.misplaced[name] = found
 
     def _compare(self, name: str) -> Misplaced | None:
+        tuning, same = self.tuning, self.tuning.same
         own, others = [], []  # relative to the robot, per sample
         for sample in self._samples:
             if name not in sample.places:
@@ -109,20 +135,21 @@ class Agreement:
             if len(mine) and len(theirs):
                 own.append(mine - sample.robots[name])
                 others.append(theirs - sample.robots[name])
-        if len(own) < _ENOUGH:
+        if len(own) < tuning.enough:
             return None
-        agreed = len(_pairs(own, others, np.zeros(2), 0.0)[0]) / sum(map(len, own))
-        if agreed > _FEW:
+        agreed = len(_pairs(own, others, np.zeros(2), 0.0, same)[0]) / sum(map(len, own))
+        if agreed > tuning.most_agreed:
             return None
-        starts = [(_coarse_move(own, others, turn), turn) for turn in _TURNS]
-        move, turn = max(starts, key=lambda start: len(_pairs(own, others, *start)[0]))
+        turns = np.radians(tuning.turns_deg)
+        starts = [(_coarse_move(own, others, turn, tuning), turn) for turn in turns]
+        move, turn = max(starts, key=lambda way: len(_pairs(own, others, way[0], way[1], same)[0]))
         for _ in range(5):
-            mine, theirs = _pairs(own, others, move, turn)
-            if len(mine) < _LEAST_PEOPLE * len(own):
+            mine, theirs = _pairs(own, others, move, turn, same)
+            if len(mine) < tuning.least_people * len(own):
                 return None
             move, turn = _fit(mine, theirs)
-        would_agree = len(_pairs(own, others, move, turn)[0]) / sum(map(len, own))
-        if would_agree < _MOST or np.hypot(*move) > _REACH:
+        would_agree = len(_pairs(own, others, move, turn, same)[0]) / sum(map(len, own))
+        if would_agree < tuning.least_would_agree or np.hypot(*move) > tuning.reach:
             return None
         return Misplaced(move, turn, agreed, would_agree)
 
@@ -151,21 +178,25 @@ def _places_of_people(
     return places
 
 
-def _pairs(own: list[Float], others: list[Float], move: Float, turn: float) -> tuple[Float, Float]:
-    """Places that agree after a turn and a move: of each of its own the nearest of the others'."""
+def _pairs(
+    own: list[Float], others: list[Float], move: Float, turn: float, same: float
+) -> tuple[Float, Float]:
+    """Pairs of an own place, turned and moved, and the nearest of the others' within `same`."""
     mine, theirs = [np.empty((0, 2))], [np.empty((0, 2))]
     rotation = rotation_2d(turn)
     for here, there in zip(own, others, strict=True):
         offset = there - (here @ rotation.T + move)[:, np.newaxis]
         distance = np.hypot(offset[..., 0], offset[..., 1])
         nearest = distance.argmin(axis=1)
-        near = distance[np.arange(len(here)), nearest] < _SAME
+        near = distance[np.arange(len(here)), nearest] < same
         mine.append(here[near])
         theirs.append(there[nearest[near]])
     return np.concatenate(mine), np.concatenate(theirs)
 
 
-def _coarse_move(own: list[Float], others: list[Float], turn: float) -> Float:
+def _coarse_move(
+    own: list[Float], others: list[Float], turn: float, tuning: AgreementTuning
+) -> Float:
     """After a turn: the difference between places that most others are like [m], shape (2,)."""
     rotation = rotation_2d(turn)
     offsets = np.concatenate(
@@ -174,16 +205,17 @@ def _coarse_move(own: list[Float], others: list[Float], turn: float) -> Float:
             for here, there in zip(own, others, strict=True)
         ]
     )
-    offsets = offsets[np.hypot(*offsets.T) < _REACH]
+    reach = tuning.reach
+    offsets = offsets[np.hypot(*offsets.T) < reach]
     if not len(offsets):
         return np.zeros(2)
-    edges = np.linspace(-_REACH, _REACH, 21)
+    edges = np.linspace(-reach, reach, 21)
     counts, _, _ = np.histogram2d(offsets[:, 0], offsets[:, 1], bins=[edges, edges])
     around = np.lib.stride_tricks.sliding_window_view(np.pad(counts, 1), (3, 3))
     counts = around.sum(axis=(2, 3))  # each with those around it
     peak = np.unravel_index(counts.argmax(), counts.shape)
     centre = np.array([(edges[i] + edges[i + 1]) / 2.0 for i in peak])
-    return np.asarray(offsets[np.hypot(*(offsets - centre).T) < _SAME].mean(axis=0))
+    return np.asarray(offsets[np.hypot(*(offsets - centre).T) < tuning.same].mean(axis=0))
 
 
 def _fit(here: Float, there: Float) -> tuple[Float, float]:

@@ -1,50 +1,34 @@
-"""The floor that a head sees: where the head sits over it, and whether it still sits there.
+"""The mounting of a head, from the floor that it sees.
 
 A plane is a plane in disparity space, too (v-disparity: Labayrade, Aubert & Tarel 2002): with m the
 floor's normal, downwards, over the lens's height, a floor pixel's disparity is linear in m,
 
     d = f B (m . ray),    height = 1 / |m|,
 
-so three pixels give a hypothesis and least squares the rest. Of all planes that may be the floor
-the one counts that most pixels lie on and few lie below: nothing is under a floor.
+so three pixels give a hypothesis, which least squares refine. Of all planes that may be the floor
+the one is chosen that most pixels lie on and few lie below.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import StructOfArrays
+from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.errors import FloorError
-from mrs_people_loc.geometry import BODY_FROM_OPTICAL, Float, rotation_from_rpy, wrap_angle
+from mrs_people_loc.geometry import BODY_FROM_OPTICAL, rotation_from_rpy, wrap_angle
+from mrs_people_loc.precision import PLANE_TOLERANCES_PX
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import SUBPIXELS
-from mrs_people_loc.sensing.precision import PLANE_TOLERANCES_PX
 
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-
-#: The head may be turned against its configuration by this [rad]: beyond, a wall could be a floor.
-MAX_PITCH_CHANGE, MAX_ROLL_CHANGE = math.radians(55.0), math.radians(30.0)
-#: Heights of the lens [m].
-LEAST_HEIGHT, GREATEST_HEIGHT = 0.2, 5.0
-
-#: A pixel on a plane differs from it by less [px].
-_TOLERANCE_PX = PLANE_TOLERANCES_PX[0]
-#: A pixel that is farther from the lens than the floor by more is below it [px].
-_BELOW_PX = 1.0
-#: Far floor is drawn to what stands before and behind it: less disparity does not count [px].
-_LEAST_DISPARITY_PX = 2.0
-#: The slope at a pixel is taken over so many rows up and down; on a plane the three agree within
-#: [px] and the slope with the plane's within a fixed part [px] and one of the plane's slope.
-_ROWS, _STRAIGHT_PX, _SLOPE_PX, _SLOPE_SHARE = 5, 0.3, 0.1, 0.3
 #: Matching draws the floor beside something that stands on it towards that, as far as its blocks
 #: reach; single pixels do nothing.
 _SPECKLE = np.ones((2, 2), np.uint8)
@@ -52,25 +36,96 @@ _SPECKLE = np.ones((2, 2), np.uint8)
 BLOCK_PX = 11
 #: StereoBM rounds up to the next sixteenth [px].
 _ROUNDED_PX = 0.5 / SUBPIXELS
-#: What rectification and matching err by over whole images, standard deviations [px]: an offset,
-#: and a slope from the image's middle to its border, across and down. With these, 19 of 20
-#: mountings of simulated heads are within two of the standard deviations that come out. The offset
-#: is that of `BLOCK_PX` and grows with the block.
-_OFFSET_PX, _ACROSS_PX, _DOWN_PX = 0.10, 0.04, 0.08
-#: Errors of matching are alike within a tile of this side [px].
-_TILE_PX = 16
-#: Pixels that hypotheses are compared on, first all of them and then the best.
-_COARSE, _FINE, _BEST = 400, 2000, 24
-#: The floor must fill so much of a view at least, on average.
-_LEAST_PART = 0.025
-#: The head's tilt must come out this surely [rad]: less so by as much as the floor fills more of
-#: a view than a part that is no accident. And its height, over itself.
-_WORST_ANGLE, _LARGE_PART, _WORST_HEIGHT = math.radians(1.6), 0.05, 0.05
+
+
+@dataclass(frozen=True)
+class FloorTuning:
+    """Constants of `FloorFinder`; chosen by hand, except for those that were fitted.
+
+    Attributes:
+        tolerances_px: A pixel on a plane differs from it by less than the first of these; while
+            the floor is refined, by ever less [px].
+        max_pitch_change: The head is not pitched against its configuration by more than this
+            [rad]: beyond, a wall could be a floor.
+        max_roll_change: Likewise rolled [rad].
+        least_height: The lens is at least this high over the floor [m],
+        greatest_height: and at most this high [m].
+        below_px: A pixel farther from the lens than the floor by more is below it [px].
+        least_disparity_px: Pixels of less disparity do not count [px]: far floor is drawn to what
+            stands before and behind it.
+        rows: The slope at a pixel is taken over so many rows up and down.
+        straight_px: On a plane, disparities at these three rows are on a line within this [px].
+        slope_px: A pixel's slope agrees with the plane's within this [px],
+        slope_share: plus this share of the plane's slope.
+        offset_px: What rectification and matching err by in common over whole images, standard
+            deviation of the offset at `BLOCK_PX` [px]; it grows with the block. This and the next
+            two were fitted: 19 of 20 mountings of simulated heads are within two of the standard
+            deviations that come out.
+        across_px: Likewise of a slope, from the image's middle to its border, across [px],
+        down_px: and down [px].
+        tile_px: Errors of matching are alike within a tile of this side [px].
+        hypotheses: Planes that are tried.
+        coarse: Pixels that all hypotheses are compared on,
+        fine: and those that the best of them are.
+        best: How many these are.
+        least_part: Share of a view that the floor must fill at least, on average.
+        worst_angle: Standard deviation of the head's tilt, at most [rad]; more in proportion where
+            the floor fills more of a view than `large_part`.
+        large_part: Share of a view that nothing fills by accident.
+        worst_height: Standard deviation of the height over the height, at most.
+    """
+
+    tolerances_px: tuple[float, ...] = PLANE_TOLERANCES_PX
+    max_pitch_change: float = math.radians(55.0)
+    max_roll_change: float = math.radians(30.0)
+    least_height: float = 0.2
+    greatest_height: float = 5.0
+    below_px: float = 1.0
+    least_disparity_px: float = 2.0
+    rows: int = 5
+    straight_px: float = 0.3
+    slope_px: float = 0.1
+    slope_share: float = 0.3
+    offset_px: float = 0.10
+    across_px: float = 0.04
+    down_px: float = 0.08
+    tile_px: int = 16
+    hypotheses: int = 4000
+    coarse: int = 400
+    fine: int = 2000
+    best: int = 24
+    least_part: float = 0.025
+    worst_angle: float = math.radians(1.6)
+    large_part: float = 0.05
+    worst_height: float = 0.05
+
+
+@dataclass(frozen=True)
+class FloorWatchTuning:
+    """Constants of `FloorWatch`, chosen by hand.
+
+    Attributes:
+        period_s: From one look to the next [s].
+        kept_s: A look counts for so long [s].
+        looks: Looks that are judged together.
+        finder: Constants of each look; with blocks larger than `BLOCK_PX` the floor must fill twice
+            the part.
+    """
+
+    period_s: float = 2.0
+    kept_s: float = 30.0
+    looks: int = 5
+    finder: FloorTuning = field(
+        default_factory=lambda: FloorTuning(hypotheses=200, least_part=0.015)
+    )
+
+
+_TUNING, _WATCH_TUNING = FloorTuning(), FloorWatchTuning()
 
 
 @dataclass(frozen=True)
 class Floor:
-    """Where a head sits, by the floor that it sees.
+    """Mounting of a head, by the floor that it sees.
 
     Attributes:
         height: Of the lens over the floor [m].
@@ -105,11 +160,11 @@ class Floor:
 
 
 @dataclass(frozen=True)
-class _Pixels(StructOfArrays):
+class _FloorPixels(StructOfArrays):
     """Pixels of several views, a struct of arrays: where, the ray, disparity and its slope."""
 
-    frame: NDArray[np.intp]
-    pixel: NDArray[np.intp]
+    frame: Int
+    pixel: Int
     rays: Float32
     disparity: Float32
     slope: Float32
@@ -127,43 +182,38 @@ class FloorFinder:
     """Finds the floor in disparity images of one head.
 
     Args:
-        camera: The head. Its mounting says which way is about down.
-        hypotheses: Planes that are tried.
-        least_part: The floor must fill so much of a view at least, on average.
+        camera: The head. Its mounting tells roughly which way is down.
         block_px: The largest block that disparities were matched with [px].
+        tuning: Constants.
     """
 
     def __init__(
-        self,
-        camera: StereoCamera,
-        *,
-        hypotheses: int = 4000,
-        least_part: float = _LEAST_PART,
-        block_px: int = BLOCK_PX,
+        self, camera: StereoCamera, *, block_px: int = BLOCK_PX, tuning: FloorTuning = _TUNING
     ) -> None:
         self.camera = camera
-        self._hypotheses = hypotheses
-        self._least_pixels = least_part * camera.width * camera.height
+        self._tuning = tuning
+        self._least_pixels = tuning.least_part * camera.width * camera.height
         mounting = camera.mounting
         u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         rays = np.stack(
             [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)]
         )
-        # As the configuration has it: x ahead (the floor says nothing of yaw), z up.
+        # As configured: x ahead (the floor does not tell yaw), z up.
         self._level = rotation_from_rpy(mounting.roll, mounting.pitch, 0.0) @ BODY_FROM_OPTICAL
         scaled = camera.depth_disparity * (self._level @ rays.reshape(3, -1))
         self._rays = np.ascontiguousarray(scaled.T, dtype=np.float32)
-        across = -(-camera.width // _TILE_PX)
-        self._tile = (v // _TILE_PX * across + u // _TILE_PX).reshape(-1)
-        per_row = 2 * _ROWS * camera.depth_disparity / camera.fy
+        side = tuning.tile_px
+        across = -(-camera.width // side)
+        self._tile = (v // side * across + u // side).reshape(-1)
+        per_row = 2 * tuning.rows * camera.depth_disparity / camera.fy
         self._slope = (per_row * self._level[:, 1]).astype(np.float32)
-        height = max(mounting.height, LEAST_HEIGHT)
+        height = max(mounting.height, tuning.least_height)
         self._configured = np.array([[0.0, 0.0, -1.0 / height]], dtype=np.float32)
         block_px = max(block_px, BLOCK_PX)
         self._beside = np.ones((block_px, block_px), np.uint8)
         reach = np.abs(rays[:2]).max(axis=(1, 2))
-        offset = _OFFSET_PX * block_px / BLOCK_PX
-        optical = np.diag([_ACROSS_PX / reach[0], _DOWN_PX / reach[1], offset])
+        offset = tuning.offset_px * block_px / BLOCK_PX
+        optical = np.diag([tuning.across_px / reach[0], tuning.down_px / reach[1], offset])
         root = self._level @ optical / camera.depth_disparity
         self._systematic: Float = root @ root.T
 
@@ -174,7 +224,7 @@ class FloorFinder:
             disparities: [px], float32, each of shape (height, width), NaN where there is none.
 
         Raises:
-            FloorError: There is not enough floor in view; it says why.
+            FloorError: There is not enough floor in view.
         """
         frames = len(disparities)
         views = np.stack(disparities).reshape(frames, -1)
@@ -196,9 +246,10 @@ class FloorFinder:
             raise FloorError("no floor is near where the configured mounting has it")
         height, pitch, roll, covariance = self._measure(plane, self._covariance(plane, pixels))
         floor = Floor(height, pitch, roll, covariance, part, frames)
+        tuning = self._tuning
         if (
-            floor.sigma_tilt > _WORST_ANGLE * max(1.0, part / _LARGE_PART)
-            or floor.sigma[0] > _WORST_HEIGHT * height
+            floor.sigma_tilt > tuning.worst_angle * max(1.0, part / tuning.large_part)
+            or floor.sigma[0] > tuning.worst_height * height
         ):
             raise FloorError(
                 "what is in view of the floor says too little: height "
@@ -206,21 +257,24 @@ class FloorFinder:
             )
         return floor
 
-    def _straight(self, views: Float32) -> _Pixels:
+    def _straight(self, views: Float32) -> _FloorPixels:
         """The pixels about which disparity grows evenly downwards: not at an edge or a corner."""
+        tuning, rows = self._tuning, self._tuning.rows
         shape = (len(views), self.camera.height, self.camera.width)
         above, below = np.full((2, *shape), np.nan, dtype=np.float32)
-        above[:, _ROWS:] = views.reshape(shape)[:, :-_ROWS]
-        below[:, :-_ROWS] = views.reshape(shape)[:, _ROWS:]
+        above[:, rows:] = views.reshape(shape)[:, :-rows]
+        below[:, :-rows] = views.reshape(shape)[:, rows:]
         bent = np.abs((above + below).reshape(views.shape) - 2.0 * views)
-        frame, pixel = np.nonzero((bent < _STRAIGHT_PX) & (views >= _LEAST_DISPARITY_PX))
+        straight = (bent < tuning.straight_px) & (views >= tuning.least_disparity_px)
+        frame, pixel = np.nonzero(straight)
         slope = (below - above).reshape(views.shape)[frame, pixel]
-        return _Pixels(frame, pixel, self._rays[pixel], views[frame, pixel], slope)
+        return _FloorPixels(frame, pixel, self._rays[pixel], views[frame, pixel], slope)
 
-    def _search(self, views: Float32, pixels: _Pixels) -> Float | None:
-        """The plane that most speaks for (MSAC: Torr & Zisserman 2000); None if there is none."""
+    def _search(self, views: Float32, pixels: _FloorPixels) -> Float | None:
+        """The plane with the highest score (MSAC: Torr & Zisserman 2000); None if there is none."""
+        tuning, tolerance = self._tuning, self._tuning.tolerances_px[0]
         rng = np.random.default_rng(len(pixels))
-        triple = rng.integers(len(pixels), size=(3, self._hypotheses))
+        triple = rng.integers(len(pixels), size=(3, tuning.hypotheses))
         a, b, c = (pixels.rays[index] for index in triple)
         # The plane through three pixels: the rows of the inverse are cross products.
         bc, ca, ab = np.cross(b, c), np.cross(c, a), np.cross(a, b)
@@ -229,11 +283,11 @@ class FloorFinder:
             planes = (da * bc + db * ca + dc * ab) / np.einsum("ij,ij->i", a, bc)[:, np.newaxis]
         planes = np.concatenate([self._configured, planes])
         planes = planes[self._plausible(planes)]
-        for count in (_COARSE, _FINE):
+        for count in (tuning.coarse, tuning.fine):
             step = max(1, len(pixels) // count)
             some = pixels.select(slice(None, None, step))
             off = some.disparity - planes @ some.rays.T
-            on = np.maximum(0.0, 1.0 - np.square(off * np.float32(1.0 / _TOLERANCE_PX)))
+            on = np.maximum(0.0, 1.0 - np.square(off * np.float32(1.0 / tolerance)))
             on *= self._slope_fits(some.slope, (planes @ self._slope)[:, np.newaxis])
             score = step * on.sum(axis=1)
             # Nothing is under a floor; a pixel without a disparity says nothing.
@@ -241,19 +295,21 @@ class FloorFinder:
             index = np.arange(step // 2, views.size, step)
             rays = self._rays[index % views.shape[1]]
             off = views.reshape(-1)[index] - planes @ rays.T
-            score -= step * np.count_nonzero(off < -_BELOW_PX, axis=1)
-            planes = planes[np.argsort(-score)[:_BEST]]
+            score -= step * np.count_nonzero(off < -tuning.below_px, axis=1)
+            planes = planes[np.argsort(-score)[: tuning.best]]
         return planes[0].astype(np.float64) if len(planes) else None
 
-    def _refine(self, plane: Float, views: Float32, pixels: _Pixels) -> tuple[Float, _Pixels]:
+    def _refine(
+        self, plane: Float, views: Float32, pixels: _FloorPixels
+    ) -> tuple[Float, _FloorPixels]:
         """Least squares of the pixels on the plane, with ever less tolerance; and which they are.
 
         Most of what is not floor is a little above it, so the mean would be, too.
         """
         shape = (len(views), self.camera.height, self.camera.width)
         found = pixels.select(slice(0))
-        for tolerance in PLANE_TOLERANCES_PX:
-            above = views - self._rays @ plane.astype(np.float32) > _TOLERANCE_PX
+        for tolerance in self._tuning.tolerances_px:
+            above = views - self._rays @ plane.astype(np.float32) > self._tuning.tolerances_px[0]
             beside = above.reshape(shape).astype(np.uint8)
             for view in beside:
                 cv2.dilate(cv2.erode(view, _SPECKLE), self._beside, dst=view)
@@ -269,25 +325,25 @@ class FloorFinder:
                 plane = np.linalg.pinv(rays.T @ rays) @ (rays.T @ found.disparity)
         return plane, found
 
-    @staticmethod
-    def _slope_fits(slope: Float32, wanted: NDArray[np.floating] | float) -> Mask:
-        fits: Mask = np.abs(slope - wanted) < _SLOPE_PX + _SLOPE_SHARE * np.abs(wanted)
+    def _slope_fits(self, slope: Float32, wanted: NDArray[np.floating] | float) -> Bool:
+        tolerance = self._tuning.slope_px + self._tuning.slope_share * np.abs(wanted)
+        fits: Bool = np.abs(slope - wanted) < tolerance
         return fits
 
-    def _plausible(self, planes: NDArray[np.floating]) -> Mask:
+    def _plausible(self, planes: NDArray[np.floating]) -> Bool:
         """Which planes, shape (n, 3), are within the limits of the mounting."""
-        x, y, z = planes.T
+        tuning, (x, y, z) = self._tuning, planes.T
         with np.errstate(invalid="ignore", over="ignore"):
             inverse = np.sqrt(x * x + y * y + z * z)
-            good: Mask = (
-                (inverse >= 1.0 / GREATEST_HEIGHT)
-                & (inverse <= 1.0 / LEAST_HEIGHT)
-                & (np.abs(x) <= -z * math.tan(MAX_PITCH_CHANGE))
-                & (np.abs(y) <= -z * math.tan(MAX_ROLL_CHANGE))
+            good: Bool = (
+                (inverse >= 1.0 / tuning.greatest_height)
+                & (inverse <= 1.0 / tuning.least_height)
+                & (np.abs(x) <= -z * math.tan(tuning.max_pitch_change))
+                & (np.abs(y) <= -z * math.tan(tuning.max_roll_change))
             )
         return good
 
-    def _covariance(self, plane: Float, pixels: _Pixels) -> Float:
+    def _covariance(self, plane: Float, pixels: _FloorPixels) -> Float:
         """Of the plane, shape (3, 3): from its residuals, and of what all pixels have in common.
 
         Residuals are alike within a part of the image and within a view: they count as one for
@@ -320,7 +376,7 @@ class FloorFinder:
         return height, pitch, roll, jacobian @ covariance @ jacobian.T
 
     def _mounting_of(self, plane: Float) -> Float:
-        """Height, pitch and roll: of the two ways to say it, the one nearer the configuration."""
+        """Height, pitch and roll: of the two solutions, the one nearer to the configuration."""
         inverse = float(np.linalg.norm(plane))
         # `down` in the head's own axes; there it is (sin pitch, -cos pitch sin roll, ...).
         x, y, z = BODY_FROM_OPTICAL @ self._level.T @ plane / inverse
@@ -341,43 +397,44 @@ class FloorFinder:
 
 
 class FloorWatch:
-    """Whether a head still sits where its configuration says, by the floor that it sees.
+    """Whether a head still has its configured mounting, by the floor that it sees.
 
-    It looks now and then, at a disparity image that was made anyway, and judges by the median of a
-    few looks, so that nothing that passes by counts.
+    It looks at one view per period, and judges by the median of several looks, so that passing
+    objects do not count.
 
     Args:
         camera: The head.
         config: By how much it may have moved.
         block_px: The largest block that disparities are matched with [px].
+        tuning: Constants.
 
     Attributes:
         camera: The head.
         config: By how much it may have moved.
-        floor: What the last looks say; None: too few of them saw the floor.
+        floor: Median of the last looks; None: too few of them saw the floor.
         moved: Whether the head sits somewhere else. Once it does, that holds until it is seen to
             sit right again.
         why_not: Why the last look did not see the floor; empty if it did.
     """
 
-    #: From one look to the next, and for how long a look counts [s].
-    PERIOD_S, KEPT_S = 2.0, 30.0
-    #: Looks that are judged together.
-    LOOKS = 5
-    #: The floor fills so much of a view at least; with blocks larger than `BLOCK_PX`, twice that.
-    LEAST_PART = 0.015
-
     def __init__(
-        self, camera: StereoCamera, config: cfg.Floor, *, block_px: int = BLOCK_PX
+        self,
+        camera: StereoCamera,
+        config: cfg.Floor,
+        *,
+        block_px: int = BLOCK_PX,
+        tuning: FloorWatchTuning = _WATCH_TUNING,
     ) -> None:
         self.camera = camera
         self.config = config
         self.floor: Floor | None = None
         self.moved = False
         self.why_not = "not looked at yet"
-        least_part = self.LEAST_PART * (2 if block_px > BLOCK_PX else 1)
-        self._find = FloorFinder(camera, hypotheses=200, least_part=least_part, block_px=block_px)
-        self._looks: deque[tuple[int, Floor]] = deque(maxlen=self.LOOKS)
+        self._tuning = tuning
+        least_part = tuning.finder.least_part * (2 if block_px > BLOCK_PX else 1)
+        finder = dataclasses.replace(tuning.finder, least_part=least_part)
+        self._find = FloorFinder(camera, block_px=block_px, tuning=finder)
+        self._looks: deque[tuple[int, Floor]] = deque(maxlen=tuning.looks)
         self._looked_ns: int | None = None
 
     def step(self, disparity: Float32, stamp_ns: int) -> None:
@@ -391,7 +448,7 @@ class FloorWatch:
             since_s = (stamp_ns - self._looked_ns) / 1e9
             if since_s < 0:
                 self._looks.clear()
-            elif since_s < self.PERIOD_S:
+            elif since_s < self._tuning.period_s:
                 return
         self._looked_ns = stamp_ns
         try:
@@ -401,12 +458,12 @@ class FloorWatch:
         else:
             self.why_not = ""
             self._looks.append((stamp_ns, found))
-        while self._looks and stamp_ns - self._looks[0][0] > self.KEPT_S * 1e9:
+        while self._looks and stamp_ns - self._looks[0][0] > self._tuning.kept_s * 1e9:
             self._looks.popleft()
         self._judge()
 
     def _judge(self) -> None:
-        if len(self._looks) < self.LOOKS:
+        if len(self._looks) < self._tuning.looks:
             self.floor = None
             return
         looks = [floor for _, floor in self._looks]

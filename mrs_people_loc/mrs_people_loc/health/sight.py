@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Float32
 from mrs_people_loc.sensing.images import Gray, StereoImages
 
-#: Grey levels: an image is black below this mean, white above that one, flat below this deviation.
-_BLACK, _WHITE, _FLAT = 10.0, 245.0, 3.0
-#: An image that is bit for bit the one before, so often in a row, stands still.
-_STILL = 3
+
+@dataclass(frozen=True)
+class SightTuning:
+    """Constants of `SightWatch`, chosen by hand.
+
+    Attributes:
+        black: An image is black below this mean [grey levels of 255],
+        white: white above this mean [grey levels],
+        flat: and flat below this standard deviation [grey levels].
+        still: An image stands still that is bit for bit the one before, so often in a row.
+    """
+
+    black: float = 10.0
+    white: float = 245.0
+    flat: float = 3.0
+    still: int = 3
+
+
+_TUNING = SightTuning()
 
 
 class SightWatch:
@@ -20,6 +37,7 @@ class SightWatch:
 
     Args:
         config: When it is.
+        tuning: Constants.
 
     Attributes:
         config: When it is.
@@ -27,15 +45,16 @@ class SightWatch:
         values: Share of valid pixels, and mean and deviation of each image [grey levels].
     """
 
-    def __init__(self, config: cfg.Sight) -> None:
+    def __init__(self, config: cfg.Sight, *, tuning: SightTuning = _TUNING) -> None:
         self.config = config
+        self._tuning = tuning
         self.trouble = ""
         self.values: dict[str, float] = {}
         self._in_a_row = 0
         self._before: dict[str, Gray] = {}
         self._still: dict[str, int] = {}
 
-    def step(self, images: StereoImages, disparity: NDArray[np.float32]) -> None:
+    def step(self, images: StereoImages, disparity: Float32) -> None:
         """Takes a view.
 
         Args:
@@ -50,7 +69,7 @@ class SightWatch:
         elif now and self.trouble:
             self.trouble = now
 
-    def _look(self, images: StereoImages, disparity: NDArray[np.float32]) -> str:
+    def _look(self, images: StereoImages, disparity: Float32) -> str:
         """What is wrong with one view."""
         cameras = {"left": images.left, "right": images.right, "top": images.top}
         valid = np.count_nonzero(disparity == disparity) / disparity.size
@@ -61,16 +80,16 @@ class SightWatch:
                 continue
             mean, deviation = (float(value[0, 0]) for value in cv2.meanStdDev(image))
             self.values |= {f"{camera}_mean": mean, f"{camera}_deviation": deviation}
-            if mean < _BLACK:
+            if mean < self._tuning.black:
                 wrong.append(f"{camera} image is black (mean {mean:.0f} of 255)")
-            elif mean > _WHITE:
+            elif mean > self._tuning.white:
                 wrong.append(f"{camera} image is white (mean {mean:.0f} of 255)")
-            elif deviation < _FLAT:
+            elif deviation < self._tuning.flat:
                 wrong.append(f"{camera} image is flat (all of it about {mean:.0f} of 255)")
             same = camera in self._before and np.array_equal(self._before[camera], image)
             self._still[camera] = self._still.get(camera, 0) + 1 if same else 0
             self._before[camera] = image
-        still = [camera for camera, count in self._still.items() if count >= _STILL]
+        still = [camera for camera, count in self._still.items() if count >= self._tuning.still]
         # Where all stand still it is a recording that does.
         if len(still) < len(self._still):
             wrong += [f"{camera} image stands still" for camera in still]

@@ -1,1 +1,1 @@
-"""Sensing: from images to a disparity image, and to points in the robot's floor frame."""
+"""Sensing: `camera` (models) -> `images` (pairs) -> `disparity` -> `cloud` (points, base_link)."""

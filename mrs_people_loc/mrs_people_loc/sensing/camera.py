@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.errors import CameraError
-from mrs_people_loc.geometry import BODY_FROM_OPTICAL, Float, rotation_from_rpy
+from mrs_people_loc.geometry import BODY_FROM_OPTICAL, rotation_from_rpy
 
 #: Distortion models by their names in CameraInfo, and how many coefficients each may have.
 DISTORTION_MODELS = {

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float32
 from mrs_people_loc.sensing.camera import StereoCamera
-
-Float32 = NDArray[np.float32]
 
 
 class CloudMaker:

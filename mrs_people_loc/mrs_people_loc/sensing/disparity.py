@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc import timing
+from mrs_people_loc.arrays import Float32
 from mrs_people_loc.errors import CameraError, ImageError
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray, StereoImages
-
-Float32 = NDArray[np.float32]
 
 #: StereoBM's results are in sixteenths of a pixel.
 SUBPIXELS = 16

@@ -1,1 +1,1 @@
-"""The team: clocks, poses and intervals of several robots, and their cells on one map."""
+"""The team on one map: `clocks`, `poses` -> `intervals` -> `fusion` (eq. 6) -> `masking`."""

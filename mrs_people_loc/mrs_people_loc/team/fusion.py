@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
@@ -29,7 +28,7 @@ class ShortTermMap:
     """
 
     robots: tuple[str, ...]
-    robot: NDArray[np.intp]
+    robot: Int
     xy: Float
     cells: Cells
     stamps_ns: tuple[int, ...]
@@ -40,7 +39,7 @@ class ShortTermMap:
 
 
 def map_from_robot(points: Float, pose: Pose) -> Float:
-    """Turns points by a robot's heading and moves them by its position (eq. 6).
+    """Rotates points by a robot's heading and translates them by its position (eq. 6).
 
     Args:
         points: x, y in the robot's base_link [m], shape (n, 2).
@@ -55,7 +54,7 @@ def map_from_robot(points: Float, pose: Pose) -> Float:
 def allow_for_walking(
     scans: Sequence[Scan], poses: Mapping[str, Pose], time_ns: int, walking_speed: float
 ) -> dict[str, Pose]:
-    """The poses that place the scans, less certain by what people walk from a scan to the interval.
+    """The poses of the scans, with more variance for what people walk until the interval's time.
 
     Args:
         scans: One per robot.
@@ -96,7 +95,7 @@ def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
 
 
 def unit_vectors(vectors: Float) -> Float:
-    """Vectors of length 1 in the same directions; (1, 0) where there is none, shape (n, 2)."""
+    """Unit vectors in the same directions; (1, 0) for vectors of length 0, shape (n, 2)."""
     length = np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
     ahead = np.zeros_like(vectors)
     ahead[:, 0] = 1.0
@@ -105,7 +104,7 @@ def unit_vectors(vectors: Float) -> Float:
 
 def covariance_of_places(
     xy: Float,
-    robot: NDArray[np.intp],
+    robot: Int,
     poses: Sequence[Pose],
     *,
     along: Float,
@@ -162,8 +161,8 @@ def place_bodies(
     Args:
         fused: The map.
         poses: By robot, the pose that its cells were placed with.
-        line_of_sight: Whether covariances are long along the line of sight; if not, they are round,
-            of the same area.
+        line_of_sight: Whether covariances are long along the line of sight; if not, they are
+            isotropic, of the same area.
     """
     cells = fused.cells
     of_cell = np.full(len(fused), -1, dtype=np.intp)

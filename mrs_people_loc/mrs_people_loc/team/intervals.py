@@ -257,7 +257,7 @@ class IntervalCollector:
         return max(seen_ns, default=None)
 
     def _is_heard(self, last_ns: int | None, now_ns: int) -> bool:
-        """Whether who was heard last at a time [ns] is not silent now."""
+        """Whether a robot that was heard last at a time [ns] is not silent now."""
         return last_ns is not None and now_ns - last_ns <= self.config.robot_timeout * 1e9
 
     def _at(self, now_ns: int) -> None:
@@ -402,7 +402,7 @@ class IntervalCollector:
         return time_ns
 
     def _standing(self, state: RobotState, time_ns: int) -> Pose | None:
-        """Where a robot without a scan is; None where nobody knows."""
+        """Pose of a robot without a scan; None where it is not known."""
         try:
             return state.poses.near(
                 time_ns,
@@ -413,7 +413,7 @@ class IntervalCollector:
             return None
 
     def _forget(self, now_ns: int) -> None:
-        """Ends what is known of robots that nobody named, and that are silent for long."""
+        """Forgets robots that were not named at the beginning and are silent for long."""
         for name, state in list(self.robots.items()):
             silent = state.heard_ns is not None and now_ns - state.heard_ns > _FORGET_NS
             if silent and name not in self._named:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Bool, Float, Float32, Int
 from mrs_people_loc.errors import GridError
-from mrs_people_loc.geometry import Float, rotation_2d
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.team.fusion import (
     BodiesOnMap,
@@ -25,9 +26,6 @@ from mrs_people_loc.team.fusion import (
     unit_vectors,
 )
 from mrs_people_loc.team.poses import Pose
-
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -273,7 +271,7 @@ class Walls:
         self._slot.flat[tile], self._tile_in[slot] = slot, tile
         self._kept[slot, : distance.shape[0], : distance.shape[1]] = distance
 
-    def _to_nearest(self, occupied: Bool) -> NDArray[np.float32]:
+    def _to_nearest(self, occupied: Bool) -> Float32:
         """Distance of each cell's centre to the border of the nearest occupied cell [m]."""
         if not occupied.any():
             return np.full(occupied.shape, np.inf, dtype=np.float32)

@@ -11,16 +11,35 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.clocks import RESET_NS, Order, StampOrder
 from mrs_people_loc.errors import ConfigError, PoseError
-from mrs_people_loc.geometry import Float, rotation_2d, wrap_angle
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
 
-#: How fast a robot whose speed is not known may drive and turn, as standard deviations of x, y
-#: [m/s] and yaw [rad/s], and by how much a known speed may change in a second [m/s^2, rad/s^2].
-_SPEEDS: Float = np.array([1.0, 1.0, 1.0])
-_CHANGES: Float = np.array([1.0, 1.0, 1.0])
-#: A pose jumps where it is farther from the one before than this [m] and this speed [m/s] explain.
-_JUMP_M, _FASTEST = 1.0, 3.0
+
+@dataclass(frozen=True)
+class PoseTuning:
+    """Constants of poses over time, chosen by hand for robots at a walking pace.
+
+    Attributes:
+        speeds: How fast a robot of unknown speed moves and turns, standard deviations of x, y [m/s]
+            and yaw [rad/s].
+        speed_changes: By how much a known speed changes in a second, likewise [m/s^2, rad/s^2].
+        speed_span_ns: The speed past a pose is the mean over this last stretch before it [ns].
+            Poses that are no farther apart leave no gap: in half of it `speed_changes` make a
+            millimetre.
+        jump: A pose jumps where it is farther from the one before than this [m] ...
+        jump_speed: ... and this speed [m/s] explain.
+    """
+
+    speeds: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    speed_changes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    speed_span_ns: int = 100_000_000
+    jump: float = 1.0
+    jump_speed: float = 3.0
+
+
+_TUNING = PoseTuning()
 
 
 def _no_uncertainty() -> Float:
@@ -88,18 +107,16 @@ class PoseBuffer:
         span_ns: Poses older than the newest by more are forgotten [ns].
         jumps: How often a pose was farther from the one before than a robot drives, so far.
         last_jump: From where to where it was last.
+        tuning: Constants.
     """
 
     span_ns: int = 5_000_000_000
     jumps: int = 0
     last_jump: tuple[Pose, Pose] | None = None
+    tuning: PoseTuning = _TUNING
     _stamps: list[int] = field(default_factory=list)
     _poses: list[Pose] = field(default_factory=list)
     _order: StampOrder = field(default_factory=StampOrder)
-
-    #: The speed past a pose is that over this last stretch before it [ns]. Poses that are no
-    #: farther apart leave no gap: in half of it `_CHANGES` make a millimetre.
-    _SPEED_SPAN_NS = 100_000_000
 
     def __len__(self) -> int:
         """Number of poses held."""
@@ -147,7 +164,7 @@ class PoseBuffer:
         index = bisect.bisect_left(self._stamps, pose.stamp_ns)
         if index < len(self._stamps) and self._stamps[index] == pose.stamp_ns:
             raise PoseError(f"stamp {pose.stamp_ns} ns is repeated; wanted: one pose per stamp")
-        if order is Order.NEWER and newest is not None and _is_jump(newest, pose):
+        if order is Order.NEWER and newest is not None and self._is_jump(newest, pose):
             self.jumps += 1
             self.last_jump = newest, pose
         self._stamps.insert(index, pose.stamp_ns)
@@ -161,25 +178,24 @@ class PoseBuffer:
         return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
 
     def at(self, stamp_ns: int, max_age_ns: int) -> Pose:
-        """The pose at a time: interpolated, or beyond the nearest one carried on at its speed.
+        """The pose at a time: interpolated, or extrapolated from the nearest one at its speed.
 
-        Position and covariance are interpolated linearly, the heading along the shorter arc.
-        Each variance gets the square of what may have happened where no pose says:
+        Position and covariance are interpolated linearly, the heading along the shorter arc. In
+        gaps of more than `tuning.speed_span_ns` each variance grows, with v = `tuning.speeds` and
+        a = `tuning.speed_changes`, by the square of
 
-        - between poses that are t1 and t2 away and more than 100 ms apart, a t1 t2 / 2: so far is
-          the straight way off where the speed changes by a in a second;
-        - t beyond the last pose before a gap or the first one after it, the way that it was carried
-          and a t^2 / 2, where another pose within 100 ms tells the speed;
+        - a t1 t2 / 2 between poses that are t1 and t2 away: so far is the straight way off where
+          the speed changes by a in a second;
+        - the extrapolated way and a t^2 / 2, t from the last pose before a gap or the first one
+          after it, where another pose within `tuning.speed_span_ns` tells the speed;
         - v t, where none does, and the pose stays where it is.
-
-        v is 1 m/s and 1 rad/s, a is 1 m/s^2 and 1 rad/s^2.
 
         Args:
             stamp_ns: Time [ns].
             max_age_ns: The poses used are no farther from it than this [ns].
 
         Raises:
-            PoseError: No pose is near enough; says how near.
+            PoseError: No pose is near enough.
         """
         if not self._stamps:
             raise PoseError("no pose has arrived")
@@ -197,11 +213,11 @@ class PoseBuffer:
             )
         if len(near) == 2:
             made = _between(near[0], near[1], stamp_ns)
-            if near[1].stamp_ns - near[0].stamp_ns <= self._SPEED_SPAN_NS:
+            if near[1].stamp_ns - near[0].stamp_ns <= self.tuning.speed_span_ns:
                 return made
             s1, s2 = (abs(pose.stamp_ns - stamp_ns) / 1e9 for pose in near)
-            return _less_sure(made, 0.5 * s1 * s2 * _CHANGES)
-        return self._carried_on(near[0], stamp_ns)
+            return _less_sure(made, 0.5 * s1 * s2 * np.array(self.tuning.speed_changes))
+        return self._extrapolated(near[0], stamp_ns)
 
     def near(self, stamp_ns: int, max_age_ns: int, max_distance_ns: int) -> Pose:
         """The pose at a time as `at` gives it, or the one nearest to it, less sure by v t.
@@ -226,32 +242,35 @@ class PoseBuffer:
                 f"the nearest pose is {away_ns / 1e9:.3f} s away; "
                 f"allowed: {max_distance_ns / 1e9:g} s"
             )
-        return _less_sure(dataclasses.replace(nearest, stamp_ns=stamp_ns), away_ns / 1e9 * _SPEEDS)
+        drift = away_ns / 1e9 * np.array(self.tuning.speeds)
+        return _less_sure(dataclasses.replace(nearest, stamp_ns=stamp_ns), drift)
 
-    def _carried_on(self, end: Pose, stamp_ns: int) -> Pose:
-        """A pose that a gap follows, or is before, at a time in that gap."""
+    def _extrapolated(self, end: Pose, stamp_ns: int) -> Pose:
+        """A pose at the border of a gap, carried on to a time in that gap."""
+        tuning = self.tuning
         seconds = abs(stamp_ns - end.stamp_ns) / 1e9
         if stamp_ns > end.stamp_ns:
-            index = bisect.bisect_left(self._stamps, end.stamp_ns - self._SPEED_SPAN_NS)
+            index = bisect.bisect_left(self._stamps, end.stamp_ns - tuning.speed_span_ns)
         else:
-            index = bisect.bisect_right(self._stamps, end.stamp_ns + self._SPEED_SPAN_NS) - 1
+            index = bisect.bisect_right(self._stamps, end.stamp_ns + tuning.speed_span_ns) - 1
         other = self._poses[index]
         if other is end:
-            return _less_sure(dataclasses.replace(end, stamp_ns=stamp_ns), seconds * _SPEEDS)
+            drift = seconds * np.array(tuning.speeds)
+            return _less_sure(dataclasses.replace(end, stamp_ns=stamp_ns), drift)
         made = _between(other, end, stamp_ns)
         carried = np.array([made.x - end.x, made.y - end.y, wrap_angle(made.yaw - end.yaw)])
-        return _less_sure(made, carried, 0.5 * seconds**2 * _CHANGES)
+        return _less_sure(made, carried, 0.5 * seconds**2 * np.array(tuning.speed_changes))
+
+    def _is_jump(self, one: Pose, other: Pose) -> bool:
+        seconds = (other.stamp_ns - one.stamp_ns) / 1e9
+        allowed = self.tuning.jump + self.tuning.jump_speed * seconds
+        return math.hypot(other.x - one.x, other.y - one.y) > allowed
 
 
 def _less_sure(pose: Pose, *sigmas: Float) -> Pose:
     """A pose with more variance of x, y and yaw: the squares of these [m, m, rad]."""
     more = np.diag(np.sum(np.square(sigmas), axis=0))
     return dataclasses.replace(pose, covariance=pose.covariance + more)
-
-
-def _is_jump(one: Pose, other: Pose) -> bool:
-    seconds = (other.stamp_ns - one.stamp_ns) / 1e9
-    return math.hypot(other.x - one.x, other.y - one.y) > _JUMP_M + _FASTEST * seconds
 
 
 def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
@@ -268,10 +287,10 @@ def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
 
 
 def static_pose(config: cfg.PoseInput, stamp_ns: int) -> Pose:
-    """The pose of a robot that stands where its parameters say, at any time.
+    """The pose of a robot that stands at its configured place, at any time.
 
     Raises:
-        ConfigError: They do not say it.
+        ConfigError: `pose.static` is empty.
     """
     if not config.static:
         raise ConfigError(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mrs_tools.common import make_table
+from mrs_tools.common import make_table, number
 from mrs_tools.paper import PAPER_CLUSTERS, PAPER_ERROR_M, PAPER_KEPT, PAPER_REMOVED, PAPER_SEEN
 
 if TYPE_CHECKING:
@@ -275,7 +275,7 @@ def _clusters_table(report: Mapping[str, Any]) -> Any:
         table.add_row(
             f"mean error in cm, {scene.replace('_', ' ')}",
             f"{100 * PAPER_ERROR_M:.0f}" if scene == "formation" else "-",
-            _cm(people["error_m"]["mean"]),
+            number(people["error_m"]["mean"], 100, 1),
         )
     return table
 
@@ -301,7 +301,7 @@ def _robots_table(report: Mapping[str, Any]) -> Any:
             " ".join(robots),
             "-" if paper is None else str(paper),
             *(f"{row[key]:.2f}" for key in ("in_view", "found", "recall", "false")),
-            _cm(row["error_m"]["mean"]),
+            number(row["error_m"]["mean"], 100, 1),
         )
     return table
 
@@ -324,7 +324,7 @@ def _ways_table(report: Mapping[str, Any]) -> Any:
             name.replace("_then_", ", then ").replace("_scaled", ", th_n x robots"),
             *(f"{way[key]:.2f}" for key in ("recall", "false")),
             f"{way['clusters']:.1f}",
-            _cm(way["error_m"]["mean"]),
+            number(way["error_m"]["mean"], 100, 1),
             f"{way['bytes_per_s'] / 1e3:.1f}",
             f"{way['planner_ms']['median']:.2f}",
         )
@@ -348,7 +348,7 @@ def _trials_table(report: Mapping[str, Any]) -> Any:
             *(f"{100 * row[key]:.1f}" for key in ("ranged", *PAPER_KEPT)),
             f"{row['clusters']:.1f}",
             *(f"{row[key]:.2f}" for key in ("recall", "false")),
-            _cm(row["error_m"]["mean"]),
+            number(row["error_m"]["mean"], 100, 1),
         )
     return table
 
@@ -368,7 +368,7 @@ def _poses_table(report: Mapping[str, Any]) -> Any:
                 for scores in row["methods"].values()
                 for text in (
                     *("-" if scores[k] is None else f"{scores[k]:.2f}" for k in _SCORES),
-                    _cm(scores["error_m"]),
+                    number(scores["error_m"], 100, 1),
                 )
             ),
         )
@@ -376,7 +376,3 @@ def _poses_table(report: Mapping[str, Any]) -> Any:
 
 
 _SCORES = ("recall", "precision")
-
-
-def _cm(metres: float | None) -> str:
-    return "-" if metres is None else f"{100 * metres:.1f}"

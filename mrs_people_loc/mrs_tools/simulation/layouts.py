@@ -222,7 +222,7 @@ _FORMATION = (
 
 
 def _walking_group(scene: Scene, rng: Rng) -> Scene:
-    """A group on its way, the team around it, and who else is about."""
+    """A group on its way, the team around it, and other people."""
     plan, walk = scene.layout, scene.walk
     way, boxes = way_of(scene), Boxes(scene)
     duration = (scene.timing.frames - 1) / scene.timing.rate
@@ -233,32 +233,60 @@ def _walking_group(scene: Scene, rng: Rng) -> Scene:
     for _ in range(plan.people - joiners):
         spots.append(_free_spot(way, start, reach, scene, spots, rng))
     people = [Person(x=x, y=y, member=True) for x, y in spots]
+    people = _with_events(people, way, start, duration, scene, boxes, rng)
+    for _ in range(joiners):
+        when = float(rng.uniform(0.25, 0.5)) * duration
+        x, y = _roadside(way, start + walk.speed * when + 1.0, scene, boxes, rng)
+        middle = way.at(start + walk.speed * when)
+        yaw = math.atan2(middle[1] - y, middle[0] - x)
+        people.append(Person(x=x, y=y, yaw=yaw, member=True, joins=round(when, 2)))
+    for _ in range(walk.strangers):
+        people.append(_stranger(way, start, duration, scene, boxes, rng))
+    people = [dataclasses.replace(person, seed=int(rng.integers(1, 2**31))) for person in people]
+    robots, heads = _formation(way, start, reach, scene, rng)
+    everybody = (*scene.people, *people)
+    keep_clear = [*((p.x, p.y) for p in everybody), *((r.x, r.y) for r in robots.values())]
+    furniture = [*scene.furniture, *_furniture(scene, keep_clear, {}, rng)]
+    return dataclasses.replace(
+        scene, people=everybody, robots=robots, heads=heads, furniture=tuple(furniture)
+    )
+
+
+def _with_events(
+    people: list[Person],
+    way: Way,
+    start: float,
+    duration: float,
+    scene: Scene,
+    boxes: Boxes,
+    rng: Rng,
+) -> list[Person]:
+    """The members, some of whom fall behind or leave."""
+    people, walk = list(people), scene.walk
     order = rng.permutation(len(people))
     events = [*["behind"] * walk.stragglers, *["leaves"] * walk.leavers][: len(people)]
     for k, event in zip(order, events, strict=False):
         if event == "behind":
             first = rng.uniform(0.08, 0.2) if duration < 60 else rng.uniform(0.05, 0.8)
-            when = (round(first * duration, 2), round(float(rng.uniform(3.0, 6.0)), 2))
-            people[k] = dataclasses.replace(people[k], behind=when)
+            behind = (round(first * duration, 2), round(float(rng.uniform(3.0, 6.0)), 2))
+            people[k] = dataclasses.replace(people[k], behind=behind)
         else:
-            when_ = round(float(rng.uniform(0.25, 0.5)) * duration, 2)
-            goal = _way_out(way, start + walk.speed * when_, scene, boxes)
+            when = round(float(rng.uniform(0.25, 0.5)) * duration, 2)
+            goal = _way_out(way, start + walk.speed * when, scene, boxes)
             people[k] = dataclasses.replace(
-                people[k], leaves=when_, goal=goal, speed=round(float(rng.uniform(0.9, 1.3)), 3)
+                people[k], leaves=when, goal=goal, speed=round(float(rng.uniform(0.9, 1.3)), 3)
             )
-    for _ in range(joiners):
-        when_ = float(rng.uniform(0.25, 0.5)) * duration
-        x, y = _roadside(way, start + walk.speed * when_ + 1.0, scene, boxes, rng)
-        middle = way.at(start + walk.speed * when_)
-        yaw = math.atan2(middle[1] - y, middle[0] - x)
-        people.append(Person(x=x, y=y, yaw=yaw, member=True, joins=round(when_, 2)))
-    for _ in range(walk.strangers):
-        people.append(_stranger(way, start, duration, scene, boxes, rng))
-    people = [dataclasses.replace(person, seed=int(rng.integers(1, 2**31))) for person in people]
+    return people
+
+
+def _formation(
+    way: Way, start: float, reach: float, scene: Scene, rng: Rng
+) -> tuple[dict[str, Robot], dict[str, StereoHead]]:
+    """The robots around the group, those of the scene included, and their heads."""
     robots, heads = dict(scene.robots), dict(scene.heads)
     common = next(iter(scene.heads.values()), StereoHead())
     names = [f"robot_{chr(ord('a') + k)}" for k in range(26)]
-    names = [n for n in names if n not in robots][: plan.robots]
+    names = [n for n in names if n not in robots][: scene.layout.robots]
     for k, name in enumerate(names):
         ahead, left, sweeps = _FORMATION[k]
         ahead += float(rng.normal(0, 0.1))
@@ -276,12 +304,7 @@ def _walking_group(scene: Scene, rng: Rng) -> Scene:
         )  # fmt: skip
         heads[name] = _head(scene, common, k, rng)
     heads.pop("", None)
-    everybody = (*scene.people, *people)
-    keep_clear = [*((p.x, p.y) for p in everybody), *((r.x, r.y) for r in robots.values())]
-    furniture = [*scene.furniture, *_furniture(scene, keep_clear, {}, rng)]
-    return dataclasses.replace(
-        scene, people=everybody, robots=robots, heads=heads, furniture=tuple(furniture)
-    )
+    return robots, heads
 
 
 def _free_spot(

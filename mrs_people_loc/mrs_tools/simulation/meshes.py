@@ -194,13 +194,7 @@ def loft(
         + (b * swell * cos)[..., None] * front[:, None]
         + (a * swell * sin)[..., None] * side[:, None]
     )
-    # Normals of the grid; the seam is joined by its neighbours on both sides.
-    around = np.empty_like(points)
-    around[:, 1:-1] = points[:, 2:] - points[:, :-2]
-    around[:, 0] = around[:, -1] = points[:, 1] - points[:, -2]
-    normals = _unit(_cross(around, _slope(points)))
-    outward = np.einsum("ijk,ijk->ij", normals, points - centres[:, None])
-    normals *= np.copysign(1.0, outward)[..., None]
+    normals = _grid_normals(points, centres)
     normals[0], normals[-1] = -tangent[0], tangent[-1]
     steps = centres[1:] - centres[:-1]
     length = np.concatenate([[0.0], np.cumsum(np.sqrt(np.einsum("ij,ij->i", steps, steps)))])
@@ -215,6 +209,24 @@ def loft(
         _grid_triangles(rings, corners),
         material,
     )
+
+
+def _grid_normals(points: NDArray, centres: NDArray) -> NDArray:
+    """Normals of a grid of rings that point outward, shape (rings, corners, 3).
+
+    The first and the last corner of a ring are one: the seam, between its neighbours.
+
+    Args:
+        points: Corners, shape (rings, corners, 3).
+        centres: Of the rings, shape (rings, 3).
+    """
+    around = np.empty_like(points)
+    around[:, 1:-1] = points[:, 2:] - points[:, :-2]
+    around[:, 0] = around[:, -1] = points[:, 1] - points[:, -2]
+    normals = _unit(_cross(around, _slope(points)))
+    outward = np.einsum("ijk,ijk->ij", normals, points - centres[:, None])
+    normals *= np.copysign(1.0, outward)[..., None]
+    return normals
 
 
 #: Radii of the rings that close an end, and how far out they are; over those of the end.

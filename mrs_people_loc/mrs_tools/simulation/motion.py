@@ -203,23 +203,11 @@ def walk_about(
     t = times(duration)
     n = len(walkers)
     low, high = np.array([bounds[0], bounds[2]]), np.array([bounds[1], bounds[3]])
-
-    def somewhere(walker: Walker) -> NDArray:
-        for _ in range(100):
-            place = rng.uniform(low + 0.7, np.maximum(high - 0.7, low + 0.71))
-            if walker.area and math.dist(place, walker.area[:2]) > walker.area[2]:
-                continue
-            if not len(obstacles):
-                return place
-            away = np.linalg.norm(obstacles[:, :2] - place, axis=1) - obstacles[:, 2]
-            if (away > 0.6).all():
-                return place
-        return place
-
     position = np.array([[w.x, w.y] for w in walkers], dtype=np.float64).reshape(n, 2)
     wish = np.array([w.speed for w in walkers])
-    goals = np.array([w.goal if w.goal is not None else somewhere(w) for w in walkers])
-    goals = goals.reshape(n, 2)
+    goals = np.array(
+        [w.goal if w.goal is not None else _goal(w, low, high, obstacles, rng) for w in walkers]
+    ).reshape(n, 2)
     ahead = goals - position
     velocity = (
         ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-6) * wish[:, None]
@@ -247,8 +235,24 @@ def walk_about(
         position = np.clip(position + velocity * STEP_S, low + 0.25, high - 0.25)
         for i, walker in enumerate(walkers):
             if walker.goal is None and left[i, 0] < 0.6:
-                goals[i] = somewhere(walker)
+                goals[i] = _goal(walker, low, high, obstacles, rng)
     return [Track(-LEAD_S, ways[:, i]) for i in range(n)]
+
+
+def _goal(
+    walker: Walker, low: NDArray, high: NDArray, obstacles: NDArray, rng: np.random.Generator
+) -> NDArray:
+    """A random place in the room, in the walker's area and away from obstacles, if there is one."""
+    for _ in range(100):
+        place = rng.uniform(low + 0.7, np.maximum(high - 0.7, low + 0.71))
+        if walker.area and math.dist(place, walker.area[:2]) > walker.area[2]:
+            continue
+        if not len(obstacles):
+            return place
+        away = np.linalg.norm(obstacles[:, :2] - place, axis=1) - obstacles[:, 2]
+        if (away > 0.6).all():
+            return place
+    return place
 
 
 def push(

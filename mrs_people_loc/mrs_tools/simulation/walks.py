@@ -273,7 +273,7 @@ class _Simulation:
         self._member = np.array([p.member for p in people], dtype=bool)
         self._speed = np.array([p.speed for p in people])
         never = math.inf
-        # When somebody begins to fall behind, and how long he then stays far behind.
+        # When somebody begins to fall behind, and how long they then stay far behind.
         self._behind = np.array([p.behind or (never, 0.0) for p in people]).reshape(n, 2)
         self._leaves = np.array([p.leaves if p.leaves >= 0 else never for p in people])
         self._joins = np.array([p.joins for p in people])
@@ -286,7 +286,13 @@ class _Simulation:
         self._pauses, self._looks = self._dawdling(rng)
         #: Half the group's length along the way.
         self._reach = 0.25 + 0.35 * self._walk.gap * math.sqrt(max(int(self._member.sum()), 1))
-        # --- state
+        self._start_people()
+        self._start_team()
+        self._reference = self._posts()
+
+    def _start_people(self) -> None:
+        """The state of the people at the beginning."""
+        people, n = self._people, len(self._people)
         self._position = np.array([[p.x, p.y] for p in people], dtype=np.float64).reshape(n, 2)
         self._along = self._way.nearest(self._position) if n else np.zeros(0)
         self._left = (self._joins < 0) & self._member  # in the group now
@@ -300,16 +306,18 @@ class _Simulation:
         self._facing = np.array([[math.cos(p.yaw), math.sin(p.yaw)] for p in people]).reshape(n, 2)
         self._facing[self._left] = ahead[self._left]
         self._middle = float(self._along[self._left].mean()) if self._left.any() else 0.0
+        self._last = float(self._along[self._left].min()) if self._left.any() else 0.0
+
+    def _start_team(self) -> None:
+        """The state of the team at the beginning."""
         self._pace = self._walk.speed
         lead = max((r.post[0] for r in self._team if r.post), default=0.0)
         self._end = self._way.length - max(lead, 0.0) - 0.5
-        self._last = float(self._along[self._left].min()) if self._left.any() else 0.0
         self._drive = np.array([[r.x, r.y] for r in self._team], dtype=np.float64).reshape(-1, 2)
         self._driving = np.zeros_like(self._drive)
-        if len(self._team) and n:
+        if len(self._team) and len(self._people):
             self._driving += self._way.ahead(self._middle) * self._walk.speed
         self._heading = np.array([r.yaw for r in self._team], dtype=np.float64)
-        self._reference = self._posts()
 
     def _dawdling(self, rng: Rng) -> tuple[NDArray, NDArray]:
         """When each member stops to look at something, and to which side.

@@ -6,7 +6,7 @@ Owners of triangles: -1 the room and its furniture, i >= 0 person i, -10 - k rob
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -157,7 +157,7 @@ class World:
         scene = self.scene
         people = list(scene.people)
         self._tracks: list[Track] = []
-        walkers = []
+        walkers: dict[int, Walker] = {}
         for k, person in enumerate(people):
             if self._walked and k in self._walked.people:
                 self._tracks.append(self._walked.people[k])
@@ -165,38 +165,13 @@ class World:
             if person.walks:
                 goal = (person.goal[0], person.goal[1]) if person.goal else None
                 area = (person.area[0], person.area[1], person.area[2]) if person.area else None
-                walkers.append((k, Walker(person.x, person.y, person.speed, goal, area)))
+                walkers[k] = Walker(person.x, person.y, person.speed, goal, area)
             self._tracks.append(self._person_track(person, k))
-        recorded: list[Track] = []
         self._groups = np.zeros(len(people), dtype=np.int32)
         self.has_group = self._walked is not None
-        if scene.tracks:
-            found = motion.read_tracks(
-                scene.tracks,
-                scene.tracks_window,
-                self._duration,
-                (scene.room.length, scene.room.width),
-            )
-            recorded = list(found.values())
-            groups = motion.read_groups(scene.tracks)
-            self.has_group |= bool(groups)
-            # The number 1 is that of a group that the simulator walks.
-            numbers = [groups[one] + 1 if one in groups else 0 for one in found]
-            self._groups = np.concatenate([self._groups, np.array(numbers, dtype=np.int32)])
+        recorded = self._recorded_tracks() if scene.tracks else []
         if walkers:
-            walking = {k for k, _ in walkers}
-            others = [t for k, t in enumerate(self._tracks) if k not in walking]
-            others += recorded + list(self._robot_tracks.values())
-            ways = motion.walk_about(
-                [w for _, w in walkers],
-                duration=self._duration,
-                bounds=(0.0, scene.room.length, 0.0, scene.room.width),
-                obstacles=np.array([footprint(f) for f in scene.furniture]).reshape(-1, 3),
-                others=others,
-                rng=self._rng(7),
-            )
-            for (k, _), way in zip(walkers, ways, strict=True):
-                self._tracks[k] = way
+            self._walk_about(walkers, recorded)
         self._tracks += recorded
         people += [Person()] * len(recorded)
         self.people = people
@@ -211,6 +186,42 @@ class World:
             )
             for k, person in enumerate(people)
         ]
+
+    def _recorded_tracks(self) -> list[Track]:
+        """Tracks of recorded people; their groups are added to those of the scene."""
+        scene = self.scene
+        found = motion.read_tracks(
+            scene.tracks,
+            scene.tracks_window,
+            self._duration,
+            (scene.room.length, scene.room.width),
+        )
+        groups = motion.read_groups(scene.tracks)
+        self.has_group |= bool(groups)
+        # The number 1 is that of a group that the simulator walks.
+        numbers = [groups[one] + 1 if one in groups else 0 for one in found]
+        self._groups = np.concatenate([self._groups, np.array(numbers, dtype=np.int32)])
+        return list(found.values())
+
+    def _walk_about(self, walkers: Mapping[int, Walker], recorded: Sequence[Track]) -> None:
+        """Replaces the tracks of people who walk on their own.
+
+        Args:
+            walkers: By index of the person.
+            recorded: Tracks of recorded people, whom they evade.
+        """
+        scene = self.scene
+        others = [track for k, track in enumerate(self._tracks) if k not in walkers]
+        ways = motion.walk_about(
+            list(walkers.values()),
+            duration=self._duration,
+            bounds=(0.0, scene.room.length, 0.0, scene.room.width),
+            obstacles=np.array([footprint(f) for f in scene.furniture]).reshape(-1, 3),
+            others=[*others, *recorded, *self._robot_tracks.values()],
+            rng=self._rng(7),
+        )
+        for k, way in zip(walkers, ways, strict=True):
+            self._tracks[k] = way
 
     def _person_track(self, person: Person, k: int) -> Track:
         if person.path:

@@ -95,7 +95,7 @@ def view_of(bearing, ranges, *, score=0.0, shift=0.0, extent=1.0, top=1.7) -> Vi
 # -------------------------------------------------------------------------------- judge ----
 
 
-def test_the_axis_by_hand(head):
+def test_axis_matches_hand_computed_values(head):
     # 2.5 m away at 30 degrees: 4 px. The model adds 1 px, that is 2 m, and 0.2 m to the left.
     model = model_of(score=1.5, across=0.2, depth=1.0, across_sigma=0.05, depth_sigma_px=0.1)
     bodies = finder_of(head, model).judge(view_of([math.pi / 6], [2.5], score=0.25, shift=0.3))
@@ -110,7 +110,7 @@ def test_the_axis_by_hand(head):
     assert bodies.sigma_range == pytest.approx([0.1 * 2 * 2 / SCALE])  # a pixel is 0.4 m
 
 
-def test_without_the_model_by_hand(head):
+def test_without_the_model_results_match_hand_computed_values(head):
     model = model_of(score=-9.0, across=0.2, depth=1.0)
     bodies = finder_of(head, model, axis=False, human_test=False).judge(
         view_of([0.1], [2.5], shift=1.0, extent=1.3)
@@ -122,14 +122,14 @@ def test_without_the_model_by_hand(head):
     assert bodies.sigma_across == pytest.approx([0.06])
 
 
-def test_the_lens_may_be_beside_the_robots_origin(make_head):
+def test_lens_offset_from_the_robots_origin_is_included(make_head):
     mounting = Mounting(height=1.3, forward=0.3, left=-0.5, yaw=1.0)
     head = make_head(fx=100.0, fy=100.0, mounting=mounting)
     bodies = finder_of(head, model_of()).judge(view_of([math.pi / 2], [2.0]))
     assert (bodies.x[0], bodies.y[0]) == pytest.approx((0.3, 1.5))
 
 
-def test_nobody_is_behind_infinity(head):
+def test_no_body_is_found_beyond_infinity(head):
     bodies = finder_of(head, model_of(depth=-9.0)).judge(view_of([0.0], [2.0]))
     assert bodies.range == pytest.approx([1.5 * 6.0])  # half as far again as bodies.max_range
 
@@ -147,7 +147,7 @@ def test_nobody_is_behind_infinity(head):
         (0.35, 0.6, 2),
     ],
 )
-def test_two_bodies_are_not_in_one_place(head, beside, behind, kept):
+def test_of_two_bodies_in_one_place_one_is_kept(head, beside, behind, kept):
     # 0.42 px are 0.168 m at 2 m and 0.284 m at 2.6 m, 2 sigma of both 0.66 m; at 2.8 m 0.74 m.
     model = model_of(depth_sigma_px=0.42)
     bearing, distance = beside / 2.0, 2.0 + behind
@@ -159,7 +159,7 @@ def test_two_bodies_are_not_in_one_place(head, beside, behind, kept):
     assert bodies.range[0] == pytest.approx(distance)
 
 
-def test_likeliest_first_and_no_unlikely_ones(head):
+def test_bodies_are_sorted_by_score_and_low_scores_are_dropped(head):
     view = view_of([-0.6, -0.2, 0.2, 0.6], [2.0, 2.5, 3.0, 3.5], score=[0.5, -3.1, 2.0, -2.9])
     finder = finder_of(head, model_of())
     bodies = finder.judge(view)
@@ -170,7 +170,7 @@ def test_likeliest_first_and_no_unlikely_ones(head):
 
 
 @pytest.mark.parametrize("n", [0, 1])
-def test_a_view_without_candidates(head, n):
+def test_view_without_candidates_gives_no_bodies(head, n):
     finder = finder_of(head, model_of(), vote=bool(n), axis=bool(n))
     view = finder.look(NOTHING, FLAT, StageTimes())
     assert len(view.candidates) == len(view.patches) == len(view.vote.shift) == 0
@@ -183,7 +183,7 @@ def test_a_view_without_candidates(head, n):
 # --------------------------------------------------------------------------------- tops ----
 
 
-def test_what_matches_behind_the_body_is_not_its_top(head):
+def test_background_match_above_a_body_is_not_its_top(head):
     view = view_of([0.0], [2.0], top=1.95)
     contrast = np.where(HEIGHTS > 1.6, -0.5, 0.5).astype(np.float32)
     vote = dataclasses.replace(view.vote, contrast=np.broadcast_to(contrast[:, None], (1, *SHAPE)))
@@ -203,11 +203,11 @@ def top_of(head, same) -> float:
 
 
 @pytest.mark.parametrize("top", [1.0, 1.37, 1.7, 1.95])
-def test_tops_by_hand(head, top):
+def test_tops_match_hand_computed_values(head, top):
     assert top_of(head, top > HEIGHTS) == pytest.approx(top, abs=0.0376)
 
 
-def test_a_top_is_above_small_gaps_and_below_large_ones(head):
+def test_top_continues_across_small_gaps_and_stops_at_large_ones(head):
     body = HEIGHTS < 1.3
     neck = body | ((HEIGHTS > 1.42) & (HEIGHTS < 1.7))  # two samples are missing
     assert top_of(head, neck) == pytest.approx(1.7, abs=0.04)
@@ -244,7 +244,7 @@ def bodies_of(seed: int, n: int) -> Bodies:
 
 
 @given(st.integers(0, 10**6), st.integers(0, 6))
-def test_cells_are_their_bodies(seed, n):
+def test_each_cell_belongs_to_its_body(seed, n):
     bodies = bodies_of(seed, n)
     cells, points = cells_of(bodies), points_of(bodies)
     assert points.dtype == np.float32
@@ -270,7 +270,7 @@ def test_cells_are_their_bodies(seed, n):
         assert np.hypot(np.ptp(cells.x[mine]), np.ptp(cells.y[mine])) < 0.66
 
 
-def test_cells_by_hand():
+def test_cells_match_hand_computed_values():
     # A body of three columns, seen from bearing 90 degrees: its left is -x.
     difference = np.full(SHAPE, np.nan)
     low, high = np.abs(HEIGHTS - 0.4).argmin(), np.abs(HEIGHTS - 1.6).argmin()
@@ -309,7 +309,7 @@ def test_cells_by_hand():
     st.floats(-0.25, 0.25),
     st.floats(1.4, 1.8),
 )  # fmt: skip
-def test_a_drawn_body_is_found_where_it_is(
+def test_simulated_body_is_found_at_its_position(
     make_head, rectangle, mounting, distance, beside, height
 ):
     head = make_head(width=240, height=180, fx=140.0, fy=140.0, mounting=mounting)

@@ -67,7 +67,7 @@ def scan_of(make_cells, robot: str, *bodies, sigma_range=0.2, sigma_across=0.05)
 # ----------------------------------------------------------------------- bodies on maps ----
 
 
-def test_bodies_of_a_map_by_hand(make_cells):
+def test_bodies_of_a_map_match_hand_computed_values(make_cells):
     # a looks along +x from the origin, b along +y from (2, -2); body numbers are their own.
     of_a = [(2, 0.1, 3, 2, 1.5), (2, -0.3, 1, 2, 1.5), (4, 0, 9, 1, -1), (9, 9, 5, 0, 0)]
     scans = [
@@ -90,7 +90,7 @@ def test_bodies_of_a_map_by_hand(make_cells):
     np.testing.assert_array_equal(level.xy, bodies.xy)
 
 
-def test_poses_make_places_uncertain(make_cells):
+def test_pose_covariance_adds_to_position_covariance(make_cells):
     # 3 m ahead along +y: a heading that is off by 0.1 rad moves it by 0.3 m along x.
     covariance = np.diag([0.01, 0.02, 0.1**2])
     poses = {"a": Pose(0, 1.0, 1.0, math.pi / 2, covariance)}
@@ -100,7 +100,7 @@ def test_poses_make_places_uncertain(make_cells):
     np.testing.assert_allclose(bodies.covariance, [expected], atol=1e-7)
 
 
-def test_no_sigma_is_too_small(make_cells):
+def test_sigma_has_a_lower_bound(make_cells):
     scan = scan_of(make_cells, "a", (0, 0, 0, 1, 0), sigma_range=0.0, sigma_across=0.0)
     poses = {"a": Pose(0, 0.0, 0.0, 0.0)}  # it stands on the robot: no line of sight either
     bodies = place_bodies(fuse([scan], poses), poses, line_of_sight=True)
@@ -108,7 +108,7 @@ def test_no_sigma_is_too_small(make_cells):
     np.testing.assert_allclose(bodies.xy, [(0, 0)])
 
 
-def test_a_map_without_bodies(make_cells):
+def test_map_without_bodies_gives_no_people(make_cells):
     poses = {"a": Pose(0, 0.0, 0.0, 0.0)}
     for scans in ([], [Scan("a", 0, Cells.empty())], [Scan("a", 0, make_cells([(1, 0), (2, 0)]))]):
         fused = fuse(scans, poses)
@@ -125,7 +125,7 @@ def test_a_map_without_bodies(make_cells):
 # -------------------------------------------------------------------------------- joining ----
 
 
-def test_two_robots_at_right_angles_correct_each_others_range():
+def test_robots_at_right_angles_correct_each_others_range():
     # a is sure of y and b of x; each is 0.3 m off along its own line of sight.
     a, b = np.diag([0.09, 0.0025]), np.diag([0.0025, 0.09])
     joined = joined_of(bodies_of((0, (2.3, 0.0), a, 1.0), (1, (2.0, 0.3), b, 2.5)))
@@ -146,8 +146,8 @@ def test_two_robots_at_right_angles_correct_each_others_range():
     ),
     st.randoms(),
 )  # fmt: skip
-def test_robots_that_agree_add_up_as_matrices_say(sights, random):
-    """Against the textbook's information filter; in any order of the robots."""
+def test_agreeing_robots_are_fused_as_by_an_information_filter(sights, random):
+    """Compared with the textbook's information filter, in any order of the robots."""
     bodies = []
     for robot, (x, y, along, across, angle, score) in enumerate(sights):
         c, s = math.cos(angle), math.sin(angle)
@@ -175,7 +175,7 @@ def random_bodies(seed: int) -> list[tuple]:
 
 
 @given(st.integers(0, 10**6), st.randoms())
-def test_random_bodies_join_as_they_may(seed, random):
+def test_joining_random_bodies_respects_all_rules(seed, random):
     bodies = random_bodies(seed)
     on_map = bodies_of(*bodies)
     joined = joined_of(on_map)
@@ -221,13 +221,13 @@ def test_random_bodies_join_as_they_may(seed, random):
         (0.71, 0.5, {"max_distance": 0.72}, True),
     ],
 )
-def test_how_far_bodies_may_be_apart(away, sigma, config, joins):
+def test_bodies_are_joined_within_gate_and_distance(away, sigma, config, joins):
     covariance = sigma**2 * np.eye(2)
     bodies = bodies_of((0, (0, 0), covariance, 0.0), (1, (0, away), covariance, 0.0))
     assert len(joined_of(bodies, **config)) == 2 - joins
 
 
-def test_the_nearest_in_sigmas_join_first():
+def test_nearest_bodies_in_sigmas_are_joined_first():
     # Nearest in metres is (0.2, 0), but it is sure of its place; (0, 0.3) is not.
     sure, unsure = 0.04**2 * np.eye(2), 0.3**2 * np.eye(2)
     bodies = bodies_of(
@@ -237,7 +237,7 @@ def test_the_nearest_in_sigmas_join_first():
     np.testing.assert_array_equal(joined_of(bodies).of_body, [0, 1, 0])
 
 
-def test_a_group_is_where_it_is_by_now():
+def test_joined_bodies_are_compared_at_their_updated_position():
     # Three in a row, 0.28 m apart, each pair within 3 sigma (0.1 m together, as above): once two
     # are one, in their middle, the third is 0.42 m away.
     one = 0.0707**2 * np.eye(2)
@@ -249,7 +249,7 @@ def test_a_group_is_where_it_is_by_now():
     np.testing.assert_allclose(wide.xy, [(0.28, 0.0)], atol=1e-12)
 
 
-def test_those_that_take_no_part():
+def test_excluded_bodies_are_not_joined():
     bodies = bodies_of(*((k, (0.0, 0.01 * k), ROUND, 1.0) for k in range(3)))
     joined = join(bodies, np.array([True, False, True]), cfg.Joining())
     np.testing.assert_array_equal(joined.of_body, [0, -1, 0])
@@ -278,11 +278,11 @@ def people_of(*bodies, **config) -> list[bool]:
     ("score", "config", "is_person"),
     [(0.6, {}, True), (0.4, {}, False), (0.4, {"min_score": 0.3}, True), (-9.0, {}, False)],
 )
-def test_who_is_likely_enough(score, config, is_person):
+def test_bodies_from_min_score_on_are_people(score, config, is_person):
     assert people_of((0, (0, 0), ROUND, score), **config) == [is_person]
 
 
-def test_two_people_are_apart():
+def test_of_two_people_closer_than_apart_the_likelier_is_kept():
     def beside(away: float, **config) -> list[bool]:
         return people_of((0, (0, 0), ROUND, 2.0), (0, (0, away), ROUND, 3.0), **config)
 
@@ -291,7 +291,7 @@ def test_two_people_are_apart():
     assert beside(0.35, apart=0.34) == [True, True]
 
 
-def test_only_people_push_others_away():
+def test_only_people_suppress_nearby_bodies():
     # A row, 0.3 m apart: the middle one yields to the first, so the last one stays.
     row = [(0, (0.3 * k, 0), ROUND, 3.0 - k) for k in range(3)]
     assert people_of(*row) == [True, False, True]
@@ -310,14 +310,14 @@ def test_only_people_push_others_away():
         ((0, 1), 1.05, {}, True),
     ],
 )
-def test_fragments(robots, away, config, kept):
+def test_fragments_belong_to_the_likelier_person(robots, away, config, kept):
     covariance = 0.1414**2 * np.eye(2)
     one, other = robots
     got = people_of((one, (0, 0), covariance, 5.0), (other, (away, 0), covariance, 1.0), **config)
     assert got == [True, kept]
 
 
-def test_a_robot_that_saw_the_likelier_one_too_has_two_people():
+def test_fragment_stays_if_its_robot_saw_both():
     covariance = 0.1414**2 * np.eye(2)
     bodies = bodies_of(
         (0, (0, 0), covariance, 3.0), (1, (0, 0), covariance, 3.0), (1, (0.9, 0), covariance, 1.0)
@@ -332,8 +332,8 @@ def test_a_robot_that_saw_the_likelier_one_too_has_two_people():
 
 @pytest.mark.parametrize("sigma", [3e38, 1e7, 1e-30])
 @pytest.mark.parametrize("variance", [0.0, 1e15, 1.7e308])
-def test_no_uncertainty_is_too_wild(make_cells, sigma, variance):
-    """Two robots see one body; what they say of their uncertainty may be anything."""
+def test_any_uncertainty_gives_finite_results(make_cells, sigma, variance):
+    """Two robots see one body; their uncertainties are arbitrary."""
     covariance = np.diag([variance, variance, variance])
     poses = {
         "a": Pose(0, 0.0, 0.0, 0.0, covariance),
@@ -351,7 +351,7 @@ def test_no_uncertainty_is_too_wild(make_cells, sigma, variance):
         assert (np.linalg.eigvalsh(person.covariance) > 0).all()
 
 
-def test_a_covariance_that_is_none_becomes_one(make_cells):
+def test_invalid_covariance_is_repaired(make_cells):
     none = np.zeros((3, 3))
     none[0, 1] = none[1, 0] = 0.5  # variances of 0, and yet they vary together
     poses = {"a": Pose(0, 0.0, 0.0, 0.0, none)}
@@ -360,7 +360,7 @@ def test_a_covariance_that_is_none_becomes_one(make_cells):
     assert (np.linalg.eigvalsh(bodies.covariance) > 0).all()
 
 
-def test_robots_without_a_scan_are_no_people_either(make_cells):
+def test_robots_without_a_scan_are_masked_too(make_cells):
     scan = scan_of(make_cells, "a", (2, 0, 9, 1, 3.0))
     poses = {"a": Pose(0, 0.0, 0.0, 0.0)}
     planner = Planner(cfg.PlannerConfig.from_mapping({"tracking.enabled": False}))
@@ -370,8 +370,8 @@ def test_robots_without_a_scan_are_no_people_either(make_cells):
     assert list(result.poses) == ["a"]  # what it was made from
 
 
-def test_a_team_that_seeks_bodies_in_part_finds_each_person_once(make_cells):
-    """The cells of b, which seeks no bodies, are a cluster with the size of a person."""
+def test_mixed_team_of_both_methods_finds_each_person_once(make_cells):
+    """The cells of b, which has no body detector, are a cluster with the size of a person."""
     grid = [(x, y) for x in np.arange(-0.15, 0.2, 0.05) for y in np.arange(-0.15, 0.2, 0.05)]
     plain = [(2.0 + x, y, 20, 0, 0.0) for x, y in grid]
     beside = [(2.0 + x, 2.0 + y, 20, 0, 0.0) for x, y in grid]
@@ -409,7 +409,7 @@ def crowd(seed: int) -> BodiesOnMap:
 
 
 @pytest.mark.parametrize("seed", range(24))
-def test_a_crowd_is_joined_as_if_all_pairs_were_compared(seed):
+def test_crowd_is_joined_as_by_comparing_all_pairs(seed):
     bodies, rng = crowd(seed), np.random.default_rng(seed)
     used = rng.random(len(bodies)) < 0.9
     config = cfg.Joining(
@@ -433,7 +433,7 @@ def test_a_crowd_is_joined_as_if_all_pairs_were_compared(seed):
 
 
 @pytest.mark.parametrize("block", [1, 7, 100])
-def test_pairs_are_joined_block_by_block_as_they_are_at_once(block, monkeypatch):
+def test_joining_in_blocks_equals_joining_at_once(block, monkeypatch):
     for seed in range(5):
         bodies = crowd(seed)
         at_once = joined_of(bodies)
@@ -445,7 +445,7 @@ def test_pairs_are_joined_block_by_block_as_they_are_at_once(block, monkeypatch)
         assert are_people(made, bodies, cfg.Joining()).any()
 
 
-def test_in_one_place_the_likeliest_take_part():
+def test_in_a_crowded_place_only_the_likeliest_are_joined():
     rng = np.random.default_rng(1)
     places = rng.uniform(0.05, 0.45, (150, 2))
     scores = rng.permutation(150) / 10.0
@@ -458,8 +458,8 @@ def test_in_one_place_the_likeliest_take_part():
 
 
 @pytest.mark.parametrize("size", [0.6, 3.5])
-def test_fifty_robots_with_a_hundred_bodies_each_in_one_place(size):
-    """All pairs of them would take gigabytes, and ten seconds."""
+def test_fifty_robots_with_a_hundred_bodies_each_stay_in_bounds(size):
+    """Comparing all pairs would take gigabytes and ten seconds."""
     rng = np.random.default_rng(2)
     places = rng.uniform(0, size, (5000, 2))
     bodies = bodies_of(*[(k % 50, xy, 0.3**2 * np.eye(2), 3.0) for k, xy in enumerate(places)])
@@ -475,7 +475,7 @@ def test_fifty_robots_with_a_hundred_bodies_each_in_one_place(size):
     assert most < 100e6
 
 
-def test_what_takes_no_part_stays_on_the_map(make_cells):
+def test_excluded_bodies_stay_on_the_map(make_cells):
     heap = [(2 + 0.001 * k, 0.1, 3, k, 5.0 + k) for k in range(1, 101)]
     scans = [scan_of(make_cells, robot, *heap) for robot in ("a", "b")]
     poses = {robot: Pose(0, 0.0, 0.0, 0.0) for robot in ("a", "b")}

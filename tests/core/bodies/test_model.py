@@ -79,7 +79,7 @@ def mirrored(patches: Patches) -> Patches:
 
 
 @given(st.integers(0, 10**6))
-def test_in_a_mirror_even_evidence_stays_and_odd_evidence_changes_its_sign(seed):
+def test_mirroring_keeps_even_evidence_and_negates_odd_evidence(seed):
     patches = random_patches(seed)
     contrast = np.random.default_rng(seed).uniform(-1, 1, (len(patches), *SHAPE))
     seen = evidence_of(patches, 1.1, 0.2, 0.04, contrast.astype(np.float32))
@@ -91,7 +91,7 @@ def test_in_a_mirror_even_evidence_stays_and_odd_evidence_changes_its_sign(seed)
 
 
 @given(st.integers(0, 10**6))
-def test_each_patch_speaks_for_itself(seed):
+def test_patches_are_evaluated_independently(seed):
     patches = random_patches(seed, 4)
     together = evidence_of(patches)
     alone = evidence_of(Patches(**{name: value[2:3] for name, value in vars(patches).items()}))
@@ -103,7 +103,7 @@ def test_each_patch_speaks_for_itself(seed):
 
 @pytest.mark.parametrize("n", [0, 1, 3])
 @pytest.mark.parametrize("value", [0.0, np.nan, -9.0, 1e4])
-def test_evidence_is_finite_and_as_wide_as_it_says(n, value):
+def test_evidence_is_finite_and_has_the_stated_width(n, value):
     evidence = evidence_of(patches_of(np.full((n, *SHAPE), value)))
     for name, width in (("even", EVEN), ("odd", ODD), ("depth", DEPTH)):
         values = getattr(evidence, name)
@@ -112,7 +112,7 @@ def test_evidence_is_finite_and_as_wide_as_it_says(n, value):
         assert np.isfinite(values).all()
 
 
-def test_patches_are_only_read():
+def test_patches_are_not_modified():
     patches = random_patches(4)
     before = copy.deepcopy(patches)
     evidence_of(patches)
@@ -120,7 +120,7 @@ def test_patches_are_only_read():
         np.testing.assert_array_equal(getattr(patches, name), value)
 
 
-def test_shares_by_hand():
+def test_shares_match_hand_computed_values():
     # 0.28 m to either side is a body up to 1.5 m, the rest is 4 tolerances behind it.
     difference = np.full(SHAPE, -2.0)
     body = (np.abs(ACROSS) < 0.29) & (HEIGHTS < 1.5)[:, np.newaxis]
@@ -154,13 +154,13 @@ def test_shares_by_hand():
         (np.nan, 0.0, 0.0, 0.0),
     ],
 )
-def test_classes_have_soft_borders(relative, same, behind, front):
+def test_classes_have_soft_boundaries(relative, same, behind, front):
     even = evidence_of(patches_of(np.full(SHAPE, relative * 0.5))).even[0]
     got = [even[start] for start in (0, 42, 84)]
     assert got == pytest.approx([same, behind, front], abs=1e-6)
 
 
-def test_scalars_by_hand():
+def test_scalars_match_hand_computed_values():
     # 5 px are 2 m; a pixel more or less is 0.4 m. Half of the body 0.1 px nearer, half farther.
     difference = np.full(SHAPE, 0.1)
     difference[::2] = -0.1
@@ -168,7 +168,7 @@ def test_scalars_by_hand():
     assert even[-6:] == pytest.approx([2.0, 0.5, 1.3, 0.5 * 0.4, 0.1 * 0.4, 0.0], abs=1e-3)
 
 
-def test_centroids_and_slope_by_hand():
+def test_centroids_and_slope_match_hand_computed_values():
     # A plane, 0.5 px nearer per metre to the left; from 1.6 m only its left half is there.
     difference = np.broadcast_to(0.5 * ACROSS, SHAPE).astype(np.float64).copy()
     difference[np.ix_(HEIGHTS > 1.59, ACROSS < -0.01)] = np.nan
@@ -182,7 +182,7 @@ def test_centroids_and_slope_by_hand():
     assert odd[6] == pytest.approx(0.5 * 0.4 * moment / (moment + 1e-3), rel=0.03)
 
 
-def test_depth_by_hand():
+def test_depth_matches_hand_computed_values():
     difference = np.full(SHAPE, 0.3)
     difference[HEIGHTS > 1.0] = 0.2
     difference[:, np.abs(ACROSS) > 0.4] = -4.0
@@ -200,7 +200,7 @@ def test_depth_by_hand():
 # ------------------------------------------------------------------------------- models ----
 
 
-def test_a_linear_part_by_hand():
+def test_linear_part_matches_hand_computed_values():
     part = Linear(Scaled(np.array([1.0, 0.0]), np.array([2.0, 0.5])), np.array([3.0, -1.0]), 0.25)
     # (5 - 1) / 2 = 2 and 1 / 0.5 = 2; then 99 and -99, cut at 4.
     values = np.array([(5.0, 1.0), (99.0, -99.0), (1.0, 0.0)])
@@ -208,7 +208,7 @@ def test_a_linear_part_by_hand():
     assert part(np.empty((0, 2))).shape == (0,)
 
 
-def test_a_layered_part_by_hand():
+def test_layered_part_matches_hand_computed_values():
     part = Layered(
         Scaled(np.zeros(1), np.ones(1)),
         hidden=np.array([[1.0, -2.0]]),
@@ -253,7 +253,7 @@ def answers(model: BodyModel, seed: int) -> list[np.ndarray]:
 
 
 @given(st.integers(0, 10**6))
-def test_a_model_survives_its_file(seed):
+def test_model_is_unchanged_by_saving_and_loading(seed):
     model = random_model(seed)
     text = json.dumps(model.to_mapping())
     read = BodyModel.from_mapping(json.loads(text))
@@ -297,12 +297,12 @@ def test_a_layer_that_does_not_fit_is_refused(key):
 
 
 @pytest.mark.parametrize("document", [[], "text", None, 3.0, {}])
-def test_what_is_no_model_is_refused(document):
+def test_file_that_is_not_a_model_is_refused(document):
     with pytest.raises(ConfigError, match="body model: human cannot be read"):
         BodyModel.from_mapping(document)
 
 
-def test_the_fitted_model_knows_left_from_right():
+def test_fitted_model_distinguishes_left_from_right():
     model = fitted()
     assert fitted() is model
     odd = np.random.default_rng(3).normal(size=(20, ODD))

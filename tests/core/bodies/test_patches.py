@@ -52,13 +52,13 @@ def front(rectangle, mounting, bearing, distance, *, width=0.4, top=1.7):
 # ------------------------------------------------------------------------------ samples ----
 
 
-def test_samples_are_even_and_symmetric():
+def test_samples_are_evenly_spaced_and_symmetric():
     np.testing.assert_allclose(np.diff(ACROSS), 0.05, atol=1e-6)
     np.testing.assert_allclose(np.diff(HEIGHTS), 0.075, atol=1e-6)
     np.testing.assert_allclose(ACROSS, -ACROSS[::-1], atol=1e-7)
 
 
-def test_a_level_camera_by_hand(make_head):
+def test_level_camera_matches_hand_computed_values(make_head):
     # f = 100 px, baseline 0.1 m, principal point (79.5, 59.5), 1 m up.
     head = make_head(fx=100.0, fy=100.0)
     patches = one(head, nowhere(head), 0.0, 2.0)
@@ -74,7 +74,7 @@ def test_a_level_camera_by_hand(make_head):
     assert patches.tolerance == pytest.approx([0.22 * 25 / 10])
 
 
-def test_a_place_off_the_axis_by_hand(make_head):
+def test_off_axis_position_matches_hand_computed_values(make_head):
     head = make_head(fx=100.0, fy=100.0)
     patches = one(head, nowhere(head), math.pi / 6, 2.0)
     # At bearing 30 degrees: z = 1.732, and what is 0.5 m to the left is 0.25 m nearer.
@@ -119,7 +119,7 @@ def test_samples_are_projections_of_an_upright_surface(make_head, mounting, besi
 # --------------------------------------------------------------------------- difference ----
 
 
-def test_difference_is_what_is_seen_less_what_is_expected(make_head):
+def test_difference_is_observed_minus_expected_disparity(make_head):
     head = make_head(fx=100.0, fy=100.0, centres={"right": (76.5, 59.5)})  # 3 px at infinity
     disparity = np.full((120, 160), 8.25, dtype=np.float32)
     disparity[:, 80:] = np.nan
@@ -131,7 +131,7 @@ def test_difference_is_what_is_seen_less_what_is_expected(make_head):
     assert known.sum() == (HEIGHTS < 2.2).sum() * (ACROSS > 0.0).sum()
 
 
-def test_the_nearest_pixel_is_looked_up(make_head):
+def test_nearest_pixel_is_sampled(make_head):
     head = make_head(fx=100.0, fy=100.0)
     v, u = np.mgrid[:120, :160].astype(np.float32)
     patches = one(head, u + 1000 * v, 0.0, 2.1)
@@ -141,7 +141,7 @@ def test_the_nearest_pixel_is_looked_up(make_head):
     np.testing.assert_allclose(seen[inside], expected[inside], atol=0.02)
 
 
-def test_behind_the_lens_nothing_is_seen(make_head):
+def test_samples_behind_the_lens_are_empty(make_head):
     head = make_head()
     patches = one(head, np.full((120, 160), 5.0, dtype=np.float32), math.pi, 2.0)
     assert not patches.inside.any()
@@ -152,7 +152,9 @@ def test_behind_the_lens_nothing_is_seen(make_head):
 
 @settings(max_examples=40)
 @given(mountings, st.floats(-0.3, 0.3), st.floats(1.5, 4.0))
-def test_what_stands_there_has_no_difference(make_head, rectangle, mounting, beside, distance):
+def test_surface_at_the_candidate_has_zero_difference(
+    make_head, rectangle, mounting, beside, distance
+):
     head = make_head(**SIZE, mounting=mounting)
     bearing = mounting.yaw + beside
     disparity = head.disparity(front(rectangle, mounting, bearing, distance))
@@ -177,9 +179,7 @@ def test_what_stands_there_has_no_difference(make_head, rectangle, mounting, bes
     st.floats(-0.15, 0.15),
     st.floats(-0.4, 0.4),
 )  # fmt: skip
-def test_centred_moves_to_what_stands_there(
-    make_head, rectangle, mounting, distance, across, more_px
-):
+def test_centring_moves_to_the_surface(make_head, rectangle, mounting, distance, across, more_px):
     head = make_head(**SIZE, mounting=mounting)
     disparity = head.disparity(front(rectangle, mounting, mounting.yaw, distance))
     inverse = SCALE / distance
@@ -192,7 +192,7 @@ def test_centred_moves_to_what_stands_there(
     np.testing.assert_array_equal(patches.difference, again.difference)
 
 
-def test_centred_goes_no_farther_than_it_may(make_head):
+def test_centring_is_bounded(make_head):
     head = make_head(fx=100.0, fy=100.0)
     sampler = PatchSampler(head.camera())
     disparity = nowhere(head)
@@ -203,7 +203,7 @@ def test_centred_goes_no_farther_than_it_may(make_head):
     assert patches.inverse_range == pytest.approx([10.6 + 0.6 * math.cos(0.12)], abs=1e-4)
 
 
-def test_centred_stays_where_nothing_is_seen(make_head):
+def test_centring_without_samples_does_not_move(make_head):
     head = make_head()
     bearing, inverse = np.array([0.1, -0.2]), np.array([5.0, 3.0])
     patches = PatchSampler(head.camera()).centred(nowhere(head), bearing, inverse)
@@ -212,7 +212,7 @@ def test_centred_stays_where_nothing_is_seen(make_head):
     assert np.isnan(patches.difference).all()
 
 
-def test_no_place_at_all(make_head):
+def test_no_candidates_give_no_patches(make_head):
     head = make_head()
     patches = PatchSampler(head.camera()).centred(nowhere(head), np.empty(0), np.empty(0))
     assert len(patches) == 0
@@ -220,7 +220,7 @@ def test_no_place_at_all(make_head):
     assert patches.tolerance.shape == (0,)
 
 
-def test_places_do_not_influence_each_other(make_head, rectangle):
+def test_candidates_are_independent(make_head, rectangle):
     head = make_head(**SIZE)
     disparity = head.disparity(front(rectangle, Mounting(), 0.1, 2.0))
     bearing, inverse = np.array([0.12, -0.1, 0.05]), SCALE / np.array([2.0, 3.0, 2.1])
@@ -236,7 +236,7 @@ def test_places_do_not_influence_each_other(make_head, rectangle):
 
 
 @given(st.data(), st.integers(1, 4), st.integers(1, 12))
-def test_quantiles_are_those_of_numpy(data, rows, columns):
+def test_quantiles_equal_numpys(data, rows, columns):
     values = data.draw(hnp.arrays(np.float32, (rows, columns), elements=st.floats(-9, 9, width=32)))
     chosen = data.draw(hnp.arrays(bool, (rows, columns)))
     values[~chosen] = np.nan
@@ -249,20 +249,20 @@ def test_quantiles_are_those_of_numpy(data, rows, columns):
         np.testing.assert_allclose(got[row], want, atol=1e-6)
 
 
-def test_quantiles_of_no_row():
+def test_quantiles_of_no_rows_are_empty():
     nothing = np.empty((0, 5), dtype=np.float32)
     assert quantiles(nothing, nothing > 0, (0.5, 0.9)).shape == (0, 2)
 
 
-def test_in_rows():
+def test_samples_of_each_patch_become_a_row():
     values = np.arange(12).reshape(2, 3, 2)
     np.testing.assert_array_equal(in_rows(values), [range(6), range(6, 12)])
     assert in_rows(np.empty((0, 3, 2))).shape == (0, 6)
 
 
 @pytest.mark.parametrize("px", [0.0, 0.3])
-def test_far_places_stay_before_infinity(make_head, px):
-    """What has no disparity, or hardly any, pulls a far place on and on, never past infinity."""
+def test_far_candidates_stay_at_finite_range(make_head, px):
+    """Samples with zero or little disparity move a far position away, but never past infinity."""
     head = make_head()
     seen = np.full((120, 160), px, dtype=np.float32)
     patches = PatchSampler(head.camera()).centred(seen, np.array([0.0]), np.array([0.35]))

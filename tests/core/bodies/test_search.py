@@ -66,7 +66,7 @@ def turn(angle: float) -> float:
         (10.0, 2.2),
     ],
 )
-def test_tolerance_by_hand(inverse_range, expected):
+def test_tolerance_matches_hand_computed_values(inverse_range, expected):
     assert tolerance_px(np.array([inverse_range]), 10.0) == pytest.approx([expected])
 
 
@@ -75,7 +75,7 @@ def test_tolerance_by_hand(inverse_range, expected):
 
 @settings(max_examples=40)
 @given(mountings, st.floats(-0.35, 0.35), st.floats(1.6, 3.5), st.floats(0.2, 0.6))
-def test_the_sum_is_metres_of_vertical_extent_however_a_head_is_mounted(
+def test_sum_is_vertical_extent_in_metres_for_any_mounting(
     make_head, rectangle, mounting, beside, distance, width
 ):
     head = make_head(**SIZE, mounting=mounting)
@@ -104,7 +104,7 @@ def test_the_sum_is_metres_of_vertical_extent_however_a_head_is_mounted(
         (1.0, 1.2, 0.2),
     ],
 )
-def test_heights_that_count(make_head, rectangle, low, high, counted):
+def test_only_heights_of_bodies_count(make_head, rectangle, low, high, counted):
     mounting = Mounting(height=1.2)
     head = make_head(**SIZE, mounting=mounting)
     surface = upright(rectangle, mounting, 0.0, 2.5, width=1.0, low=low, high=high)
@@ -113,7 +113,7 @@ def test_heights_that_count(make_head, rectangle, low, high, counted):
     assert histogram.sum() == pytest.approx(counted * columns, rel=0.06)
 
 
-def test_ranges_that_count(make_head, rectangle):
+def test_only_ranges_within_limits_count(make_head, rectangle):
     mounting = Mounting()
     head = make_head(**SIZE, mounting=mounting)
 
@@ -128,7 +128,7 @@ def test_ranges_that_count(make_head, rectangle):
 
 
 @pytest.mark.parametrize("value", [np.nan, 0.0, -1.0, 1e-3, 1e4])
-def test_nothing_in_view(make_head, value):
+def test_empty_view_gives_no_candidates(make_head, value):
     head = make_head()
     search = search_of(head)
     disparity = np.full((head.height, head.width), value, dtype=np.float32)
@@ -143,7 +143,7 @@ def test_nothing_in_view(make_head, value):
 
 @settings(max_examples=40)
 @given(mountings, st.floats(-0.4, 0.4), st.floats(1.6, 4.0))
-def test_a_body_is_where_it_is_however_a_head_is_mounted(
+def test_body_position_is_correct_for_any_mounting(
     make_head, rectangle, mounting, beside, distance
 ):
     head = make_head(**SIZE, mounting=mounting)
@@ -169,7 +169,7 @@ def test_a_body_is_where_it_is_however_a_head_is_mounted(
     ],
     ids=["level", "pitched", "rolled", "turned"],
 )
-def test_a_body_in_a_furnished_view(make_head, rectangle, mounting):
+def test_body_is_found_in_a_furnished_view(make_head, rectangle, mounting):
     head = make_head(mounting=mounting)
     scale = head.fx * BASELINE
     bearing = mounting.yaw + 0.15
@@ -184,7 +184,7 @@ def test_a_body_in_a_furnished_view(make_head, rectangle, mounting):
     assert len(found) > 1  # the wall, too
 
 
-def test_a_disparity_of_infinity_is_taken_off(make_head, rectangle):
+def test_disparity_at_infinity_is_subtracted(make_head, rectangle):
     mounting = Mounting()
     surface = upright(rectangle, mounting, 0.1, 2.5)
     plain, shifted = make_head(), make_head(centres={"right": (72.0, 59.5)})
@@ -200,7 +200,7 @@ def test_a_disparity_of_infinity_is_taken_off(make_head, rectangle):
 
 
 @pytest.mark.parametrize(("gap", "bodies"), [(0.0, 1), (0.45, 2)])
-def test_two_beside_each_other(make_head, rectangle, gap, bodies):
+def test_two_bodies_side_by_side_are_both_found(make_head, rectangle, gap, bodies):
     mounting = Mounting()
     head = make_head(**SIZE)
     surfaces = [
@@ -211,7 +211,7 @@ def test_two_beside_each_other(make_head, rectangle, gap, bodies):
     assert len(found) == bodies
 
 
-def test_two_behind_each_other(make_head, rectangle):
+def test_two_bodies_behind_each_other_are_both_found(make_head, rectangle):
     mounting = Mounting()
     head = make_head(**SIZE)
     near = upright(rectangle, mounting, 0.0, 2.0, width=0.4, high=1.2)
@@ -229,9 +229,7 @@ def test_two_behind_each_other(make_head, rectangle):
 
 
 @pytest.mark.parametrize(("seen", "expected"), [(0.5, 1.3), (0.25, 0.65)])
-def test_a_body_that_the_border_cuts_is_judged_by_what_is_seen(
-    make_head, rectangle, seen, expected
-):
+def test_body_cut_by_the_border_is_scored_by_its_visible_part(make_head, rectangle, seen, expected):
     head = make_head(**SIZE)
     # The left border looks past `edge`; so much of the body's width is to the right of it.
     edge = math.atan(120 / SIZE["fx"])

@@ -54,7 +54,7 @@ def voted(left, right, patches: Patches, *, offset_px=0.0) -> tuple[np.ndarray, 
 @given(
     st.integers(0, 10**6), st.floats(-0.9, 0.9), st.floats(0.8, 1.25), st.floats(-20.0, 20.0),
 )  # fmt: skip
-def test_a_shift_is_found_whatever_gain_and_offset_are(make_head, seed, shift, gain, offset):
+def test_shift_is_found_for_any_gain_and_offset(make_head, seed, shift, gain, offset):
     left, right = pair(texture(seed), 5.0 + shift, gain=gain, offset=offset)
     found, sigma = voted(left, right, patches_at(make_head(**HEAD)))
     assert found.shape == sigma.shape == (1,)
@@ -62,7 +62,7 @@ def test_a_shift_is_found_whatever_gain_and_offset_are(make_head, seed, shift, g
     assert 0 < sigma[0] < 0.03
 
 
-def test_a_disparity_of_infinity_is_added(make_head):
+def test_disparity_at_infinity_is_added(make_head):
     head = make_head(**HEAD, centres={"right": (76.0, 59.5)})  # 3.5 px
     left, right = pair(texture(1), 5.0 + 3.5 + 0.3)
     patches = patches_at(head, disparity=np.full((120, 160), 8.5, dtype=np.float32))
@@ -91,7 +91,7 @@ def seen_of(patches: Patches, more_px: float):
     ],
     ids=["tilted", "beside", "cut"],
 )
-def test_a_surface_that_is_oblique_in_the_image(make_head, mounting, bearing, least, most):
+def test_oblique_surface_in_the_image_is_measured(make_head, mounting, bearing, least, most):
     head = make_head(**HEAD, mounting=mounting)
     distance = 2.0 / math.cos(bearing)
     patches = patches_at(head, (bearing,), (distance,))
@@ -102,7 +102,7 @@ def test_a_surface_that_is_oblique_in_the_image(make_head, mounting, bearing, le
     assert found == pytest.approx([0.4], abs=0.03)
 
 
-def test_each_body_has_a_vote_of_its_own(make_head):
+def test_bodies_vote_independently(make_head):
     head = make_head(**HEAD)
     # To the left of the middle at 2 m and 0.3 px nearer, to the right of it 0.2 px farther.
     u = np.mgrid[:120, :160][1]
@@ -115,8 +115,8 @@ def test_each_body_has_a_vote_of_its_own(make_head):
     np.testing.assert_allclose(voted(left, right, swapped)[0], both[::-1], atol=1e-5)
 
 
-def test_contrast_tells_the_body_from_what_is_behind_it(make_head):
-    """A body 0.3 m wide before a wall, in a patch that its windows of matching fill wholly."""
+def test_contrast_separates_the_body_from_the_background(make_head):
+    """A body 0.3 m wide in front of a wall, in a patch that its windows fill completely."""
     head = make_head(**HEAD)
     u = np.mgrid[:120, :160][1]
     behind = np.abs(u + 5 - 79.5) >= 9
@@ -130,7 +130,7 @@ def test_contrast_tells_the_body_from_what_is_behind_it(make_head):
     np.testing.assert_allclose(two[1], alone[0], atol=1e-5)
 
 
-def test_what_is_not_of_the_body_has_no_vote(make_head):
+def test_pixels_outside_the_body_do_not_vote(make_head):
     head = make_head(**HEAD)
     u = np.mgrid[:120, :160][1]
     # A wall, 2.5 px behind, fills the patch but for 0.3 m in the middle.
@@ -147,21 +147,21 @@ def test_what_is_not_of_the_body_has_no_vote(make_head):
 
 
 @pytest.mark.parametrize("shift", [3.0, -3.0, 9.0])
-def test_no_vote_goes_farther_than_it_may(make_head, shift):
+def test_votes_are_bounded(make_head, shift):
     left, right = pair(texture(6), 5.0 + shift)
     found, _ = voted(left, right, patches_at(make_head(**HEAD)))
     assert abs(found[0]) <= 1.2 + 1e-6
 
 
 @pytest.mark.parametrize("grey", [0, 128, 255])
-def test_without_texture_nothing_is_known(make_head, grey):
+def test_without_texture_the_vote_is_undefined(make_head, grey):
     flat = np.full((120, 160), grey, dtype=np.uint8)
     found, sigma = voted(flat, flat, patches_at(make_head(**HEAD)))
     assert found == pytest.approx([0.0], abs=1e-3)
     assert sigma[0] > 1.0
 
 
-def test_without_samples_nothing_is_known(make_head):
+def test_without_samples_the_vote_is_undefined(make_head):
     nothing = np.full((120, 160), np.nan, dtype=np.float32)
     left, right = pair(texture(7), 5.5)
     patches = patches_at(make_head(**HEAD), disparity=nothing)
@@ -170,13 +170,13 @@ def test_without_samples_nothing_is_known(make_head):
     assert sigma[0] > 1.0
 
 
-def test_nobody_votes(make_head):
+def test_no_bodies_give_no_votes(make_head):
     left, right = pair(texture(8), 5.0)
     found, sigma = voted(left, right, patches_at(make_head(**HEAD), (), ()))
     assert found.shape == sigma.shape == (0,)
 
 
-def test_sigma_is_the_size_of_the_errors(make_head):
+def test_sigma_equals_the_size_of_the_errors(make_head):
     patches = patches_at(make_head(**HEAD))
     sigmas = []
     for contrast in (10.0, 40.0):

@@ -38,13 +38,13 @@ def labels(points, distance=0.15) -> list[int]:
         ([(2, 0), (0, 0), (2.1, 0), (0.1, 0)], [1, 0, 1, 0]),
     ],
 )
-def test_clusters_by_hand(points, expected):
+def test_clusters_match_hand_computed_values(points, expected):
     assert labels(points) == expected
 
 
 @pytest.mark.parametrize("distance", [0.05, 0.15, 0.5, 2.0])
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 2.0])
-def test_the_distance_is_inclusive_also_in_float32(distance, yaw):
+def test_distance_is_inclusive_also_in_float32(distance, yaw):
     # Cell centres up to 100 m from their robot, rounded to float32, then turned and moved.
     x = np.arange(distance / 2, 100, distance).astype(np.float32).astype(float)
     points = np.stack([5 + x * np.cos(yaw), -3 + x * np.sin(yaw)], axis=1)
@@ -56,7 +56,7 @@ cells = st.lists(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), max_size=40)
 
 
 @given(cells, st.integers(1, 5))
-def test_cells_against_brute_force(points, distance):
+def test_clusters_of_cells_equal_brute_force(points, distance):
     # On a grid of 5 cm many pairs are exactly the distance apart.
     xy = np.array(points, dtype=np.float32).reshape(-1, 2) * np.float32(CELL)
     got = cluster(xy.astype(float), distance=distance * CELL)
@@ -64,12 +64,12 @@ def test_cells_against_brute_force(points, distance):
 
 
 @given(st.lists(st.tuples(st.integers(-500, 500), st.integers(-500, 500)), max_size=40))
-def test_points_against_brute_force(points):
+def test_clusters_of_points_equal_brute_force(points):
     assert labels(np.array(points) / 1000) == clusters_of(points, 150)
 
 
 @given(cells, st.randoms(use_true_random=False))
-def test_clusters_do_not_depend_on_the_order(points, random):
+def test_clusters_are_independent_of_the_order(points, random):
     xy = np.array(points, dtype=float).reshape(-1, 2) * CELL
     order = np.array(random.sample(range(len(points)), len(points)), dtype=int)
     shuffled, ordered = (cluster(p, distance=0.15) for p in (xy[order], xy))
@@ -82,7 +82,7 @@ def test_labels_are_indices():
 
 
 @pytest.mark.parametrize("far", [(1e5, 0.0), (-1e8, -1e8), (0.0, -1e20), (1e20, 1e20)])
-def test_a_far_point_changes_nothing_for_the_others(far):
+def test_distant_point_does_not_change_other_clusters(far):
     xy = np.random.default_rng(3).uniform(0, 4, (400, 2))
     alone = cluster(xy, distance=0.15)
     labels = cluster(np.vstack([xy, far]), distance=0.15)
@@ -126,15 +126,15 @@ SHAPES = [blobs, rings, two_heaps, on_a_fine_grid, far_apart]
 
 @pytest.mark.parametrize("make", SHAPES)
 @pytest.mark.parametrize("distance", [0.05, 0.15, 0.4])
-def test_crowds_against_all_pairs(make, distance):
+def test_clusters_of_crowds_equal_comparison_of_all_pairs(make, distance):
     for seed in range(4):
         xy = make(np.random.default_rng(seed), 900)
         assert cluster(xy, distance=distance).tolist() == clusters_of(xy.tolist(), distance)
 
 
 @pytest.mark.parametrize("size", [0.0, 0.1, 1.0])
-def test_memory_grows_with_the_number_of_points_and_not_with_its_square(size):
-    """All of a scan's cells in one place: a list of all pairs would take gigabytes."""
+def test_memory_is_linear_in_the_number_of_points(size):
+    """All cells of a scan in one place: a list of all pairs would take gigabytes."""
     xy = np.random.default_rng(1).uniform(0, size, (20_000, 2))
     cluster(xy[:100], distance=0.15)  # loads SciPy
     tracemalloc.start()
@@ -146,7 +146,7 @@ def test_memory_grows_with_the_number_of_points_and_not_with_its_square(size):
     assert most < 50e6
 
 
-def test_far_points_that_are_far_from_each_other_are_not_compared_either():
+def test_distant_points_are_not_compared_with_each_other():
     xy = np.zeros((20_000, 2))
     xy[10_001:, 1] = 1e6 + 5.0 * np.arange(9_999)
     tracemalloc.start()

@@ -40,7 +40,7 @@ def test_zone_limits_are_inclusive():
 
 
 @given(points_mm, st.integers(-500, 1000), st.integers(1, 1500))
-def test_zones_against_a_loop(points, low, extent):
+def test_zones_equal_a_plain_loop(points, low, extent):
     high = low + extent
     kept = discriminate_zones(from_mm(points), low=low / 1000, high=high / 1000)
     expected = [p for p in points if low <= p[2] + 0.5 <= high]
@@ -56,7 +56,7 @@ def noise_of(xy, *, min_points, window=0.25) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("count", "kept"), [(19, 0), (20, 20), (21, 21)])
-def test_a_window_is_kept_from_th_n_points_on(count, kept):
+def test_window_is_kept_from_th_n_points_on(count, kept):
     points = cloud([(1.05, 2.05, 0.01 * i) for i in range(count)])
     assert len(reduce_noise(points, window=0.1, min_points=20)) == kept
 
@@ -83,7 +83,7 @@ def test_windows_are_half_open_and_tile_from_the_origin(one, other, same_window)
         assert len(noise_of(xy, min_points=2)) == (2 if same_window else 0)
 
 
-def test_the_papers_windows_have_their_borders():
+def test_windows_have_the_papers_borders():
     edges = [(k / 10, 0.05) for k in range(-5, 6)]  # 0.1 m is no binary number
     kept = noise_of([*edges, (0.09, 0.05)], min_points=2, window=0.1)
     np.testing.assert_allclose(kept, [(0.0, 0.05), (0.09, 0.05)])
@@ -107,7 +107,7 @@ FAR = (80_000_000, -90_000_000, 1000)  # an outlier that no table of all windows
 
 
 @given(points_mm, st.sampled_from([50, 100, 137]), st.integers(1, 5), st.booleans())
-def test_noise_against_a_loop(points, window, min_points, with_far_outlier):
+def test_noise_windows_equal_a_plain_loop(points, window, min_points, with_far_outlier):
     if with_far_outlier:
         points = [FAR, *points, FAR]
     kept = reduce_noise(from_mm(points), window=window / 1000, min_points=min_points)
@@ -122,13 +122,13 @@ def test_noise_against_a_loop(points, window, min_points, with_far_outlier):
     # k = floor(h / hwin) + 1 with hwin = 0.25
     [(0.0, 1), (0.1, 1), (0.25, 2), (0.3, 2), (-0.1, 0), (-0.25, 0), (-0.26, -1), (10.1, 41)],
 )
-def test_centre_of_a_cell(h, k):
+def test_cell_is_represented_by_its_centre(h, k):
     cells = quantize(cloud([(h, 5.1, 1), (7.1, h, 1)]), cell=0.25)
     assert (k - 0.5) * 0.25 in cells.x
     assert (k - 0.5) * 0.25 in cells.y
 
 
-def test_what_a_cell_carries():
+def test_cell_has_heights_and_number_of_points():
     points = cloud(
         [(0.12, 0.01, 1.0), (0.01, 0.02, 0.5), (0.14, 0.04, 0.3), (-0.01, 0.02, 0.7),
          (0.11, 0.03, 1.2), (0.01, -0.02, 0.6)]
@@ -152,7 +152,7 @@ def cells_by_loop(points, cell):
 
 
 @given(points_mm, st.sampled_from([50, 100, 37]), st.booleans())
-def test_cells_against_a_loop(points, cell, with_far_outlier):
+def test_cells_equal_a_plain_loop(points, cell, with_far_outlier):
     if with_far_outlier:
         points = [FAR, *points, FAR]
     cells = quantize(from_mm(points), cell=cell / 1000)
@@ -166,7 +166,7 @@ def test_cells_against_a_loop(points, cell, with_far_outlier):
 
 
 @given(st.permutations(range(12)))
-def test_cells_do_not_depend_on_the_order_of_the_points(order):
+def test_cells_are_independent_of_the_order_of_points(order):
     rng = np.random.default_rng(0)
     points = cloud(np.column_stack([rng.uniform(-0.2, 0.2, (12, 2)), rng.uniform(0, 2, 12)]))
     one, other = quantize(points, cell=0.1), quantize(points[order], cell=0.1)
@@ -210,13 +210,13 @@ def tops(cells: Cells, points, *, in_zone=None, support=3, gap=0.25, window=0.1)
         ([1.5, 1.6, 1.7, 2.1, 2.1, 2.1], 1.5),  # what is beyond the gap is no support
     ],
 )
-def test_top_of_a_column(make_cells, heights, top):
+def test_top_of_a_column_is_its_highest_supported_point(make_cells, heights, top):
     cells = make_cells([(1.025, 0.025)], z=1.35)
     in_zone = column(1.03, 0.03, [0.5, 1.0, 1.35])
     assert tops(cells, in_zone + column(1.05, 0.05, heights)) == pytest.approx([top], abs=0.0011)
 
 
-def test_a_gap_is_as_long_as_it_says(make_cells):
+def test_gap_length_is_exact(make_cells):
     cells = make_cells([(1.025, 0.025)], z=1.39)
     for gap in (0.1, 0.25, 0.5):
         near = column(1.05, 0.05, [1.41] * 3 + [1.41 + gap - 0.05] * 3)
@@ -225,7 +225,7 @@ def test_a_gap_is_as_long_as_it_says(make_cells):
         assert tops(cells, far, gap=gap) == pytest.approx([1.41], abs=0.0011)
 
 
-def test_the_gap_counts_from_the_columns_highest_point_in_the_zone(make_cells):
+def test_gap_starts_at_the_highest_point_in_the_zone(make_cells):
     person_behind = column(1.05, 0.05, [1.45, 1.5, 1.55])
     low = make_cells([(1.025, 0.025)], z=1.0)  # a table's edge, and a head far behind it
     assert tops(low, person_behind) == pytest.approx([1.0], abs=0.0011)
@@ -237,14 +237,14 @@ def test_the_gap_counts_from_the_columns_highest_point_in_the_zone(make_cells):
     assert tops(apart, person_behind) == pytest.approx([1.0, 1.38], abs=0.0011)
 
 
-def test_columns_are_the_noise_windows(make_cells):
+def test_columns_equal_the_noise_windows(make_cells):
     cells = make_cells([(-0.025, 0.025), (0.025, 0.025), (0.075, 0.075)], z=1.35)
     points = column(0.0, 0.0, [1.5] * 3) + column(-0.001, 0.0, [1.6] * 3)
     assert tops(cells, points) == pytest.approx([1.6, 1.5, 1.5], abs=0.0011)
     assert tops(cells, points, window=0.05) == pytest.approx([1.6, 1.5, 1.35], abs=0.0011)
 
 
-def test_points_in_the_zone_are_no_support_of_what_is_above(make_cells):
+def test_points_in_the_zone_do_not_support_a_top_above_it(make_cells):
     cells = make_cells([(0.025, 0.025)], z=1.2)
     points = column(0.02, 0.02, [1.4] * 9 + [1.41] * 2)
     assert tops(cells, points) == pytest.approx([1.2], abs=0.0011)
@@ -259,7 +259,7 @@ def test_points_in_the_zone_are_no_support_of_what_is_above(make_cells):
         ([], 1.35),
     ],
 )
-def test_top_of_a_column_that_ends_in_the_zone(make_cells, heights, top):
+def test_column_that_ends_in_the_zone_has_its_top_there(make_cells, heights, top):
     cells = make_cells([(1.025, 0.025)], z=1.35)
     in_zone = column(1.03, 0.03, heights) + column(1.13, 0.03, [1.39] * 9)
     assert tops(cells, [], in_zone=in_zone) == pytest.approx([top], abs=0.0011)
@@ -279,8 +279,8 @@ columns_of_points = st.lists(
 
 
 @given(columns_of_points, st.integers(1, 4), st.booleans(), st.randoms(use_true_random=False))
-def test_tops_against_a_loop(make_cells, columns, support, with_far_outlier, random):
-    """From the words of measure_tops' docstring, column by column."""
+def test_tops_equal_a_plain_loop(make_cells, columns, support, with_far_outlier, random):
+    """Follows the docstring of measure_tops, column by column."""
     in_zone, above, centres, zone_tops, expected = [], [], [], [], []
     for (i, j), zone_top, lower, steps in columns:
         zone_heights = [h / 1000 + 0.0005 for h in (zone_top, *lower)]
@@ -307,7 +307,7 @@ def test_tops_against_a_loop(make_cells, columns, support, with_far_outlier, ran
     assert got == pytest.approx(expected, abs=0.0016)
 
 
-def test_a_column_is_followed_up_to_3_m_above_the_zone(make_cells):
+def test_column_is_followed_up_to_3_m_above_the_zone(make_cells):
     wall = column(1.05, 0.05, np.arange(1.41, 9.0, 0.02))
     (top,) = tops(make_cells([(1.025, 0.025)], z=1.39), wall)
     assert top == pytest.approx(HIGH + 3.0, abs=0.1)
@@ -317,7 +317,7 @@ def test_a_column_is_followed_up_to_3_m_above_the_zone(make_cells):
 
 
 @pytest.mark.parametrize("n", [0, 1])
-def test_few_points(n):
+def test_stages_handle_few_points(n):
     points = cloud([(0.1, 0.1, 1.0)] * n)
     assert discriminate_zones(points, low=0.2, high=1.4).shape == (n, 3)
     assert reduce_noise(points, window=0.1, min_points=1).shape == (n, 3)
@@ -325,19 +325,19 @@ def test_few_points(n):
     assert len(quantize(points, cell=0.05)) == n
 
 
-def test_tops_without_cells_or_points(make_cells):
+def test_tops_of_no_cells_or_points_are_empty(make_cells):
     assert tops(Cells.empty(), []) == []
     assert tops(Cells.empty(), column(0, 0, [1.5] * 5)) == []
     assert tops(make_cells([(0.025, 0.025)], z=1.25), []) == [1.25]
 
 
-def test_the_stages_keep_float32():
+def test_stages_preserve_float32():
     points = cloud([(0.1, 0.1, 1.0)] * 3)
     assert discriminate_zones(points, low=0.2, high=1.4).dtype == np.float32
     assert reduce_noise(points, window=0.1, min_points=1).dtype == np.float32
 
 
-def test_nothing_is_changed_in_place(make_cells):
+def test_inputs_are_not_modified(make_cells):
     points = cloud(np.random.default_rng(0).uniform(0, 2, (50, 3)))
     before = points.copy()
     kept = reduce_noise(discriminate_zones(points, low=0.2, high=1.4), window=0.5, min_points=1)

@@ -48,7 +48,7 @@ def test_one_body_stays_whole(make_cells):
     assert whole == 0
 
 
-def test_shoulder_to_shoulder(make_cells):
+def test_people_shoulder_to_shoulder_are_split(make_cells):
     places = body(2.0, -0.25, 0.5) + body(2.0, 0.25, 0.5)
     label, whole = parts_of(make_cells, places)
     assert centres(places, label) == [(2.0, -0.25), (2.0, 0.25)]
@@ -60,7 +60,7 @@ def test_shoulder_to_shoulder(make_cells):
     assert label.tolist() == [0] * len(places)
 
 
-def test_one_behind_the_other(make_cells):
+def test_people_behind_each_other_are_split(make_cells):
     # 1.5 m away ranges are sure: 0.6 m behind each other and joined by cells between them.
     between = [(1.5 + 0.05 * k, 0.0) for k in range(1, 12)]
     places = body(1.5, 0.0, depth=0.3) + body(2.1, 0.0, depth=0.3) + between
@@ -70,7 +70,7 @@ def test_one_behind_the_other(make_cells):
     assert far == pytest.approx(2.1, abs=0.08)
 
 
-def test_what_ranges_err_by_makes_nobody_two(make_cells):
+def test_range_errors_do_not_split_a_person(make_cells):
     # One body 4 m away, smeared over 1 m along the line of sight; the same across it is two.
     assert parts_of(make_cells, body(4.0, 0.0, width=0.45, depth=1.0))[0].max() == 0
     assert parts_of(make_cells, body(4.0, 0.0, width=1.0, depth=0.45))[0].max() == 1
@@ -81,13 +81,13 @@ def test_what_ranges_err_by_makes_nobody_two(make_cells):
 
 
 @pytest.mark.parametrize(("range_sigma", "clusters"), [(0.25 / 10.5, 1), (0.001, 2)])
-def test_what_ranges_err_by_is_a_parameter(make_cells, range_sigma, clusters):
+def test_range_error_of_cells_is_a_parameter(make_cells, range_sigma, clusters):
     config = cfg.PlannerConfig.from_mapping({"masking.cell_range_sigma": range_sigma})
     scan = Scan("a", 0, make_cells(body(4.0, 0.0, width=0.45, depth=1.0), count=20))
     assert len(Planner(config).step([scan], ORIGIN, 0).clusters) == clusters
 
 
-def test_no_more_people_are_told_apart_than_the_tuning_says(make_cells):
+def test_number_of_split_people_is_bounded_by_the_tuning(make_cells):
     places = [cell for k in range(3) for cell in body(2.0, 0.5 * k, 0.5)]
     fused = fuse([Scan("a", 0, make_cells(places, count=20))], ORIGIN)
     everything, one = np.arange(len(fused)), np.zeros(len(fused), dtype=np.intp)
@@ -98,7 +98,7 @@ def test_no_more_people_are_told_apart_than_the_tuning_says(make_cells):
         assert (label.max() + 1, whole) == wanted
 
 
-def test_five_in_a_row_of_unlike_distances(make_cells):
+def test_five_people_in_a_row_of_unequal_distances_are_split(make_cells):
     true = [(2.0, 0.9), (2.3, 0.5), (2.8, 0.0), (2.5, -0.45), (2.1, -0.9)]
     bridges = [
         (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t)
@@ -120,14 +120,14 @@ def test_five_in_a_row_of_unlike_distances(make_cells):
         {"top": 2.5},  # a wall
     ],
 )
-def test_what_is_no_person_is_not_looked_at(make_cells, fields):
+def test_clusters_unlike_people_are_not_split(make_cells, fields):
     places = body(2.0, 0.0, width=1.4)
     label, whole = parts_of(make_cells, places, **fields)
     assert label.max() == 0
     assert whole == 0
 
 
-def test_a_person_at_a_table_stays_whole_and_is_said(make_cells):
+def test_person_at_a_table_stays_whole_and_is_counted(make_cells):
     places = body(2.0, 0.0) + body(2.0, 0.6, width=0.75)
     top = [1.7] * len(body(2.0, 0.0)) + [0.8] * len(body(2.0, 0.6, width=0.75))
     label, whole = parts_of(make_cells, places, top=top)
@@ -135,13 +135,13 @@ def test_a_person_at_a_table_stays_whole_and_is_said(make_cells):
     assert whole == 1
 
 
-def test_what_is_far_too_wide_stays_whole_and_is_said(make_cells):
+def test_much_too_wide_cluster_stays_whole_and_is_counted(make_cells):
     label, whole = parts_of(make_cells, body(3.0, 0.0, width=9.0))
     assert label.max() == 0
     assert whole == 1
 
 
-def test_several_clusters_and_nothing(make_cells):
+def test_several_and_no_clusters_are_handled(make_cells):
     two = body(2.0, -0.25, 0.5) + body(2.0, 0.25, 0.5)
     places = [*body(2.0, 2.0), *two, *[(x + 1.5, y) for x, y in two]]
     label, _ = parts_of(make_cells, places)
@@ -152,8 +152,8 @@ def test_several_clusters_and_nothing(make_cells):
 
 
 @given(st.integers(0, 10**6))
-def test_parts_of_random_cells(seed):
-    """Parts have no gaps, cut no two clusters together, and are no wider than they may be."""
+def test_parts_of_random_cells_respect_all_limits(seed):
+    """Parts have no gaps, never unite two clusters, and are not wider than allowed."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 150))
     xy = rng.uniform(0.5, 4.0, (n, 2)).astype(np.float32)
@@ -177,7 +177,7 @@ def test_parts_of_random_cells(seed):
     assert whole_again == whole
 
 
-def test_two_people_as_cells_are_two_people(make_cells):
+def test_touching_people_as_cells_are_found_as_two_people(make_cells):
     scan = Scan("a", 0, make_cells(body(2.0, -0.25, 0.5) + body(2.0, 0.25, 0.5), count=20))
     planner = Planner(cfg.PlannerConfig())
     result = planner.step([scan], ORIGIN, 0)

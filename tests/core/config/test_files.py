@@ -37,7 +37,7 @@ def file_with(tmp_path_factory):
     return write
 
 
-def test_a_team(file_with):
+def test_team_file_gives_each_robots_configuration(file_with):
     team = load_team(file_with(TEAM))
     assert team.planner == PlannerConfig.from_mapping(
         {"robots": ["robot_a", "robot_b"], "human.min_points": 99}
@@ -49,7 +49,7 @@ def test_a_team(file_with):
     }
 
 
-def test_the_order_of_sections_decides(file_with):
+def test_later_sections_win(file_with):
     first_one, then_all = TEAM.index("/robot_a"), TEAM.index("/**/planner")
     turned = TEAM[first_one:then_all] + TEAM[:first_one] + TEAM[then_all:]
     robot = load_team(file_with(turned)).robots["robot_a"]
@@ -76,7 +76,7 @@ def test_later_files_win(file_with):
 ONE_FOR_ALL = "/**/robot_node: {ros__parameters: {zones: {low: 0.1}}}"
 
 
-def test_robots_that_the_file_does_not_name(file_with):
+def test_unnamed_robots_get_the_common_sections(file_with):
     path = file_with(ONE_FOR_ALL)
     assert dict(load_team(path).robots) == {}
     team = load_team(path, robots=("robot_x", "fleet/robot_y"))
@@ -86,7 +86,7 @@ def test_robots_that_the_file_does_not_name(file_with):
     assert list(load_team(file_with(TEAM), robots=("robot_x",)).robots) == ["robot_a", "robot_b"]
 
 
-def test_parameters_that_hold_unless_the_file_says_otherwise(file_with):
+def test_values_given_by_the_caller_yield_to_the_file(file_with):
     unless_said = {"robot_a": {"images.top": False, "mounting.height": 1.5}}
     robots = load_team(file_with(TEAM), unless_said=unless_said).robots
     assert robots["robot_a"].images.top  # the file says so
@@ -94,7 +94,7 @@ def test_parameters_that_hold_unless_the_file_says_otherwise(file_with):
     assert robots["robot_b"].mounting.height == 1.0
 
 
-def test_which_robots_files_name(file_with):
+def test_robots_named_in_files_are_listed(file_with):
     assert robots_named(file_with(TEAM)) == ("robot_a", "robot_b")
     assert robots_named(file_with(ONE_FOR_ALL)) == ()
     own = (
@@ -121,7 +121,7 @@ def test_which_robots_files_name(file_with):
         ("/robot_node", set()),
     ],
 )
-def test_which_robots_a_section_is_for(file_with, key, robots):
+def test_section_patterns_select_robots(file_with, key, robots):
     own = "use_sim_time: true" if key == "/**" else "zones: {low: 0.1}"
     path = file_with(f"'{key}': {{ros__parameters: {{{own}}}}}")
     if key == "/robot_node":
@@ -198,8 +198,8 @@ def test_a_bad_file_is_refused(file_with, content, message):
     assert str(error.value).startswith(f"{path}: ") or "/**: {ros" in str(content)
 
 
-def test_sections_of_other_nodes_are_left_alone(file_with):
-    """An ordinary ROS 2 parameter file, as a whole machine may have one."""
+def test_sections_of_other_nodes_are_ignored(file_with):
+    """An ordinary ROS 2 parameter file with the nodes of a whole machine."""
     others = """
 /camera_driver: {ros__parameters: {fps: 30, zones: {low: wrong}}}
 /robot_a/planner_server: {ros__parameters: {robots: 3}}
@@ -211,8 +211,8 @@ something: {else: [1, 2]}
     assert robots_named(file_with(TEAM + others)) == ("robot_a", "robot_b")
 
 
-def test_a_namespace_may_hold_what_is_in_it(file_with):
-    """As in ROS 2; what is ours is checked there, too."""
+def test_namespace_may_contain_nested_nodes(file_with):
+    """As in ROS 2; our nodes are checked there, too."""
     inside = "fleet: {robot_a: {robot_node: {ros__parameters: {zones: {low: %s}}}}}"
     path = file_with(inside % 0.1)
     assert robots_named(path) == ("fleet/robot_a",)
@@ -227,7 +227,7 @@ def test_a_namespace_may_hold_what_is_in_it(file_with):
         load_team(file_with(forgotten))
 
 
-def test_the_home_folder_is_understood(file_with, monkeypatch):
+def test_home_folder_is_expanded(file_with, monkeypatch):
     path = file_with(TEAM)
     monkeypatch.setenv("HOME", str(path.parent))
     assert load_team(f"~/{path.name}") == load_team(path)
@@ -242,7 +242,7 @@ def test_a_robot_that_is_not_in_the_team_is_refused(file_with):
         load_team(path)
 
 
-def test_relations_hold_also_across_sections(file_with):
+def test_relations_are_checked_across_sections(file_with):
     content = (
         "/**/robot_node: {ros__parameters: {zones: {high: 0.9}}}\n"
         "/robot_a/robot_node: {ros__parameters: {zones: {low: 1.0}}}\n"
@@ -252,8 +252,8 @@ def test_relations_hold_also_across_sections(file_with):
         load_team(file_with(content))
 
 
-def test_where_robots_stand_may_follow_that_they_do(file_with):
-    """A section of all robots, and each one's place in its own."""
+def test_static_poses_may_follow_in_later_sections(file_with):
+    """A section for all robots, and the pose of each in its own."""
     path = file_with("""
 /**/robot_node: {ros__parameters: {pose: {source: static}}}
 /robot_a/robot_node: {ros__parameters: {pose: {static: [1, 2, 0.5]}}}
@@ -262,7 +262,7 @@ def test_where_robots_stand_may_follow_that_they_do(file_with):
     assert team.robots["robot_a"].pose.static == (1.0, 2.0, 0.5)
 
 
-def test_a_file_that_is_not_there_is_refused(file_with):
+def test_missing_file_is_refused(file_with):
     folder = file_with("").parent
     for path in (folder / "none.yaml", folder, str(folder / "none.yaml"), "a\0b"):
         with pytest.raises(ConfigError, match="cannot be read as a YAML file"):
@@ -273,7 +273,7 @@ def test_a_file_that_is_not_there_is_refused(file_with):
     "line", ["a{0}: &a{0} [*a{1}, *a{1}]", "a{0}: &a{0} {{x: *a{1}, y: *a{1}}}",
              "a{0}: &a{0} {{<<: [*a{1}, *a{1}]}}"]
 )  # fmt: skip
-def test_a_few_lines_that_stand_for_more_than_memory_holds_are_refused(file_with, line):
+def test_yaml_alias_bombs_are_refused(file_with, line):
     bomb = ["a0: &a0 {x: 1}", *(line.format(i, i - 1) for i in range(1, 60))]
     path = file_with("/**/robot_node:\n  ros__parameters:\n    " + "\n    ".join(bomb))
     with pytest.raises(ConfigError, match=r"found an alias, \*a0; wanted: none"):
@@ -295,7 +295,7 @@ documents = (
 
 @given(documents, st.sampled_from([(), ("r",), ("r", "r/s")]))
 @settings(max_examples=200)
-def test_any_file(file_with, content, robots):
+def test_any_file_is_accepted_or_refused(file_with, content, robots):
     path = file_with(content, "any.yaml")
     for read in (lambda: load_team(path, robots=robots), lambda: robots_named(path)):
         try:

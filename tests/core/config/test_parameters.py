@@ -63,12 +63,12 @@ def value_of(config: Section, name: str) -> object:
         ("robots", ()),
     ],
 )
-def test_defaults(name, value):
+def test_defaults_are_valid(name, value):
     assert PARAMETERS[name].default == value
     assert value_of((RobotConfig if name in ROBOT else PlannerConfig)(), name) == value
 
 
-def test_the_papers_file_holds_the_papers_constants(paper):
+def test_papers_file_has_the_papers_constants(paper):
     config = paper()
     assert not config.bodies.search
     assert (config.images.working_width, config.images.working_height) == (160, 120)  # Table 1
@@ -82,7 +82,7 @@ def test_the_papers_file_holds_the_papers_constants(paper):
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_every_parameter_is_defined_whole(name):
+def test_every_parameter_is_completely_defined(name):
     parameter = PARAMETERS[name]
     assert parameter.name == name
     assert parameter.doc
@@ -93,7 +93,7 @@ def test_every_parameter_is_defined_whole(name):
         assert parameter.high is not None
 
 
-def test_a_configuration_does_not_change():
+def test_configuration_is_immutable():
     with pytest.raises(dataclasses.FrozenInstanceError):
         RobotConfig().zones.low = 0.3  # type: ignore[misc]
 
@@ -190,7 +190,7 @@ def test_a_bad_value_is_refused(name, value, allowed):
         ("images.top", True, True),
     ],
 )
-def test_values_come_in_the_fields_type(name, given, value):
+def test_values_are_converted_to_the_type_of_the_field(name, given, value):
     got = value_of(config_of(name, given), name)
     assert got == value
     assert type(got) is type(value)
@@ -198,7 +198,7 @@ def test_values_come_in_the_fields_type(name, given, value):
         assert [type(item) for item in got] == [type(item) for item in value]  # type: ignore[attr-defined]
 
 
-def test_what_is_allowed_without_limits():
+def test_allowed_values_without_limits_are_stated():
     assert Parameter("x", "float", 1.0, "").allowed() == "a number"
     assert Parameter("x", "int", 1, "", low=2).allowed() == "a whole number of at least 2"
     assert Parameter("x", "int", 1, "").check(10**30) == 10**30
@@ -242,7 +242,7 @@ def test_what_is_allowed_without_limits():
         ({"robots": ["1"]}, "robots has '1'"),
     ],
 )
-def test_values_that_do_not_fit_together_are_refused(values, message):
+def test_inconsistent_values_are_refused(values, message):
     section = RobotConfig if set(values) <= set(ROBOT) else PlannerConfig
     with pytest.raises(ConfigError, match=message):
         section.from_mapping(values)
@@ -259,7 +259,7 @@ def test_values_that_do_not_fit_together_are_refused(values, message):
     ],
     ids=str,
 )
-def test_values_that_fit_together_are_taken(values):
+def test_consistent_values_are_accepted(values):
     config = RobotConfig.from_mapping(values)
     assert {name: value_of(config, name) for name in values} == values
 
@@ -268,7 +268,7 @@ def test_limits_that_meet_are_allowed_for_people():
     PlannerConfig.from_mapping({"human.min_height": 2.2, "human.max_width": 0.2})
 
 
-def test_a_section_checks_what_it_is_built_of():
+def test_section_validates_its_values():
     with pytest.raises(ConfigError, match="Zones: low is nan; allowed: a number from -1 to 10"):
         cfg.Zones(low=NAN)
     assert type(cfg.Noise(min_points=20.0).min_points) is int
@@ -296,7 +296,7 @@ def test_an_unknown_name_is_refused(values, message):
     assert message in str(error.value)
 
 
-def test_nested_and_dotted_names_are_the_same():
+def test_nested_and_dotted_names_are_equivalent():
     nested = RobotConfig.from_mapping({"zones": {"low": 0.3}, "noise": {"min_points": 5}})
     assert nested == RobotConfig.from_mapping({"zones.low": 0.3, "noise.min_points": 5})
     assert nested.zones == cfg.Zones(low=0.3, high=1.4)
@@ -304,7 +304,7 @@ def test_nested_and_dotted_names_are_the_same():
     assert nested.disparity == cfg.Disparity()
 
 
-def test_what_is_not_named_stays():
+def test_unnamed_values_are_kept():
     base = RobotConfig.from_mapping({"zones.low": 0.3, "mounting.height": 2.0})
     changed = RobotConfig.from_mapping({"zones.high": 1.2}, base)
     assert changed.zones == cfg.Zones(low=0.3, high=1.2)
@@ -323,7 +323,7 @@ def test_what_is_not_named_stays():
         PlannerConfig.from_mapping({"robots": ["robot_b", "robot_a"]}),
     ],
 )
-def test_a_mapping_and_back_also_through_yaml(config):
+def test_mapping_round_trip_also_through_yaml(config):
     mapping = config.to_mapping()
     assert type(config).from_mapping(mapping) == config
     assert type(config).from_mapping(yaml.safe_load(yaml.safe_dump(mapping))) == config
@@ -332,7 +332,7 @@ def test_a_mapping_and_back_also_through_yaml(config):
 @given(st.recursive(st.dictionaries(names, values, max_size=4), lambda inner: st.dictionaries(
     names, inner | values, max_size=3
 )))  # fmt: skip
-def test_any_mapping(mapping):
+def test_any_mapping_is_accepted_or_refused(mapping):
     for section in (RobotConfig, PlannerConfig):
         try:
             section.from_mapping(mapping)

@@ -71,29 +71,29 @@ def towards(scan, steps=26):
     return [scan(k, (3.0, -gap / 2), (3.0, gap / 2)) for k, gap in enumerate(gaps)]
 
 
-def test_a_cluster_is_cut_at_the_people_who_are_expected_in_it(plain):
+def test_cluster_is_cut_at_expected_people(plain):
     last = run(planner(), towards(plain))[-1]
     assert seen(last) == [(3.0, -0.2), (3.0, 0.2)]
     assert {person.id for person in last.persons} == {1, 2}
     assert len(last.clusters) == 2
 
 
-def test_without_memory_it_is_one(plain):
+def test_without_tracks_the_cluster_is_one_person(plain):
     last = run(planner(tracking__enabled=False), towards(plain))[-1]
     assert seen(last) == [(3.0, 0.0)]
     assert len(last.clusters) == 1
 
 
-def test_a_cluster_of_which_a_part_is_no_person_stays_whole(plain):
-    """Where one of the two has gone there are no cells: the other one has them all."""
+def test_cluster_with_a_part_without_points_stays_whole(plain):
+    """One of the two has left, so all cells belong to the other one."""
     followed = planner()
     run(followed, towards(plain))
     last = followed.step([plain(26, (3.0, 0.0))], POSES, 26 * STEP_NS)
     assert len(last.clusters) == 1
 
 
-def test_a_cluster_of_which_a_part_is_too_low_stays_whole(make_cells):
-    """A bag as far from the person as another person would be, and low."""
+def test_cluster_with_a_low_part_stays_whole(make_cells):
+    """A low bag, as far from the person as another person would be."""
     cells = [(3.0 + dx, y + dy) for y in (-0.2, 0.2) for dx, dy in BODY]
     top = [1.7] * len(BODY) + [0.6] * len(BODY)
     scan = Scan("a", 0, make_cells(cells, top=top))
@@ -105,7 +105,7 @@ def test_a_cluster_of_which_a_part_is_too_low_stays_whole(make_cells):
     assert split_at(expected, tall, everything, one, cfg.Human()).any()
 
 
-def test_two_bodies_nearer_than_people_are_apart_are_two_where_two_are_expected(bodies):
+def test_close_bodies_stay_two_where_two_are_expected(bodies):
     followed = planner()
     gaps = [max(0.3, 1.5 - 0.1 * k) for k in range(20)]
     scans = [bodies(k, (3.0, -g / 2, 5.0), (3.0, g / 2, 4.0)) for k, g in enumerate(gaps)]
@@ -119,8 +119,8 @@ def test_two_bodies_nearer_than_people_are_apart_are_two_where_two_are_expected(
 # --------------------------------------------------------------------------- weak evidence ----
 
 
-def test_a_weak_cluster_is_a_person_where_one_is_expected(plain):
-    """20 cells of 4 points; a person needs 150, and half of it where he is expected."""
+def test_weak_cluster_is_a_person_where_one_is_expected(plain):
+    """20 cells of 4 points; a person needs 150, and half of it where they are expected."""
     strong = [plain(k, (3.0, 0.0)) for k in range(10)]
     weak = [plain(k, (3.0, 0.0), (3.0, 1.5), points=4) for k in range(10, 20)]
     last = run(planner(tracking__expected_points=0.5), [*strong, *weak])[-1]
@@ -130,8 +130,8 @@ def test_a_weak_cluster_is_a_person_where_one_is_expected(plain):
     assert seen(run(planner(tracking__enabled=False), [*strong, *weak])[-1]) == []
 
 
-def test_a_weak_cluster_founds_nobody(plain):
-    """Beside a person who is there it is no second one, however long it stays."""
+def test_weak_cluster_starts_no_track(plain):
+    """Beside a person it is not a second one, however long it persists."""
     strong = [plain(k, (3.0, 0.0)) for k in range(10)]
     cells = [plain(k, (3.0, 0.0), (3.38, 0.0)) for k in range(10, 40)]
     for scan in cells:
@@ -140,7 +140,7 @@ def test_a_weak_cluster_founds_nobody(plain):
         assert [person.id for person in people.persons] == [1]
 
 
-def test_a_doubtful_body_is_a_person_where_one_is_expected(bodies):
+def test_doubtful_body_is_a_person_where_one_is_expected(bodies):
     strong = [bodies(k, (3.0, 0.0, 4.0)) for k in range(10)]
     doubtful = [bodies(k, (3.0, 0.0, -0.2), (3.0, 1.5, -0.2)) for k in range(10, 13)]
     last = run(planner(tracking__expected_score=1.0), [*strong, *doubtful])[-1]
@@ -152,8 +152,8 @@ def test_a_doubtful_body_is_a_person_where_one_is_expected(bodies):
 # ------------------------------------------------------------------------------ memoryless ----
 
 
-def test_the_papers_planner_has_no_memory(plain):
-    """One parameter away: every interval is what it would be alone."""
+def test_papers_planner_is_stateless(plain):
+    """With tracking off, every interval is independent."""
     config = cfg.PlannerConfig.from_mapping({"tracking.enabled": False})
     scans = [*towards(plain), plain(26), plain(27, (1.0, 1.0))]
     together = Planner(config)
@@ -169,7 +169,7 @@ def test_the_papers_planner_has_no_memory(plain):
         assert one.events == ()
 
 
-def test_the_configuration_may_change_and_nobody_is_lost(plain):
+def test_configuration_change_loses_no_track(plain):
     followed = planner()
     run(followed, [plain(k, (3.0, 0.0)) for k in range(5)])
     followed.config = planner(clustering__distance=0.2).config

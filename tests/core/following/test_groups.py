@@ -78,7 +78,7 @@ def standing(**places):
 # --------------------------------------------------------------------------------- figures ----
 
 
-def test_centre_velocity_and_spread():
+def test_centre_velocity_and_spread_match_hand_computed_values():
     people = [
         person(4, 0, 0, v=(1, 0)), person(2, 2, 0, v=(0, 1)), person(9, 1, 3, v=(0.5, 0.5)),
     ]  # fmt: skip
@@ -94,7 +94,7 @@ def test_centre_velocity_and_spread():
     assert group.members == (2, 4, 9)
 
 
-def test_people_who_are_not_followed_have_no_velocity():
+def test_group_of_untracked_people_has_no_velocity():
     one = Person(np.zeros(2), np.eye(2), 1.7, 0.1, ("a",), 0)
     group = gather([one, one])
     assert group is not None
@@ -107,11 +107,11 @@ def test_people_who_are_not_followed_have_no_velocity():
 # ---------------------------------------------------------------------------------- groups ----
 
 
-def test_nobody_is_no_group():
+def test_no_people_form_no_group():
     assert groups_with().step([], 0) == ((), ())
 
 
-def test_who_is_there_at_the_beginning_is_one_group():
+def test_people_present_at_the_start_form_one_group():
     run = Run().go(standing(p1=(0, 0), p2=(1, 0), p3=(2, 0), p4=(9, 0)), 1.0)
     assert [set(out[0].members) for out in run.out] == [{1, 2, 3}] * 10
     assert {group.id for out in run.out for group in out} == {1, 2}
@@ -119,13 +119,13 @@ def test_who_is_there_at_the_beginning_is_one_group():
     assert run.events == []
 
 
-def test_a_chain_holds_together():
+def test_chain_of_people_is_one_group():
     run = Run().go(standing(p1=(0, 0), p2=(2, 0), p3=(4, 0), p4=(6, 0)), 1.0)
     assert run.last == {1: (1, 2, 3, 4)}
     assert run.out[-1][0].radius == pytest.approx(3.0)
 
 
-def test_who_walks_with_a_group_for_a_while_joins_it():
+def test_person_who_walks_with_a_group_for_join_time_joins_it():
     run = Run(groups_with(join_time=2.0))
     run.go(standing(p1=(0, 0), p2=(1, 0)), 3.0)
     run.go(standing(p1=(0, 0), p2=(1, 0), p5=(1, 1)), 3.0)
@@ -134,7 +134,7 @@ def test_who_walks_with_a_group_for_a_while_joins_it():
     assert run.events == ["person 5 joins group 1"]
 
 
-def test_a_stranger_who_passes_joins_nobody():
+def test_passing_stranger_joins_no_group():
     def ways(t):
         walking = 0.8 * t
         return {
@@ -166,7 +166,7 @@ def nearest_other(ways, who, t) -> float:
     return min(math.dist(places[who], place) for k, place in places.items() if k != who)
 
 
-def test_a_straggler_is_said_within_a_second_of_crossing_the_limit():
+def test_straggler_is_flagged_within_a_second_of_crossing_the_limit():
     ways = falling_behind()
     run = Run(groups_with(distance=2.5, leave_time=0.5)).go(ways, 12.0)
     crossed = next(k for k in range(120) if nearest_other(ways, 3, k / 10) > 2.5)
@@ -181,7 +181,7 @@ def test_a_straggler_is_said_within_a_second_of_crossing_the_limit():
     assert group.stragglers[3] == pytest.approx(0.5 + (119 - first) / 10)
 
 
-def test_a_straggler_who_comes_back_is_one_no_more():
+def test_returning_straggler_is_unflagged():
     def ways(t):
         ahead = min(t, 8.0)
         third = 3.0 if 3 < t < 10 else t if t <= 3 else min(3.0 + 1.2 * (t - 10), 7.0)
@@ -195,8 +195,8 @@ def test_a_straggler_who_comes_back_is_one_no_more():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_nothing_flickers_at_the_limit(seed):
-    """He stands at the limit for a minute, and what is found of him is off by 10 cm."""
+def test_person_at_the_limit_raises_no_repeated_events(seed):
+    """A person stands at the limit for a minute, with detection errors of 10 cm."""
     rng = np.random.default_rng(seed)
     groups, said = groups_with(distance=2.5), []
     for k in range(600):
@@ -209,8 +209,8 @@ def test_nothing_flickers_at_the_limit(seed):
     assert np.count_nonzero(np.diff(said)) <= 1
 
 
-def test_who_is_hidden_is_no_straggler_because_of_where_he_might_be():
-    """He coasts on, 0.5 m/s slower than the group, and nobody knows."""
+def test_occluded_person_is_no_straggler_while_possibly_near():
+    """The track coasts, 0.5 m/s slower than the group."""
 
     def ways(t):
         return {1: (t, 0.0), 2: (t, 1.0), 3: (0.3 * t, 0.5)}
@@ -227,7 +227,7 @@ def test_who_is_hidden_is_no_straggler_because_of_where_he_might_be():
         assert out[0].members == (1, 2, 3)
 
 
-def test_who_is_not_seen_for_long_is_missed():
+def test_member_unseen_for_long_is_reported_missing():
     run = Run(groups_with(missing_time=5.0, forget_time=20.0))
     run.go(standing(p1=(0, 0), p2=(1, 0), p3=(0, 1)), 4.0)
     run.go(standing(p1=(0, 0), p2=(1, 0)), 30.0)
@@ -240,7 +240,7 @@ def test_who_is_not_seen_for_long_is_missed():
     assert not said[-1]
 
 
-def test_who_was_lost_for_a_moment_is_still_a_member():
+def test_briefly_lost_member_stays_a_member():
     run = Run()
     run.go(standing(p1=(0, 0), p2=(1, 0), p3=(0, 1)), 4.0)
     run.go(standing(p1=(0, 0), p2=(1, 0)), 3.0)
@@ -249,8 +249,8 @@ def test_who_was_lost_for_a_moment_is_still_a_member():
     assert run.events == []
 
 
-def test_who_is_hidden_goes_on_holding_others_together():
-    """The middle one of three, who are 2 m apart, is not followed for a while."""
+def test_occluded_person_still_links_others():
+    """The middle one of three people, who are 2 m apart, is not tracked for a while."""
     run = Run(groups_with(missing_time=5.0))
     run.go(standing(p1=(0, 0), p2=(2, 0), p3=(4, 0)), 4.0)
     run.go(standing(p1=(0, 0), p3=(4, 0)), 4.0)
@@ -271,7 +271,7 @@ def two_halves(t):
     return {1: (t, 0.0), 2: (t, 0.8), 3: (t, 1.6 + aside), 4: (t, 2.4 + aside), 5: (t, -0.8)}
 
 
-def test_a_group_splits_and_merges_and_keeps_its_id():
+def test_group_splits_and_merges_and_keeps_its_id():
     run = Run().go(two_halves, 30.0)
     sizes = [tuple(sorted((g.id, g.members) for g in out)) for out in run.out]
     assert sizes[0] == ((1, (1, 2, 3, 4, 5)),)
@@ -283,7 +283,7 @@ def test_a_group_splits_and_merges_and_keeps_its_id():
     assert len(run.events) == 3
 
 
-def test_two_groups_become_one():
+def test_two_nearby_groups_merge():
     def ways(t):
         x = 8.0 - min(t, 10.0) * 0.6
         return {1: (0, 0), 2: (0, 1), 3: (1, 0), 6: (x, 0), 7: (x, 1)}
@@ -293,7 +293,7 @@ def test_two_groups_become_one():
     assert run.events == ["group 2 (people 6, 7) merges into group 1"]
 
 
-def test_who_is_missing_comes_along_when_groups_merge():
+def test_missing_members_are_kept_when_groups_merge():
     def ways(t):
         x = 8.0 - min(t, 10.0) * 0.6
         return {1: (0, 0), 2: (0, 1), 3: (1, 0), 6: (x, 0), 7: (x, 1), 8: (x, 2)}
@@ -317,8 +317,8 @@ def test_ids_of_groups_never_repeat():
     assert [out[0].id for out in run.out] == sorted(1 + k // 10 for k in range(50))
 
 
-def test_where_time_jumps_back_all_groups_are_new():
-    """Nobody of before is missing, or falls behind."""
+def test_jump_back_of_time_resets_all_groups():
+    """No previous member is reported missing or as a straggler."""
     run = Run()
     run.go(standing(p1=(0, 0), p2=(1, 0)), 5.0)
     run.now_ns = 0
@@ -329,8 +329,8 @@ def test_where_time_jumps_back_all_groups_are_new():
     assert run.events == []
 
 
-def test_what_is_kept_is_bounded():
-    """A thousand passers-by, of whom nothing is left."""
+def test_state_of_groups_is_bounded():
+    """A thousand passers-by leave no state behind."""
     groups = groups_with(missing_time=1.0, forget_time=2.0)
     for k in range(3000):
         people = [person(1, 0, 0), person(2, 1, 0)]

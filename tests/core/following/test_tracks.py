@@ -52,7 +52,7 @@ def ids(people) -> list[int]:
 # ------------------------------------------------------------------------------ the filter ----
 
 
-def test_filter_is_the_textbook_s():
+def test_filter_equals_the_textbook_filter():
     """Irregular intervals, covariances of any direction, scans that are older than the interval."""
     rng = np.random.default_rng(3)
     times = np.cumsum(rng.integers(40, 300, 40)) * MS
@@ -81,8 +81,8 @@ def test_filter_is_the_textbook_s():
         assert not got.coasting
 
 
-def test_what_is_said_of_places_and_velocities_is_true():
-    """Of white noise: the share of the truth in the 95 % ellipses, over many people."""
+def test_position_and_velocity_covariances_are_consistent():
+    """With white noise: the share of the truth in the 95 % ellipses, over many people."""
     inside, inside_v, total = 0, 0, 0
     for seed in range(30):
         rng = np.random.default_rng(seed)
@@ -103,14 +103,14 @@ def test_what_is_said_of_places_and_velocities_is_true():
     assert 0.93 < inside_v / total < 0.97
 
 
-def test_velocity_of_a_walker():
+def test_velocity_of_a_walker_converges():
     out = follow(tracker(), lambda t: [(1.2 * t, 0.3 * t)], steps=60)
     velocities = np.array([people[0].velocity for people in out[20:]])
     assert np.abs(velocities.mean(axis=0) - (1.2, 0.3)).max() < 0.05
     assert np.hypot(*(velocities - (1.2, 0.3)).T).mean() < 0.18
 
 
-def test_a_share_of_the_variance_lasts():
+def test_lasting_share_of_the_variance_is_not_filtered():
     still = lambda t: [(1.0, 1.0)]  # noqa: E731
     sure = follow(tracker(lasting_share=0.0), still, steps=50)[-1][0].covariance
     lasting = follow(tracker(lasting_share=0.5), still, steps=50)[-1][0].covariance
@@ -120,7 +120,7 @@ def test_a_share_of_the_variance_lasts():
 # ------------------------------------------------------------------------------ who is who ----
 
 
-def test_each_person_keeps_an_id_whatever_the_order():
+def test_each_person_keeps_an_id_for_any_order():
     rng = np.random.default_rng(0)
     follower = tracker()
     places = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.2), (3.0, 3.0)])
@@ -138,8 +138,8 @@ def test_each_person_keeps_an_id_whatever_the_order():
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("hidden", [False, True])
-def test_two_who_pass_within_30_cm_keep_their_ids(seed, hidden):
-    """Towards each other, 1 m/s each; one may hide the other nearer than 0.6 m."""
+def test_two_people_passing_within_30_cm_keep_their_ids(seed, hidden):
+    """Towards each other, at 1 m/s; closer than 0.6 m one may occlude the other."""
 
     def ways(t):
         one, other = np.array([t - 2.0, 0.0]), np.array([2.0 - t, 0.3])
@@ -157,7 +157,7 @@ def test_two_who_pass_within_30_cm_keep_their_ids(seed, hidden):
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_two_who_walk_side_by_side_keep_their_ids(seed):
+def test_two_people_walking_side_by_side_keep_their_ids(seed):
     out = follow(tracker(), lambda t: [(t, 0.0), (t, 0.4)], steps=100, seed=seed)
     assert {tuple(ids(people)) for people in out} == {(1, 2)}
     below, above = sorted(out[0], key=lambda one: one.position[1])
@@ -166,8 +166,8 @@ def test_two_who_walk_side_by_side_keep_their_ids(seed):
         assert by_id[below.id] < by_id[above.id]
 
 
-def test_the_assignment_is_the_best_one_not_the_nearest_first():
-    """The nearest pair first would leave the other one out of reach."""
+def test_assignment_is_optimal_and_not_greedy():
+    """Assigning the nearest pair first would leave the other detection out of reach."""
     follower = tracker(gate=4.0)
     for k in range(10):
         follower.step([person(0.0, 0, at_ns=0), person(0.3, 0, at_ns=0)], k * 100 * MS)
@@ -178,8 +178,8 @@ def test_the_assignment_is_the_best_one_not_the_nearest_first():
     assert out[0].position[0] < out[1].position[0]
 
 
-def test_a_height_tells_people_apart():
-    """Who stood close together and is found between both places is the one of that height."""
+def test_height_distinguishes_people():
+    """Of two people close together, a detection between both is the one of that height."""
     follower = tracker()
     for k in range(20):
         now = k * 100 * MS
@@ -193,14 +193,14 @@ def test_a_height_tells_people_apart():
 # ------------------------------------------------------------------------- births and ends ----
 
 
-def test_who_is_surely_a_person_is_one_at_once():
+def test_high_score_confirms_a_person_at_once():
     (one,) = tracker(sure_score=2.0, start_time=0.0).step([person(1, 2, at_ns=0, score=2.0)], 0)
     assert one.id == 1
     np.testing.assert_array_equal(one.velocity, (0, 0))
     np.testing.assert_allclose(one.velocity_covariance, 0.8**2 * np.eye(2))
 
 
-def test_who_may_be_a_person_is_one_after_evidence():
+def test_low_score_confirms_a_person_after_birth_time():
     follower = tracker(sure_score=3.0, birth_score=0.5, birth_time=0.25, start_time=0.0)
     said = [
         follower.step([person(1, 2, at_ns=k * 100 * MS, score=1.0)], k * 100 * MS) for k in range(6)
@@ -209,7 +209,7 @@ def test_who_may_be_a_person_is_one_after_evidence():
     assert said[-1][0].age_s == pytest.approx(0.5)
 
 
-def test_in_the_beginning_everybody_is_new():
+def test_at_the_start_all_detections_are_new_people():
     follower = tracker(birth_score=0.5, start_time=0.35, birth_time=0.2)
     for k in range(4):
         out = follower.step([person(5.0 * i, 0, at_ns=0, score=1.0) for i in range(k + 1)], k * MS)
@@ -219,20 +219,20 @@ def test_in_the_beginning_everybody_is_new():
     assert ids(follower.step(found, 700 * MS)) == [1, 2, 3, 4, 5]
 
 
-def test_what_flickers_is_nobody():
+def test_flickering_detection_starts_no_track():
     follower = tracker(sure_score=3.0, doubt_time=0.1, start_time=0.0)
     for k in range(40):
         found = [person(1, 2, at_ns=0, score=2.0)] if k % 5 == 0 else []
         assert follower.step(found, k * 100 * MS) == ()
 
 
-def test_what_has_too_low_a_score_is_nobody_however_often_it_is_seen():
+def test_low_score_never_confirms_a_person():
     follower = tracker(birth_score=0.5, doubt_score=0.0, start_time=0.0)
     for k in range(100):
         assert follower.step([person(1, 2, at_ns=0, score=0.3)], k * 100 * MS) == ()
 
 
-def test_a_person_whose_evidence_fades_is_one_no_more():
+def test_track_with_fading_evidence_is_terminated():
     follower = tracker(keep_score=-1.0, evidence_time=0.5)
     lengths = [
         len(follower.step([person(1, 2, at_ns=0, score=4.0 if k < 10 else -3.0)], k * 100 * MS))
@@ -249,7 +249,7 @@ def hidden_between(begin, end, speed=0.5):
     return ways
 
 
-def test_who_is_hidden_coasts_on_his_way():
+def test_occluded_person_coasts_at_constant_velocity():
     out = follow(tracker(coast_time=1.5), hidden_between(3.0, 4.0), steps=60)
     assert all(ids(people) == [1] for people in out)
     assert [people[0].coasting for people in out] == [30 <= k < 40 for k in range(60)]
@@ -261,7 +261,7 @@ def test_who_is_hidden_coasts_on_his_way():
     assert hidden.height == pytest.approx(1.7)
 
 
-def test_who_is_hidden_for_long_ends_and_comes_back_as_himself():
+def test_long_occlusion_ends_a_track_and_return_restores_its_id():
     out = follow(tracker(coast_time=1.0, memory=5.0), hidden_between(3.0, 5.5), steps=80)
     assert [len(people) for people in out[30:58]] == [1] * 10 + [0] * 17 + [1]
     assert {one.id for people in out for one in people} == {1}
@@ -269,7 +269,7 @@ def test_who_is_hidden_for_long_ends_and_comes_back_as_himself():
 
 
 @pytest.mark.parametrize(("off", "who"), [(0.29, 1), (0.6, 2)])
-def test_what_is_found_within_a_body_of_somebody_is_him_however_sure_both_are(off, who):
+def test_detection_within_a_body_width_is_assigned_for_any_covariance(off, who):
     follower = tracker()
     for step in range(20):
         follower.step([person(0, 0, at_ns=step * 100 * MS)], step * 100 * MS)
@@ -278,7 +278,7 @@ def test_what_is_found_within_a_body_of_somebody_is_him_however_sure_both_are(of
         assert out[-1].id == who
 
 
-def test_who_has_just_come_back_and_is_hidden_again_is_remembered():
+def test_person_hidden_again_after_a_return_is_remembered():
     def ways(t):
         hidden = 3.0 <= t < 5.45 or 5.75 < t < 6.45
         return [(np.nan, np.nan) if hidden else (0.4 * t, 0.0)]
@@ -288,7 +288,7 @@ def test_who_has_just_come_back_and_is_hidden_again_is_remembered():
     assert {one.id for people in out for one in people} == {1}
 
 
-def test_who_comes_back_after_the_memory_or_from_elsewhere_is_somebody_else():
+def test_return_after_memory_or_from_elsewhere_gets_a_new_id():
     late = follow(tracker(coast_time=1.0, memory=2.0), hidden_between(3.0, 5.5), steps=80)
     assert ids(late[-1]) == [2]
 
@@ -298,8 +298,8 @@ def test_who_comes_back_after_the_memory_or_from_elsewhere_is_somebody_else():
     assert ids(follow(tracker(), elsewhere, steps=80)[-1]) == [2]
 
 
-def test_of_several_who_were_lost_the_likeliest_comes_back():
-    """One was lost long ago 3.4 m away, and may be anywhere; the other one 0.4 m away just now."""
+def test_of_several_lost_people_the_likeliest_returns():
+    """One was lost long ago 3.4 m away, with a large covariance; the other just now, 0.4 m away."""
     follower = tracker(coast_time=0.5, memory=10.0)
     for k in range(150):
         now = k * 100 * MS
@@ -311,8 +311,8 @@ def test_of_several_who_were_lost_the_likeliest_comes_back():
     assert ids(out) == [2]
 
 
-def test_nobody_comes_back_faster_than_people_walk():
-    """Lost for 8 s at 1.5 m/s, he is expected 12 m on; 17 m from where he was seen is too far."""
+def test_return_faster_than_max_speed_gets_a_new_id():
+    """Lost for 8 s at 1.5 m/s, the prediction is 12 m ahead; 17 m is too far."""
     for reached, wanted in ((12.0, 1), (17.5, 2)):
         follower = tracker(memory=10.0, gate=20.0)
         for k in range(100):
@@ -323,7 +323,7 @@ def test_nobody_comes_back_faster_than_people_walk():
         assert ids(out) == [wanted]
 
 
-def test_nobody_coasts_for_longer_than_he_was_seen():
+def test_coasting_is_bounded_by_the_time_of_observation():
     follower = tracker(coast_share=0.5, doubt_time=0.0)
     follower.step([person(0, 0, at_ns=0)], 0)
     follower.step([person(0, 0, at_ns=0)], 400 * MS)
@@ -358,8 +358,8 @@ def test_state_is_bounded():
 # ------------------------------------------------------------------------------------ time ----
 
 
-def test_two_intervals_of_one_time():
-    """The scan of a robot that is late comes by itself: nobody gets older, nobody is lost."""
+def test_late_scan_at_the_same_time_ages_and_loses_no_track():
+    """The scan of a late robot arrives by itself: no track ages, none is lost."""
     follower = tracker(start_time=0.0)
     follow(follower, lambda t: [(1.0, 0.0), (3.0, 0.0)], steps=10)
     before = follower.step([person(1, 0, at_ns=0), person(3, 0, at_ns=0)], 1000 * MS)
@@ -372,8 +372,8 @@ def test_two_intervals_of_one_time():
     assert follower.jumps_back == 0
 
 
-def test_who_is_surely_at_a_place_and_who_may_be_anywhere():
-    """One cell is a cluster without extent; poses may say that they know nothing."""
+def test_zero_and_infinite_covariances_are_handled():
+    """A cluster of one cell has no extent; poses may have infinite variances."""
     follower = tracker()
     for k in range(5):
         now = k * 100 * MS
@@ -386,8 +386,8 @@ def test_who_is_surely_at_a_place_and_who_may_be_anywhere():
 
 
 @pytest.mark.parametrize("back_s", [1.1, 100.0])
-def test_where_time_jumps_back_everybody_is_new(back_s):
-    """A clock that is set, or a bag that begins again, even if people stand where they stood."""
+def test_jump_back_of_time_resets_all_tracks(back_s):
+    """A clock that is set, or a bag that restarts, even if people have not moved."""
     follower = tracker()
     offset = 200_000 * MS
     for k in range(20):
@@ -404,7 +404,7 @@ def test_where_time_jumps_back_everybody_is_new(back_s):
     assert out[0].age_s == pytest.approx(1.9)
 
 
-def test_time_that_is_set_back_by_a_second_loses_nobody():
+def test_time_set_back_by_a_second_loses_no_track():
     follower = tracker()
     for now in [*range(0, 2001, 100), *range(1000, 3001, 100)]:
         out = follower.step([person(1, 1, at_ns=now * MS)], now * MS)
@@ -413,8 +413,8 @@ def test_time_that_is_set_back_by_a_second_loses_nobody():
     assert out[0].age_s == pytest.approx(3.0)
 
 
-def test_scans_that_come_late_by_themselves_do_not_turn_the_time_back():
-    """One robot's every 0.1 s, another's 50 ms older and after it: the walker walks at 1 m/s."""
+def test_late_scans_do_not_set_the_time_back():
+    """One robot's scans every 0.1 s, another's after them, 50 ms older; a person walks at 1 m/s."""
     follower = tracker()
     for k in range(100):
         now, late = k * 100 * MS, k * 100 * MS - 50 * MS
@@ -428,7 +428,7 @@ def test_scans_that_come_late_by_themselves_do_not_turn_the_time_back():
     assert other.position[0] == pytest.approx(9.85, abs=0.01)  # where he was at that time
 
 
-def test_what_was_said_stays_as_it_was_said():
+def test_results_already_returned_do_not_change():
     follower = tracker()
     follow(follower, lambda t: [(1.0, 0.0)], steps=5)
     (before,) = follower.step([person(1, 0, at_ns=500 * MS)], 500 * MS)
@@ -437,15 +437,15 @@ def test_what_was_said_stays_as_it_was_said():
     assert tuple(before.position) == (x, y)
 
 
-def test_missing_intervals_lose_nobody_who_stands():
+def test_missing_intervals_lose_no_standing_person():
     follower = tracker()
     follow(follower, lambda t: [(1.0, 1.0), (2.0, 1.0)], steps=30)
     out = follower.step([person(1, 1, at_ns=5000 * MS), person(2, 1, at_ns=5000 * MS)], 5000 * MS)
     assert ids(out) == [1, 2]
 
 
-def test_a_scan_that_is_late_is_where_somebody_was():
-    """He walks at 1 m/s and is looked at 0.1 s before the interval: what is said is of its time."""
+def test_late_scan_updates_the_position_at_its_own_time():
+    """A person at 1 m/s is observed 0.1 s before the interval: the result is for its time."""
     follower = tracker()
     for k in range(60):
         now = k * 100 * MS
@@ -456,7 +456,7 @@ def test_a_scan_that_is_late_is_where_somebody_was():
 # -------------------------------------------------------------------------------- expected ----
 
 
-def test_where_people_are_expected():
+def test_expected_positions_are_extrapolated():
     follower = tracker()
     assert len(follower.expect(0)) == 0
     follow(follower, lambda t: [(0.5 * t, 0.0), (5.0, 5.0)], steps=40, noise=0.0)
@@ -467,7 +467,7 @@ def test_where_people_are_expected():
     assert one.position[0] == pytest.approx(1.95, abs=0.02)  # it stayed as it was
 
 
-def test_who_may_be_whom():
+def test_nearest_expected_person_within_gate_and_reach_is_found():
     expected = Expected(np.array([(0.0, 0.0), (1.0, 0.0)]), np.tile(0.01 * np.eye(2), (2, 1, 1)))
     xy = np.array([(0.1, 0.0), (0.9, 0.1), (0.5, 3.0), (0.45, 0.0)])
     covariance = np.tile(0.01 * np.eye(2), (4, 1, 1))
@@ -483,7 +483,7 @@ def test_parameters_may_change_at_any_time():
     assert follower.step([], 1000 * MS) == ()
 
 
-def test_all_orders_of_what_is_found_give_the_same_people():
+def test_order_of_detections_does_not_matter():
     places = [(0.0, 0.0), (0.5, 0.1), (0.2, 0.6)]
     results = []
     for order in itertools.permutations(range(3)):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import PlannerConfig
-from mrs_people_loc.health.agreement import Agreement
+from mrs_people_loc.health.agreement import Agreement, AgreementTuning
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose
@@ -23,8 +23,9 @@ BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]
 def watch(make_cells):
     """What agreement says of robots that say they stand elsewhere than they do."""
 
-    def run(said, seen=None, steps=10, noise=0.08, seed=1):
-        agreement, random = Agreement(), np.random.default_rng(seed)
+    def run(said, seen=None, steps=10, noise=0.08, seed=1, **tuning):
+        agreement = Agreement(tuning=AgreementTuning(**tuning))
+        random = np.random.default_rng(seed)
         walked = np.zeros(2)
         for _ in range(steps):
             walked = walked + random.normal(0.1, 0.05, 2)
@@ -49,7 +50,7 @@ def moved(name: str, x: float, y: float, turn: float = 0.0) -> dict[str, Pose]:
     return {**TRUE, name: Pose(0, pose.x + x, pose.y + y, pose.yaw + turn)}
 
 
-def test_robots_that_agree(watch):
+def test_agreeing_robots_give_no_finding(watch):
     assert watch(TRUE) == {}
     assert watch(moved("robot_b", 0.1, -0.1)) == {}  # near enough
 
@@ -63,7 +64,7 @@ def test_robots_that_agree(watch):
         ("robot_b", -0.4, -0.3, math.radians(-6)),
     ],
 )
-def test_a_pose_that_is_off_is_named_and_by_how_much(watch, name, x, y, turn):
+def test_wrong_pose_is_named_with_its_offset(watch, name, x, y, turn):
     found = watch(moved(name, x, y, turn))
     assert list(found) == [name]
     one = found[name]
@@ -72,7 +73,7 @@ def test_a_pose_that_is_off_is_named_and_by_how_much(watch, name, x, y, turn):
     assert one.agreed < 0.3 < 0.8 < one.would_agree
 
 
-def test_of_two_robots_either_may_be_wrong(watch):
+def test_of_two_robots_both_are_named(watch):
     said = moved("robot_b", 0.7, 0.0)
     del said["robot_c"]
     found = watch(said)
@@ -81,21 +82,28 @@ def test_of_two_robots_either_may_be_wrong(watch):
     np.testing.assert_allclose(found["robot_b"].move, (-0.7, 0.0), atol=0.12)
 
 
-def test_robots_that_see_others_do_not_disagree(watch):
+def test_robots_that_see_different_people_do_not_disagree(watch):
     seen = {"robot_a": [0, 1], "robot_b": [2], "robot_c": [3, 4]}
     assert watch(TRUE, seen) == {}
 
 
-def test_one_person_says_nothing(watch):
+def test_one_person_is_insufficient(watch):
     seen = {name: [0] for name in TRUE}
     assert watch(moved("robot_b", 0.7, 0.0), seen) == {}
 
 
-def test_too_few_samples_say_nothing(watch):
+def test_too_few_samples_are_insufficient(watch):
     assert watch(moved("robot_c", 0.6, -0.3), steps=7) == {}
     assert Agreement().misplaced == {}
 
 
-def test_nobody_and_one_robot(watch):
+def test_no_people_and_one_robot_give_no_finding(watch):
     assert watch({"robot_a": TRUE["robot_a"]}) == {}
     assert watch(moved("robot_c", 0.6, 0.0), {name: [] for name in TRUE}) == {}
+
+
+def test_tuning_sets_samples_and_reach(watch):
+    said = moved("robot_c", 0.6, -0.3)
+    assert list(watch(said, steps=7, enough=7)) == ["robot_c"]
+    assert watch(said, reach=0.5) == {}
+    assert watch(said, samples=7) == {}

@@ -19,12 +19,12 @@ from mrs_people_loc.health.findings import (
 @pytest.mark.parametrize(
     ("level", "code"), [(WARN, None), (ERROR, None), (STALE, None), (OK, Code.NO_DATA)]
 )
-def test_exactly_what_is_not_ok_has_a_code(level, code):
+def test_findings_have_a_code_unless_they_are_ok(level, code):
     with pytest.raises(ValueError, match=r"finding scan: level .* with code"):
         Finding("scan", level, "text", code=code)
 
 
-def test_codes_are_what_is_on_the_wire():
+def test_codes_equal_the_published_values():
     assert f"{Code.NO_DATA}" == str(Code.NO_DATA) == Code("no_data").value
 
 

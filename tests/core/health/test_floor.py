@@ -12,7 +12,14 @@ import pytest
 from mrs_people_loc import config as cfg
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.errors import FloorError
-from mrs_people_loc.health.floor import Floor, FloorFinder, FloorWatch, in_words
+from mrs_people_loc.health.floor import (
+    Floor,
+    FloorFinder,
+    FloorTuning,
+    FloorWatch,
+    FloorWatchTuning,
+    in_words,
+)
 from mrs_people_loc.sensing.camera import StereoCamera
 
 CAMERA = StereoCamera(
@@ -78,7 +85,7 @@ def check(found: Floor, mounting: Mounting, *, height: float = 0.015, angle: flo
 # --- where a head sits ----------------------------------------------------------------------------
 
 
-def test_a_level_head_by_hand() -> None:
+def test_level_head_matches_hand_computed_values() -> None:
     """One metre over the floor a row below the horizon has a tenth of a pixel: f B / (f h)."""
     rows = np.arange(120, dtype=np.float32)[:, np.newaxis] - np.float32(59.5)
     sixteenths = np.where(rows > 0, np.ceil(1.6 * rows), np.nan)
@@ -103,16 +110,16 @@ def test_a_level_head_by_hand() -> None:
         Mounting(height=1.6, pitch=0.9, roll=-0.3),
     ],
 )
-def test_a_head_of_which_little_is_known(mounting: Mounting) -> None:
-    """The configuration says that it is level, 1 m high; it is none of that."""
+def test_mounting_is_found_without_a_good_initial_guess(mounting: Mounting) -> None:
+    """The configuration is level, 1 m high; the true mounting is neither."""
     camera = dataclasses.replace(CAMERA, mounting=mounting)
     view = disparity_of(camera, ("floor", 0.0), ("wall", 6.0))
     check(FloorFinder(head())([view]), mounting, angle=0.5)
 
 
 @pytest.mark.parametrize("pitch", [1.35, math.pi / 2, 1.7])
-def test_a_head_that_looks_straight_down(pitch: float) -> None:
-    """Roll and yaw turn about nearly the same axis then; which way is down is known."""
+def test_head_looking_straight_down_is_measured(pitch: float) -> None:
+    """Roll and yaw then rotate about nearly the same axis; the vertical is observable."""
     mounting = Mounting(height=2.7, pitch=pitch, roll=0.02)
     camera = dataclasses.replace(CAMERA, mounting=mounting)
     view = disparity_of(camera, ("floor", 0.0), noise_px=0.05)
@@ -130,7 +137,7 @@ def test_an_upside_down_head_stays_upside_down() -> None:
     check(FloorFinder(configured(camera, height=1.0, roll=math.pi))([view]), mounting)
 
 
-def test_the_disparity_of_infinity_is_taken_off() -> None:
+def test_disparity_at_infinity_is_subtracted() -> None:
     camera = dataclasses.replace(head(height=1.1, pitch=0.2), disparity_offset_px=3.0)
     view = disparity_of(camera, ("floor", 0.0))
     check(FloorFinder(camera)([view]), camera.mounting)
@@ -139,8 +146,8 @@ def test_the_disparity_of_infinity_is_taken_off() -> None:
 # --- what is no floor -----------------------------------------------------------------------------
 
 
-def test_walls_people_and_tables_are_no_floor() -> None:
-    """A wall fills most of the view, a person stands in it, a table is nearer than the floor."""
+def test_walls_people_and_tables_are_not_floor() -> None:
+    """A wall fills most of the view, with a person, and a table that is nearer than the floor."""
     camera = head(height=1.4, pitch=0.25, roll=0.05)
     for surfaces in ((("wall", 3.0),), (("post", 2.2), ("wall", 4.0)), (("table", 0.72),)):
         view = disparity_of(camera, ("floor", 0.0), *surfaces)
@@ -148,7 +155,7 @@ def test_walls_people_and_tables_are_no_floor() -> None:
 
 
 @pytest.mark.parametrize("distance", [3.2, 3.6, 4.0])
-def test_a_large_wall_far_away_is_nearly_a_floor_high_below(distance: float) -> None:
+def test_distant_large_wall_is_not_taken_for_a_low_floor(distance: float) -> None:
     """Its disparity hardly differs from that of a floor 5 m below: only the slope tells."""
     camera = head(height=1.0, pitch=-0.02)
     view = disparity_of(camera, ("floor", 0.0), ("wall", distance))
@@ -157,7 +164,7 @@ def test_a_large_wall_far_away_is_nearly_a_floor_high_below(distance: float) -> 
 
 @pytest.mark.parametrize("camera", [head(), head(height=1.5, pitch=0.2)])
 @pytest.mark.parametrize("distance", [1.0, 2.0, 4.0])
-def test_a_wall_alone_is_no_floor(camera: StereoCamera, distance: float) -> None:
+def test_wall_alone_is_not_floor(camera: StereoCamera, distance: float) -> None:
     view = disparity_of(camera, ("wall", distance))
     with pytest.raises(FloorError):
         FloorFinder(camera)([view])
@@ -172,19 +179,19 @@ def test_a_wall_alone_is_no_floor(camera: StereoCamera, distance: float) -> None
         (np.random.default_rng(1).uniform(0, 16, (120, 160)), "floor|hardly"),
     ],
 )
-def test_no_floor_in_view_is_said(view: np.ndarray, why: str) -> None:
+def test_missing_floor_is_reported(view: np.ndarray, why: str) -> None:
     with pytest.raises(FloorError, match=why):
         FloorFinder(head())([view.astype(np.float32)])
 
 
-def test_a_glimpse_of_floor_is_not_enough() -> None:
+def test_small_patch_of_floor_is_insufficient() -> None:
     view = disparity_of(head(), ("floor", 0.0))
     view[:, 10:] = disparity_of(head(), ("wall", 2.5))[:, 10:]
     with pytest.raises(FloorError, match=r"only .* of a view looks like floor; wanted: 2\.5%"):
         FloorFinder(head())([view])
 
 
-def test_a_floor_higher_than_heads_are_is_none() -> None:
+def test_floor_below_an_implausible_head_height_is_refused() -> None:
     with pytest.raises(FloorError):
         FloorFinder(head())([disparity_of(head(height=8.0, pitch=0.7), ("floor", 0.0))])
 
@@ -192,8 +199,8 @@ def test_a_floor_higher_than_heads_are_is_none() -> None:
 # --- how sure -------------------------------------------------------------------------------------
 
 
-def test_standard_deviations_say_how_far_off_it_is() -> None:
-    """Heads whose rectification is off: errors are about as large as is said."""
+def test_standard_deviations_match_the_errors() -> None:
+    """Heads with wrong rectification: errors are about as large as stated."""
     mounting = Mounting(height=1.2, pitch=0.15, roll=-0.08)
     camera = dataclasses.replace(CAMERA, mounting=mounting)
     rng = np.random.default_rng(3)
@@ -204,7 +211,7 @@ def test_standard_deviations_say_how_far_off_it_is() -> None:
             disparity_of(camera, ("floor", 0.0), ("wall", 5.0), error_px=error, seed=seed + k)
             for k in range(2)
         ]
-        found = FloorFinder(camera, hypotheses=300)(views)
+        found = FloorFinder(camera, tuning=FloorTuning(hypotheses=300))(views)
         off = (found.height - 1.2, found.pitch - 0.15, found.roll + 0.08)
         errors.append(np.divide(off, found.sigma))
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -213,7 +220,7 @@ def test_standard_deviations_say_how_far_off_it_is() -> None:
     assert (np.abs(errors) < 2.0).mean() > 0.93
 
 
-def test_views_that_disagree_make_it_less_sure() -> None:
+def test_disagreeing_views_increase_the_uncertainty() -> None:
     nodding = [
         disparity_of(head(height=1.2, pitch=0.2 + change), ("floor", 0.0), seed=seed)
         for seed, change in enumerate((-0.012, 0.012, -0.01, 0.01))
@@ -226,7 +233,7 @@ def test_views_that_disagree_make_it_less_sure() -> None:
     assert moving.sigma[1] > 1.05 * fixed.sigma[1]
 
 
-def test_the_covariance_is_one() -> None:
+def test_covariance_is_symmetric_and_positive_definite() -> None:
     found = FloorFinder(head())([disparity_of(head(), ("floor", 0.0))])
     np.testing.assert_allclose(found.covariance, found.covariance.T, atol=1e-12)
     assert (np.linalg.eigvalsh(found.covariance) > 0).all()
@@ -234,7 +241,7 @@ def test_the_covariance_is_one() -> None:
     assert found.covariance[0, 1] > 0
 
 
-def test_in_words() -> None:
+def test_description_is_in_words() -> None:
     said = in_words(Mounting(height=1.234, pitch=math.radians(10.04), roll=-0.1))
     assert said == "height 1.23 m, pitch 10.0 deg, roll -5.7 deg"
 
@@ -256,7 +263,7 @@ def feed(floor: FloorWatch, seen: StereoCamera, first_s: int, looks: int, **how:
     return moved
 
 
-def test_a_head_that_sits_right_has_not_moved() -> None:
+def test_correctly_mounted_head_gives_no_warning() -> None:
     camera = head(height=1.2, pitch=0.15)
     floor = watch(camera)
     assert feed(floor, camera, 0, 12, error_px=0.1) == [False] * 12
@@ -268,7 +275,7 @@ def test_a_head_that_sits_right_has_not_moved() -> None:
 @pytest.mark.parametrize(
     "change", [{"pitch": 0.12}, {"pitch": -0.06}, {"roll": 0.07}, {"height": 1.4}, {"height": 1.0}]
 )
-def test_a_head_that_moved_is_noticed_and_a_return_too(change: dict[str, float]) -> None:
+def test_moved_head_is_reported_until_it_returns(change: dict[str, float]) -> None:
     camera = head(height=1.2, pitch=0.03)
     seen = dataclasses.replace(camera, mounting=dataclasses.replace(camera.mounting, **change))
     floor = watch(camera)
@@ -278,8 +285,8 @@ def test_a_head_that_moved_is_noticed_and_a_return_too(change: dict[str, float])
     assert feed(floor, seen, 20, 5) == [False, False, True, True, True]
 
 
-def test_what_is_doubtful_changes_nothing() -> None:
-    """2.5 degrees off: 1.5 are allowed, and one to two of 0.67 that the floor errs by."""
+def test_uncertain_deviation_does_not_change_the_state() -> None:
+    """2.5 degrees off: 1.5 are allowed, plus one to two standard deviations of 0.67."""
     camera = head(height=1.2, pitch=0.1)
     doubtful = head(height=1.2, pitch=0.1 + math.radians(2.5))
     floor = watch(camera)
@@ -289,7 +296,7 @@ def test_what_is_doubtful_changes_nothing() -> None:
     assert not feed(floor, camera, 50, 5)[-1]
 
 
-def test_what_passes_by_is_not_said() -> None:
+def test_temporary_deviation_is_not_reported() -> None:
     camera, tilted = head(height=1.2, pitch=0.1), head(height=1.2, pitch=0.2)
     floor = watch(camera)
     feed(floor, camera, 0, 5)
@@ -297,7 +304,7 @@ def test_what_passes_by_is_not_said() -> None:
     assert not any(feed(floor, camera, 14, 5))
 
 
-def test_tolerance_is_a_parameter() -> None:
+def test_tolerance_follows_the_parameter() -> None:
     camera, seen = head(height=1.2, pitch=0.1), head(height=1.2, pitch=0.17)
     assert feed(watch(camera), seen, 0, 5)[-1]
     assert not feed(watch(camera, max_angle=0.1), seen, 0, 5)[-1]
@@ -306,7 +313,7 @@ def test_tolerance_is_a_parameter() -> None:
     assert not feed(watch(camera, max_height=0.3), higher, 0, 5)[-1]
 
 
-def test_most_views_are_not_looked_at() -> None:
+def test_most_views_are_skipped() -> None:
     camera = head(height=1.2, pitch=0.1)
     floor = watch(camera)
     view = disparity_of(camera, ("floor", 0.0))
@@ -319,7 +326,7 @@ def test_most_views_are_not_looked_at() -> None:
     assert floor.floor.frames == 5
 
 
-def test_without_floor_in_view_it_says_so_and_keeps_what_it_knew() -> None:
+def test_without_floor_the_last_estimate_is_kept() -> None:
     camera, tilted = head(height=1.2, pitch=0.1), head(height=1.2, pitch=0.25)
     floor = watch(camera)
     feed(floor, tilted, 0, 5)
@@ -333,8 +340,22 @@ def test_without_floor_in_view_it_says_so_and_keeps_what_it_knew() -> None:
     assert feed(floor, camera, 60, 5)[-1] is False
 
 
-def test_stamps_that_jump_back_begin_anew() -> None:
+def test_stamps_that_jump_back_reset_the_state() -> None:
     camera, tilted = head(height=1.2, pitch=0.1), head(height=1.2, pitch=0.25)
     floor = watch(camera)
     feed(floor, tilted, 1000, 4)
     assert feed(floor, tilted, 0, 5) == [False] * 4 + [True]
+
+
+def test_tuning_sets_periods_and_looks() -> None:
+    camera = head(height=1.2, pitch=0.1)
+    tuning = FloorWatchTuning(period_s=1.0, looks=3)
+    floor = FloorWatch(camera, cfg.Floor(), tuning=tuning)
+    view = disparity_of(camera, ("floor", 0.0))
+    for second in range(3):
+        assert floor.floor is None
+        floor.step(view, second * SECOND)
+    assert floor.floor is not None
+    assert FloorFinder(camera, tuning=FloorTuning(least_part=0.3))([view]).part > 0.3
+    with pytest.raises(FloorError):
+        FloorFinder(camera, tuning=FloorTuning(least_part=0.9))([view])

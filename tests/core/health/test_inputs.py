@@ -25,7 +25,7 @@ def verdict(finding: Finding) -> tuple:
     return finding.level, finding.code, finding.message
 
 
-def test_input_that_is_heard_is_ok():
+def test_received_input_is_ok():
     assert of_input(WELL) == Finding(
         "left/image_rect",
         values={"rate_hz": "10.0", "silent_s": "0.1", "received": 100, "dropped": 0},

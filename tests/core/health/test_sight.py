@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.health.sight import SightWatch
+from mrs_people_loc.health.sight import SightTuning, SightWatch
 from mrs_people_loc.sensing.images import StereoImages
 
 SHAPE = (120, 160)
@@ -38,7 +38,7 @@ def after(views: int, sight: SightWatch, disparity: np.ndarray = FULL, **cameras
     return sight.trouble
 
 
-def test_a_head_that_sees() -> None:
+def test_seeing_head_gives_no_warning() -> None:
     sight = SightWatch(cfg.Sight())
     assert after(20, sight) == ""
     assert sight.values["valid_pixels"] == 1.0
@@ -57,7 +57,7 @@ def test_a_head_that_sees() -> None:
         (128.0, 1.0, "flat (all of it about 128 of 255)"),
     ],
 )
-def test_the_camera_is_named(camera: str, mean: float, deviation: float, what: str) -> None:
+def test_bad_camera_is_named(camera: str, mean: float, deviation: float, what: str) -> None:
     def bad() -> np.ndarray:
         return image(mean, deviation)
 
@@ -73,7 +73,7 @@ def test_both_cameras_are_named() -> None:
     assert said == "left image is black (mean 0 of 255); right image is black (mean 0 of 255)"
 
 
-def test_few_disparities_count_where_images_are_good() -> None:
+def test_few_disparities_are_reported_only_with_good_images() -> None:
     said = after(5, SightWatch(cfg.Sight()), with_valid(0.2))
     assert said.startswith("only 20% of the pixels have a disparity (sight.min_valid: 25%)")
     assert after(5, SightWatch(cfg.Sight()), with_valid(0.3)) == ""
@@ -81,7 +81,7 @@ def test_few_disparities_count_where_images_are_good() -> None:
     assert after(5, SightWatch(cfg.Sight(min_valid=0.0)), with_valid(0.0)) == ""
 
 
-def test_it_takes_some_views_to_say_it_and_to_take_it_back() -> None:
+def test_warning_needs_consecutive_views_to_start_and_end() -> None:
     sight = SightWatch(cfg.Sight(frames=4))
     assert after(3, sight, with_valid(0.1)) == ""
     assert after(1, sight) == ""
@@ -93,15 +93,22 @@ def test_it_takes_some_views_to_say_it_and_to_take_it_back() -> None:
     assert after(1, sight) == ""
 
 
-def test_what_is_said_follows_what_is_seen() -> None:
+def test_warning_follows_the_current_views() -> None:
     sight = SightWatch(cfg.Sight())
     assert "disparity" in after(5, sight, with_valid(0.1))
     assert "left image is black" in after(1, sight, left=np.zeros(SHAPE, dtype=np.uint8))
 
 
-def test_a_camera_that_stands_still_while_the_other_moves() -> None:
+def test_frozen_camera_is_detected_while_the_other_moves() -> None:
     frozen = image()
     said = after(9, SightWatch(cfg.Sight()), right=frozen)
     assert said == "right image stands still"
     # A recording of one frame stands still as a whole: nothing is broken there.
     assert after(9, SightWatch(cfg.Sight()), left=frozen, right=frozen) == ""
+
+
+def test_tuning_sets_what_is_black() -> None:
+    dark = image(mean=15.0, deviation=5.0)
+    assert after(5, SightWatch(cfg.Sight()), left=dark, right=dark) == ""
+    sight = SightWatch(cfg.Sight(), tuning=SightTuning(black=20.0))
+    assert after(5, sight, left=dark, right=dark).startswith("left image is black (mean 15")

@@ -37,7 +37,7 @@ def verdict(finding: Finding) -> tuple:
     return finding.level, finding.code, finding.message
 
 
-def test_robot_that_is_well():
+def test_robot_without_errors_is_ok():
     assert of_member(WELL) == Finding(
         "robot robot_a",
         values={
@@ -118,12 +118,12 @@ CHANGES: list[tuple[dict[str, Any], bytes, Code, str]] = [
 
 
 @pytest.mark.parametrize(("changes", "level", "code", "text"), CHANGES)
-def test_robot_that_is_not_well(changes, level, code, text):
+def test_robot_with_errors_is_reported(changes, level, code, text):
     assert verdict(of_member(replace(WELL, **changes))) == (level, code, text)
 
 
 @pytest.mark.parametrize("first", range(len(CHANGES) - 1))
-def test_what_keeps_scans_out_goes_before_what_they_are_worth(first):
+def test_causes_of_unused_scans_precede_their_quality(first):
     changes, level, code, _ = CHANGES[first]
     for later, *_ in CHANGES[first + 1 :]:
         both = replace(WELL, **{**later, **changes})
@@ -155,12 +155,12 @@ def test_clock_that_is_behind_may_be_late_messages():
     assert text.endswith("or see what keeps its messages back so long")
 
 
-def test_figures_that_are_unknown_are_left_out():
+def test_unknown_figures_are_omitted():
     values = of_member(replace(WELL, age_s=None, clock_offset_ns=None)).values
     assert not {"age_s", "clock_offset_s"} & set(values)
 
 
-def test_planners_that_share_people():
+def test_several_planners_are_reported():
     assert of_people("/people", []) == of_people("/people", ["/planner"]) == Finding("people")
     two = of_people("/people", ["/b/planner", "/a/planner"])
     assert (two.level, two.code) == (ERROR, Code.TWO_PUBLISHERS)

@@ -57,7 +57,7 @@ def test_a_bad_calibration_is_refused(make, message):
 
 
 @pytest.mark.parametrize("name", ["k", "r", "p"])
-def test_whole_numbers_become_floats(name):
+def test_integers_become_floats(name):
     matrix = getattr(model(), name).astype(int).tolist()
     assert getattr(model(**{name: matrix}), name).dtype == np.float64
 
@@ -84,7 +84,7 @@ def test_whole_numbers_become_floats(name):
         ),
     ],
 )
-def test_what_cannot_be_rectified_is_refused(make, message):
+def test_calibration_that_cannot_be_rectified_is_refused(make, message):
     camera = make()  # rectified images need none of it
     with pytest.raises(CameraError, match=message):
         camera.check_raw()
@@ -94,7 +94,7 @@ def test_any_size_and_focal_length_above_0_is_allowed():
     model(width=1, height=1, fx=0.5, fy=0.5).check_raw()
 
 
-def test_without_distortion_the_model_does_not_matter():
+def test_without_distortion_the_model_is_irrelevant():
     model(d=(), distortion_model="omni").check_raw()
     model(d=(0.1, 0.0, 0.0, 0.0), distortion_model="plumb_bob").check_raw()
 
@@ -102,7 +102,7 @@ def test_without_distortion_the_model_does_not_matter():
 # ----------------------------------------------------------------------------- scaling ----
 
 
-def test_scaling_by_half():
+def test_scaling_by_half_matches_hand_computed_values():
     # Pixel centres are whole numbers, edges are halves: u -> (u + 0.5) / 2 - 0.5.
     large = model(width=320, height=240, fx=210.0, fy=200.0, cx=159.5, cy=100.0, tx=-21.0, ty=10.0)
     small = large.scaled_to_fit(160, 120)
@@ -123,7 +123,7 @@ def test_scaling_by_half():
         ((160, 121), (160, 120), (159, 120)),
     ],
 )
-def test_scaled_sizes(size, fit, scaled):
+def test_scaled_sizes_are_correct(size, fit, scaled):
     small = model(width=size[0], height=size[1], fx=200.0, cx=50.0).scaled_to_fit(*fit)
     assert (small.width, small.height) == scaled
     sx, sy = scaled[0] / size[0], scaled[1] / size[1]
@@ -149,7 +149,7 @@ def test_scaling_keeps_the_baselines(width, height, baseline):
 # --------------------------------------------------------------------------- the head ----
 
 
-def test_binocular_head_by_hand():
+def test_binocular_head_matches_hand_computed_values():
     mounting = Mounting(height=1.2, pitch=0.1)
     camera = StereoCamera.from_models(
         model(fx=105.0, fy=80.0, cx=82.0, cy=61.0),
@@ -172,7 +172,7 @@ def test_binocular_head_by_hand():
     assert camera.disparity_of(2.0) == pytest.approx(10.5 / 2.0 + 5.5)
 
 
-def test_the_papers_head_sees_16_px_at_66_cm():
+def test_papers_head_has_a_disparity_of_16_px_at_66_cm():
     camera = StereoCamera.from_models(model(fx=105.46, fy=105.46), model(
         fx=105.46, fy=105.46, tx=-10.546
     ))  # fmt: skip
@@ -190,7 +190,7 @@ def test_the_papers_head_sees_16_px_at_66_cm():
         (-8.0, 62.5, -0.10, -3.0),  # below: it is higher
     ],
 )
-def test_trinocular_head_by_hand(ty, cy, baseline, offset):
+def test_trinocular_head_matches_hand_computed_values(ty, cy, baseline, offset):
     camera = StereoCamera.from_models(
         model(fy=80.0), model(fy=80.0, tx=-10.0), model(fy=80.0, cy=cy, ty=ty)
     )
@@ -199,7 +199,7 @@ def test_trinocular_head_by_hand(ty, cy, baseline, offset):
     assert camera.baseline == pytest.approx(0.1)
 
 
-def test_baselines_count_from_the_left_camera():
+def test_baselines_are_relative_to_the_left_camera():
     camera = StereoCamera.from_models(model(tx=3.0, ty=2.0), model(tx=-7.0), model(ty=12.0))
     assert camera.baseline == pytest.approx(0.1)
     assert camera.vertical_baseline == pytest.approx(0.1)
@@ -226,7 +226,7 @@ TOP = model(ty=10.0)
         (RIGHT, model(ty=0.009), "vertical baseline is 0"),
     ],
 )
-def test_cameras_that_do_not_fit_are_refused(right, top, message):
+def test_incompatible_cameras_are_refused(right, top, message):
     with pytest.raises(CameraError, match=message):
         StereoCamera.from_models(model(), right, top)
 
@@ -253,20 +253,20 @@ def test_small_differences_of_rectified_cameras_are_allowed():
         (Mounting(pitch=PI / 2, yaw=PI / 2), (1, 0, 0), (0, -1, 0), (0, 0, -1)),
     ],
 )
-def test_axes_of_a_mounted_head(mounting, right, down, forward):
+def test_mounted_head_has_the_expected_axes(mounting, right, down, forward):
     head = dataclasses.replace(StereoCamera.from_models(model(), RIGHT), mounting=mounting)
     rotation, _ = head.robot_from_optical
     np.testing.assert_allclose(rotation, np.transpose([right, down, forward]), atol=1e-15)
 
 
-def test_place_of_a_mounted_head():
+def test_mounted_head_has_the_expected_position():
     mounting = Mounting(height=1.3, forward=0.2, left=-0.1, yaw=1.0)
     head = StereoCamera.from_models(model(), RIGHT, mounting=mounting)
     np.testing.assert_array_equal(head.robot_from_optical[1], [0.2, -0.1, 1.3])
 
 
 @given(pitch=st.floats(-PI, PI), roll=st.floats(-PI, PI), yaw=st.floats(-PI, PI))
-def test_a_mounting_turns_the_head_as_it_says(make_head, pitch, roll, yaw):
+def test_mounting_rotates_the_head_by_its_angles(make_head, pitch, roll, yaw):
     head = make_head(mounting=Mounting(pitch=pitch, roll=roll, yaw=yaw))
     rotation, _ = head.camera().robot_from_optical
     np.testing.assert_allclose(rotation, head.axes().T, atol=1e-12)

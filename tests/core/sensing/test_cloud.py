@@ -32,7 +32,7 @@ def true_depth(head, points: np.ndarray) -> np.ndarray:
     return (points - (m.forward, m.left, m.height)) @ head.axes()[2]
 
 
-def test_points_by_hand():
+def test_points_match_hand_computed_values():
     points = cloud_of([[0.5, NAN, NAN], [NAN, NAN, 1.0]])
     # Pixel (0, 0), 2 m ahead: x = 2, y = -(0 - 1) / 10 * 2, z = 1 - (0 - 0.5) / 10 * 2.
     # Pixel (2, 1), 1 m ahead: x = 1, y = -(2 - 1) / 10, z = 1 - (1 - 0.5) / 10.
@@ -40,14 +40,14 @@ def test_points_by_hand():
     assert points.dtype == np.float32
 
 
-def test_points_of_a_head_that_looks_straight_down():
+def test_points_of_a_head_looking_straight_down_are_correct():
     down = Mounting(height=3.0, pitch=PI / 2, forward=0.5, left=0.25)
     points = cloud_of([[0.5, NAN, NAN], [NAN, NAN, 1.0]], mounting=down)
     # The image's upper edge is ahead, its left edge to the left.
     np.testing.assert_allclose(points, [[0.6, 0.45, 1.0], [0.45, 0.15, 2.0]], rtol=1e-6)
 
 
-def test_points_of_unlike_focal_lengths_and_principal_points():
+def test_unequal_focal_lengths_and_principal_points_are_used():
     # Z = 10 * 0.1 / (2.5 - 2) = 2 m; y = -(2 - 0.5) / 10 * 2; z = 1 - (0 - 1.5) / 5 * 2
     points = cloud_of(
         [[NAN, NAN, 2.5], [NAN, NAN, NAN]], fy=5, cx=0.5, cy=1.5, disparity_offset_px=2.0
@@ -55,7 +55,7 @@ def test_points_of_unlike_focal_lengths_and_principal_points():
     np.testing.assert_allclose(points, [[2.0, -0.3, 1.6]], rtol=1e-6)
 
 
-def test_the_working_range_is_inclusive():
+def test_working_range_is_inclusive():
     # Disparities of 2, 0.5 and 4, 0.25 px: ranges of 0.5, 2 and 0.25, 4 m, exact in binary.
     row = [2.0, 0.5, NAN], [4.0, 0.25, 1.0]
     points = cloud_of(row, min_range=0.5, max_range=2.0, fx=8, baseline=0.125)
@@ -63,13 +63,13 @@ def test_the_working_range_is_inclusive():
 
 
 @pytest.mark.parametrize("value", [NAN, 0.0, -1.0, 1e-9, math.inf, -math.inf])
-def test_no_point_without_a_disparity(value):
+def test_pixels_without_disparity_give_no_points(value):
     points = cloud_of(np.full((2, 3), value))
     assert points.shape == (0, 3)
     assert points.dtype == np.float32
 
 
-def test_the_disparity_is_left_as_it_was():
+def test_disparity_is_not_modified():
     disparity = np.full((2, 3), 3.0, dtype=np.float32)
     CloudMaker(small_camera(disparity_offset_px=2.0), min_range=0.5, max_range=5.0)(disparity)
     np.testing.assert_array_equal(disparity, 3.0)
@@ -148,7 +148,7 @@ SCENES: dict[str, tuple[dict, list[dict]]] = {
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_drawn_surfaces_are_measured(make_head, rectangle, scene):
+def test_simulated_surfaces_are_measured(make_head, rectangle, scene):
     changes, surfaces = SCENES[scene]
     head = make_head(**changes)
     images, truth = head.draw(*(rectangle(**surface) for surface in surfaces))
@@ -171,7 +171,7 @@ def test_drawn_surfaces_are_measured(make_head, rectangle, scene):
     assert np.percentile(np.abs(error_px), 90) < 0.3
 
 
-def test_a_box_seen_from_above_has_its_height_and_place(make_head, rectangle):
+def test_box_seen_from_above_has_its_height_and_position(make_head, rectangle):
     head = make_head(mounting=Mounting(height=3.0, pitch=PI / 2, forward=0.4))
     box = {**HEAD_HEIGHT, "corner": (0.1, -0.3, 1.5), "side_a": (0.6, 0, 0), "side_b": (0, 0.9, 0)}
     images, _ = head.draw(rectangle(**FLOOR), rectangle(**box))

@@ -62,7 +62,7 @@ def wall_images(head, rectangle) -> StereoImages:
     ],
     ids=str,
 )
-def test_no_column_is_lost_that_has_a_match(head, wall_images, config):
+def test_no_column_with_a_match_is_lost(head, wall_images, config):
     disparity = match(head, wall_images, **config)
     columns = np.isfinite(disparity).mean(axis=0)
     assert columns[:6].mean() < 0.15  # their match lies left of the right image
@@ -77,7 +77,7 @@ def test_no_column_is_lost_that_has_a_match(head, wall_images, config):
     ids=["above", "below"],
 )
 @pytest.mark.parametrize(("config", "false_matches"), [(PAPERS, 0.01), ({}, 0.15)], ids=str)
-def test_no_row_is_lost_that_has_a_match(
+def test_no_row_with_a_match_is_lost(
     make_head, rectangle, top, seen, unseen, config, false_matches
 ):
     trinocular = make_head(positions={"top": top})
@@ -93,7 +93,7 @@ def test_no_row_is_lost_that_has_a_match(
 # ------------------------------------------------------------------ second pass ----
 
 
-def test_a_second_pass_fills_what_the_first_left_and_nothing_else(head, rectangle):
+def test_second_pass_fills_only_the_holes_of_the_first(head, rectangle):
     strip = {"corner": (1.5, 0.1, -3), "side_a": (0, -0.2, 0), "side_b": (0, 0, 6), "seed": 3}
     images, _ = head.draw(rectangle(**WALL), rectangle(**strip))
     # A cap up to 31, for with larger ones OpenCV's small blocks do not repeat themselves.
@@ -112,7 +112,7 @@ def test_a_second_pass_fills_what_the_first_left_and_nothing_else(head, rectangl
 
 
 @pytest.mark.parametrize("top", [ABOVE, BELOW], ids=["above", "below"])
-def test_each_pair_sees_what_the_other_is_blind_to(make_head, rectangle, top):
+def test_each_pair_fills_the_holes_of_the_other(make_head, rectangle, top):
     binocular, trinocular = make_head(), make_head(positions={"top": top})
     for stripes, seen_by_two in ((ROWS_ALIKE, True), (COLUMNS_ALIKE, False)):
         images, _ = trinocular.draw(rectangle(**stripes))
@@ -131,7 +131,9 @@ def test_each_pair_sees_what_the_other_is_blind_to(make_head, rectangle, top):
         (BELOW, {"left": (82, 60), "right": (79, 60), "top": (82, 55)}),
     ],
 )
-def test_the_vertical_pair_speaks_in_pixels_of_the_horizontal(make_head, rectangle, top, centres):
+def test_vertical_disparities_are_in_pixels_of_the_horizontal_pair(
+    make_head, rectangle, top, centres
+):
     trinocular = make_head(positions={"top": top}, centres=centres)
     disparity = match(trinocular, vertical_pair_only(trinocular.draw(rectangle(**WALL))[0]))
     assert np.isfinite(disparity).mean() > 0.85
@@ -140,7 +142,7 @@ def test_the_vertical_pair_speaks_in_pixels_of_the_horizontal(make_head, rectang
 
 
 @pytest.mark.parametrize("top", [ABOVE, BELOW], ids=["above", "below"])
-def test_pairs_that_disagree_give_nothing(make_head, rectangle, top):
+def test_disagreeing_pairs_give_no_disparity(make_head, rectangle, top):
     trinocular = make_head(positions={"top": top})
     images, _ = trinocular.draw(rectangle(**WALL))
     shift = -2 if top is ABOVE else 2
@@ -151,7 +153,7 @@ def test_pairs_that_disagree_give_nothing(make_head, rectangle, top):
     assert np.nanmedian(tolerant[inner]) == pytest.approx(DISPARITY + 1.0, abs=0.1)  # the mean
 
 
-def test_a_binocular_head_does_not_look_at_top(head, wall_images):
+def test_binocular_head_ignores_the_top_image(head, wall_images):
     with_top = dataclasses.replace(wall_images, top=np.zeros_like(wall_images.left))
     # With a larger cap OpenCV's small blocks do not repeat themselves.
     binocular, other = (match(head, seen, pre_filter_cap=31) for seen in (wall_images, with_top))
@@ -172,7 +174,7 @@ def test_a_binocular_head_does_not_look_at_top(head, wall_images):
         (0.0, NAN, 0.0),
     ],
 )
-def test_combine(horizontal, vertical, joined):
+def test_combination_matches_hand_computed_values(horizontal, vertical, joined):
     one, other = np.full((2, 2, 3), NAN, dtype=np.float32)
     one[1, 2], other[1, 2] = horizontal, vertical
     before = one.copy(), other.copy()
@@ -184,7 +186,7 @@ def test_combine(horizontal, vertical, joined):
     np.testing.assert_array_equal((one, other), before)
 
 
-def test_combine_of_nothing():
+def test_combination_of_nothing_is_empty():
     none = np.empty((0, 5), dtype=np.float32)
     assert combine(none, none, max_difference_px=1.0).shape == (0, 5)
 
@@ -193,7 +195,7 @@ def test_combine_of_nothing():
 
 
 @pytest.mark.parametrize("distance", [0.72, 1.0, 3.0, 4.8])
-def test_the_working_range_is_searched(head, rectangle, distance):
+def test_search_covers_the_working_range(head, rectangle, distance):
     wall = {"corner": (distance, 4, -3), "side_a": (0, -8, 0), "side_b": (0, 0, 8)}
     images, _ = head.draw(rectangle(**wall, grain=distance / 50))
     disparity = match(head, images)
@@ -229,13 +231,13 @@ def test_each_parameter_has_its_effect(head, wall_images, change):
 
 
 @pytest.mark.parametrize("grey", [0, 128, 255])
-def test_images_without_texture_give_nothing(make_head, grey):
+def test_images_without_texture_give_no_disparity(make_head, grey):
     flat = np.full((120, 160), grey, dtype=np.uint8)
     trinocular = make_head(positions={"top": ABOVE})
     assert np.isnan(match(trinocular, StereoImages(0, flat, flat, flat))).all()
 
 
-def test_what_is_searched(make_head):
+def test_searched_disparities_match_hand_computed_values(make_head):
     trinocular = make_head(positions={"top": (0, -0.25)})
     for min_range, searched in ((1.0, (16, 32)), (0.7, (32, 48)), (0.35, (32, 80))):
         config = cfg.Disparity(min_range=min_range)
@@ -244,7 +246,7 @@ def test_what_is_searched(make_head):
 
 
 @pytest.mark.parametrize(("positions", "ms"), [({}, 2.0), ({"top": ABOVE}, 4.0)])
-def test_what_stereo_bm_takes(make_head, wall_images, monkeypatch, positions, ms):
+def test_time_of_stereo_bm_is_measured(make_head, wall_images, monkeypatch, positions, ms):
     matcher = StereoMatcher(make_head(positions=positions).camera(), cfg.Disparity())
     assert matcher.stereo_bm_ms == 0.0
     clock = itertools.count(7_000_000, 2_000_000)
@@ -266,7 +268,7 @@ def test_what_stereo_bm_takes(make_head, wall_images, monkeypatch, positions, ms
         ({"positions": {"right": (1.0, 0.0)}}, "asks for 160 px .* image of 160 px"),
     ],
 )
-def test_a_range_that_does_not_fit_the_image_is_refused(make_head, changes, message):
+def test_range_too_large_for_the_image_is_refused(make_head, changes, message):
     with pytest.raises(CameraError, match=message):
         StereoMatcher(make_head(**changes).camera(), cfg.Disparity())
 

@@ -28,7 +28,7 @@ GREY = np.zeros((120, 160), dtype=np.uint8)
         ({"top": GREY.astype(np.int8)}, "top image is int8"),
     ],
 )  # fmt: skip
-def test_a_view_of_unlike_images_is_refused(images, message):
+def test_images_of_different_sizes_are_refused(images, message):
     with pytest.raises(ImageError, match=message):
         StereoImages(0, **{"left": GREY, "right": GREY} | images)
 
@@ -45,7 +45,7 @@ def calibration(width=320, height=240, *, f=200.0, d=(), model="plumb_bob", **ch
     return CameraModel(width, height, **values | changes)
 
 
-def test_raw_images_of_more_pixels_than_are_rectified_are_refused():
+def test_raw_images_above_the_size_limit_are_refused():
     """A camera_info of some hundred bytes would take 400 MB."""
     large = calibration(8192, 8192)
     with pytest.raises(CameraError, match="raw images are 8192x8192; allowed, .* 16777216 pixels"):
@@ -53,28 +53,28 @@ def test_raw_images_of_more_pixels_than_are_rectified_are_refused():
     ImagePreparer(large, rectified=True, width=160, height=120)
 
 
-def test_a_rectified_image_that_fits_stays_as_it_is():
+def test_rectified_image_of_working_size_is_unchanged():
     image = np.random.default_rng(0).integers(0, 256, (120, 160)).astype(np.uint8)
     prepare = ImagePreparer(calibration(160, 120), rectified=True, width=160, height=120)
     np.testing.assert_array_equal(prepare(image), image)
     assert prepare.output == prepare.model
 
 
-def test_scaling_takes_the_mean_of_an_area():
+def test_scaling_averages_areas():
     image = np.kron([[10, 20], [30, 41]], np.ones((2, 2))).astype(np.uint8)
     image[0, 0] += 3
     prepare = ImagePreparer(calibration(4, 4), rectified=True, width=2, height=2)
     np.testing.assert_array_equal(prepare(image), [[11, 20], [30, 41]])
 
 
-def test_output_model_and_image_have_one_size():
+def test_output_model_and_image_have_the_same_size():
     prepare = ImagePreparer(calibration(333, 250), rectified=False, width=160, height=120)
     assert (prepare.output.width, prepare.output.height) == (160, 120)
     assert prepare(np.zeros((250, 333), dtype=np.uint8)).shape == (120, 160)
 
 
 @pytest.mark.parametrize("shape", [(120, 160), (240, 321), (320, 240), (0, 0), (240, 320, 3)])
-def test_an_image_that_is_not_of_its_calibration_is_refused(shape):
+def test_image_that_does_not_fit_its_calibration_is_refused(shape):
     prepare = ImagePreparer(calibration(), rectified=True, width=160, height=120)
     message = f"image is {shape[1]}x{shape[0]}; wanted as in camera_info: 320x240"
     with pytest.raises(ImageError, match=message):
@@ -88,7 +88,7 @@ def test_a_calibration_that_cannot_be_rectified_is_refused():
         ImagePreparer(model, rectified=False, width=160, height=120)
 
 
-def test_what_opencv_does_not_take_is_refused(monkeypatch):
+def test_calibration_refused_by_opencv_is_an_error(monkeypatch):
     def refuse(*_):
         raise cv2.error("Bad argument")
 
@@ -145,7 +145,7 @@ def dot_near(image: np.ndarray, u: float, v: float, reach: int) -> np.ndarray:
 
 @pytest.mark.parametrize("working", [(320, 240), (160, 120), (128, 96)], ids=str)
 @pytest.mark.parametrize("distortion", DISTORTIONS)
-def test_distorted_dots_land_on_their_rectified_pixel(distortion, working):
+def test_distorted_points_map_to_their_rectified_pixels(distortion, working):
     kind, d = DISTORTIONS[distortion]
     rotation = rotation_from_rpy(0.03, -0.04, 0.02)  # a camera that is mounted askew
     model = calibration(d=d, model=kind, r=rotation)
@@ -191,7 +191,7 @@ def same(stamp: float, cameras=TWO) -> dict[str, float]:
     return dict.fromkeys(cameras, stamp)
 
 
-def test_images_of_one_stamp_pair():
+def test_images_of_equal_stamps_form_a_pair():
     pairer = Pairer(TWO)
     arrivals = [("left", 0), ("right", 0), ("right", 100), ("left", 100), ("left", 200)]
     assert feed(pairer, *arrivals) == [same(0), same(100)]
@@ -216,7 +216,7 @@ def test_the_allowed_difference_is_inclusive(allowed_ms, stamp_ms, pairs):
     assert sets == ([{"left": 100, "right": 100 + stamp_ms}] if pairs else [])
 
 
-def test_the_nearest_image_is_taken():
+def test_nearest_image_is_paired():
     pairer = Pairer(TWO, max_difference_ns=20 * MS)
     assert feed(pairer, ("right", 85), ("right", 98), ("right", 110), ("left", 100)) == [
         {"left": 100, "right": 98}
@@ -236,7 +236,7 @@ def test_all_cameras_must_be_near_the_first():
     assert feed(pairer, ("top", 95)) == [{"left": 100, "right": 105, "top": 95}]  # 10 apart: fine
 
 
-def test_what_waits_is_bounded_and_counted():
+def test_waiting_images_are_bounded_and_counted():
     pairer = Pairer(TWO, queue_size=3)
     assert feed(pairer, *(("left", 10 * i) for i in range(5))) == []
     assert pairer.unpaired == 2  # those of 0 and 10
@@ -247,7 +247,7 @@ def test_what_waits_is_bounded_and_counted():
     assert pairer.unpaired == 4
 
 
-def test_how_near_unpaired_images_were_is_said():
+def test_smallest_difference_of_unpaired_images_is_reported():
     pairer = Pairer(TWO, queue_size=2)
     assert pairer.smallest_difference_ns is None
     feed(pairer, ("left", 0), ("left", 100), ("left", 200))
@@ -266,7 +266,7 @@ DEFAULT_NS = round(Images().max_stamp_difference * 1e9)
 
 @pytest.mark.parametrize("rate_hz", [5, 30, 60, 100])
 def test_by_default_pairs_are_of_one_exposure(rate_hz):
-    """Drivers stamp left and right by themselves, images get lost, and none takes its neighbour."""
+    """Left and right are stamped separately, images get lost; no image pairs with a neighbour."""
     rng = np.random.default_rng(rate_hz)
     pairer = Pairer(TWO, max_difference_ns=DEFAULT_NS)
     sets, lost = [], 0
@@ -280,8 +280,8 @@ def test_by_default_pairs_are_of_one_exposure(rate_hz):
     assert all(abs(found["left"] - found["right"]) < 0.9 for found in sets)
 
 
-def test_cameras_that_run_by_themselves_are_told_what_to_set():
-    """Half a frame apart at 30 Hz; with what is said, each image has its pair."""
+def test_for_unsynchronized_cameras_the_value_to_set_is_reported():
+    """Half a frame apart at 30 Hz; with the reported value, each image has its pair."""
     arrivals = [(c, 1000 + 33.0 * k + (0 if c == "left" else 16.0)) for k in range(20) for c in TWO]
     pairer = Pairer(TWO, max_difference_ns=DEFAULT_NS)
     assert feed(pairer, *arrivals) == []
@@ -294,7 +294,7 @@ def test_cameras_that_run_by_themselves_are_told_what_to_set():
     assert len(feed(Pairer(TWO, max_difference_ns=17 * MS), *arrivals)) == 20
 
 
-def test_stamps_that_are_too_far_apart_for_any_frames_are_of_different_clocks():
+def test_stamps_too_far_apart_are_attributed_to_different_clocks():
     pairer = Pairer(TWO, max_difference_ns=DEFAULT_NS, queue_size=2)
     for k in range(6):
         feed(pairer, ("left", 1000 + 33.0 * k), ("right", 6000 + 33.0 * k))
@@ -304,13 +304,13 @@ def test_stamps_that_are_too_far_apart_for_any_frames_are_of_different_clocks():
     assert "0.0330 s between images" in pairer.why_unpaired()
 
 
-def test_of_one_camera_alone_no_difference_is_said():
+def test_no_difference_is_reported_for_a_single_camera():
     pairer = Pairer(TWO, queue_size=1)
     feed(pairer, ("left", 0), ("left", 100))
     assert "no image of the other camera that can be used" in pairer.why_unpaired()
 
 
-def test_a_reset_forgets_what_waits():
+def test_reset_drops_waiting_images():
     pairer = Pairer(TWO)
     feed(pairer, ("left", 100))
     pairer.reset()
@@ -329,14 +329,14 @@ def test_repeated_and_late_images_are_refused(late_ms):
     assert feed(pairer, ("right", 2000)) == [same(2000)]
 
 
-def test_a_stamp_that_was_used_is_not_new():
+def test_used_stamp_is_refused():
     pairer = Pairer(TWO)
     feed(pairer, ("left", 100), ("right", 100))
     with pytest.raises(ImageError, match="wanted: newer than"):
         feed(pairer, ("left", 100))
 
 
-def test_stamps_that_jump_back_begin_anew():
+def test_stamps_that_jump_back_reset_the_state():
     pairer = Pairer(TWO)
     feed(pairer, ("left", 5000), ("right", 4999))
     for late in (("left", 3900), ("right", 3900), ("left", 3950), ("right", 3950)):
@@ -351,7 +351,7 @@ def test_stamps_that_jump_back_begin_anew():
     st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans()), max_size=12),
     st.randoms(use_true_random=False),
 )
-def test_every_complete_set_is_found_once(arrived, random):
+def test_every_complete_set_is_returned_once(arrived, random):
     """Stamps in order per camera, cameras interleaved at random, some images lost."""
     queues = {
         camera: [10.0 * i for i, row in enumerate(arrived) if row[c]]

@@ -12,7 +12,7 @@ PI = math.pi
 coordinate = st.floats(-20, 20, width=32)
 
 
-def test_eq_6_by_hand():
+def test_eq_6_matches_hand_computed_values():
     # At (1, 2), turned to the left: ahead is +y, left is -x.
     points = np.array([(0.0, 0.0), (3.0, 0.0), (0.0, 0.5), (3.0, 0.5)])
     placed = map_from_robot(points, Pose(0, 1.0, 2.0, PI / 2))
@@ -26,7 +26,7 @@ def test_eq_6_by_hand():
     st.lists(st.tuples(coordinate, coordinate), max_size=10), coordinate, coordinate,
     st.floats(-7, 7),
 )  # fmt: skip
-def test_eq_6_against_a_loop(points, x, y, yaw):
+def test_eq_6_equals_a_plain_loop(points, x, y, yaw):
     c, s = math.cos(yaw), math.sin(yaw)
     placed = map_from_robot(np.array(points).reshape(-1, 2), Pose(0, x, y, yaw))
     assert placed.shape == (len(points), 2)
@@ -59,7 +59,7 @@ def test_the_map_is_the_union_of_all_robots(make_cells):
     np.testing.assert_array_equal(fused.cells.count, [100, 100, 9])
 
 
-def test_a_map_without_cells():
+def test_map_without_cells_is_empty():
     pose = Pose(0, 1.0, 2.0, 3.0)
     for scans in ([], [Scan("robot_a", 0, Cells.empty())]):
         fused = fuse(scans, {"robot_a": pose})

@@ -56,13 +56,13 @@ def live_team(*robots: str) -> Team:
     return team
 
 
-def test_nothing_closes_before_a_scan():
+def test_no_interval_closes_before_a_scan():
     team = Team(*THREE)
     assert team.close(0) is None
     assert team.close(99_999) is None
 
 
-def test_one_robot_closes_at_once():
+def test_interval_of_one_robot_closes_at_once():
     team = Team("robot_a")
     for stamp in (1000, 1050):
         team.scan("robot_a", stamp)
@@ -71,7 +71,7 @@ def test_one_robot_closes_at_once():
     assert team.close(9000) is None
 
 
-def test_what_a_closed_interval_holds():
+def test_closed_interval_has_scans_and_poses():
     team = Team("robot_a", "robot_b")
     team.scan("robot_a", 1013)
     team.scan("robot_b", 1050)
@@ -87,7 +87,7 @@ def test_what_a_closed_interval_holds():
     assert closed.poses["robot_a"].x == pytest.approx(1.013)
 
 
-def test_poses_of_robots_without_a_scan_are_there_too():
+def test_interval_has_poses_of_robots_without_a_scan():
     team = Team("robot_a", "robot_b")
     team.collector.robot("robot_c")  # has no pose
     team.scan("robot_a", 1013)
@@ -109,7 +109,7 @@ def test_three_robots_wait_for_each_other():
     assert team.close(1213) == {"robot_a": 1190, "robot_b": 1200, "robot_c": 1213}
 
 
-def test_after_max_wait_the_others_go_without():
+def test_after_max_wait_the_interval_closes_without_the_missing_robot():
     team = live_team(*THREE)
     team.scan("robot_b", 1200, now=1230)
     team.scan("robot_a", 1200, now=1280)
@@ -121,7 +121,7 @@ def test_after_max_wait_the_others_go_without():
     assert team.close(1431) == {"robot_c": 1250}
 
 
-def test_a_newer_scan_supersedes():
+def test_newer_scan_supersedes_the_older_one():
     team = live_team("robot_a", "robot_b")
     team.scan("robot_a", 1200)
     team.scan("robot_a", 1250)
@@ -136,7 +136,7 @@ def test_a_newer_scan_supersedes():
 
 
 @pytest.mark.parametrize(("age", "used"), [(250, True), (250.000001, False), (400, False)])
-def test_a_scan_that_is_too_old_is_left_out(age, used):
+def test_too_old_scan_is_dropped(age, used):
     team = live_team("robot_a", "robot_b")
     team.scan("robot_a", 2000 - age, now=2000)
     team.scan("robot_b", 2000)
@@ -151,8 +151,8 @@ def test_a_scan_that_is_too_old_is_left_out(age, used):
     assert team.close(2500) is None  # it is used up
 
 
-def test_a_scan_that_is_older_than_the_last_interval_is_left_out():
-    """It comes by itself: no newer one is in its interval."""
+def test_scan_older_than_the_last_interval_is_dropped():
+    """It arrives by itself, without a newer one in its interval."""
     team = live_team(*THREE)
     for robot in THREE:
         team.scan(robot, 5000)
@@ -211,7 +211,7 @@ def seen(
 
 
 @pytest.mark.parametrize("late", [3200, 3250])
-def test_messages_that_are_suddenly_late_put_nobody_back(late):
+def test_suddenly_late_messages_do_not_set_people_back(late):
     team = Team(known=THREE)
     intervals = seen(team, late={"robot_b": late}, until=20_000)
     times = [each["time"] for each in intervals]
@@ -228,8 +228,8 @@ def test_messages_that_are_suddenly_late_put_nobody_back(late):
 
 @pytest.mark.parametrize("late", [2500, 3200, 3400, 8000, 30_000])
 @pytest.mark.parametrize("lived", [0, 2000, 9000])
-def test_who_is_late_and_left_alone_turns_no_time_back(late, lived):
-    """Its scans count again when they are not too old beside the last interval, and not before."""
+def test_late_robot_left_alone_does_not_set_time_back(late, lived):
+    """Its scans are used again once they are not too old relative to the last interval."""
     team, died = Team(known=("robot_a", "robot_b")), 3000 + lived
     intervals = seen(team, late={"robot_b": late}, until=died + 45_000, ends={"robot_a": died})
     times = [each["time"] for each in intervals]
@@ -243,7 +243,7 @@ def test_who_is_late_and_left_alone_turns_no_time_back(late, lived):
     assert max(times.count(time) for time in times) <= 3  # nor does it stand for longer than that
 
 
-def test_who_turns_up_late_when_the_others_are_gone_turns_no_time_back():
+def test_late_newcomer_after_the_others_left_does_not_set_time_back():
     team = Team(known=("robot_a",))
     last = seen(team, late={}, until=10_000)[-1]["time"]
     used = []
@@ -257,8 +257,8 @@ def test_who_turns_up_late_when_the_others_are_gone_turns_no_time_back():
     assert used[0] >= last
 
 
-def test_a_recording_of_long_ago_after_the_team_has_left_is_another_time():
-    """Its robots are others, so that nobody's stamps jump back."""
+def test_old_recording_after_the_team_has_left_resets_the_state():
+    """Its robots differ, so that no robot's stamps jump back."""
     team = Team(known=("robot_a",))
     for now in range(200_000, 205_000, 200):
         team.pose("robot_a", now)
@@ -272,8 +272,8 @@ def test_a_recording_of_long_ago_after_the_team_has_left_is_another_time():
         assert team.closed.time_ns == stamp * MS
 
 
-def test_who_fell_silent_before_a_new_beginning_makes_nothing_old_after_it():
-    """robot_b is heard in the first pass of a recording alone."""
+def test_robot_silent_before_a_reset_makes_no_later_scan_old():
+    """robot_b is heard only in the first pass of a recording."""
     team = live_team("robot_a", "robot_b")
     for now in range(1100, 9001, 100):
         team.scan("robot_a", now)
@@ -291,8 +291,8 @@ def test_who_fell_silent_before_a_new_beginning_makes_nothing_old_after_it():
 
 @pytest.mark.parametrize("phase", [0, 50, 100, 150])
 @pytest.mark.parametrize(("late", "used"), [(200, 1.0), (205, 0.0)])
-def test_the_greatest_delay_that_works(late, used, phase):
-    """As docs/network.md has it: interval.max_clock_offset."""
+def test_scans_up_to_the_documented_delay_are_used(late, used, phase):
+    """The limit documented in docs/network.md: interval.max_clock_offset."""
     team = Team(known=THREE)
     intervals = seen(team, late={"robot_b": late}, until=30_000, phase=phase)
     late_ones = [each for each in intervals if 15_000 <= each["now"] < 29_000]
@@ -301,7 +301,7 @@ def test_the_greatest_delay_that_works(late, used, phase):
     assert times == sorted(times)
 
 
-def test_the_time_of_an_interval_of_late_scans_is_that_of_the_last_one():
+def test_interval_of_late_scans_has_the_time_of_the_last_interval():
     team = live_team("robot_a", "robot_b")
     team.scan("robot_a", 2000)
     assert team.close(2100) == {"robot_a": 2000}
@@ -312,8 +312,8 @@ def test_the_time_of_an_interval_of_late_scans_is_that_of_the_last_one():
 
 
 @pytest.mark.parametrize("together", [True, False])
-def test_where_the_stamps_of_all_jump_back_intervals_begin_anew(together):
-    """A recording that loops, or robots that are set back one after the other."""
+def test_jump_back_of_all_stamps_resets_the_intervals(together):
+    """A recording that loops, or robots whose clocks are set back one after the other."""
     team = Team(known=THREE)
     times = []
     for now in range(200_000, 212_000, 200):
@@ -333,7 +333,7 @@ def test_where_the_stamps_of_all_jump_back_intervals_begin_anew(together):
     assert used == dict.fromkeys(THREE, 207_800)
 
 
-def test_who_was_right_only_by_being_alone_makes_no_other_scan_old():
+def test_first_robot_with_a_wrong_clock_makes_no_other_scan_old():
     """The first robot's clock is an hour ahead; the second one's is right."""
     team = Team()
     hour = 3_600_000
@@ -349,7 +349,7 @@ def test_who_was_right_only_by_being_alone_makes_no_other_scan_old():
             assert team.closed.time_ns == now * MS
 
 
-def test_a_scan_without_poses_is_waited_for_and_then_left_out():
+def test_scan_without_poses_is_dropped_after_waiting():
     team = Team("robot_a")
     team.scan("robot_b", 1000)
     team.scan("robot_a", 1000)
@@ -359,7 +359,7 @@ def test_a_scan_without_poses_is_waited_for_and_then_left_out():
     assert team.dropped("robot_b") == {"no_pose": 1}
 
 
-def test_an_interval_without_any_usable_scan_is_empty():
+def test_interval_without_usable_scans_is_empty():
     team = Team()
     team.scan("robot_a", 1000)
     assert team.close(1099) is None
@@ -374,7 +374,7 @@ def test_an_interval_without_any_usable_scan_is_empty():
         team.scan("robot_a", 1000)
 
 
-def test_the_time_is_that_of_the_newest_scan_that_is_used():
+def test_interval_has_the_time_of_its_newest_used_scan():
     team = Team("robot_a")
     team.scan("robot_a", 1000)
     team.scan("robot_b", 1050)  # it has no pose
@@ -382,7 +382,7 @@ def test_the_time_is_that_of_the_newest_scan_that_is_used():
     assert team.closed.time_ns == 1000 * MS
 
 
-def test_a_pose_that_comes_later_is_waited_for():
+def test_interval_waits_for_a_later_pose():
     team = Team()
     team.pose("robot_a", 980)
     team.scan("robot_a", 1000)
@@ -394,7 +394,7 @@ def test_a_pose_that_comes_later_is_waited_for():
 
 
 @pytest.mark.parametrize(("age", "used"), [(200, True), (200.000001, False)])
-def test_poses_that_stop_are_used_up_to_max_pose_age(age, used):
+def test_last_pose_is_used_up_to_max_pose_age(age, used):
     team = Team()
     team.pose("robot_a", 1000)
     team.scan("robot_a", 1000 + age)
@@ -403,7 +403,7 @@ def test_poses_that_stop_are_used_up_to_max_pose_age(age, used):
     assert team.dropped("robot_a") == ({} if used else {"no_pose": 1})
 
 
-def test_a_silent_robot_is_not_waited_for():
+def test_interval_does_not_wait_for_a_silent_robot():
     team = live_team("robot_a", "robot_b")
     team.scan("robot_a", 2900)
     assert team.close(2900) is None  # robot_b was heard 1.9 s ago
@@ -421,7 +421,7 @@ def test_a_silent_robot_is_not_waited_for():
     assert team.close(4200) is None
 
 
-def test_a_known_robot_is_waited_for_from_the_first_scan_on():
+def test_interval_waits_for_a_known_robot_from_the_start():
     for team in (Team("robot_a", "robot_b"), Team("robot_a", known=["robot_b"])):
         team.scan("robot_a", 1000, now=9000)
         assert team.close(9000) is None  # robot_b sent a pose, or was named at the beginning
@@ -431,7 +431,7 @@ def test_a_known_robot_is_waited_for_from_the_first_scan_on():
         assert team.close(11_000.000001) == {"robot_a": 2000}
 
 
-def test_a_robot_that_turns_up_later_is_waited_for_from_its_first_scan_on():
+def test_interval_waits_for_a_new_robot_from_its_first_scan_on():
     team = live_team("robot_a")
     for at in range(0, 5001, 100):
         team.pose("robot_b", at)
@@ -464,7 +464,7 @@ def test_a_repeated_pose_is_refused():
 
 
 @pytest.mark.parametrize("used", [True, False])
-def test_stamps_that_jump_back_begin_anew(used):
+def test_stamps_that_jump_back_reset_the_state(used):
     team = Team("robot_a")
     team.scan("robot_a", 9000)
     if used:
@@ -479,7 +479,7 @@ def test_stamps_that_jump_back_begin_anew(used):
     assert team.close(9100) == {"robot_a": 8100}
 
 
-def test_a_clock_that_is_set_back_a_little_delays_nothing_for_long():
+def test_clock_set_back_slightly_causes_no_long_delay():
     team = live_team("robot_a", "robot_b")
     team.scan("robot_a", 1200)
     assert team.close(700) is None
@@ -490,8 +490,8 @@ def test_a_clock_that_is_set_back_a_little_delays_nothing_for_long():
     assert team.close(2801) == {"robot_b": 2801}
 
 
-def test_a_clock_that_jumps_back_begins_anew():
-    """As when a bag loops: what waits belongs to another time."""
+def test_clock_that_jumps_back_resets_the_state():
+    """As when a bag loops: waiting scans belong to another time."""
     team = live_team(*THREE)
     team.scan("robot_a", 9000)
     assert team.close(0) is None
@@ -513,8 +513,8 @@ def stamps_jump(team: Team, by: float, *robots: str, at: float) -> None:
         team.scan(robot, at - by + 200, now=at + 200)
 
 
-def test_where_the_stamps_of_all_jump_back_the_team_begins_anew():
-    """A bag that loops, without /clock. Who was silent before does not hold the others up."""
+def test_jump_back_of_all_stamps_resets_the_team():
+    """A bag that loops, without /clock. A robot silent before does not delay the others."""
     team = live_team(*THREE)
     for now in range(7000, 9001, 100):  # robot_c is silent
         for robot in THREE[:2]:
@@ -534,8 +534,8 @@ def test_where_the_stamps_of_all_jump_back_the_team_begins_anew():
 
 
 @pytest.mark.parametrize("by", [1300, 60_000])
-def test_a_robot_whose_stamps_jump_back_alone_turns_nobodys_time_back(by):
-    """Also where the others' scans come a moment later, and an interval closes without them."""
+def test_stamps_of_one_robot_that_jump_back_do_not_set_time_back(by):
+    """Also if the others' scans arrive slightly later, and an interval closes without them."""
     team = live_team(*THREE)
     last = 1000.0
     for now in range(62_000, 66_000, 100):
@@ -568,7 +568,7 @@ def clocks(**ahead: float) -> Team:
 
 
 @pytest.mark.parametrize("offset", [-1900, -300, 300, 8000])
-def test_a_robot_whose_clock_is_off_is_left_out(offset):
+def test_robot_with_a_wrong_clock_is_excluded(offset):
     team = clocks(robot_a=-10, robot_b=-30, robot_c=offset)
     assert team.close(2000) == {"robot_a": 1990, "robot_b": 1970}
     assert team.closed.time_ns == 1990 * MS
@@ -582,21 +582,21 @@ def test_a_robot_whose_clock_is_off_is_left_out(offset):
     assert list(team.collector.clocks_astray(2000 * MS)) == ["robot_c"]
 
 
-def test_where_a_robot_is_whose_clock_is_off_is_known():
-    """The others may see it: it is where it was at their time, by its own clock."""
+def test_position_of_a_robot_with_a_wrong_clock_is_known():
+    """The others may see it: its position is that at their time, by its own clock."""
     team = clocks(robot_a=0, robot_b=3000)
     assert team.close(2000) == {"robot_a": 2000}
     assert team.closed.others["robot_b"].stamp_ns == 5000 * MS
 
 
 @pytest.mark.parametrize("offset", [-190, 190])
-def test_a_clock_that_is_off_by_little_is_no_trouble(offset):
+def test_small_clock_offset_is_accepted(offset):
     team = clocks(robot_a=0, robot_b=offset)
     assert team.close(2000) == {"robot_a": 2000, "robot_b": 2000 + offset}
 
 
 @pytest.mark.parametrize("offset", [-1e9, -5000, 5000])
-def test_clocks_that_are_off_alike_agree(offset):
+def test_equally_wrong_clocks_agree(offset):
     """The planner's own is off, or a recording is played."""
     team = Team()
     for robot, more in {"robot_a": 0, "robot_b": -150}.items():
@@ -607,7 +607,7 @@ def test_clocks_that_are_off_alike_agree(offset):
     assert team.collector.clocks_astray(round(2e9 * MS)) == {}
 
 
-def test_a_clock_that_was_put_right_counts_again():
+def test_corrected_clock_is_used_again():
     for offset in (3000, -1500):
         team = clocks(robot_a=0, robot_b=offset)
         assert team.close(2000) == {"robot_a": 2000}
@@ -619,7 +619,7 @@ def test_a_clock_that_was_put_right_counts_again():
         assert last == {"robot_a": 4200, "robot_b": 4200}
 
 
-def test_one_late_message_makes_no_clock_slow():
+def test_single_late_message_does_not_make_a_clock_slow():
     team = live_team("robot_a", "robot_b")
     team.scan("robot_a", 1400, now=1800)
     team.scan("robot_b", 1800)
@@ -628,7 +628,7 @@ def test_one_late_message_makes_no_clock_slow():
     assert team.collector.clocks_astray(1800 * MS) == {}
 
 
-def test_poses_tell_the_clock_too():
+def test_poses_contribute_to_the_clock_offset():
     collector = IntervalCollector(CONFIG)
     collector.add_pose("robot_a", Pose(5000 * MS, 0.0, 0.0, 0.0), 2000 * MS)
     assert collector.clock_offsets(2000 * MS) == {"robot_a": 3000 * MS}
@@ -637,8 +637,8 @@ def test_poses_tell_the_clock_too():
 
 
 @pytest.mark.parametrize("ahead", [300, 5000])
-def test_a_clock_that_is_ahead_is_known_at_once(ahead):
-    """The planner has just started: the first interval is that of the others already."""
+def test_clock_that_is_ahead_is_detected_at_once(ahead):
+    """The planner has just started: already the first interval is that of the others."""
     team = Team("robot_a", "robot_b")
     team.scan("robot_b", 1000 + ahead, now=1010)
     team.scan("robot_a", 1000, now=1020)
@@ -646,7 +646,7 @@ def test_a_clock_that_is_ahead_is_known_at_once(ahead):
     assert list(team.closed.left_out) == ["robot_b"]
 
 
-def test_a_clock_that_is_a_little_ahead_makes_no_other_scan_old():
+def test_clock_slightly_ahead_makes_no_other_scan_old():
     team = Team("robot_a", "robot_b")
     for now in range(25_000, 28_000, 100):
         for robot, stamp in (("robot_a", now + 150), ("robot_b", now - 10)):
@@ -658,8 +658,8 @@ def test_a_clock_that_is_a_little_ahead_makes_no_other_scan_old():
     assert closed == {"robot_a": 28_050, "robot_b": 27_780}
 
 
-def test_stamps_of_all_that_jump_agree():
-    """From a recording of long ago to what is seen now."""
+def test_joint_jump_of_all_stamps_is_accepted():
+    """From an old recording to live data."""
     team = Team()
     for now in range(200_000, 206_000, 100):
         stamp = now - (100_000 if now < 203_000 else 0)
@@ -670,7 +670,7 @@ def test_stamps_of_all_that_jump_agree():
         assert team.close(now) == {"robot_a": stamp, "robot_b": stamp}
 
 
-def test_one_stamp_that_is_wrong_harms_nobody():
+def test_single_wrong_stamp_excludes_only_its_own_scan():
     for wrong in (300, 900):
         team = live_team("robot_a", "robot_b")
         for now in range(1100, 4000, 100):
@@ -686,8 +686,8 @@ def test_one_stamp_that_is_wrong_harms_nobody():
         assert team.dropped("robot_a")["clock_offset"] == 1
 
 
-def test_where_a_robot_was_last_is_known_for_a_moment_and_less_and_less_surely():
-    """It was killed, or drives on unheard: in a while anybody may stand where it was."""
+def test_last_position_of_a_silent_robot_grows_uncertain_and_expires():
+    """It was killed, or moves without sending: after a while its last position is not masked."""
     team = Team(known=["robot_b"])
     for at in (900, 1000):
         team.pose("robot_b", at, x=7.0)
@@ -715,7 +715,7 @@ def test_a_robot_that_is_silent_for_ten_minutes_is_forgotten():
     assert list(team.collector.robots) == ["robot_c", "robot_a"]
 
 
-def test_robots_are_made_when_they_are_named():
+def test_robots_are_created_when_first_named():
     collector = IntervalCollector(CONFIG)
     assert collector.robots == {}
     assert list(IntervalCollector(CONFIG, ["robot_b", "robot_a"]).robots) == ["robot_b", "robot_a"]

@@ -94,7 +94,7 @@ def robots_among(places, poses, *, covariance, radius=0.25, score=0.0, seen_by="
         ((0.1, 0.0), False),  # on the robot that sees it
     ],
 )
-def test_what_stands_where_a_robot_stands_is_that_robot(xy, is_robot):
+def test_body_at_a_robots_position_is_that_robot(xy, is_robot):
     # b, 4 m ahead of a, sees nothing itself; c is far away.
     poses = {"a": Pose(0, 0, 0, 1.0), "b": Pose(0, 4, 0, 0.0), "c": Pose(0, -50, 0, 0.0)}
     covariance = np.diag([0.04, 0.0025])
@@ -102,14 +102,14 @@ def test_what_stands_where_a_robot_stands_is_that_robot(xy, is_robot):
     assert robots_among([xy], poses, covariance=covariance, radius=0.0) == [False]
 
 
-def test_near_robots_are_as_wide_as_their_radius_along_the_line_of_sight():
+def test_near_robots_have_their_radius_along_the_line_of_sight():
     poses = {"a": Pose(0, 0, 0, 0.0), "b": Pose(0, 0, 2, 0.0)}
     places = [(0, y) for y in (1.7, 1.8, 2.2, 2.3)]
     got = robots_among(places, poses, covariance=0.01**2 * np.eye(2))
     assert got == [False, True, True, False]
 
 
-def test_each_robot_is_seen_by_the_others_only():
+def test_robots_do_not_mask_in_their_own_view():
     poses = {"a": Pose(0, 0, 0, 0.0), "b": Pose(0, 3, 0, 0.0)}
     places = np.array([(x, 0.0) for _ in (0, 1) for x in (0.1, 3.1)])
     seen_by = np.array([0, 0, 1, 1], dtype=np.intp)
@@ -119,7 +119,7 @@ def test_each_robot_is_seen_by_the_others_only():
 
 
 @pytest.mark.parametrize(("sigma", "is_robot"), [(0.0, False), (0.1, False), (0.2, True)])
-def test_an_unsure_robot_is_looked_for_farther_away(sigma, is_robot):
+def test_uncertain_robot_masks_a_larger_area(sigma, is_robot):
     # 0.35 m across the line of sight and beyond the radius: 2.5 sigma of 0.2 m reach it.
     poses = {
         "a": Pose(0, 0, 0, 0.0),
@@ -130,7 +130,7 @@ def test_an_unsure_robot_is_looked_for_farther_away(sigma, is_robot):
 
 
 @pytest.mark.parametrize("variance", [100.0, 1e308, 1.7e308])
-def test_however_unsure_a_robot_is_it_is_not_everywhere(variance):
+def test_masked_area_of_an_uncertain_robot_is_bounded(variance):
     poses = {
         "a": Pose(0, 0, 0, 0.0),
         "b": Pose(0, 3, 0, 0.0, np.diag([variance, variance, 0.0])),
@@ -140,7 +140,7 @@ def test_however_unsure_a_robot_is_it_is_not_everywhere(variance):
     assert got == [True, False, True, False]
 
 
-def test_who_clearly_is_a_person_may_stand_beside_a_robot_but_not_in_it():
+def test_clear_person_beside_a_robot_is_kept():
     poses = {"a": Pose(0, 0, 0, 0.0), "b": Pose(0, 3, 0, 0.0)}
     wide = np.diag([0.2**2, 0.05**2])  # 2.5 sigma: 0.5 m
     places = [(3.2, 0.0), (3.4, 0.0)]
@@ -148,7 +148,7 @@ def test_who_clearly_is_a_person_may_stand_beside_a_robot_but_not_in_it():
     assert robots_among(places, poses, covariance=wide, score=5.1) == [True, False]
 
 
-def test_many_robots_as_one_by_one():
+def test_many_robots_are_masked_as_one_by_one():
     rng = np.random.default_rng(5)
     names = [f"r{k}" for k in range(30)]
     poses = {
@@ -170,8 +170,8 @@ def test_many_robots_as_one_by_one():
 # ----------------------------------------------------------------------------------- cells ----
 
 
-def test_a_robot_seen_as_cells_is_no_person(make_cells):
-    """The paper's way: b stands 2 m ahead of a, a person 1 m beside b."""
+def test_robot_seen_as_cells_is_not_a_person(make_cells):
+    """The paper's method: b stands 2 m ahead of a, a person 1 m beside b."""
     poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 2.0, 0.0, 0.0)}
     scan = plain_scan(make_cells, "a", (2.0, 0.0), (2.0, 1.0))
     assert people([scan], poses) == [(2.0, 1.0)]
@@ -182,7 +182,7 @@ def test_a_robot_seen_as_cells_is_no_person(make_cells):
     assert len(result.clusters) == 2
 
 
-def test_cells_of_a_robot_are_as_far_from_it_as_the_head_errs(make_cells):
+def test_cells_of_a_robot_are_masked_within_the_range_error(make_cells):
     """A cell 0.5 m behind a robot, 4.5 m away: a sigma of 0.48 m, or of 0.08 m."""
     poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 4.0, 0.0, 0.0)}
     fused = fuse([Scan("a", 0, make_cells([(4.5, 0.0)]))], poses)
@@ -193,7 +193,7 @@ def test_cells_of_a_robot_are_as_far_from_it_as_the_head_errs(make_cells):
     assert not are_masked(fused, np.arange(1), poses, None, cfg.Masking(), tuning=tuning).any()
 
 
-def test_cells_are_looked_at_bit_by_bit_as_at_once(make_cells, monkeypatch):
+def test_masking_cells_in_blocks_equals_masking_at_once(make_cells, monkeypatch):
     """Fifty robots in one place, each with cells there: all pairs take hundreds of megabytes."""
     rng = np.random.default_rng(1)
     stand = rng.uniform(0, 1, (50, 2)).tolist()
@@ -213,7 +213,7 @@ def test_cells_are_looked_at_bit_by_bit_as_at_once(make_cells, monkeypatch):
     assert most < 200e6
 
 
-def test_a_person_at_arms_length_of_a_robot_is_found_as_cells(make_cells):
+def test_person_at_arms_length_of_a_robot_is_found_as_cells(make_cells):
     # Patches of 0.3 m, 0.5 m apart, and an arm on the robot: one cluster of 1 m with it.
     poses = {"a": Pose(0, 0.0, 0.0, 0.0), "b": Pose(0, 2.0, 0.0, 0.0)}
     arm = [(2.0, 0.05 * k) for k in range(3, 8)]
@@ -225,7 +225,7 @@ def test_a_person_at_arms_length_of_a_robot_is_found_as_cells(make_cells):
     assert len(people([scan], poses, robot_radius=0.0)) == 2  # the robot, too
 
 
-def test_masks_of_nothing(make_cells):
+def test_masks_of_nothing_are_empty(make_cells):
     poses = {"a": Pose(0, 0.0, 0.0, 0.0)}
     walls = Walls(room(), occupied_from=65)
     fused = fuse([Scan("a", 0, make_cells([]))], poses)
@@ -240,7 +240,7 @@ def test_masks_of_nothing(make_cells):
 # ----------------------------------------------------------------------------------- walls ----
 
 
-def test_distances_by_hand():
+def test_distances_match_hand_computed_values():
     # One occupied cell, 1.4 to 1.5 m along x and 1.2 to 1.3 m along y.
     data = np.zeros((25, 30))
     data[12, 14] = 100
@@ -255,13 +255,13 @@ def test_distances_by_hand():
 
 
 @pytest.mark.parametrize("value", [100, 65, 64, 0, -1])
-def test_which_cells_are_occupied(value):
+def test_cells_from_occupied_from_on_are_occupied(value):
     walls = Walls(grid_of([[0, 0, value]]), occupied_from=65)
     occupied = walls.distance(np.array((0.25, 0.05))) == 0.0
     assert occupied == (value >= 65)
 
 
-def test_a_grid_that_is_moved_and_turned():
+def test_translated_and_rotated_grid_is_used():
     """A wall along the grid's x, 1 to 3 m from its corner; the grid is turned to the left."""
     data = np.zeros((30, 40))
     data[8, 10:30] = 100
@@ -275,7 +275,7 @@ def test_a_grid_that_is_moved_and_turned():
     assert turned.distance(np.array((2.0 - 0.85, -1.0 + 2.0))) == 0.0
 
 
-def test_what_is_unknown_behind_a_wall_is_its_inside():
+def test_unknown_cells_behind_a_wall_are_its_interior():
     walls = Walls(room(), occupied_from=65)
     # Off the grid, to 0.5 m behind the wall's face; far off nothing is known.
     assert walls.distance(np.array((3.0, -0.5))) == 0.0
@@ -294,7 +294,7 @@ def large_floor(seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("resolution", [0.03, 0.05, 0.1])
-def test_tile_by_tile_distances_are_those_of_the_whole_grid(resolution, monkeypatch):
+def test_distances_by_tiles_equal_those_of_the_whole_grid(resolution, monkeypatch):
     for seed in range(3):
         grid = dataclasses.replace(grid_of(large_floor(seed)), resolution=resolution)
         rng = np.random.default_rng(seed)
@@ -309,7 +309,7 @@ def test_tile_by_tile_distances_are_those_of_the_whole_grid(resolution, monkeypa
         np.testing.assert_allclose(in_tiles[near], whole[near], rtol=1e-6)
 
 
-def test_tiles_beyond_what_is_kept_are_computed_again(monkeypatch):
+def test_evicted_tiles_are_computed_again(monkeypatch):
     monkeypatch.setattr(module, "_CELLS_KEPT", 2 * 256**2)
     grid = grid_of(large_floor(0))
     walls, places = (
@@ -320,7 +320,7 @@ def test_tiles_beyond_what_is_kept_are_computed_again(monkeypatch):
         assert walls.distance(place) == 0.0
 
 
-def test_of_a_large_grid_only_what_is_asked_for_is_worked_on():
+def test_only_requested_tiles_of_a_large_grid_are_computed():
     """600 x 600 m: as a whole it takes seconds and gigabytes."""
     data = np.zeros((12_000, 12_000), dtype=np.int8)
     data[::100, ::100] = 100
@@ -339,7 +339,7 @@ def test_of_a_large_grid_only_what_is_asked_for_is_worked_on():
 
 
 @pytest.mark.parametrize("far", [1e12, 1e300, 1.7e308])
-def test_places_beyond_all_measure(far):
+def test_positions_far_outside_the_grid_are_infinitely_far_from_walls(far):
     walls = Walls(room(), occupied_from=65)
     places = np.array([(far, 0.0), (-far, far)])
     np.testing.assert_array_equal(walls.distance(places), np.inf)
@@ -360,14 +360,14 @@ def test_places_beyond_all_measure(far):
         ({"data": np.array([[-2, 0]], np.int8)}, "data goes from -2 to 0"),
     ],
 )
-def test_grids_that_are_none(changes, said):
+def test_invalid_grids_are_refused(changes, said):
     good = {"resolution": 0.1, "x": 0.0, "y": 0.0, "yaw": 0.0, "data": np.zeros((2, 2), np.int8)}
     with pytest.raises(GridError) as err:
         OccupancyGrid(**good | changes)
     assert said in str(err.value)
 
 
-def test_log_odds_by_hand():
+def test_log_odds_match_hand_computed_values():
     walls = Walls(room(), occupied_from=65)
     exact, unsure = 0.01**2 * np.eye(2), 0.3**2 * np.eye(2)
 
@@ -389,8 +389,8 @@ def test_log_odds_by_hand():
     assert -5.0 < said((3.0, 0.0), unsure) < -0.2
 
 
-def test_walls_and_furniture_are_no_people(make_cells):
-    """A coat stand, 4 m away and as wide as a person; stretches of the wall; a person before it."""
+def test_walls_and_furniture_are_not_people(make_cells):
+    """A coat stand 4 m away, as wide as a person; parts of the wall; a person in front of it."""
     grid = room()
     grid.data[20:24, 45:49] = 100
     poses = {"a": Pose(0, 0.5, 2.0, 0.0)}
@@ -399,8 +399,8 @@ def test_walls_and_furniture_are_no_people(make_cells):
     assert people([scan], poses, grid) == [(3.5, 0.5)]
 
 
-def test_the_wall_as_cells_is_masked_and_who_stands_before_it_is_found(make_cells):
-    """The paper's way: a wall, and a person at arm's length of it, joined by cells between them."""
+def test_wall_cells_are_masked_and_a_person_in_front_is_found(make_cells):
+    """The paper's method: a wall and a person at arm's length, connected by cells between them."""
     poses = {"a": Pose(0, 3.0, 2.5, -math.pi / 2)}
     wall = [(2.5 + noise, y) for noise in (0.0, 0.05) for y in np.arange(-1, 1, 0.05)]
     person = [(2.1 + dx, dy) for dx, dy in BODY]  # axis 0.4 m from the wall
@@ -411,7 +411,7 @@ def test_the_wall_as_cells_is_masked_and_who_stands_before_it_is_found(make_cell
     assert math.dist((x, y), (3.0, 0.4)) < 0.05
 
 
-def test_a_grid_goes_and_another_comes(make_cells):
+def test_grid_can_be_removed_and_replaced(make_cells):
     poses = {"a": Pose(0, 0.5, 2.0, 0.0)}
     scan = body_scan(make_cells, "a", (3.0, 1.95, 1.5))
     planner = Planner(masking())

@@ -17,7 +17,7 @@ def pose(ms: float, x=1.0, y=0.0, yaw=0.0) -> Pose:
     return Pose(START_NS + round(ms * MS), x, y, yaw)
 
 
-def test_a_pose_in_the_map_stays_as_it_is():
+def test_pose_in_the_map_frame_is_unchanged():
     given = pose(0)
     intake = PoseIntake(PoseInput())
     assert intake(given, "map") is given
@@ -25,7 +25,7 @@ def test_a_pose_in_the_map_stays_as_it_is():
     assert intake(pose(10), "/map") is not None
 
 
-def test_another_frame_is_placed_in_the_map():
+def test_pose_in_another_frame_is_transformed_to_the_map():
     # A quarter turn to the left at (5, 2): 1 m ahead is (5, 3).
     intake = PoseIntake(PoseInput(map_from_odom=(5.0, 2.0, math.pi / 2)))
     made = intake(pose(0, yaw=0.1), "robot_a/odom")
@@ -34,7 +34,7 @@ def test_another_frame_is_placed_in_the_map():
     assert made.stamp_ns == START_NS
 
 
-def test_a_frame_that_nothing_places_is_refused():
+def test_frame_without_a_transform_is_refused():
     intake = PoseIntake(PoseInput())
     with pytest.raises(PoseError, match=r"'odom'.*'map'.*pose\.map_from_odom"):
         intake(pose(0), "odom")
@@ -48,7 +48,7 @@ def test_a_frame_that_nothing_places_is_refused():
         intake(pose(0), "odom")
 
 
-def test_a_frame_is_placed_by_who_knows_it_unless_the_parameter_does():
+def test_parameter_takes_precedence_over_tf():
     asked = []
 
     def frame_in_map(frame_id: str) -> Pose:
@@ -68,7 +68,7 @@ def test_a_frame_is_placed_by_who_knows_it_unless_the_parameter_does():
     assert asked == ["odom"]
 
 
-def test_the_pose_of_a_robot_that_stands():
+def test_static_pose_is_used():
     made = static_pose(PoseInput(source="static", static=(1.0, 2.0, 2.0 * math.pi + 0.5)), 7)
     assert (made.stamp_ns, made.x, made.y) == (7, 1.0, 2.0)
     assert made.yaw == pytest.approx(0.5)
@@ -80,14 +80,14 @@ def test_the_pose_of_a_robot_that_stands():
 
 
 @pytest.mark.parametrize("late_ms", [0, 1, 1000])
-def test_a_pose_that_is_not_newer_is_refused(late_ms):
+def test_pose_that_is_not_newer_is_refused(late_ms):
     intake = PoseIntake(PoseInput())
     intake(pose(2000), "map")
     with pytest.raises(PoseError, match="newer than"):
         intake(pose(2000 - late_ms), "map")
 
 
-def test_a_jump_back_by_more_than_a_second_is_a_new_beginning():
+def test_jump_back_by_more_than_a_second_is_a_reset():
     intake = PoseIntake(PoseInput())
     intake(pose(2000), "map")
     for late in (979, 989):  # they may be late
@@ -100,19 +100,19 @@ def test_a_jump_back_by_more_than_a_second_is_a_new_beginning():
     ("rate_hz", "max_rate_hz", "out"),
     [(50, 100, 50), (100, 100, 100), (1000, 100, 100), (75, 50, 50)],
 )
-def test_the_rate_holds_in_the_long_run(rate_hz, max_rate_hz, out):
+def test_long_term_rate_is_kept(rate_hz, max_rate_hz, out):
     intake = PoseIntake(PoseInput(max_rate=float(max_rate_hz)))
     made = [intake(pose(1000 * i / rate_hz), "map") for i in range(10 * rate_hz)]
     assert sum(one is not None for one in made) == pytest.approx(10 * out, abs=1)
 
 
-def test_jitter_of_a_tenth_of_the_period_costs_no_pose():
+def test_jitter_of_a_tenth_of_the_period_drops_no_pose():
     intake = PoseIntake(PoseInput(max_rate=100.0))
     made = [intake(pose(10 * i + (-1) ** i * 0.45), "map") for i in range(100)]
     assert None not in made
 
 
-def test_after_a_pause_the_next_pose_goes_out_and_no_burst_follows():
+def test_after_a_pause_the_next_pose_is_sent_without_a_burst():
     intake = PoseIntake(PoseInput(max_rate=10.0))
     stamps = [0, 1000, 1010, 1020, 1095, 1200]
     assert [ms for ms in stamps if intake(pose(ms), "map")] == [0, 1000, 1095, 1200]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.team.poses import Pose, PoseBuffer
+from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseTuning
 
 PI = math.pi
 MS = 1_000_000
@@ -47,26 +47,26 @@ def test_a_pose_must_be_finite(name, bad):
     [np.zeros(9), np.zeros((2, 2)), np.full((3, 3), math.nan), np.diag([1.0, -1e-9, 1.0])],
     ids=["flat", "small", "nan", "negative variance"],
 )
-def test_a_covariance_must_be_one(covariance):
+def test_covariance_must_be_valid(covariance):
     with pytest.raises(PoseError, match=r"covariance of x, y, yaw is no covariance .*: \["):
         pose(covariance=covariance)
 
 
-def test_a_pose_is_exact_unless_it_says_otherwise():
+def test_pose_without_covariance_is_exact():
     np.testing.assert_array_equal(Pose(0, 1.0, 2.0, 3.0).covariance, EXACT)
 
 
 # ---------------------------------------------------------------------- composition ----
 
 
-def test_composition_by_hand():
+def test_composition_matches_hand_computed_values():
     # In a frame at (1, 2) that is turned to the left: 3 ahead is 3 along y, 0.5 left is -0.5 in x.
     composed = pose(7, 1.0, 2.0, PI / 2) @ pose(9, 3.0, 0.5, PI)
     assert_same_place(composed, pose(0, 0.5, 5.0, -PI / 2))
     assert composed.stamp_ns == 9 * MS
 
 
-def test_covariances_of_a_composition_by_hand():
+def test_covariances_of_a_composition_match_hand_computed_values():
     # An error of the heading moves what is 2 m ahead sideways, twice as much.
     composed = pose(covariance=np.diag([0.1, 0.2, 0.01])) @ pose(0, 2.0, 0.0)
     np.testing.assert_allclose(
@@ -105,7 +105,7 @@ def random_covariance(seed: int) -> np.ndarray:
 
 
 @given(poses, poses, st.integers(0, 9))
-def test_covariance_of_a_composition_against_finite_differences(a, b, seed):
+def test_covariance_of_a_composition_equals_finite_differences(a, b, seed):
     def as_vector(of: Pose) -> np.ndarray:
         return np.array([of.x, of.y, of.yaw])
 
@@ -127,7 +127,7 @@ def test_covariance_of_a_composition_against_finite_differences(a, b, seed):
 # ---------------------------------------------------------------------- interpolation ----
 
 
-def test_halfway_by_hand():
+def test_interpolation_halfway_matches_hand_computed_values():
     poses = buffer(
         pose(100, 1.0, 10.0, 0.2, np.diag([0.1, 0.2, 0.3])),
         pose(200, 2.0, 6.0, 0.6, np.diag([0.5, 0.2, 0.1])),
@@ -138,7 +138,7 @@ def test_halfway_by_hand():
     np.testing.assert_allclose(at.covariance, np.diag([0.2, 0.2, 0.25]))
 
 
-def test_exact_at_poses():
+def test_interpolation_is_exact_at_poses():
     given_poses = [pose(10 * i, 0.1 * i**3, -0.2 * i**2, 0.3 * i % 3) for i in range(9)]
     poses = buffer(*given_poses)
     for each in given_poses:
@@ -156,7 +156,7 @@ def test_exact_at_poses():
         (-0.2, 0.4, 0.1),
     ],
 )
-def test_the_heading_takes_the_shorter_way(yaw_before, yaw_after, halfway):
+def test_heading_is_interpolated_the_shorter_way(yaw_before, yaw_after, halfway):
     at = buffer(pose(0, yaw=yaw_before), pose(10, yaw=yaw_after)).at(5 * MS, SECOND)
     assert wrap_angle(at.yaw - halfway) == pytest.approx(0.0, abs=1e-9)
     assert -PI < at.yaw <= PI
@@ -171,7 +171,7 @@ speed = st.floats(-2, 2)
     times_ms=st.lists(st.integers(0, 1000), min_size=2, max_size=8, unique=True),
     at_ms=st.integers(0, 1100),
 )
-def test_exact_on_constant_velocity(start, velocity, times_ms, at_ms):
+def test_interpolation_is_exact_for_constant_velocity(start, velocity, times_ms, at_ms):
     def true(t_ms: float) -> Pose:
         x, y, yaw = (p + v * t_ms / 1000 for p, v in zip((start.x, start.y, start.yaw), velocity))  # noqa: B905
         return pose(t_ms, x, y, wrap_angle(yaw))
@@ -190,7 +190,7 @@ def test_exact_on_constant_velocity(start, velocity, times_ms, at_ms):
 # ----------------------------------------------------------------- beyond the newest ----
 
 
-def test_past_the_newest_it_is_carried_on():
+def test_poses_are_extrapolated_past_the_newest():
     covariance = np.diag([0.01, 0.02, 0.03])
     # A long way back it was faster: the speed is that over the last 100 ms.
     poses = buffer(
@@ -203,14 +203,14 @@ def test_past_the_newest_it_is_carried_on():
     np.testing.assert_allclose(at.covariance, covariance + moved, atol=1e-12)
 
 
-def test_carried_on_over_pi():
+def test_extrapolation_wraps_at_pi():
     at = buffer(pose(0, yaw=PI - 0.2), pose(100, yaw=PI - 0.1)).at(300 * MS, SECOND)
     assert at.yaw == pytest.approx(-PI + 0.1)
     np.testing.assert_allclose(at.covariance, np.diag([0, 0, 0.2**2]) + np.eye(3) * 0.02**2)
 
 
 @pytest.mark.parametrize("at_ms", [50, 150])
-def test_one_pose_stays_and_may_have_moved(at_ms):
+def test_single_pose_is_kept_with_growing_uncertainty(at_ms):
     only = pose(100, 1.0, 2.0, 3.0, np.eye(3))
     at = buffer(only).at(at_ms * MS, 50 * MS)
     assert_same_place(at, only)
@@ -218,7 +218,7 @@ def test_one_pose_stays_and_may_have_moved(at_ms):
     assert at.stamp_ns == at_ms * MS
 
 
-def test_before_the_first_after_a_gap_it_is_carried_back():
+def test_poses_are_extrapolated_backwards_after_a_gap():
     at = buffer(pose(100, 1.0), pose(200, 2.0)).at(60 * MS, 50 * MS)
     assert at.x == pytest.approx(0.6)
     assert at.stamp_ns == 60 * MS
@@ -227,7 +227,7 @@ def test_before_the_first_after_a_gap_it_is_carried_back():
     )
 
 
-def test_between_poses_far_apart_it_is_less_sure():
+def test_uncertainty_grows_between_distant_poses():
     poses = buffer(pose(0), pose(100), pose(600))
     np.testing.assert_array_equal(poses.at(50 * MS, SECOND).covariance, EXACT)  # no gap
     at = poses.at(200 * MS, SECOND)
@@ -242,10 +242,10 @@ def test_between_poses_far_apart_it_is_less_sure():
     change=st.floats(-1, 1),
     away_ms=st.integers(1, 250),
 )
-def test_across_a_gap_the_truth_is_within_what_is_stated(
+def test_stated_covariance_across_a_gap_covers_the_truth(
     alone, after, speed, turn, change, away_ms
 ):
-    """A robot at up to 1 m/s and 1 rad/s, which may change, whose poses say 1 cm and 0.01 rad."""
+    """A robot at varying speeds up to 1 m/s and 1 rad/s, with pose sigmas of 1 cm and 0.01 rad."""
 
     def true(t_ms: float) -> Pose:
         t, sign = t_ms / 1000, 1.0 if after else -1.0
@@ -261,7 +261,7 @@ def test_across_a_gap_the_truth_is_within_what_is_stated(
     assert (np.abs(off) <= 1.2 * np.sqrt(np.diag(at.covariance)) + 1e-12).all()
 
 
-def test_the_nearest_is_worth_what_its_age_leaves_of_it():
+def test_uncertainty_of_the_nearest_pose_grows_with_its_age():
     poses = buffer(pose(0), pose(1000, 1.0, 2.0, 3.0, np.eye(3) * 0.01))
     at = poses.near(2500 * MS, 250 * MS, 2000 * MS)
     assert_same_place(at, pose(0, 1.0, 2.0, 3.0))
@@ -277,7 +277,7 @@ def test_the_nearest_is_worth_what_its_age_leaves_of_it():
 # --------------------------------------------------------------------------- too far ----
 
 
-def test_without_poses_there_is_none():
+def test_empty_buffer_has_no_pose():
     assert len(PoseBuffer()) == 0
     assert PoseBuffer().newest_ns is None
     assert not PoseBuffer().covers(0)
@@ -321,13 +321,13 @@ def test_only_poses_that_are_near_are_used():
 # ----------------------------------------------------------------------- the buffer ----
 
 
-def test_covers():
+def test_covered_times_are_reported():
     poses = buffer(pose(100), pose(200))
     assert [poses.covers(t * MS) for t in (99, 100, 150, 200, 201)] == [0, 1, 1, 1, 0]
     assert poses.newest_ns == 200 * MS
 
 
-def test_late_poses_take_their_place():
+def test_late_poses_are_inserted_in_order():
     poses = buffer(pose(0, 0.0), pose(200, 2.0), pose(100, 5.0))
     assert poses.newest_ns == 200 * MS
     assert poses.at(50 * MS, SECOND).x == pytest.approx(2.5)
@@ -341,7 +341,7 @@ def test_a_repeated_stamp_is_refused():
     assert len(poses) == 3
 
 
-def test_old_poses_are_forgotten():
+def test_old_poses_are_dropped():
     assert PoseBuffer().span_ns == 5 * SECOND
     poses = PoseBuffer(span_ns=500 * MS)
     for i in range(100):
@@ -354,7 +354,7 @@ def test_old_poses_are_forgotten():
     assert not poses.covers(9399 * MS)
 
 
-def test_stamps_that_jump_back_begin_anew():
+def test_stamps_that_jump_back_reset_the_state():
     poses = buffer(pose(5000, 5.0), pose(4000, 4.0))
     assert (len(poses), poses.resets) == (2, 0)  # one second late is late
     for late in (3000, 3100):  # too late, and dropped; if one more follows, time has jumped back
@@ -381,10 +381,22 @@ def test_jumps_are_counted():
     assert poses.jumps == 2
 
 
-def test_clearing():
+def test_clearing_removes_all_poses():
     poses = buffer(pose(0), pose(100))
     poses.clear()
     assert len(poses) == 0
     assert poses.newest_ns is None
     poses.add(pose(100))
     assert len(poses) == 1
+
+
+def test_tuning_sets_drift_and_jumps():
+    tuning = PoseTuning(speeds=(0.5, 0.2, 0.1), jump=0.1, jump_speed=1.0)
+    poses = PoseBuffer(tuning=tuning)
+    poses.add(Pose(0, 0.0, 0.0, 0.0))
+    stayed = poses.at(2 * SECOND, 2 * SECOND)  # 2 s at these speeds
+    np.testing.assert_allclose(np.sqrt(np.diag(stayed.covariance)), (1.0, 0.4, 0.2))
+    poses.add(Pose(SECOND, 1.05, 0.0, 0.0))
+    assert poses.jumps == 0
+    poses.add(Pose(2 * SECOND, 2.25, 0.0, 0.0))
+    assert poses.jumps == 1

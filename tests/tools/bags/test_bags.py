@@ -134,7 +134,7 @@ def sample(request, tmp_path):
 # ------------------------------------------------------------------------------------- reading
 
 
-def test_reads_values_in_time_order(sample):
+def test_values_are_read_in_time_order(sample):
     with BagReader(sample) as bag:
         assert {t.name: (t.type, t.count) for t in bag.topics.values()} == {
             "/eye/image": ("sensor_msgs/msg/Image", 10),
@@ -155,7 +155,7 @@ def test_reads_values_in_time_order(sample):
         np.testing.assert_array_equal(seen.data, np.arange(12) + step)
 
 
-def test_time_order_does_not_depend_on_the_order_of_writing(tmp_path):
+def test_time_order_is_independent_of_the_order_of_writing(tmp_path):
     with BagWriter(tmp_path / "b.mcap") as bag:
         for at in (5, 3, 9, 1):
             bag.write("/talk", START_NS + at, text(str(at)))
@@ -163,7 +163,7 @@ def test_time_order_does_not_depend_on_the_order_of_writing(tmp_path):
         assert [m.data for _, _, m in bag.decoded()] == ["1", "3", "5", "9"]
 
 
-def test_reads_the_topics_asked_for(sample):
+def test_only_requested_topics_are_read(sample):
     with BagReader(sample) as bag:
         assert {m.topic for m in bag.messages(["/talk"])} == {"/talk"}
         assert {m.topic for m in bag.messages(["talk"])} == {"/talk"}
@@ -173,7 +173,7 @@ def test_reads_the_topics_asked_for(sample):
         assert next(bag.messages()).time_ns == START_NS
 
 
-def test_patterns():
+def test_patterns_select_topics():
     names = ["/a/left", "/a/odom", "/b/odom"]
     assert matching(names, []) == names
     assert matching(names, ["/a/*"]) == names[:2]
@@ -181,7 +181,7 @@ def test_patterns():
     assert matching(names, ["/a"]) == []
 
 
-def test_no_such_topic(sample):
+def test_unknown_topic_is_an_error(sample):
     with BagReader(sample) as bag:
         with pytest.raises(BagError, match=r"no topic /nope\. It has: /eye/image, /talk"):
             list(bag.messages(["/talk", "/nope"]))
@@ -189,7 +189,7 @@ def test_no_such_topic(sample):
             bag.select(["/nope"])
 
 
-def test_type_hashes_are_those_of_ros(sample):
+def test_type_hashes_equal_those_of_ros(sample):
     with BagReader(sample) as bag:
         assert bag.type_hash("sensor_msgs/msg/Image") == (
             "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"
@@ -208,11 +208,11 @@ def error_of(path):
     return message
 
 
-def test_not_there(tmp_path):
+def test_missing_bag_is_an_error(tmp_path):
     assert "there is no such bag" in error_of(tmp_path / "nope.mcap")
 
 
-def test_folder_without_metadata(tmp_path):
+def test_folder_without_metadata_is_an_error(tmp_path):
     write_sample(tmp_path / "b")
     (tmp_path / "b" / "metadata.yaml").unlink()
     message = error_of(tmp_path / "b")
@@ -223,32 +223,32 @@ def test_folder_without_metadata(tmp_path):
     assert "no bag" in error_of(tmp_path / "b")
 
 
-def test_metadata_without_its_file(tmp_path):
+def test_metadata_without_its_file_is_an_error(tmp_path):
     write_sample(tmp_path / "b")
     (tmp_path / "b" / "b.mcap").unlink()
     assert "b.mcap" in error_of(tmp_path / "b")
 
 
 @pytest.mark.parametrize("name", ["b.mcap", "b.db3"])
-def test_file_of_no_bytes(tmp_path, name):
+def test_empty_file_is_an_error(tmp_path, name):
     (tmp_path / name).touch()
     assert "the file is empty" in error_of(tmp_path / name)
 
 
 @pytest.mark.parametrize(("name", "hint"), [("b.txt", "not a bag"), ("b.bag", "rosbags-convert")])
-def test_other_files(tmp_path, name, hint):
+def test_files_of_other_formats_are_refused_with_a_hint(tmp_path, name, hint):
     (tmp_path / name).write_text("hello")
     assert hint in error_of(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["b", "b.mcap"])
-def test_bag_without_messages(tmp_path, name):
+def test_bag_without_messages_is_read(tmp_path, name):
     with BagWriter(tmp_path / name) as bag:
         bag.add_topic("/talk", "std_msgs/msg/String")
     assert "the bag is empty" in error_of(tmp_path / name)
 
 
-def test_topic_of_two_types(tmp_path):
+def test_topic_of_two_types_is_refused(tmp_path):
     with Writer(tmp_path / "b", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for msgtype in ("std_msgs/msg/String", "std_msgs/msg/Empty"):
             c = writer.add_connection("/talk", msgtype, typestore=default_typestore())
@@ -256,7 +256,7 @@ def test_topic_of_two_types(tmp_path):
     assert "topic /talk has two types" in error_of(tmp_path / "b")
 
 
-def test_bytes_that_are_no_such_message(tmp_path):
+def test_bytes_that_are_not_the_stated_type_are_refused(tmp_path):
     with BagWriter(tmp_path / "b.mcap") as bag:
         bag.add_topic("/talk", "std_msgs/msg/String")
         bag.write_raw("/talk", START_NS, b"\x00\x01\x00\x00\xff\xff\x00\x00ab")
@@ -267,8 +267,8 @@ def test_bytes_that_are_no_such_message(tmp_path):
     )
 
 
-def test_index_that_promises_more(tmp_path):
-    """Damage that rosbags reads past in silence."""
+def test_index_with_too_many_messages_is_refused(tmp_path):
+    """Damage that rosbags ignores without an error."""
     write_sample(tmp_path / "b")
     metadata = tmp_path / "b" / "metadata.yaml"
     metadata.write_text(
@@ -283,8 +283,8 @@ def data_files(bag):
     return [bag] if bag.is_file() else sorted(bag.iterdir())
 
 
-def test_truncated_at_any_length(sample):
-    """Every file of every format, cut anywhere: a BagError, and the whole file reads again."""
+def test_file_truncated_at_any_length_is_refused(sample):
+    """Every file of every format, cut anywhere: a BagError; the complete file is read."""
     chance = random.Random(1)
     for file in data_files(sample):
         whole = file.read_bytes()
@@ -301,8 +301,8 @@ def test_truncated_at_any_length(sample):
         assert len(list(bag.messages())) == 20
 
 
-def test_flipped_bytes(sample):
-    """Whatever is changed: the messages, or a BagError; no other exception, no endless loop."""
+def test_flipped_bytes_give_messages_or_bag_errors(sample):
+    """Any change gives the messages or a BagError; no other exception, no endless loop."""
     chance = random.Random(2)
     refused = 0
     for file in data_files(sample):
@@ -326,8 +326,8 @@ def all_of(bag):
         return reader.topics, list(reader.messages())
 
 
-def test_no_damage_to_a_bag_of_ours_changes_what_is_read(tmp_path):
-    """One bit, or 5,000 zeros, anywhere in a file: an error, or it was where nothing is read."""
+def test_damage_never_changes_messages_of_our_bags(tmp_path):
+    """One bit, or 5,000 zeros, anywhere in a file: an error, unless these bytes are never read."""
     chance = random.Random(3)
     file = tmp_path / "b.mcap"
     with BagWriter(file) as bag:
@@ -355,8 +355,8 @@ def test_no_damage_to_a_bag_of_ours_changes_what_is_read(tmp_path):
     assert refused >= 50
 
 
-def test_checksum_that_is_lost_with_what_it_is_of(tmp_path):
-    """Of rosbags' own files no chunk has one; where others have, a 0 is damage."""
+def test_lost_checksum_is_detected(tmp_path):
+    """In files of rosbags no chunk has one; where other chunks have, a 0 is damage."""
     file = tmp_path / "b.mcap"
     with BagWriter(file) as bag:
         for step in range(200):
@@ -368,7 +368,7 @@ def test_checksum_that_is_lost_with_what_it_is_of(tmp_path):
     assert "lost their checksums" in error_of(file)
 
 
-def test_chunks_in_lz4(tmp_path):
+def test_lz4_chunks_are_read(tmp_path):
     sample = write_foreign(
         tmp_path / "sample", StoragePlugin.MCAP, chunks=("lz4", lz4.frame.compress)
     )
@@ -386,7 +386,7 @@ def test_chunks_in_lz4(tmp_path):
         ("message_definitions", "encoded_message_definition", 7, "damaged"),
     ],
 )
-def test_values_of_other_types_in_sqlite(tmp_path, table, column, value, hint):
+def test_sqlite_values_of_wrong_types_are_refused(tmp_path, table, column, value, hint):
     """SQLite takes any value in any column."""
     file = write_foreign(tmp_path / "sample", StoragePlugin.SQLITE3) / "sample.db3"
     with contextlib.closing(sqlite3.connect(file)) as database, database:
@@ -412,8 +412,8 @@ def laughs(depth=8):
 
 
 @pytest.mark.parametrize("key", ["compression_format", "name", "serialization_format"])
-def test_metadata_that_grows(tmp_path, key):
-    """rosbags says what it finds, in full: 250 MB of laughter."""
+def test_alias_bombs_in_metadata_are_refused(tmp_path, key):
+    """rosbags includes the value in its message: 250 MB."""
     write_sample(tmp_path / "b")
     metadata = tmp_path / "b" / "metadata.yaml"
     text = metadata.read_text().replace("compression_mode: ''", "compression_mode: MESSAGE")
@@ -426,7 +426,7 @@ def test_metadata_that_grows(tmp_path, key):
     tracemalloc.stop()
 
 
-def test_metadata_nested_without_end(tmp_path):
+def test_endlessly_nested_metadata_is_refused(tmp_path):
     write_sample(tmp_path / "b")
     (tmp_path / "b" / "metadata.yaml").write_text("[" * 100_000)
     assert "recursion" in error_of(tmp_path / "b")
@@ -453,7 +453,7 @@ def streamed(data):
     [("zstd", zstd.compress), ("zstd", streamed), ("lz4", lz4.frame.compress)],
 )
 @pytest.mark.parametrize("indexed", [True, False])
-def test_chunks_that_grow_too_much(tmp_path, small_limit, name, compress, indexed):
+def test_expanding_chunks_are_refused(tmp_path, small_limit, name, compress, indexed):
     write = functools.partial(write_foreign, plugin=StoragePlugin.MCAP, indexed=indexed)
     assert len(all_of(write(tmp_path / "good", chunks=(name, compress)))[1]) == 20
     long = write(tmp_path / "long", chunks=(name, compress), words=300_000)
@@ -465,13 +465,13 @@ def test_chunks_that_grow_too_much(tmp_path, small_limit, name, compress, indexe
     tracemalloc.stop()
 
 
-def test_compression_that_nobody_reads(tmp_path):
+def test_unknown_compression_is_refused(tmp_path):
     bag = write_foreign(tmp_path / "bag", StoragePlugin.MCAP, chunks=("zip", zlib.compress))
     assert "compression is b'zip'; wanted: zstd, lz4 or none" in error_of(bag)
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_message_that_grows_too_much(tmp_path, small_limit, plugin):
+def test_expanding_messages_are_refused(tmp_path, small_limit, plugin):
     write = functools.partial(write_foreign, plugin=plugin, compression=CompressionMode.MESSAGE)
     assert len(all_of(write(tmp_path / "good"))[1]) == 20
     message = error_of(write(tmp_path / "long", words=300_000))
@@ -479,7 +479,7 @@ def test_message_that_grows_too_much(tmp_path, small_limit, plugin):
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_file_that_grows_too_much(tmp_path, small_limit, plugin):
+def test_expanding_files_are_refused(tmp_path, small_limit, plugin):
     write = functools.partial(write_foreign, plugin=plugin, compression=CompressionMode.FILE)
     assert len(all_of(write(tmp_path / "good"))[1]) == 20
     message = error_of(write(tmp_path / "long", words=300_000))
@@ -494,8 +494,8 @@ def test_file_that_grows_too_much(tmp_path, small_limit, plugin):
         ("Odd[] x", bag_checks.MAX_PARTS + 1),
     ],
 )
-def test_definition_of_too_many_parts(tmp_path, definition, parts):
-    """Some 30 bytes took 5 GB."""
+def test_definition_with_too_many_parts_is_refused(tmp_path, definition, parts):
+    """Some 30 bytes would take 5 GB."""
     with Writer(tmp_path / "b", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         c = writer.add_connection("/odd", "odd_msgs/msg/Odd", msgdef=definition, rihs01="RIHS01_0")
         writer.write(c, START_NS, b"\x00\x01\x00\x00\x00")
@@ -518,7 +518,7 @@ def test_arrays_of_numbers_may_be_long(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "out"])
-def test_others_read_what_we_write(tmp_path, name):
+def test_our_bags_are_read_by_other_libraries(tmp_path, name):
     path = write_sample(tmp_path / name)
     with AnyReader([path]) as reader:
         read: list[tuple[str, int, Any]] = [
@@ -530,7 +530,7 @@ def test_others_read_what_we_write(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "out"])
-def test_bytes_and_quality_of_service_survive(tmp_path, name):
+def test_bytes_and_quality_of_service_round_trip(tmp_path, name):
     with BagReader(BAGS / "paper_formation") as bag, BagWriter(tmp_path / name) as out:
         for topic in bag.topics.values():
             out.add_topic(topic.name, topic.type, [LATCHED])
@@ -551,7 +551,7 @@ def test_nothing_is_overwritten(tmp_path):
     assert path.read_bytes() == before
 
 
-def test_nothing_is_overwritten_that_came_meanwhile(tmp_path):
+def test_files_created_meanwhile_are_not_overwritten(tmp_path):
     writer = BagWriter(tmp_path / "out.mcap")
     writer.write("/talk", START_NS, text("mine"))
     (tmp_path / "out.mcap").write_text("theirs")
@@ -575,13 +575,13 @@ def write_and_fail(path):
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "out"])
-def test_exception_while_writing_leaves_nothing(tmp_path, name):
+def test_exception_while_writing_leaves_no_file(tmp_path, name):
     with pytest.raises(KeyError):
         write_and_fail(tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_place_that_cannot_be_written(tmp_path):
+def test_unwritable_target_is_an_error(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(BagError, match=r"out\.mcap: cannot be written"):
         BagWriter(tmp_path / "file" / "out.mcap")
@@ -589,7 +589,7 @@ def test_place_that_cannot_be_written(tmp_path):
         BagWriter(tmp_path / "out.db3")
 
 
-def test_wrong_use_of_the_writer(tmp_path):
+def test_wrong_use_of_the_writer_is_an_error(tmp_path):
     with BagWriter(tmp_path / "out.mcap") as bag:
         bag.write("/talk", START_NS, text("a"))
         with pytest.raises(BagError, match="topic /other was not announced"):
@@ -671,7 +671,7 @@ def check_people(path):
 
 
 @pytest.mark.usefixtures("installed")
-def test_our_messages_are_known_where_installed(tmp_path, monkeypatch):
+def test_installed_message_types_are_known(tmp_path, monkeypatch):
     assert set(OUR_MESSAGES) <= default_typestore().fielddefs.keys()
     path = tmp_path / "people.mcap"
     with BagWriter(path) as bag:
@@ -685,7 +685,7 @@ def test_our_messages_are_known_where_installed(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("installed")
-def test_bag_with_an_older_definition_is_read_by_that(tmp_path):
+def test_bag_is_read_by_its_own_older_definition(tmp_path):
     definition = default_typestore().generate_msgdef(OUR_MESSAGES[1], ros_version=2)[0]
     older = definition.replace("float32 sigma\n", "")
     assert older != definition
@@ -700,7 +700,7 @@ def test_bag_with_an_older_definition_is_read_by_that(tmp_path):
         assert bag.type_hash(OUR_MESSAGES[1]) == "RIHS01_older"
 
 
-def test_definition_that_is_broken(tmp_path, monkeypatch):
+def test_broken_definition_is_refused(tmp_path, monkeypatch):
     install(tmp_path / "prefix", monkeypatch)
     file = tmp_path / "prefix/share/mrs_people_msgs/msg/Odd.msg"
     file.write_text("float32\n")
@@ -721,7 +721,7 @@ def test_manifest_lists_every_bag():
 
 
 @pytest.mark.parametrize("name", manifest())
-def test_manifest_says_what_is_in_the_bag(name):
+def test_manifest_matches_the_bags(name):
     entry = manifest()[name]
     assert {"description", "origin", "licence", "ground_truth", "robots"} <= entry.keys()
     with BagReader(BAGS / name) as bag:
@@ -746,8 +746,8 @@ def test_manifest_says_what_is_in_the_bag(name):
             assert len(poses.poses) == truth["people"]
 
 
-def test_bags_of_ours_have_checksums(tmp_path):
-    """A changed byte of an image, which nothing else would tell."""
+def test_our_bags_have_checksums(tmp_path):
+    """A changed byte of an image, which nothing else would detect."""
     for name in manifest():
         whole = (BAGS / name / f"{name}.mcap").read_bytes()
         (tmp_path / f"{name}.mcap").write_bytes(whole[:1_000_000] + b"?" + whole[1_000_001:])

@@ -177,7 +177,7 @@ def texts_of(arrived):
 
 
 @pytest.mark.slow
-def test_what_is_recorded_is_what_was_replayed(tmp_path):
+def test_recording_equals_the_replayed_bag(tmp_path):
     """Every byte of the starter bag, through two processes."""
     out = tmp_path / "out.mcap"
     with mrs("record", out) as recording, mrs("replay", PAPER, "--rate", 2, "--wait", 50) as source:
@@ -223,7 +223,7 @@ def test_what_is_recorded_is_what_was_replayed(tmp_path):
 
 
 @pytest.mark.parametrize("qos", [RELIABLE, BEST_EFFORT], ids=["reliable", "best effort"])
-def test_subscribers_of_either_kind_get_everything(ros, qos):
+def test_reliable_and_best_effort_subscribers_get_everything(ros, qos):
     arrived = raw_subscription(ros, Odometry, "/robot_a/odom", qos)
     others = raw_subscription(ros, Odometry, "/robot_b/odom", qos)
     code, said = run("replay", PAPER, "-t", "/robot_a/odom,/robot_c/*", "--rate", 2)
@@ -235,8 +235,8 @@ def test_subscribers_of_either_kind_get_everything(ros, qos):
     assert others == []
 
 
-def test_timing(ros, tmp_path):
-    """Stamps of arrival against bag time; bounds that a loaded machine keeps."""
+def test_messages_keep_their_timing(ros, tmp_path):
+    """Times of arrival against bag time, with bounds for a loaded machine."""
     bag = talk_bag(tmp_path / "b.mcap", [str(k) for k in range(11)], step_s=0.2)
     arrived = []
     ros.create_subscription(
@@ -272,7 +272,7 @@ class FakeTime:
 
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
-def test_waiting_adds_up_to_no_drift(monkeypatch, rate):
+def test_waiting_causes_no_drift(monkeypatch, rate):
     fake = FakeTime()
     monkeypatch.setattr(replay, "time", fake)
     pace = replay._Pace(START_NS, rate, fake, lambda position: None)
@@ -288,7 +288,7 @@ def test_waiting_adds_up_to_no_drift(monkeypatch, rate):
     assert pace.latest_ns > 2_000_000_000
 
 
-def test_clock(ros, tmp_path):
+def test_clock_is_published_with_bag_time(ros, tmp_path):
     bag = talk_bag(tmp_path / "b.mcap", [str(k) for k in range(6)], step_s=0.2)
     seen = []  # clock ticks [ns] and texts in the order of their arrival
 
@@ -324,8 +324,8 @@ def test_slow_clock_still_ticks_a_hundred_times_a_second(ros, tmp_path):
     assert all(step % 2_500_000 == 0 for step in steps)
 
 
-def test_clock_of_a_machine_that_is_behind(monkeypatch):
-    """It leaves ticks out, keeps to its grid, and never overtakes the message that is due."""
+def test_clock_of_an_overloaded_machine_omits_ticks(monkeypatch):
+    """Ticks are omitted, stay on the grid, and never overtake the next message."""
     fake = FakeTime()
     monkeypatch.setattr(replay, "time", fake)
     ticks = []
@@ -342,7 +342,7 @@ def test_clock_of_a_machine_that_is_behind(monkeypatch):
     assert ticks == [0, 500_000_000, 510_000_000, 1_000_000_000, 1_010_000_000, 1_020_000_000]
 
 
-def test_bag_with_its_own_clock_plays_that(ros, tmp_path):
+def test_recorded_clock_is_replayed(ros, tmp_path):
     with BagWriter(tmp_path / "b.mcap") as bag:
         bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")
         own = Clock()
@@ -357,8 +357,8 @@ def test_bag_with_its_own_clock_plays_that(ros, tmp_path):
     assert [deserialize_message(a, Clock).clock.sec for a in arrived] == [77]
 
 
-def test_loop(ros, tmp_path):
-    """Again and again with the same stamps; the clock jumps back."""
+def test_loop_repeats_the_bag(ros, tmp_path):
+    """Each pass has the same stamps; the clock jumps back."""
     bag = talk_bag(tmp_path / "b.mcap", ["one", "two", "three"])
     arrived = raw_subscription(ros, String, "/talk")
     ticks = []
@@ -376,7 +376,7 @@ def test_loop(ros, tmp_path):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_replay_that_is_stopped(ros, tmp_path, number, code):
+def test_stopped_replay_ends_in_order(ros, tmp_path, number, code):
     bag = talk_bag(tmp_path / "b.mcap", ["now", "in ten minutes"], step_s=600.0)
     arrived = raw_subscription(ros, String, "/talk")
     with mrs("replay", bag) as process:
@@ -385,8 +385,8 @@ def test_replay_that_is_stopped(ros, tmp_path, number, code):
     assert texts_of(arrived) == ["now"]
 
 
-def test_late_subscriber_gets_what_was_latched(ros, tmp_path):
-    """Transient local where it was recorded so, and only there."""
+def test_late_subscriber_gets_latched_messages(ros, tmp_path):
+    """Transient local only for topics that were recorded so."""
     with BagWriter(tmp_path / "b.mcap") as bag:
         bag.add_topic("/map", "std_msgs/msg/String", [latched_offer()])
         bag.add_topic("/talk", "std_msgs/msg/String")
@@ -411,7 +411,7 @@ def latched_offer():
     return _recorded(LATCHED)
 
 
-def test_subscriber_that_cannot_be_served_is_named(ros, tmp_path):
+def test_incompatible_subscriber_is_named(ros, tmp_path):
     bag = talk_bag(tmp_path / "b.mcap", ["a"])
     arrived = raw_subscription(ros, String, "/talk", LATCHED)
     code, said = run("replay", bag, "--wait", 3)
@@ -420,7 +420,7 @@ def test_subscriber_that_cannot_be_served_is_named(ros, tmp_path):
     assert arrived == []
 
 
-def test_nobody_listens(tmp_path):
+def test_replay_without_subscribers_reports_it(tmp_path):
     code, said = run("replay", talk_bag(tmp_path / "b.mcap", ["a"]), "--wait", 0)
     assert code == 0
     assert "nobody listens yet" in said
@@ -440,7 +440,7 @@ def odd_bag(path, definition, msgtype="odd_msgs/msg/Odd"):
 
 
 @pytest.mark.parametrize("name", ["/robot-a/odom", "odom", "/", "/1st", "/a//b", "/ä", ""])
-def test_topic_whose_name_ros_does_not_allow(ros, tmp_path, name):
+def test_topic_with_an_invalid_ros_name_is_omitted(ros, tmp_path, name):
     with BagWriter(tmp_path / "b") as bag:
         for topic in (name, "/talk"):
             bag.add_topic(topic, "std_msgs/msg/String")
@@ -452,7 +452,7 @@ def test_topic_whose_name_ros_does_not_allow(ros, tmp_path, name):
 
 
 @pytest.mark.parametrize("msgtype", ["", "/msg/Odd", "..x/msg/Odd", "std_msgs/msg/__doc__", "os"])
-def test_types_that_are_none_are_not_installed(msgtype):
+def test_invalid_types_have_no_message_class(msgtype):
     assert message_class(msgtype) is None
 
 
@@ -464,7 +464,7 @@ def test_types_that_are_none_are_not_installed(msgtype):
         ("std_msgs/msg/Float32", "is defined otherwise in the bag than here"),
     ],
 )
-def test_topic_whose_bytes_nobody_here_would_understand(ros, tmp_path, msgtype, why):
+def test_topic_without_a_usable_definition_is_omitted(ros, tmp_path, msgtype, why):
     bag = odd_bag(tmp_path / "b", "int32 number", msgtype)
     arrived = raw_subscription(ros, Int32, "/talk")
     with Replayer(bag) as player:
@@ -480,14 +480,14 @@ def test_topic_whose_bytes_nobody_here_would_understand(ros, tmp_path, msgtype, 
         Replayer(bag, topics=["/od*"])
 
 
-def test_replay_says_what_it_leaves_out(tmp_path):
+def test_replay_names_omitted_topics(tmp_path):
     code, said = run("replay", odd_bag(tmp_path / "b", "int32 number"), "--wait", 0)
     assert code == 0
     assert "/odd is left out: its type odd_msgs/msg/Odd is not installed" in said
 
 
-def test_damaged_while_playing(tmp_path):
-    """Errors that only show on the way are told like the others."""
+def test_damage_found_during_replay_is_reported(tmp_path):
+    """Errors found only during the replay are reported like the others."""
     bag = talk_bag(tmp_path / "b", ["a", "b"])
     metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("message_count: 2", "message_count: 3"))
@@ -498,7 +498,7 @@ def test_damaged_while_playing(tmp_path):
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
-def test_rates_that_make_no_sense(rate):
+def test_invalid_rates_are_refused(rate):
     with pytest.raises(ValueError, match="rate must be a positive number"):
         Replayer(PAPER, rate=rate)
     assert run("replay", PAPER, f"--rate={rate}")[0] == 2
@@ -515,8 +515,8 @@ def two_topics(path):
     return path
 
 
-def test_what_a_live_node_publishes_is_left_out(ros, tmp_path):
-    """Not one of its messages is doubled; who it is is said."""
+def test_topics_of_live_nodes_are_omitted(ros, tmp_path):
+    """None of its messages is doubled; the node is named."""
     ros.create_publisher(String, "/live", RELIABLE)
     arrived = {topic: raw_subscription(ros, String, topic) for topic in ("/live", "/free")}
     bag = two_topics(tmp_path / "b.mcap")
@@ -530,7 +530,7 @@ def test_what_a_live_node_publishes_is_left_out(ros, tmp_path):
         Replayer(bag, topics=["/live"])
 
 
-def test_what_the_same_nodes_publish_is_left_out_in_one_line(monkeypatch, tmp_path):
+def test_topics_of_the_same_nodes_are_omitted_in_one_line(monkeypatch, tmp_path):
     others = ["/camera", "/robot_a/robot_node"]
     monkeypatch.setattr(Replayer, "_others", lambda _, topic: others if topic != "/three" else [])
     with BagWriter(tmp_path / "b.mcap") as bag:
@@ -545,7 +545,7 @@ def test_what_the_same_nodes_publish_is_left_out_in_one_line(monkeypatch, tmp_pa
     assert done.stderr.count("left out") == 1
 
 
-def test_who_begins_to_publish_while_a_bag_plays_has_the_topic_to_itself(ros, tmp_path):
+def test_node_that_starts_during_replay_takes_over_its_topic(ros, tmp_path):
     arrived = {topic: raw_subscription(ros, String, topic) for topic in ("/live", "/free")}
     left_out = {}
     with Replayer(two_topics(tmp_path / "b.mcap"), clock=True) as player:
@@ -560,7 +560,7 @@ def test_who_begins_to_publish_while_a_bag_plays_has_the_topic_to_itself(ros, tm
     assert left_out == {f"/{ros.get_name()} publishes it": ["/live"]}
 
 
-def test_two_replays_at_once_do_not_fight_over_the_clock(ros, tmp_path):
+def test_replay_omits_the_clock_if_another_node_publishes_it(ros, tmp_path):
     ros.create_publisher(Clock, "/clock", RELIABLE)
     ticks = raw_subscription(ros, Clock, "/clock")
     with Replayer(talk_bag(tmp_path / "b.mcap", ["a", "b"]), clock=True) as player:
@@ -572,8 +572,8 @@ def test_two_replays_at_once_do_not_fight_over_the_clock(ros, tmp_path):
 # ---------------------------------------------------------------------------------------- record
 
 
-def test_record_takes_what_reproduces_and_says_what_it_leaves_out(ros, tmp_path):
-    """Inputs by their names or because a node takes them in, what the nodes say; no debug image."""
+def test_record_takes_inputs_and_outputs_and_names_omitted_topics(ros, tmp_path):
+    """Inputs by name or subscription, outputs of the nodes; no debug image."""
     kinds = {
         "/robot_a/left/image_rect": Image,
         "/robot_a/odom": Odometry,
@@ -613,8 +613,8 @@ def test_record_takes_what_reproduces_and_says_what_it_leaves_out(ros, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "a bag"])
-def test_a_recorder_that_is_killed_leaves_its_data(ros, tmp_path, name):
-    """All but the last second; the next command that asks for the bag says how to get them."""
+def test_killed_recorder_leaves_recoverable_data(ros, tmp_path, name):
+    """All but the last second; the next command that opens the bag names the recovery option."""
     out = tmp_path / name
     publisher = ros.create_publisher(String, "/talk", RELIABLE)
     with mrs("record", out, "/talk") as process:
@@ -662,7 +662,7 @@ def numbers(bag, topic):
     return [int(m.data.split()[1]) for _, _, m in bag.decoded([topic])]
 
 
-def test_record_takes_what_each_publisher_offers(ros, tmp_path):
+def test_record_adapts_to_the_qos_of_each_publisher(ros, tmp_path):
     """Best effort, reliable, latched before the start, and a topic that appears later."""
     latched = ros.create_publisher(String, "/latched", LATCHED)
     latched.publish(String(data="/latched 0"))
@@ -696,8 +696,8 @@ def test_record_takes_what_each_publisher_offers(ros, tmp_path):
         assert bag.topics["/plain"].qos[0].reliability == QosReliability.RELIABLE
 
 
-def test_record_goes_along_when_a_publisher_comes_that_offers_less(ros, tmp_path):
-    """The reliable subscription of the start would never hear the second publisher."""
+def test_record_adapts_to_a_later_publisher_with_weaker_qos(ros, tmp_path):
+    """The initial reliable subscription would never receive from the second publisher."""
     first = ros.create_publisher(String, "/talk", RELIABLE)
     with mrs("record", tmp_path / "out.mcap", "/talk") as process:
         publish_until([first], first.get_subscription_count)
@@ -715,7 +715,7 @@ def test_record_goes_along_when_a_publisher_comes_that_offers_less(ros, tmp_path
         assert [s for s in said if s.startswith(who)] == [f"{who} {k}" for k in range(1000, 1005)]
 
 
-def test_record_only_what_was_asked_for(ros, tmp_path):
+def test_record_takes_only_requested_topics(ros, tmp_path):
     publishers = [ros.create_publisher(String, t, RELIABLE) for t in ("/a/x", "/a/y", "/b/x")]
     seen = []
     with Recorder(tmp_path / "out", ["/a/*", "b/z"]) as recorder:
@@ -732,7 +732,7 @@ def test_record_only_what_was_asked_for(ros, tmp_path):
             assert got == list(range(got[0], got[0] + len(got)))
 
 
-def test_record_for_a_time(ros, tmp_path):
+def test_record_ends_after_the_given_time(ros, tmp_path):
     publisher = ros.create_publisher(String, "/talk", RELIABLE)
     with mrs("record", tmp_path / "out.mcap", "--duration", 4) as process:
         publish_until([publisher], lambda: process.poll() is not None)
@@ -752,13 +752,13 @@ def test_record_overwrites_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["/bad topic!", "/a//b", "/1st", "/robot_*/"])
-def test_record_refuses_a_name_that_no_topic_can_have(tmp_path, name):
+def test_record_refuses_invalid_topic_names(tmp_path, name):
     with pytest.raises(BagError, match="fits no topic: it is no ROS 2 name; allowed: / before"):
         Recorder(tmp_path / "z.mcap", ["*", "/robot_[ab]/*", "talk", "*/image_*", "/?", name])
     assert not list(tmp_path.iterdir())
 
 
-def test_record_of_nothing_leaves_nothing(tmp_path):
+def test_record_without_messages_leaves_no_file(tmp_path):
     code, said = run("record", tmp_path / "out.mcap", "/nope", "--duration", 0.5)
     assert code == 1
     assert "no message came on /nope" in said
@@ -793,7 +793,7 @@ def run_without(missing, *args):
     return done.returncode, done.stdout + done.stderr
 
 
-def test_help_needs_neither_ros_nor_anything_heavy():
+def test_help_needs_neither_ros_nor_heavy_libraries():
     code, said = run_without(["rclpy", "rosbags", "numpy"], "--help")
     assert code == 0
     assert "replay" in said
@@ -818,7 +818,7 @@ def test_help_of_a_command_needs_no_ros(name):
         ("rclpy", ["record", "/tmp/never.mcap"], "'mrs-people-loc[ros]'"),
     ],
 )
-def test_what_is_missing_is_named(missing, args, extra):
+def test_missing_libraries_are_named(missing, args, extra):
     code, said = run_without([missing], *args)
     assert code == 1
     assert f"needs {missing}" in said
@@ -843,14 +843,14 @@ def test_exit_codes(args, code, text):
     assert text in said
 
 
-def test_message_classes():
+def test_message_classes_are_found_by_type():
     assert message_class("std_msgs/msg/String") is String
     assert message_class("std_msgs/msg/Nope") is None
     assert message_class("nope_msgs/msg/String") is None
     assert message_class("nonsense") is None
 
 
-def test_progress_of_a_replay(tmp_path):
+def test_progress_of_a_replay_is_reported(tmp_path):
     bag = talk_bag(tmp_path / "b.mcap", ["a", "b", "c"], step_s=0.25)
     seen: list[Progress] = []
     with Replayer(bag, clock=True) as player:

@@ -61,7 +61,7 @@ def bag():
 
 
 @pytest.mark.parametrize("base", [CELLS, BODIES], ids=["cells", "bodies"])
-def test_the_drawn_scene_has_four_robots_and_ten_people(base):
+def test_simulated_scene_has_four_robots_and_ten_people(base):
     scans, poses = bench_scenes.drawn_scans(base, 0)
     people = Planner(PlannerConfig().memoryless()).step(scans, poses, 0)
     assert len(poses) == 4
@@ -84,7 +84,7 @@ def test_growth_has_a_row_for_each_size(file):
     assert [row["people_found"] for row in growth["c"]["rooms apart"][2:]] == [10, 20]
 
 
-def test_rooms_that_lie_apart_must_not_change_each_other(monkeypatch):
+def test_result_that_differs_between_rooms_apart_is_detected(monkeypatch):
     right = bench_growth.Planner.step
 
     def wrong(self, scans, *rest):
@@ -109,7 +109,7 @@ def test_on_one_floor_robots_also_see_people_of_other_rooms():
     assert across
 
 
-def test_a_drawn_body_is_where_it_is():
+def test_simulated_body_is_at_its_position():
     # robot_a looks to the middle; the nearest person in its line of sight hides the others.
     pose = Pose(0, 4.0, 1.0, math.pi / 2)
     disparity = bench_scenes.drawn_disparity(pose, 0, bench_scenes.PEOPLE, bench_scenes.ROOM)
@@ -125,7 +125,7 @@ STAGES = {
 }  # fmt: skip
 
 
-def test_its_report_has_what_is_promised(bag, tmp_path):
+def test_report_has_all_documented_figures(bag, tmp_path):
     app = typer.Typer()
     app.command()(bench.command)
     file = tmp_path / "bench.json"
@@ -189,7 +189,7 @@ def test_its_report_has_what_is_promised(bag, tmp_path):
         assert text in result.output
 
 
-def test_nothing_is_timed_when_a_result_differs(bag, monkeypatch):
+def test_differing_results_prevent_timing(bag, monkeypatch):
     right = filters.measure_tops
     monkeypatch.setattr(filters, "measure_tops", lambda *a, **k: right(*a, **k) + np.float32(0.001))
     monkeypatch.setattr(bench_run, "time_robot", lambda *_: pytest.fail("timed"))
@@ -246,7 +246,7 @@ def test_two_configurations_of_one_name_are_refused(bag):
         bench.run_bench(bag, [PAPER, PAPER])
 
 
-def test_what_is_undefined_is_null_in_the_file(tmp_path):
+def test_undefined_values_are_null_in_the_file(tmp_path):
     file = tmp_path / "out.json"
     write_json(file, bench.finite({"a": math.nan, "b": [math.inf, 1.5], "c": {"d": None}}))
     assert json.loads(file.read_text()) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
@@ -255,7 +255,7 @@ def test_what_is_undefined_is_null_in_the_file(tmp_path):
 # ------------------------------------------------------------------------------------ the live part
 
 
-def test_a_message_gets_the_stamp_of_now(bag):
+def test_message_gets_the_current_stamp(bag):
     from mrs_tools.bags.rosbag import BagReader
 
     with BagReader(bag) as reader:
@@ -271,7 +271,7 @@ def test_a_message_gets_the_stamp_of_now(bag):
         bench_live.stamped(b"\x00\x00" + bytes(20), 1)
 
 
-def test_what_is_sent_comes_from_the_bag(bag):
+def test_sent_frames_come_from_the_bag(bag):
     team = BagRun(bag, [PAPER, TEAM]).team
     recorded = bench_live.read_recorded(bag, team)
     assert [round(one.offset_s, 6) for one in recorded.values()] == [0.0, 0.007, 0.013]
@@ -284,7 +284,7 @@ def test_what_is_sent_comes_from_the_bag(bag):
         bench_live.read_recorded(bag, odd)
 
 
-def test_what_a_process_takes():
+def test_usage_of_a_process_is_measured():
     before, began = bench_live.Usage.of(os.getpid()), time.process_time()
     while (took := bench_live.Usage.of(os.getpid()) - before).cpu_ms < 20:
         with mmap.mmap(-1, 1 << 22) as fresh:  # pages that nobody had
@@ -294,7 +294,7 @@ def test_what_a_process_takes():
     assert took.page_faults > 100
 
 
-def test_ages_and_stages_are_read_from_what_is_heard(monkeypatch):
+def test_ages_and_stages_are_read_from_received_messages(monkeypatch):
     monkeypatch.setattr(bench_live.time, "time_ns", lambda: 5_040_000_000)
     heard = bench_live.Heard()
 
@@ -313,7 +313,7 @@ def test_ages_and_stages_are_read_from_what_is_heard(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
-def test_a_live_run_has_what_is_promised(bag, monkeypatch):
+def test_live_run_has_all_documented_figures(bag, monkeypatch):
     pytest.importorskip("rclpy")
     pytest.importorskip("mrs_people_msgs")
     from ros.harness import own_domain

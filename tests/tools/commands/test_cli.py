@@ -60,7 +60,7 @@ def test_typer_0_9_understands_each_command(name: str) -> None:
         ("a_bug", None, None),
     ],
 )
-def test_no_pip_where_the_system_forbids_it(
+def test_pip_is_not_suggested_where_the_system_forbids_it(
     module: str, in_a_venv: str, in_the_system: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(installing, "_pip_is_refused", lambda: False)
@@ -69,7 +69,9 @@ def test_no_pip_where_the_system_forbids_it(
     assert installing.how_to_install(module) == in_the_system
 
 
-def test_what_forbids_pip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pip_is_forbidden_by_the_markers_of_pep_668(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """PEP 668: a marker beside the standard library, and no virtual environment."""
     monkeypatch.setattr(installing.sysconfig, "get_path", lambda _: str(tmp_path))
     monkeypatch.setattr(sys, "base_prefix", sys.prefix)

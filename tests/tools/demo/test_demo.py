@@ -56,8 +56,8 @@ def printed(function: Any, *arguments: Any) -> str:
     return str(file.getvalue())
 
 
-def test_the_score():
-    """Person 2 is not found in one frame, and is somebody else after that."""
+def test_score_matches_hand_computed_values():
+    """Person 2 is missed in one frame, and has another id after that."""
     stamps = [0, 200 * MS, 400 * MS]
     truth = Truth.build(stamps, [np.array([[0.0, 0.0], [3.0, 0.0]])] * 3)
     people = [
@@ -74,7 +74,7 @@ def test_the_score():
     assert "followed: 1 id switches, MOTA 0.500" in text
 
 
-def test_frames_without_an_estimate_are_said_to_be_the_machines_fault():
+def test_frames_without_an_estimate_are_attributed_to_the_machine():
     stamps = [ms * MS for ms in range(0, 2000, 200)]
     truth = Truth.build(stamps, [np.array([[0.0, 0.0]])] * 10)
     people = [message(ms, person(1, 0.1, 0.0)) for ms in range(0, 2000, 200)]
@@ -96,7 +96,7 @@ def test_events_belong_to_the_interval_before_them():
     assert text.splitlines()[1:] == ["after  0.2 s: one", "after  0.2 s: two", "after  0.4 s: end"]
 
 
-def test_the_straggler_is_drawn_where_he_is_farthest(tmp_path, monkeypatch):
+def test_picture_shows_the_moment_of_the_farthest_straggler(tmp_path, monkeypatch):
     drawn: list[Any] = []
     monkeypatch.setattr(pictures, "draw_top_view", lambda view, path: drawn.append(view))
     monkeypatch.setattr(pictures, "animate", lambda views, path: drawn.append(path))
@@ -113,7 +113,7 @@ def test_the_straggler_is_drawn_where_he_is_farthest(tmp_path, monkeypatch):
     assert drawn[4].stamp_ns == views[11].stamp_ns
 
 
-def test_the_pictures(tmp_path):
+def test_pictures_are_written(tmp_path):
     text = printed(draw_demo, walk(), 2, tmp_path / "demo.png")
     with Image.open(tmp_path / "demo.png") as picture, Image.open(tmp_path / "demo.gif") as film:
         assert picture.size == (990, 880)
@@ -134,7 +134,7 @@ def test_the_pictures(tmp_path):
         ("other.png", "other.gif is a folder; wanted: a file"),
     ],
 )
-def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, name, message):
+def test_unwritable_target_is_reported_before_anything_runs(tmp_path, name, message):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "other.gif").mkdir()
     (tmp_path / "file").touch()
@@ -144,7 +144,7 @@ def test_a_target_that_cannot_be_written_is_said_before_anything_runs(tmp_path, 
     assert re.search(message, done.stderr.strip()), done.stderr
 
 
-def test_a_target_that_may_not_be_written_is_said(tmp_path, monkeypatch):
+def test_forbidden_target_is_reported(tmp_path, monkeypatch):
     check_pictures(tmp_path / "picture.png")
     assert not list(tmp_path.iterdir())
 
@@ -156,7 +156,7 @@ def test_a_target_that_may_not_be_written_is_said(tmp_path, monkeypatch):
         check_pictures(tmp_path / "picture.png")
 
 
-def test_what_comes_with_the_project_is_found_or_missed_in_a_line(tmp_path, monkeypatch):
+def test_shipped_files_are_found_or_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert installing.default_file("bags", "walking_group").samefile(
         ROOT / "bags" / "walking_group"
@@ -168,7 +168,7 @@ def test_what_comes_with_the_project_is_found_or_missed_in_a_line(tmp_path, monk
         installing.default_file("bags", "none")
 
 
-def test_what_comes_with_the_project_is_found_without_rosbags():
+def test_shipped_files_are_found_without_rosbags():
     program = (
         "import sys; sys.modules['rosbags'] = None; "
         "from mrs_tools.simulation.suite_scenes import suite_file; print(suite_file())"

@@ -28,12 +28,12 @@ def trouble(given: Facts) -> list[Check]:
     return [check for check in diagnose(given) if check.level != OK]
 
 
-def test_all_is_well():
+def test_healthy_team_has_no_findings():
     assert trouble(facts()) == []
     assert [check.subject for check in diagnose(facts())] == [PLANNER, ROBOT]
 
 
-def test_nobody_there():
+def test_missing_team_is_an_error():
     (check,) = diagnose(facts(nodes=[], reports={}, sim_time={}))
     assert (check.level, check.text) == (ERROR, "no robot_node and no planner_node in ROS domain 7")
     assert "ROS_DOMAIN_ID" in check.advice
@@ -42,19 +42,19 @@ def test_nobody_there():
 @pytest.mark.parametrize(
     ("nodes", "wanted"), [([PLANNER], "no robot_node"), ([ROBOT], "no planner_node")]
 )
-def test_a_part_is_missing(nodes, wanted):
+def test_missing_node_is_an_error(nodes, wanted):
     (check,) = trouble(facts(nodes=nodes, reports=dict.fromkeys(nodes, WELL)))
     assert (check.level, check.text) == (ERROR, f"{wanted} in ROS domain 7")
 
 
 @pytest.mark.parametrize(("name", "advice"), [(ROBOT, "rename one"), (PLANNER, "end one")])
-def test_two_of_one_name(name, advice):
+def test_two_nodes_of_one_name_are_an_error(name, advice):
     (check,) = trouble(facts(nodes=[PLANNER, ROBOT, name]))
     assert (check.subject, check.level, check.text) == (name, ERROR, "2 nodes have this name")
     assert advice in check.advice
 
 
-def test_a_node_that_says_nothing():
+def test_silent_node_is_reported():
     (check,) = trouble(facts(reports={PLANNER: WELL}))
     assert (check.subject, check.level) == (ROBOT, ERROR)
     assert "reports nothing" in check.text
@@ -77,7 +77,7 @@ def subjects(checks) -> list[str]:
     return [check.subject for check in checks]
 
 
-def test_what_nodes_report_is_passed_on_with_advice():
+def test_reports_of_nodes_are_shown_with_advice():
     text = "no data on /robot_a/odom for 7 s; publishers: 0"
     odom, pairs = told({"odom": entry(ERROR, Code.NO_PUBLISHER, text), "pairs": (WARN, "3", {})})
     assert (odom.subject, odom.level, odom.text) == (f"{ROBOT}: odom", ERROR, text)
@@ -106,7 +106,7 @@ def test_what_nodes_report_is_passed_on_with_advice():
         (Code.TWO_PUBLISHERS, ""),
     ],
 )
-def test_advice_goes_by_the_code_and_not_by_the_words(code, wanted):
+def test_advice_depends_on_the_code_and_not_on_the_text(code, wanted):
     (check,) = told({"left/image_rect": entry(ERROR, code)})
     assert wanted in check.advice
     assert bool(check.advice) == bool(wanted)
@@ -136,8 +136,8 @@ ROBOT_HAS_NO_SCAN = {
         ("left/image_rect", Code.NO_DATA),
     ],
 )
-def test_what_follows_from_images_that_are_not_used_stands_under_that(subject, code):
-    """And not on top: a planner without data, and what to do about networks."""
+def test_consequences_of_unused_images_are_listed_under_them(subject, code):
+    """They are not listed first: a planner without data, and advice on networks."""
     (check,) = told({**ROBOT_HAS_NO_SCAN, subject: entry(ERROR, code)}, PLANNER_HEARS_NO_SCAN)
     assert (check.subject, check.level) == (f"{ROBOT}: {subject}", ERROR)
     assert set(subjects(check.follows)) == {
@@ -146,15 +146,15 @@ def test_what_follows_from_images_that_are_not_used_stands_under_that(subject, c
     }
 
 
-def test_a_network_that_passes_no_data_is_an_error_of_its_own():
-    """The robot scans; what the planner lacks does not follow from anything there."""
+def test_network_without_data_is_a_separate_error():
+    """The robot sends scans; the missing data of the planner has no cause there."""
     (points,) = told(planner=PLANNER_HEARS_NO_SCAN)
     assert (points.subject, points.level) == (f"{PLANNER}: robot_a/points", ERROR)
     assert "firewall" in points.advice
     assert len(points.follows) == 2
 
 
-def test_of_two_robots_each_has_its_own_trouble():
+def test_findings_of_two_robots_are_separate():
     robot_b = "/robot_b/robot_node"
     reports = {
         ROBOT: {**WELL, "left/image_rect": entry(ERROR, Code.ALL_REFUSED)},
@@ -166,7 +166,7 @@ def test_of_two_robots_each_has_its_own_trouble():
     assert not any(check.follows for check in checks)
 
 
-def test_what_is_missing_of_a_pose_follows_from_odometry_and_not_from_images():
+def test_missing_pose_follows_from_odometry_and_not_from_images():
     robot = {
         "left/image_rect": entry(ERROR, Code.ALL_REFUSED),
         "odom": entry(ERROR, Code.NO_PUBLISHER),
@@ -178,7 +178,7 @@ def test_what_is_missing_of_a_pose_follows_from_odometry_and_not_from_images():
     assert subjects(odom.follows) == [f"{ROBOT}: pose", f"{PLANNER}: robot_a/pose"]
 
 
-def test_images_without_calibration_follow_from_that():
+def test_images_without_calibration_follow_from_camera_info():
     robot = {
         "right/camera_info": entry(ERROR, Code.NO_PUBLISHER),
         "right/image_rect": entry(ERROR, Code.NO_CALIBRATION),
@@ -188,7 +188,7 @@ def test_images_without_calibration_follow_from_that():
     assert subjects(check.follows) == [f"{ROBOT}: right/image_rect"]
 
 
-def test_a_camera_that_is_silent_altogether_is_one_trouble():
+def test_completely_silent_camera_is_one_finding():
     silent = dict.fromkeys(("left/camera_info", "left/image_rect"), entry(ERROR, Code.NO_DATA))
     (check,) = told(silent)
     assert check.subject == f"{ROBOT}: left/image_rect"
@@ -198,7 +198,7 @@ def test_a_camera_that_is_silent_altogether_is_one_trouble():
     assert len(told({**silent, "left/image_rect": entry(ERROR, Code.ALL_REFUSED)})) == 2
 
 
-def test_a_robot_that_is_not_there_is_one_trouble():
+def test_missing_robot_is_one_finding():
     planner = {
         "robot_c/points": entry(ERROR, Code.NO_PUBLISHER),
         "robot_c/pose": entry(ERROR, Code.NO_PUBLISHER),
@@ -210,8 +210,8 @@ def test_a_robot_that_is_not_there_is_one_trouble():
     assert len(check.follows) == 2
 
 
-def test_poses_do_not_follow_from_scans_that_have_a_cause_of_their_own():
-    """Images are refused, so there are no scans; that poses do not arrive is another matter."""
+def test_missing_poses_do_not_follow_from_scans_with_another_cause():
+    """Images are refused, so there are no scans; missing poses have another cause."""
     robot = {"left/image_rect": entry(ERROR, Code.ALL_REFUSED)}
     planner = {
         "robot_a/points": entry(ERROR, Code.NO_DATA),
@@ -223,8 +223,8 @@ def test_poses_do_not_follow_from_scans_that_have_a_cause_of_their_own():
     ]
 
 
-def test_no_finding_is_lost_whatever_is_reported():
-    """Everybody may publish on /diagnostics: also findings that would follow from each other."""
+def test_no_finding_is_lost_for_any_report():
+    """Any node may publish on /diagnostics: also findings that follow from each other."""
     random = Random(1)
     names = ["left/camera_info", "left/image_rect", "right/image_rect", "odom", "pose", "scan"]
     names += ["pairs", "head", "intervals", "robot robot_a", "robot_a/points", "robot_a/pose"]
@@ -237,7 +237,7 @@ def test_no_finding_is_lost_whatever_is_reported():
         assert all(one.level == ERROR for one in checks if one.follows)
 
 
-def test_an_error_is_never_under_what_is_none():
+def test_errors_are_never_listed_under_lesser_findings():
     checks = told({"scan": entry(STALE, Code.NO_SCAN)}, PLANNER_HEARS_NO_SCAN)
     assert [(check.subject, check.level) for check in checks] == [
         (f"{ROBOT}: scan", STALE),
@@ -260,7 +260,7 @@ def test_an_error_is_never_under_what_is_none():
     ],
 )
 @pytest.mark.parametrize("reported", [True, False])
-def test_a_node_that_is_not_at_work_does_not_hang(state, advice, reported):
+def test_inactive_node_is_not_reported_as_hanging(state, advice, reported):
     reports = {PLANNER: {**WELL, **PLANNER_HEARS_NO_SCAN}}
     if reported:  # before it was stopped
         reports[ROBOT] = {"odom": entry(ERROR, Code.NO_PUBLISHER)}
@@ -273,7 +273,7 @@ def test_a_node_that_is_not_at_work_does_not_hang(state, advice, reported):
     assert len(check.follows) == len(PLANNER_HEARS_NO_SCAN)
 
 
-def test_a_node_that_answers_or_does_not():
+def test_report_of_a_silent_node_says_whether_it_answers():
     for state, text in [("active", "/diagnostics"), (None, ", and does not answer")]:
         (check,) = trouble(facts(reports={PLANNER: WELL}, states={PLANNER: "active", ROBOT: state}))
         assert check.text.endswith(text)
@@ -283,7 +283,7 @@ def test_a_node_that_answers_or_does_not():
 # --- who should not be there ----------------------------------------------------------------------
 
 
-def test_a_robot_without_a_namespace():
+def test_robot_without_a_namespace_is_reported():
     lone = "/robot_node"
     planner = {"intervals": entry(STALE, Code.NO_ROBOT)}
     reports = {PLANNER: {**WELL, **planner}, lone: WELL}
@@ -294,7 +294,7 @@ def test_a_robot_without_a_namespace():
     assert subjects(check.follows) == [f"{PLANNER}: intervals"]
 
 
-def test_a_second_planner_whatever_its_name():
+def test_second_planner_of_any_name_is_reported():
     (check,) = trouble(facts(people_from={"/people": ["/planner_node", "/planner_two"]}))
     assert (check.subject, check.level) == ("/people", ERROR)
     assert check.text == "2 nodes publish it: /planner_node, /planner_two"
@@ -316,13 +316,13 @@ def test_a_second_planner_whatever_its_name():
     assert f"{PLANNER} and {other} all listen to /team/robot_a/points" == check.text
 
 
-def test_two_planners_of_one_name_are_said_once():
+def test_two_planners_of_one_name_are_reported_once():
     names = {"/people": [PLANNER, PLANNER]}
     (check,) = trouble(facts(nodes=[PLANNER, PLANNER, ROBOT], people_from=names))
     assert check.text == "2 nodes have this name"
 
 
-def test_a_second_mrs_people_is_named_and_is_no_fault():
+def test_second_mrs_people_is_named_without_a_warning():
     given = facts(viewers=["/mrs_people_1", "/mrs_people_2"])
     assert trouble(given) == []
     assert diagnose(given)[-1].text == "2 run: /mrs_people_1, /mrs_people_2"
@@ -331,7 +331,7 @@ def test_a_second_mrs_people_is_named_and_is_no_fault():
 # --- time, and the rest ---------------------------------------------------------------------------
 
 
-def test_clocks_of_recordings():
+def test_mixed_use_sim_time_is_an_error():
     sim = {PLANNER: True, ROBOT: False}
     clock, mixed = trouble(facts(sim_time=sim))
     assert (clock.subject, clock.level) == ("/clock", ERROR)
@@ -340,12 +340,12 @@ def test_clocks_of_recordings():
     assert trouble(facts(sim_time={PLANNER: True, ROBOT: None}, has_clock=True)) == []
 
 
-def test_ends_that_do_not_meet():
+def test_incompatible_endpoints_are_an_error():
     (check,) = trouble(facts(mismatches=[("/people", "a publishes it and b subscribes: X, Y")]))
     assert (check.subject, check.level) == ("/people", ERROR)
 
 
-def test_figures_of_robots():
+def test_figures_of_robots_are_listed():
     planner = {
         "robot robot_a": (OK, "ok", {"scan_hz": "9.8", "age_s": "0.05", "clock_offset_s": "-0.01"}),
         "robot robot_b": (STALE, "no scan used yet", {"scan_hz": "0.0"}),
@@ -357,15 +357,15 @@ def test_figures_of_robots():
     ]
 
 
-def test_figures_that_are_no_numbers_are_left_out():
-    """Everybody may publish on /diagnostics."""
+def test_figures_that_are_not_numbers_are_omitted():
+    """Any node may publish on /diagnostics."""
     robot = {**WELL, "scan": (OK, "ok", {"disparity_ms": "2.5", "publish_ms": "soon"})}
     planner = {"robot robot_a": (OK, "ok", {})}
     assert figures(facts(reports={PLANNER: planner, ROBOT: robot}))[0][-1] == "2.5"
 
 
-def test_a_robot_that_stands_still_is_not_said_to_be_missing():
-    """A planner knows its publisher; the doctor, who has just come, does not find its node."""
+def test_hanging_robot_is_not_reported_missing():
+    """The planner knows its publisher; the doctor, just started, does not discover its node."""
     silent = {
         "robot_a/points": entry(ERROR, Code.NO_DATA),
         "robot_a/pose": entry(ERROR, Code.NO_DATA),
@@ -376,7 +376,7 @@ def test_a_robot_that_stands_still_is_not_said_to_be_missing():
     assert subjects(check.follows) == [f"{PLANNER}: robot_a/pose"]
 
 
-def test_what_waits_for_the_clock_follows_from_it():
+def test_findings_that_wait_for_the_clock_follow_from_it():
     waits = {"robot robot_a": entry("waiting", Code.NO_CLOCK)}
     (check,) = told(planner=waits, sim_time={ROBOT: True, PLANNER: True})
     assert (check.subject, check.level) == ("/clock", ERROR)

@@ -28,7 +28,7 @@ def report(**rates: float | None):
 
 @pytest.mark.parametrize("image", ["image_rect", "image_raw"])
 @pytest.mark.parametrize("rate", [0.0, 2.2, 3.4])
-def test_images_that_are_missing_while_camera_info_comes_are_said(image, rate):
+def test_images_missing_while_camera_info_arrives_are_reported(image, rate):
     rates = {"left__camera_info": 5.0, f"left__{image}": rate}
     rates |= {"right__camera_info": 5.0, f"right__{image}": 5.0}
     (check,) = of_images(report(**rates))
@@ -47,14 +47,14 @@ def test_images_that_are_missing_while_camera_info_comes_are_said(image, rate):
         {},
     ],
 )
-def test_other_troubles_are_not_taken_for_it(rates):
+def test_other_findings_are_not_attributed_to_shared_memory(rates):
     assert lost_images(report(**rates)[ROBOT]) == ""
 
 
 @pytest.mark.parametrize(
     ("room", "said"), [(212992, "(on this one it is 212992)"), (16777216, None), (None, None)]
 )
-def test_too_little_room_for_large_images_is_named(room, said, tmp_path, monkeypatch):
+def test_too_small_socket_buffer_is_named(room, said, tmp_path, monkeypatch):
     monkeypatch.setattr(lost, "ROOM", tmp_path / "rmem_max")
     if room is not None:
         lost.ROOM.write_text(f"{room}\n")
@@ -64,7 +64,7 @@ def test_too_little_room_for_large_images_is_named(room, said, tmp_path, monkeyp
     assert said is None or said in check.advice
 
 
-def test_what_follows_from_lost_images_is_folded_under_them():
+def test_consequences_of_lost_images_are_listed_under_them():
     reports = report(left__camera_info=5.0, left__image_rect=0.0)
     no_data = {"rate_hz": "0.0", "code": "no_data"}
     reports[ROBOT]["left/image_rect"] = (ERROR, "no data on /robot_a/left/image_rect", no_data)
@@ -75,7 +75,7 @@ def test_what_follows_from_lost_images_is_folded_under_them():
 
 
 @pytest.mark.parametrize("code", ["other_images", "no_publisher", "wrong_type", "wrong_qos"])
-def test_images_that_are_missing_for_another_reason_are_not_said_to_be_lost(code):
+def test_images_missing_for_another_reason_are_not_reported_lost(code):
     reports = report(left__camera_info=5.0, left__image_rect=0.0)
     values = {"rate_hz": "0.0", "code": code}
     reports[ROBOT]["left/image_rect"] = (ERROR, "the reason", values)
@@ -83,7 +83,7 @@ def test_images_that_are_missing_for_another_reason_are_not_said_to_be_lost(code
     assert (check.subject, check.text) == (f"{ROBOT}: left/image_rect", "the reason")
 
 
-def test_a_rate_that_is_no_number_ends_nothing():
+def test_rate_that_is_not_a_number_is_ignored():
     reports = report(left__camera_info=5.0, left__image_rect=0.0)
     reports[ROBOT]["left/camera_info"] = (OK, "ok", {"rate_hz": "many"})
     assert lost_images(reports[ROBOT]) == ""

@@ -34,14 +34,14 @@ def of_memory(seen: Memory):
     return [check for check in diagnose(facts) if check.subject == "/dev/shm"]
 
 
-def test_what_the_dead_left_behind():
+def test_segments_of_dead_processes_are_found():
     seen = Memory(FILES, LOCKED, size=24_000_000_000, free=24_000_000_000)
     assert left_behind(seen) == {DEAD: 549408, "fastrtps_port7411": 52000}
     assert of_memory(seen) == []  # of 24 GB
 
 
 @pytest.mark.parametrize(("size", "free"), [(5_000_000, 4_000_000), (64_000_000, 3_000_000)])
-def test_a_shared_memory_full_of_the_dead_is_said(size, free):
+def test_shared_memory_full_of_dead_segments_is_reported(size, free):
     (check,) = of_memory(Memory(FILES, LOCKED, size, free))
     assert (check.subject, check.level) == ("/dev/shm", WARN)
     assert "2 segments and ports of processes that are dead: 1 of" in check.text
@@ -49,12 +49,12 @@ def test_a_shared_memory_full_of_the_dead_is_said(size, free):
     assert check.advice.startswith("fastdds shm clean")
 
 
-def test_a_full_shared_memory_of_the_living_is_not_ours_to_clean():
+def test_shared_memory_full_of_live_segments_is_not_cleaned():
     everybody = frozenset(name for name in FILES if name.endswith(("_el", "_sl")))
     assert of_memory(Memory(FILES, everybody, size=64_000_000, free=0)) == []
 
 
-def test_who_holds_a_lock_lives(tmp_path):
+def test_process_that_holds_a_lock_is_alive(tmp_path):
     for name, size in FILES.items():
         (tmp_path / name).write_bytes(bytes(size))
     with ExitStack() as held:

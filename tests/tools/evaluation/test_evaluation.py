@@ -84,7 +84,7 @@ def people_of(result: Result) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("kind", ["Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64"])
-def test_visible_may_be_any_array_of_whole_numbers(make_bag, kind):
+def test_visible_may_be_any_integer_array(make_bag, kind):
     def fill(bag: Bag) -> None:
         for ms in (0, 100):
             bag.truth(ms, (1, 1), (2, 2))
@@ -126,8 +126,8 @@ def test_more_people_than_are_scored_are_refused(make_bag):
         read_truth(bag)
 
 
-def test_truth_that_would_fill_the_memory_is_refused(make_bag, monkeypatch):
-    """One message says for how many people all the others have room."""
+def test_truth_above_the_memory_limit_is_refused(make_bag, monkeypatch):
+    """One message determines the number of people for all others."""
     monkeypatch.setattr(truth_module, "MAX_PLACES", 100)
 
     def fill(bag: Bag) -> None:
@@ -183,7 +183,7 @@ def recorded(bag: Bag) -> None:
 
 
 @pytest.mark.usefixtures("our_messages")
-def test_recorded_people_are_scored_as_they_are(make_bag, tmp_path):
+def test_recorded_people_are_scored_unchanged(make_bag, tmp_path):
     path = make_bag(recorded)
     result = evaluate_bag(path)
     # At 420 the truth is still that of 400, where the walker was at (0.4, 0): 2 cm away.
@@ -215,7 +215,7 @@ def test_recorded_people_are_scored_as_they_are(make_bag, tmp_path):
 
 
 @pytest.mark.usefixtures("our_messages")
-def test_recorded_people_of_a_bag_with_scans_only_when_asked_for(make_bag):
+def test_recorded_people_beside_scans_are_scored_only_on_request(make_bag):
     def fill(bag: Bag) -> None:
         recorded(bag)
         for ms in (0, 100):
@@ -234,7 +234,7 @@ def test_recorded_is_refused_where_there_is_nothing_recorded():
 
 
 @pytest.mark.usefixtures("our_messages")
-def test_who_is_who_is_read_from_recorded_people(make_bag):
+def test_identities_are_read_from_recorded_people(make_bag):
     def fill(bag: Bag) -> None:
         bag.people(0, (1, 2), (3, 4), ids=(7, 9), velocities=((0.5, -1), NOBODY), coasting=(9,))
         bag.people(100, (1, 2))
@@ -287,7 +287,7 @@ TRACKED = {
 
 
 @pytest.mark.usefixtures("our_messages")
-def test_who_is_who_is_scored(make_bag, tmp_path):
+def test_identities_are_scored(make_bag, tmp_path):
     one, two = make_bag(tracked, "one"), make_bag(tracked, "a_longer_name_than_the_other")
     file = tmp_path / "figures.json"
     result = run_mrs("evaluate", one, "--json", file)
@@ -371,13 +371,13 @@ def tracked_truth(bag: Bag) -> None:
 
 
 @pytest.mark.usefixtures("our_messages")
-def test_recorded_people_with_one_id_are_refused(make_bag):
+def test_recorded_people_with_duplicate_ids_are_refused(make_bag):
     path = make_bag(lambda bag: bag.people(0, (1, 2), (3, 4), (5, 6), (7, 8), ids=(0, 0, 5, 5)))
     with BagReader(path) as bag, pytest.raises(BagError, match=r"/people: .*twice: \[5, 5\]"):
         read_recorded(bag)
 
 
-def test_who_is_who_is_taken_from_the_planner(make_bag):
+def test_identities_are_taken_from_the_planner(make_bag):
     (interval, *_) = BagRun(make_bag(team_of_two), [PAPER]).intervals()
     memoryless = estimate_of(interval.people)
     assert memoryless.ids.tolist() == [0, 0]
@@ -431,7 +431,7 @@ def test_points_and_poses_run_through_the_planner_only(make_bag):
     assert result.notes == []
 
 
-def test_a_map_masks_the_walls_when_it_is_asked_for(make_bag, tmp_path):
+def test_map_masks_walls_on_request(make_bag, tmp_path):
     def fill(bag: Bag) -> None:
         bag.room(0, 14.0, 1.6)  # both people are beyond its walls, at y = 0.8 and -0.8
         bag.room(250, 14.0, 6.0)  # then nobody does
@@ -453,7 +453,7 @@ def test_a_map_masks_the_walls_when_it_is_asked_for(make_bag, tmp_path):
     assert json.loads(figures.read_text())["people"]["estimates"] == 2
 
 
-def test_a_map_that_is_missing_or_cannot_be_used_is_noted(make_bag):
+def test_missing_or_unusable_map_is_noted(make_bag):
     run = BagRun(make_bag(team_of_two), [PAPER], use_map=True)
     assert [len(interval.people.persons) for interval in run.intervals()] == [2, 2, 2, 2]
     assert run.notes == ["masking.occupancy_grid is true, but the bag has no /map"]
@@ -498,7 +498,7 @@ def test_intervals_close_when_the_live_planner_would_close_them(make_bag):
     ]
 
 
-def test_an_interval_closes_although_nothing_comes_meanwhile(make_bag):
+def test_interval_closes_without_further_messages(make_bag):
     def fill(bag: Bag) -> None:
         for robot in ("robot_a", "robot_b"):
             for ms in (0, 100):
@@ -524,7 +524,7 @@ def test_the_last_interval_closes_after_the_end(make_bag):
     assert (last.closed_ns - START_NS) // MS == 200
 
 
-def test_messages_that_cannot_be_used_are_counted_and_named(make_bag):
+def test_unusable_messages_are_counted_and_named(make_bag):
     def fill(bag: Bag) -> None:
         team_of_two(bag)
         bag.points("robot_a", 350, (math.nan, 0))
@@ -540,7 +540,7 @@ def test_messages_that_cannot_be_used_are_counted_and_named(make_bag):
     assert run.dropped == {"/robot_a/points": 1, "/robot_b/pose": 1}
 
 
-def test_a_robot_that_gives_nothing_is_noted_and_all_of_them_are_an_error(make_bag):
+def test_silent_robot_is_noted_and_all_silent_is_an_error(make_bag):
     def one_is_silent(bag: Bag) -> None:
         bag.pose_topic("robot_a", 0, 0, 0)
         bag.pose_topic("robot_a", 100, 0, 0)
@@ -593,7 +593,7 @@ def formation() -> Result:
     return evaluate_bag(FORMATION, [PAPER])
 
 
-def test_formation_finds_all_five(formation):
+def test_all_five_people_of_the_formation_are_found(formation):
     report = formation.report()
     assert report["frames"] == 15
     assert report["duration_s"] == pytest.approx(3.0, abs=0.05)
@@ -606,7 +606,7 @@ def test_formation_finds_all_five(formation):
     )
 
 
-def test_formation_stages_are_means_per_view(formation):
+def test_stages_of_the_formation_are_means_per_view(formation):
     stages = formation.report()["stages"]
     assert list(stages) == ["robot_a", "robot_b", "robot_c"]
     for robot, means in stages.items():
@@ -623,7 +623,7 @@ def test_formation_stages_are_means_per_view(formation):
         assert 0 <= times["median"] <= times["p99"]
 
 
-def test_the_top_camera_is_used_unless_the_configuration_says_otherwise(tmp_path):
+def test_top_camera_is_used_by_default(tmp_path):
     binocular = tmp_path / "binocular.yaml"
     binocular.write_text("/**/robot_node: {ros__parameters: {images: {top: false}}}\n")
     assert BagRun(FORMATION).team.robots["robot_a"].images.top
@@ -706,8 +706,8 @@ def test_odometry_in_a_frame_of_its_own_needs_map_from_odom(tmp_path, formation)
         evaluate_bag(path, [PAPER], beside=False)
 
 
-def test_heads_that_stand_need_no_odometry(tmp_path, formation):
-    """Where they stand is said as `map_from_odom` is above."""
+def test_static_heads_need_no_odometry(tmp_path, formation):
+    """Their poses are given in the same way as `map_from_odom` above."""
 
     def unplaced(topic: str, message: Any) -> tuple[str, Any]:
         return topic.replace("/odom", "/wheels"), message
@@ -744,7 +744,7 @@ def test_poses_may_come_on_pose_in(tmp_path, formation):
     assert people_of(evaluate_bag(path, [PAPER])) == formation.report()["people"]
 
 
-def test_robots_are_those_of_the_bag_and_of_the_configuration(tmp_path):
+def test_robots_follow_the_bag_and_the_configuration(tmp_path):
     team = tmp_path / "team.yaml"
     team.write_text("/**/planner_node: {ros__parameters: {robots: [robot_b, robot_c, robot_d]}}\n")
     run = BagRun(FORMATION, [team])
@@ -780,7 +780,7 @@ def test_a_wrong_parameter_is_an_error(tmp_path):
         ("{", False),
     ],
 )
-def test_only_a_parameter_file_beside_a_bag_counts(tmp_path, text, counts):
+def test_only_a_parameter_file_beside_the_bag_is_read(tmp_path, text, counts):
     file = tmp_path / "scene.yaml"
     file.write_text(text)
     wanted = file if counts else None
@@ -789,7 +789,7 @@ def test_only_a_parameter_file_beside_a_bag_counts(tmp_path, text, counts):
     assert file_beside(tmp_path / "other") is None
 
 
-def test_other_methods_can_be_tried():
+def test_other_methods_can_be_passed():
     class Blind:
         def __init__(self, config: Any) -> None:
             self.planner = Planner(config)
@@ -801,7 +801,7 @@ def test_other_methods_can_be_tried():
     assert people_of(result)["recall"] < 1.0
 
 
-def test_calibration_that_does_not_fit_is_said_in_one_line(tmp_path):
+def test_unsuitable_calibration_is_reported_in_one_line(tmp_path):
     def crossed(topic: str, message: Any) -> tuple[str, Any]:
         swap = {"left": "right", "right": "left"}
         return re.sub("left|right", lambda m: swap[m[0]], topic), message
@@ -811,7 +811,7 @@ def test_calibration_that_does_not_fit_is_said_in_one_line(tmp_path):
         evaluate_bag(path)
 
 
-def test_a_head_that_looks_steeply_down_is_said_in_one_line(tmp_path):
+def test_head_looking_steeply_down_is_reported_in_one_line(tmp_path):
     def narrow(topic: str, message: Any) -> tuple[str, Any]:
         if topic.endswith("camera_info"):
             message.p = message.p * np.where(np.isin(np.arange(12), (0, 3, 5, 7)), 3.0, 1.0)
@@ -828,8 +828,8 @@ def test_a_head_that_looks_steeply_down_is_said_in_one_line(tmp_path):
     assert evaluate_bag(path, [config]).report()["frames"] > 0
 
 
-def test_images_as_zed_and_opencv_name_them(tmp_path, formation):
-    """One robot's with alpha, one's 8UC1, one's 8UC3, of the same grey: no figure changes."""
+def test_encodings_of_zed_and_opencv_are_read(tmp_path, formation):
+    """One robot with alpha, one with 8UC1, one with 8UC3, of the same grey: no figure changes."""
     layers = {"robot_a": ("bgra8", 4), "robot_b": ("8UC1", 1), "robot_c": ("8UC3", 3)}
 
     def named(topic: str, message: Any) -> tuple[str, Any]:
@@ -847,7 +847,7 @@ def test_images_as_zed_and_opencv_name_them(tmp_path, formation):
     assert same_figures(evaluate_bag(path, [PAPER]).report(), formation.report())
 
 
-def test_pairs_that_are_not_taken_at_once_are_said(tmp_path):
+def test_unsynchronized_pairs_are_reported(tmp_path):
     def late(topic: str, message: Any) -> tuple[str, Any]:
         if topic.endswith("right/image_rect"):
             stamp = message.header.stamp
@@ -878,8 +878,8 @@ def same_figures(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return {**one, "timing_ms": 0} == {**other, "timing_ms": 0}
 
 
-def test_found_in_the_table_is_people_found_as_in_the_demo():
-    """Not estimates, of which some are false."""
+def test_table_counts_people_found_as_the_demo_does():
+    """Estimates include false ones and are not counted."""
     error = dict.fromkeys(("mean", "median", "p95", "max"), 0.1)
     people = {"true": 9, "estimates": 7, "matched": 6, "recall": 6 / 9, "precision": 6 / 7}
     report = {
@@ -894,7 +894,7 @@ def test_found_in_the_table_is_people_found_as_in_the_demo():
     assert re.search(r"a \[b\] +5 +9 +6 +0\.667 +0\.857", said.get())
 
 
-def test_json_of_one_bag(tmp_path, formation):
+def test_json_of_one_bag_has_all_keys(tmp_path, formation):
     file = tmp_path / "figures.json"
     result = run_mrs("evaluate", FORMATION, "--config", PAPER, "--json", file)
     assert result.exit_code == 0, result.output
@@ -951,7 +951,7 @@ def test_undefined_figures_are_null(make_bag, tmp_path):
     assert json.loads(file.read_text())["group"]["centre_error_m"] == {"mean": None, "p95": None}
 
 
-def test_plots(tmp_path):
+def test_plots_are_written(tmp_path):
     pytest.importorskip("matplotlib")
     result = run_mrs("evaluate", FORMATION, "-c", PAPER, "--plots", tmp_path / "plots")
     assert result.exit_code == 0, result.output
@@ -961,7 +961,7 @@ def test_plots(tmp_path):
         assert (tmp_path / "plots" / file).read_bytes().startswith(b"\x89PNG")
 
 
-def test_errors_are_one_line(tmp_path, make_bag):
+def test_errors_are_printed_in_one_line(tmp_path, make_bag):
     def no_robot(bag: Bag) -> None:
         bag.truth(0, (1, 1))
 
@@ -977,21 +977,21 @@ def test_errors_are_one_line(tmp_path, make_bag):
         assert re.fullmatch(rf"error: .*{re.escape(text)}.*\n", result.stderr), result.stderr
 
 
-def test_names_tell_bags_apart(tmp_path):
+def test_names_distinguish_bags(tmp_path):
     bags = [tmp_path / "a" / "walk.mcap", tmp_path / "b" / "walk.mcap", tmp_path / "c" / "talk.v2"]
     assert names_of(bags) == ["a/walk.mcap", "b/walk.mcap", "talk.v2"]
     with pytest.raises(PeopleLocError, match="twice"):
         names_of([bags[0], bags[0]])
 
 
-def test_pooled_is_not_changed_by_its_parts(formation):
+def test_pooling_does_not_modify_its_parts(formation):
     before = len(formation.frames)
     Result.pooled([formation, formation])
     assert len(formation.frames) == before
     assert as_json({"one": formation})["frames"] == before
 
 
-def test_centres_of_groups_as_far_as_numbers_go_are_infinite():
+def test_centres_beyond_the_float_range_are_infinite():
     with np.errstate(all="raise"):
         centre = estimates._centre([(4, (1e308, 0.0)), (3, (1e308, 1.0))])
     np.testing.assert_allclose(centre, [np.inf, 3 / 7])

@@ -117,8 +117,8 @@ def sent_cloud(points: Any) -> Any:
 # ------------------------------------------------------------------------------------ the method
 
 
-def test_nothing_of_the_printed_method_is_left_to_a_default():
-    """The experiment must not change when a default does."""
+def test_papers_method_uses_no_defaults():
+    """The experiment must not change with a default."""
     document = yaml.safe_load(PAPER.read_text())
     said = {key.rpartition("/")[2]: body["ros__parameters"] for key, body in document.items()}
     sections = {
@@ -148,7 +148,7 @@ def test_nothing_of_the_printed_method_is_left_to_a_default():
         (2.5, 0.5, 900, None, "too_large"),
     ],
 )
-def test_kind_of_a_cluster(height, width, points, label, kind):
+def test_kind_of_a_cluster_is_determined(height, width, points, label, kind):
     class Clusters(SimpleNamespace):
         def __len__(self) -> int:
             return 1
@@ -161,7 +161,7 @@ def test_kind_of_a_cluster(height, width, points, label, kind):
     assert kinds_of(clusters, human, people, true) == [kind]
 
 
-def test_places_are_of_people_first_then_furniture_then_walls():
+def test_positions_are_attributed_to_people_then_furniture_then_walls():
     scene = read_scene(
         {
             "room": {"length": 8.0, "width": 6.0},
@@ -178,13 +178,13 @@ def test_places_are_of_people_first_then_furniture_then_walls():
     assert places_of(xy, people, scene).tolist() == places
 
 
-def test_subsets_are_all_of_them():
+def test_all_subsets_are_listed():
     assert subsets(["a", "b", "c"]) == [
         ("a",), ("b",), ("c",), ("a", "b"), ("a", "c"), ("b", "c"), ("a", "b", "c"),
     ]  # fmt: skip
 
 
-def test_draws_have_seeds_that_follow_each_other(tmp_path):
+def test_draws_have_consecutive_seeds(tmp_path):
     jobs = draws_of(FILES["formation"], tmp_path, seed=7, draws=3, frames=4)
     assert [scene.seed for scene, _ in jobs] == [7, 8, 9]
     assert {scene.timing.frames for scene, _ in jobs} == {4}
@@ -193,12 +193,12 @@ def test_draws_have_seeds_that_follow_each_other(tmp_path):
     assert draws_of(FILES["formation"], tmp_path, seed=None, draws=1, frames=1)[0][0].seed == own
 
 
-def test_offset_along_a_line_of_sight_and_to_its_left():
+def test_offset_is_along_and_across_the_line_of_sight():
     assert along_sight(np.array([0.3, -0.1]), np.array([0.0, -5.0])) == pytest.approx((0.1, 0.3))
     assert along_sight(np.array([0.3, 0.4]), np.array([3.0, 4.0])) == pytest.approx((0.5, 0.0))
 
 
-def test_what_is_left_of_people_who_were_not_found():
+def test_causes_of_missed_people_are_determined():
     def block(x: float, top: float, count: int) -> list[tuple[float, ...]]:
         return [(x + 0.1 * i, 0.1 * j, top, 0.3, top, count) for i in range(4) for j in range(4)]
 
@@ -218,7 +218,7 @@ def test_what_is_left_of_people_who_were_not_found():
 # ----------------------------------------------------------------------------------------- ways
 
 
-def test_cells_arrive_as_they_were_sent():
+def test_cells_are_unchanged_by_transmission():
     records = np.array([(1, 2, 1.1, 0.3, 1.6, 21), (3, -4, 0.9, 0.4, 0.9, 2**31)], CELL_DTYPE)
     message = cloud_message(3_000_000_007, "robot_a/base_link", records)
     scan = read_scan(message, "robot_a")
@@ -226,7 +226,7 @@ def test_cells_arrive_as_they_were_sent():
     assert scan.cells.to_records().tolist() == records.tolist()
 
 
-def test_bytes_are_those_of_the_message_and_its_points():
+def test_bytes_include_the_message_and_its_points():
     empty, ten = (size_on_wire(sent_cloud(np.zeros((n, 3)))) for n in (0, 10))
     assert ten - empty == 10 * 12
     assert 100 < empty < 200
@@ -234,7 +234,7 @@ def test_bytes_are_those_of_the_message_and_its_points():
     assert size_on_wire(cells) - ten > 10 * 12  # 24 bytes each, and names of more fields
 
 
-def test_clouds_are_turned_and_moved_into_the_map():
+def test_clouds_are_transformed_into_the_map():
     first, second = (
         read_cloud(sent_cloud(points)) for points in ([(1, 0, 0.5), (0, 2, 0.6)], [(1, 1, 0.7)])
     )
@@ -243,7 +243,7 @@ def test_clouds_are_turned_and_moved_into_the_map():
     assert joined == pytest.approx(np.array([(10, 21, 0.5), (8, 20, 0.6), (0, 1, 0.7)]), abs=1e-5)
 
 
-def test_a_cloud_with_nan_is_refused():
+def test_cloud_with_nan_is_refused():
     with pytest.raises(ScanError, match="robot_a/base_link: a point is NaN"):
         read_cloud(sent_cloud([(1, 2, math.nan)]))
 
@@ -273,8 +273,8 @@ def test_stages_must_be_the_same_for_all_robots():
         one_config(team(robot_a=config, robot_b=other))
 
 
-def test_with_one_robot_at_the_origin_both_ways_give_the_same(alone):
-    """Joining changes nothing then, so this compares the stages with those of the pipeline."""
+def test_with_one_robot_at_the_origin_both_ways_agree(alone):
+    """Joining has no effect then, so this compares the stages with those of the pipeline."""
     (interval,) = alone.intervals
     found = []
     for make in (FilterThenShare, ShareThenFilter):
@@ -293,7 +293,7 @@ def test_with_one_robot_at_the_origin_both_ways_give_the_same(alone):
     ]
 
 
-def test_filtering_first_is_what_the_pipeline_does(formation):
+def test_filtering_first_equals_the_pipeline(formation):
     for interval in formation.intervals:
         way = FilterThenShare(formation.team)
         sent = {robot: way.send(view) for robot, view in interval.views.items()}
@@ -302,7 +302,7 @@ def test_filtering_first_is_what_the_pipeline_does(formation):
         assert len(people.persons) == len(interval.people.persons) > 0
 
 
-def test_a_misplaced_pose_says_what_it_is_wrong_by():
+def test_wrong_pose_has_the_covariance_of_its_error():
     true = Pose(7, 1.0, 2.0, 3.1, np.diag([0.01, 0.02, 0.03]))
     wrong = misplaced(true, np.array([0.1, -0.2, 0.2]), np.array([0.3, 0.3, 0.1]))
     assert wrong.stamp_ns == 7
@@ -312,7 +312,7 @@ def test_a_misplaced_pose_says_what_it_is_wrong_by():
 
 
 @pytest.mark.parametrize("trial", TRIALS)
-def test_a_trial_changes_what_it_says_and_nothing_else(trial, folder, report):
+def test_trial_changes_only_its_stated_parameters(trial, folder, report):
     file = folder / f"{trial.replace(' ', '_')}.yaml"
     printed, tried = (load_team(*files, robots=("robot_a",)) for files in ([PAPER], [PAPER, file]))
     wanted = printed.robots["robot_a"]
@@ -326,7 +326,7 @@ def test_a_trial_changes_what_it_says_and_nothing_else(trial, folder, report):
 # ------------------------------------------------------------------------- a simulated recording
 
 
-def test_retention_is_that_of_the_evaluation(report, folder):
+def test_retention_equals_that_of_the_evaluation(report, folder):
     (bag,) = [path for path in folder.iterdir() if path.name == "paper_formation_2004"]
     stages = evaluate_bag(bag, [PAPER]).report()["stages"]
     kept = report["retention"]["formation"]
@@ -337,7 +337,7 @@ def test_retention_is_that_of_the_evaluation(report, folder):
     assert kept["all"]["noise"] == pytest.approx(noise / zones)
 
 
-def test_last_stage_keeps_less_with_larger_cells(report):
+def test_larger_cells_keep_fewer_points(report):
     for scene in SCENES:
         kept = report["cells"][scene]
         assert np.all(np.diff(kept) < 0)
@@ -345,7 +345,7 @@ def test_last_stage_keeps_less_with_larger_cells(report):
         assert kept[at] == pytest.approx(report["retention"][scene]["all"]["cells"])
 
 
-def test_clusters_are_five_people_a_table_and_fragments(report):
+def test_formation_has_clusters_of_people_table_and_fragments(report):
     clusters = report["clusters"]
     assert (clusters["person"]["mean"], clusters["too_low"]["mean"]) == (5.0, 1.0)
     assert clusters["person"]["where"] == {"person": 10}
@@ -372,7 +372,7 @@ def test_every_subset_of_the_robots_is_scored(report):
     assert rows[("robot_b",)]["found"] < 4.0  # if not, the reason given in the report is idle
 
 
-def test_a_subset_uses_its_own_scans_only(formation):
+def test_subset_uses_only_its_own_scans(formation):
     (row,) = [r for r in recall_of_subsets([formation]) if r["robots"] == ["robot_b"]]
     found = people_of(formation, ["robot_b"])
     assert {p.fused.robots for p in found} == {("robot_b",)}
@@ -383,7 +383,7 @@ def test_a_subset_uses_its_own_scans_only(formation):
     assert row["in_view"] == 5.0  # by the pixels that this recording was given
 
 
-def test_in_view_is_whom_one_of_the_robots_sees(formation):
+def test_in_view_counts_people_seen_by_any_robot(formation):
     recording = with_pixels(formation, a=[0], b=[1, 2])
     assert recording.in_view(["robot_a", "robot_b"], 1).tolist() == [True, True, True, False, False]
     assert not recording.in_view(["robot_c"], 0).any()
@@ -391,7 +391,7 @@ def test_in_view_is_whom_one_of_the_robots_sees(formation):
     assert (team["in_view"], team["found"], team["recall_in_view"]) == (1.0, 5.0, 1.0)
 
 
-def test_distance_is_of_those_in_view(formation):
+def test_distance_is_that_of_people_in_view(formation):
     recording = with_pixels(formation, b=[3], c=[4])
     away = distances([recording], ["robot_b", "robot_c"])
     assert away["from_m"] == pytest.approx(math.hypot(2.8, 1.05), abs=0.01)
@@ -411,7 +411,7 @@ def test_ways_are_compared_on_the_same_images(report):
     assert all(way["planner_ms"]["median"] > 0 for way in ways.values())
 
 
-def test_points_are_those_of_the_evaluation(report, folder):
+def test_points_equal_those_of_the_evaluation(report, folder):
     (bag,) = [path for path in folder.iterdir() if path.name == "paper_formation_2004"]
     stages = evaluate_bag(bag, [PAPER]).report()["stages"]
     for robot, points in report["points"]["formation"].items():
@@ -422,7 +422,7 @@ def test_points_are_those_of_the_evaluation(report, folder):
     assert report["points"]["formation"]["robot_a"]["raw"] > 12000
 
 
-def test_trials_are_of_the_same_images(report):
+def test_trials_use_the_same_images(report):
     printed, lower, edges = report["trials"]
     assert [row["trial"] for row in report["trials"]] == [*TRIALS]
     for key in ("recall", "false", "error_m"):
@@ -434,7 +434,7 @@ def test_trials_are_of_the_same_images(report):
     assert edges["ranged"] != printed["ranged"]
 
 
-def test_people_are_where_wrong_poses_put_them(report):
+def test_wrong_poses_displace_people(report):
     rows = report["poses"]
     assert [(row["position_m"], row["heading_deg"]) for row in rows] == [*POSE_ERRORS]
     exact, *_, worst = rows
@@ -450,7 +450,7 @@ def test_people_are_where_wrong_poses_put_them(report):
     assert exact["methods"]["default.yaml"]["error_m"] < printed["error_m"]
 
 
-def test_bytes_per_frame_are_of_all_robots(formation):
+def test_bytes_per_frame_include_all_robots(formation):
     ours, theirs, _ = compare_architectures([formation]).values()
     views = [view for interval in formation.intervals for view in interval.views.values()]
     points = np.mean([len(view.stages.cloud) for view in views])
@@ -459,7 +459,7 @@ def test_bytes_per_frame_are_of_all_robots(formation):
     assert ours["bytes_per_frame"] == pytest.approx(3 * (24 * cells + 220), abs=3 * 70)
 
 
-def test_shares_are_of_one(report):
+def test_shares_add_up_to_one(report):
     for zones in report["causes"]["zones"].values():
         assert sum(zones["where"].values()) == pytest.approx(1.0)
         assert 0.0 < zones["low"] + zones["high"] < 1.0
@@ -474,7 +474,7 @@ def test_shares_are_of_one(report):
     assert near["kept"] > far["kept"]
 
 
-def test_figures_follow_from_the_seed(report, tmp_path):
+def test_figures_are_determined_by_the_seed(report, tmp_path):
     def repeatable(what: dict[str, Any]) -> dict[str, Any]:
         what = copy.deepcopy(what)
         for way in what["architecture"].values():
@@ -495,7 +495,7 @@ def test_figures_follow_from_the_seed(report, tmp_path):
 # -------------------------------------------------------------------------------------- reasons
 
 
-def test_what_agrees_with_the_paper_needs_no_reason(report):
+def test_figures_that_agree_with_the_paper_have_no_reason(report):
     same = copy.deepcopy(report)
     for scene in same["retention"].values():
         scene["all"] = {"zones": 0.16, "noise": 0.72, "cells": 0.066}
@@ -525,7 +525,7 @@ def test_what_agrees_with_the_paper_needs_no_reason(report):
         ("claim", "in 2 frames"),
     ],
 )
-def test_what_differs_has_a_reason_with_figures(report, figure, part):
+def test_figures_that_differ_have_a_reason(report, figure, part):
     (why,) = [reason["why"] for reason in report["reasons"] if reason["figure"] == figure]
     assert part in why
     assert any(letter.isdigit() for letter in why)
@@ -555,7 +555,7 @@ def test_command(tmp_path: Path) -> None:
     assert "exists" in again.stderr
 
 
-def test_a_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+def test_unwritable_file_is_reported(tmp_path: Path) -> None:
     arguments = ["experiment", "--draws", "1", "--frames", "1", "-j", "1"]
     result = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "no" / "file")])
     assert result.exit_code == 1

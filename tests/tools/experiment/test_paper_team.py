@@ -40,7 +40,7 @@ def ros2() -> str:
     return ros2_command()
 
 
-def test_its_method_is_that_of_the_paper():
+def test_method_of_the_team_is_the_papers():
     team, printed = load_team(PAPER_TEAM), load_team(PAPER, robots=ROBOTS)
     assert team.planner == dataclasses.replace(printed.planner, robots=ROBOTS)
     leader = printed.robots["robot_a"]
@@ -48,12 +48,12 @@ def test_its_method_is_that_of_the_paper():
     assert team.robots == {**printed.robots, "robot_a": dataclasses.replace(leader, images=images)}
 
 
-def test_it_names_all_that_is_started():
+def test_all_started_processes_are_named():
     labels = [process.label for process in team_processes([PAPER_TEAM])]
     assert labels == [*ROBOTS, "planner"]
 
 
-def test_offline_tools_take_it():
+def test_offline_tools_accept_the_papers_team():
     run = BagRun(FORMATION, [PAPER_TEAM])
     assert {name: robot.images.top for name, robot in run.team.robots.items()} == {
         "robot_a": True, "robot_b": False, "robot_c": False,
@@ -62,7 +62,7 @@ def test_offline_tools_take_it():
 
 
 @pytest.mark.timeout(180)
-def test_a_launch_starts_the_team_with_a_trinocular_leader(ros2: str, domain: int) -> None:
+def test_launch_starts_the_team_with_a_trinocular_leader(ros2: str, domain: int) -> None:
     command = [ros2, "launch", "planner_node", "team.launch.py", f"team:={PAPER_TEAM}"]
     path = f"{Path(ros2).parent}:{os.environ['PATH']}"
     peer = Peer(domain)
@@ -89,7 +89,7 @@ def test_a_launch_starts_the_team_with_a_trinocular_leader(ros2: str, domain: in
 
 @pytest.mark.soak  # 20 s, most of them for the animation
 @pytest.mark.timeout(180)
-def test_the_demo_takes_it(domain: int, tmp_path: Path) -> None:
+def test_demo_accepts_the_papers_team(domain: int, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mrs_tools", "demo", str(FORMATION), "--team", str(PAPER_TEAM)]
     command += ["--out", str(tmp_path / "demo.png")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

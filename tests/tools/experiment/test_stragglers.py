@@ -159,7 +159,7 @@ def test_ten_minutes_of_ordinary_walking_raise_no_flag() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
-def test_who_falls_behind_is_flagged_within_a_second(seed: int) -> None:
+def test_straggler_is_flagged_within_a_second(seed: int) -> None:
     out = follow(walk(45, seed=seed, stragglers=1), seed=seed)
     figures = out.stragglers.report()
     print(f"a straggler: {figures}")

@@ -52,7 +52,7 @@ def cells_of(text: str, first: str) -> list[str]:
 # -------------------------------------------------------------------------------- steps ----
 
 
-def test_the_steps_lead_from_the_paper_to_the_default() -> None:
+def test_steps_lead_from_the_paper_to_the_default() -> None:
     ladder = steps()
     assert (dict(ladder[0].robot), dict(ladder[0].planner)) == ({}, {})
     names = [step.name for step in ladder]
@@ -86,7 +86,7 @@ def row(name: str = "ours") -> Row:
     return Row(name, results, {"test_a": suite.STANDING, "test_b": suite.WALKING})
 
 
-def test_rows_pool_their_scenes_by_hand() -> None:
+def test_pooled_rows_match_hand_computed_values() -> None:
     kinds = ((suite.STANDING,), (suite.WALKING,), ())
     standing, walking, both = (row().report(*kind) for kind in kinds)
     assert (standing["true"], walking["true"], both["true"]) == (2, 2, 4)
@@ -99,7 +99,7 @@ def test_rows_pool_their_scenes_by_hand() -> None:
     assert (standing["coverage_95"], walking["coverage_95"]) == (0.5, 0.0)
 
 
-def test_tables_by_hand() -> None:
+def test_tables_match_hand_computed_values() -> None:
     first = Row("printed", {"test_a": result_of(missed=2), "test_b": result_of(0.2, missed=1)},
                 row().kinds)  # fmt: skip
     text = markdown([first, row()], "test")
@@ -136,7 +136,7 @@ def followed(*ids: int) -> Result:
     return Result(frames=frames, tracks=score_tracks(truth, frames, estimates))
 
 
-def test_who_is_who_has_a_table_by_hand() -> None:
+def test_table_of_tracks_matches_hand_computed_values() -> None:
     found = {"test_a": followed(1, 1, 1, 1), "test_b": followed(1, 2, 2, 2),
              "test_c": followed(1, 1, 2, 2)}  # fmt: skip
     kinds = {"test_a": suite.STANDING, "test_b": suite.WALKING, "test_c": suite.GROUP}
@@ -171,7 +171,7 @@ def test_stragglers_have_a_line() -> None:
     assert "Stragglers" not in of(suite.WALKING, **walked)
 
 
-def test_walks_have_rows_of_their_own_where_there_are_any() -> None:
+def test_walks_have_separate_rows() -> None:
     kinds = {"test_a": suite.STANDING, "test_b": suite.GROUP, "test_c": suite.RECORDED}
     found = {"test_a": result_of(0.05), "test_b": result_of(0.1, 0.1, missed=2),
              "test_c": result_of(missed=3)}  # fmt: skip
@@ -198,11 +198,11 @@ def test_walks_have_rows_of_their_own_where_there_are_any() -> None:
         ({"tracks": "obsmat.txt"}, suite.RECORDED),
     ],
 )
-def test_kinds_of_scenes(section: dict, kind: str) -> None:
+def test_scenes_have_the_expected_kinds(section: dict, kind: str) -> None:
     assert suite.kind_of(read_scene(section, "scene.yaml")) == kind
 
 
-def test_all_steps_have_a_table_of_their_own() -> None:
+def test_all_steps_have_a_row_in_the_table_of_steps() -> None:
     text = markdown([row("one"), row("two"), row("three")], "train")
     (_, _, after) = text.partition("## What each step gives")
     table, _, _ = after.partition("## Scene by scene")
@@ -244,7 +244,7 @@ WALKS = """
 """
 
 
-def test_a_suite_of_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_suite_of_one_scene_is_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
     bags, out = tmp_path / "bags", tmp_path / "suite.md"
     (tmp_path / "suite.yaml").write_text(SUITE)

@@ -29,7 +29,7 @@ BETTER_BY = 0.45
 
 
 @pytest.mark.timeout(600)
-def test_the_suite_is_no_worse_than_it_was(tmp_path: Path) -> None:
+def test_suite_scores_do_not_regress(tmp_path: Path) -> None:
     chosen = [
         dataclasses.replace(scene, timing=dataclasses.replace(scene.timing, frames=FRAMES))
         for scene in suite_scenes(suite_file(), "test")

@@ -47,13 +47,13 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> list[np.ndarray]:
     return pictures_of(path)
 
 
-def test_a_picture_every_fifth_of_a_second(pictures):
+def test_animation_has_five_pictures_per_second(pictures):
     assert len(pictures) == 21
 
 
 @pytest.mark.parametrize("span_s", [-1, 4 * 365 * 86_400])
-def test_clocks_that_jump_are_refused(tmp_path, span_s):
-    """Years in between are 26 GiB of times."""
+def test_jumping_clocks_are_refused(tmp_path, span_s):
+    """Stamps years apart would take 26 GiB."""
     first, *_, last = walk()
     last = dataclasses.replace(last, stamp_ns=first.stamp_ns + span_s * 10**9)
     with pytest.raises(PeopleLocError, match=f": {span_s} s in between; allowed .*: 0 to 3600"):
@@ -61,7 +61,7 @@ def test_clocks_that_jump_are_refused(tmp_path, span_s):
     assert not list(tmp_path.iterdir())
 
 
-def test_nothing_but_the_map_and_its_head_changes(pictures):
+def test_only_the_map_and_its_title_change(pictures):
     height = len(pictures[0])
     changed = np.any([(p != pictures[0]).any(axis=2) for p in pictures], axis=0)
     rows, columns = np.nonzero(changed)
@@ -71,14 +71,14 @@ def test_nothing_but_the_map_and_its_head_changes(pictures):
     assert changed.mean() > 0.02
 
 
-def test_who_has_fallen_behind_is_red(pictures):
+def test_stragglers_are_red(pictures):
     # The legend says what red is, in every picture; on the map it comes after 2 s.
     red = [int((p[:-75] == RED).all(axis=2).sum()) for p in pictures]
     assert not any(red[:10])
     assert all(count > 20 for count in red[10:])
 
 
-def test_trails_are_of_the_last_seconds_of_those_who_are_there():
+def test_trails_cover_the_last_seconds_of_present_people():
     views = [view(s, *(person(w, s, w) for w in ((1, 2) if s != 7 else (1,)))) for s in range(10)]
     trails = [v.trails for v in with_trails(views)]
     assert list(trails[0]) == [1, 2]
@@ -88,7 +88,7 @@ def test_trails_are_of_the_last_seconds_of_those_who_are_there():
     np.testing.assert_array_equal(trails[9][2], [[s, 2] for s in (5, 6, 8, 9)])
 
 
-def test_nobody_without_an_id_has_a_trail():
+def test_people_without_an_id_have_no_trail():
     views = [view(s, person(0, s, 0), person(0, s, 1)) for s in range(3)]
     assert [v.trails for v in with_trails(views)] == [{}, {}, {}]
 
@@ -105,7 +105,7 @@ def test_people_are_labelled():
     assert circles[1][:3] == pytest.approx(to_rgb(plots.AWAY))
 
 
-def test_the_legend_says_what_there_is():
+def test_legend_lists_the_drawn_kinds():
     def labels(*views: TopView) -> list[str]:
         axes = Figure().subplots()
         plots.legend_of_people(axes, views)
@@ -116,7 +116,7 @@ def test_the_legend_says_what_there_is():
     assert "predicted, not seen" in labels(view(0.0, person(1, 0, 0, coasting=True)))
 
 
-def test_walls_are_where_the_grid_says():
+def test_walls_are_drawn_as_in_the_grid():
     data = np.zeros((2, 3), dtype=np.int8)
     data[1, 2] = 100
     turned = OccupancyGrid(resolution=0.5, x=1.0, y=2.0, yaw=np.pi / 2, data=data)
@@ -138,7 +138,7 @@ def test_walls_are_where_the_grid_says():
     assert 5 - rows.min() / 100 == pytest.approx(3.5, abs=0.03)
 
 
-def test_what_is_said():
+def test_title_describes_people_and_groups():
     two = person(1, 0, 0), person(2, 0, 1)
     assert headline(view(0.0)) == "0 people"
     assert headline(view(0.0, two[0])) == "1 person"
@@ -153,7 +153,7 @@ def test_what_is_said():
     assert headline(view(0.0, *two, groups=[unknown])) == "2 people"
 
 
-def test_the_palette_has_what_is_frequent_and_what_is_different():
+def test_palette_has_frequent_and_distinct_colours():
     grey = np.repeat(np.arange(0, 250, dtype=np.uint8)[:, np.newaxis], 3, axis=1)
     red = np.array([[200, 0, 0]], dtype=np.uint8)
     palette = palette_of(np.concatenate([np.repeat(grey, 4, axis=0), red]))
@@ -167,7 +167,7 @@ def test_the_palette_has_what_is_frequent_and_what_is_different():
 
 
 @pytest.mark.parametrize(("across", "along"), [(20.0, 0.0), (3.0, 3.0), (0.0, 20.0)])
-def test_the_legend_is_below_the_axis(across, along):
+def test_legend_is_below_the_axis(across, along):
     """Whatever the shape of the map."""
     views = [
         view(0.0, person(1, 0, 0, coasting=True), truth=np.array([[0.0, 0.0]])),
@@ -188,14 +188,14 @@ def test_the_legend_is_below_the_axis(across, along):
     assert box.y1 <= axis.y0 + 1
 
 
-def test_each_pixel_gets_the_nearest_colour():
+def test_pixels_get_the_nearest_colour():
     palette = np.array([[0, 0, 0], [255, 255, 255], [200, 0, 0]], dtype=np.uint8)
     picture = np.array([[[3, 2, 1], [250, 250, 255]], [[180, 20, 10], [0, 0, 0]]], dtype=np.uint8)
     np.testing.assert_array_equal(nearest(palette, picture), [[0, 1], [2, 0]])
 
 
-def test_a_robot_that_is_silent_stays(tmp_path):
-    """Its colour is its own, whoever else is there."""
+def test_silent_robot_stays_in_the_picture(tmp_path):
+    """Its colour does not depend on the other robots."""
 
     def last_picture(views: list[TopView]) -> np.ndarray:
         animate(views, tmp_path / "film.gif")
@@ -208,7 +208,7 @@ def test_a_robot_that_is_silent_stays(tmp_path):
     np.testing.assert_array_equal(last_picture(one), last_picture(both))
 
 
-def test_nothing_to_draw(tmp_path):
+def test_nothing_to_draw_is_an_error(tmp_path):
     with pytest.raises(PeopleLocError, match="no interval to draw"):
         animate([], tmp_path / "film.gif")
     with pytest.raises(PeopleLocError, match="cannot be written"):
@@ -227,7 +227,7 @@ def test_command(tmp_path):
     ("options", "code", "message"),
     [([], 2, "what is to be drawn"), (["--animation", "film.mp4"], 1, "is a .gif")],
 )
-def test_the_command_needs_something_to_draw(options, code, message):
+def test_command_needs_something_to_draw(options, code, message):
     result = CliRunner().invoke(app, ["plot", str(FORMATION), *options])
     assert result.exit_code == code
     assert message in result.stderr

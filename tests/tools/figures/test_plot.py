@@ -40,7 +40,7 @@ def axes_by_label(figure: Any, label: str) -> list[Any]:
     return [axes for axes in figure.axes if axes.get_xlabel() == label]
 
 
-def test_all_figures_of_the_paper(formation):
+def test_all_figures_of_the_paper_are_drawn(formation):
     assert list(formation) == [
         "fig03_images", "fig04_ranging", *STAGES, *MAPS, "stages", "errors",
     ]  # fmt: skip
@@ -68,7 +68,7 @@ def test_all_side_views_have_the_same_axes(formation):
     assert {axes.get_aspect() for axes in sides} == {1.0}
 
 
-def test_every_axis_says_its_unit(formation):
+def test_every_axis_has_a_unit(formation):
     for name, figure in formation.items():
         for axes in figure.axes:
             x, y = axes.get_xlabel(), axes.get_ylabel()
@@ -83,7 +83,7 @@ def test_every_axis_says_its_unit(formation):
             assert "[m]" in y or "[px]" in y, (name, y)
 
 
-def test_titles_count(formation):
+def test_titles_contain_counts(formation):
     assert formation["fig18_people"].axes[0].get_title() == "5 people found, 5 there"
     assert "5 people" in formation["fig17_clusters"].axes[0].get_title()
     for name, what in (("fig07_raw", "points"), ("fig15_cells", "cells")):
@@ -105,7 +105,7 @@ def test_at_chooses_the_interval():
     assert first.shape != later.shape or not np.allclose(first, later)
 
 
-def test_a_bag_of_scans_gives_what_can_be_drawn(tmp_path):
+def test_bag_of_scans_gives_the_possible_figures(tmp_path):
     path = tmp_path / "scans"
     with BagWriter(path) as writer:
         bag = Bag(writer)
@@ -136,7 +136,7 @@ def test_command(tmp_path):
     assert "fig03_images.png" in result.output
 
 
-def test_command_says_what_is_wrong(tmp_path):
+def test_command_reports_errors(tmp_path):
     (tmp_path / "taken").write_text("a file")
     for bag, out, text in (
         (tmp_path / "none", tmp_path / "out", "there is no such bag"),
@@ -158,7 +158,7 @@ def head(**mounting: float) -> StereoCamera:
     )  # fmt: skip
 
 
-def test_a_level_head_sees_a_trapezoid():
+def test_field_of_view_of_a_level_head_is_a_trapezoid():
     border = seen_floor(head(height=1.0), 1.0, 5.0)
     # The images' borders are 79.5 / 100 to the side.
     wanted = [(1, -0.795), (5, -3.975), (5, 3.975), (1, 0.795)]
@@ -168,18 +168,18 @@ def test_a_level_head_sees_a_trapezoid():
     assert border[:, 0].max() == pytest.approx(5.0)
 
 
-def test_a_head_that_looks_down_sees_what_is_around_below_it():
+def test_field_of_view_of_a_head_looking_down_surrounds_it():
     border = seen_floor(head(height=2.5, pitch=math.pi / 2), 0.5, 3.0)
     # Nose down: the image's upper edge is ahead. On the floor, 2.5 m below, 0.595 and 0.795 of it.
     np.testing.assert_allclose(border.max(axis=0), (0.595 * 2.5, 0.795 * 2.5), atol=0.08)
     np.testing.assert_allclose(border.min(axis=0), (-0.595 * 2.5, -0.795 * 2.5), atol=0.08)
 
 
-def test_a_head_that_looks_up_sees_no_floor():
+def test_head_looking_up_has_no_field_of_view_on_the_floor():
     assert seen_floor(head(height=3.0, pitch=-math.pi / 2), 0.5, 3.0).shape == (0, 2)
 
 
-def test_bounds_hold_everything_and_nobody_who_is_not_there():
+def test_bounds_contain_everything_except_absent_people():
     view = TopView(
         title="",
         stamp_ns=0,
@@ -196,7 +196,7 @@ def test_bounds_hold_everything_and_nobody_who_is_not_there():
     assert view.bounds() == pytest.approx((0.5, 10.5, -1.0, 7.5))
 
 
-def test_stages_without_points_are_drawn_as_nothing():
+def test_stages_without_points_are_drawn_empty():
     from matplotlib.figure import Figure
 
     axes = Figure().subplots()

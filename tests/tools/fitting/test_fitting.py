@@ -69,7 +69,7 @@ def fitted() -> BodyModel:
 # ----------------------------------------------------------------------------- examples ----
 
 
-def test_who_is_a_person_and_what_is_clear() -> None:
+def test_examples_are_labelled_by_distance() -> None:
     some = dataclasses.replace(
         examples(6),
         away=np.array([0.0, 0.99, 1.01, 1.99, 2.0, 0.5]),
@@ -98,7 +98,7 @@ def view_of(camera: StereoCamera, bearing: list[float], ranges: list[float]) -> 
     )
 
 
-def test_candidates_are_compared_with_the_truth_by_hand() -> None:
+def test_labels_of_candidates_match_hand_computed_values() -> None:
     # 10 px m. The robot is at (1, 2) and looks along +y; its lens is 0.5 m ahead, at (1, 2.5).
     camera = StereoCamera(
         width=160, height=120, fx=100, fy=100, cx=79.5, cy=59.5, baseline=0.1,
@@ -122,7 +122,7 @@ def test_candidates_are_compared_with_the_truth_by_hand() -> None:
     np.testing.assert_array_equal(got.bag, 7)
 
 
-def test_where_nobody_is_nobody_is_near() -> None:
+def test_candidates_without_truth_are_clear_negatives() -> None:
     camera = StereoCamera(width=160, height=120, fx=100, fy=100, cx=79.5, cy=59.5, baseline=0.1)
     nobody = np.empty((0, 2))
     got = examples_module._examples(
@@ -140,7 +140,7 @@ def test_where_nobody_is_nobody_is_near() -> None:
 # ------------------------------------------------------------------------------- fitting ----
 
 
-def test_what_can_be_told_apart_is_learned(fitted: BodyModel) -> None:
+def test_separable_examples_are_learned(fitted: BodyModel) -> None:
     new = examples(500, seed=1)
     score = fitted.human(new.even)
     assert ((score > 0) == new.person).mean() > 0.97
@@ -148,12 +148,12 @@ def test_what_can_be_told_apart_is_learned(fitted: BodyModel) -> None:
     assert np.abs(fitted.depth(new.depth) - new.more_px).mean() < 0.02
 
 
-def test_left_is_as_good_as_right(fitted: BodyModel) -> None:
+def test_fit_is_symmetric_in_left_and_right(fitted: BodyModel) -> None:
     odd = examples(50, seed=2).odd
     np.testing.assert_allclose(fitted.across(-odd), -fitted.across(odd), atol=1e-12)
 
 
-def test_sigmas_are_the_size_of_the_errors(fitted: BodyModel) -> None:
+def test_fitted_sigmas_equal_the_size_of_the_errors(fitted: BodyModel) -> None:
     new = examples(2000, noise=0.02, seed=3)
     for name, error, sigma in (
         ("across", fitted.across(new.odd) - new.across, fitted.across_log_sigma(new.even)),
@@ -163,7 +163,7 @@ def test_sigmas_are_the_size_of_the_errors(fitted: BodyModel) -> None:
         assert 0.9 < within[new.person].mean() < 0.995, name
 
 
-def test_outliers_do_not_pull(fitted: BodyModel) -> None:
+def test_outliers_do_not_bias_the_fit(fitted: BodyModel) -> None:
     some = examples(4000, noise=0.02)
     wrong = np.arange(len(some)) % 20 == 0
     pulled = fit(dataclasses.replace(some, across=np.where(wrong, 0.5, some.across)))
@@ -198,7 +198,7 @@ def test_too_few_examples_are_refused(people: int, others: int, enough: bool) ->
 # ------------------------------------------------------------------------ cross-validation ----
 
 
-def test_figures_of_what_can_be_told_apart() -> None:
+def test_figures_of_separable_examples_are_good() -> None:
     some = examples(2000, noise=0.02)
     figures = cross_validate(some)
     assert figures["examples"] == 2000
@@ -211,7 +211,7 @@ def test_figures_of_what_can_be_told_apart() -> None:
     assert 0.7 < figures["in the 95 % ellipse"] < 0.99
 
 
-def test_figures_of_what_cannot_be_told_apart() -> None:
+def test_figures_of_inseparable_examples_are_at_chance() -> None:
     some = examples(600)
     people = np.random.default_rng(5).uniform(size=len(some)) < 0.5
     figures = cross_validate(dataclasses.replace(some, away=np.where(people, 0.0, 9.0)))
@@ -219,7 +219,7 @@ def test_figures_of_what_cannot_be_told_apart() -> None:
     assert figures["precision at recall 0.95"] == pytest.approx(people.mean(), abs=0.08)
 
 
-def test_no_model_judges_a_bag_that_it_has_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cross_validation_never_scores_bags_of_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     some = examples(2400, bags=12)
     seen: list[set[int]] = []
     model = fit(some)
@@ -259,7 +259,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_examples_of_a_bag(bag: Path) -> None:
+def test_examples_of_a_bag_are_labelled(bag: Path) -> None:
     got = examples_of(bag, 4)
     # Two robots, two views each, two people in view, one of whom may be behind the other.
     assert got.person.sum() >= 4
@@ -272,13 +272,13 @@ def test_examples_of_a_bag(bag: Path) -> None:
     assert 0 < len(fewer) < len(got)
 
 
-def test_true_poses_are_wanted() -> None:
+def test_true_poses_are_required() -> None:
     formation = ROOT / "bags" / "paper_formation"
     with pytest.raises(BagError, match=r"has no /ground_truth/robot_a/pose; wanted: a bag of"):
         examples_of(formation, 0)
 
 
-def test_the_command_says_what_is_missing(bag: Path, tmp_path: Path) -> None:
+def test_command_reports_missing_inputs(bag: Path, tmp_path: Path) -> None:
     out = tmp_path / "model.json"
     result = CliRunner().invoke(app, ["fit", str(bag), "--out", str(out), "--views", "1"])
     assert result.exit_code == 1

@@ -81,7 +81,7 @@ def assert_same(one: Any, other: Any) -> None:
             assert getattr(other, name) == value, name
 
 
-def test_what_was_sent_is_read():
+def test_sent_people_are_read():
     persons, groups = read_people(message_of(WALKS, COASTS, groups=(GROUP,)))
     assert len(persons) == 2
     assert_same(persons[0], WALKS)
@@ -90,7 +90,7 @@ def test_what_was_sent_is_read():
     assert_same(groups[0], GROUP)
 
 
-def test_nobody_is_nobody():
+def test_empty_message_gives_no_people():
     assert read_people(message_of()) == ((), ())
 
 
@@ -115,7 +115,7 @@ def shown(live: LivePeople) -> list[list[str]]:
     return [[c.strip() for c in re.split("[│┃]", line) if c.strip()] for line in lines]
 
 
-def test_people_and_groups(live):
+def test_people_and_groups_are_shown(live):
     table, heard = live
     assert shown(table) == [
         ["waiting for people ... (is the planner running?)"],
@@ -129,7 +129,7 @@ def test_people_and_groups(live):
     assert ["robot_a", "-", "20", "1.00", "2.00", "90"] in rows
 
 
-def test_who_is_not_followed_has_no_id(live):
+def test_untracked_people_have_no_id(live):
     table, heard = live
     nobody = Person(np.zeros(2), np.eye(2), 1.7, 0.1, ("robot_a",), 0)
     heard["people"](message_of(nobody, nobody))
@@ -138,7 +138,7 @@ def test_who_is_not_followed_has_no_id(live):
         assert [number, "0.00", "0.00", "-", "1.70", "0", "robot_a"] in rows
 
 
-def test_the_latest_events(live):
+def test_latest_events_are_shown(live):
     table, heard = live
     heard["people"](message_of(WALKS))
     for number in range(7):
@@ -158,8 +158,8 @@ def report(*entries: tuple[int, str, str]) -> Any:
     )
 
 
-def test_health_in_a_few_lines(live):
-    """The sum, and the worst; what has ended is no more."""
+def test_health_is_summarized(live):
+    """The summary and the worst findings; ended ones are omitted."""
     table, heard = live
     heard["people"](message_of(WALKS))
     assert ["health: unknown (no node reports on /diagnostics)"] in shown(table)
@@ -182,7 +182,7 @@ def test_health_in_a_few_lines(live):
     assert any("health: 1 stale" in row[0] for row in shown(table) if row)
 
 
-def test_texts_of_others_neither_steer_the_terminal_nor_are_markup(live):
+def test_foreign_texts_are_escaped(live):
     table, heard = live
     heard["people"](message_of(dataclasses.replace(WALKS, robots=("a\x1b[2J[/b]",))))
     heard["events"](SimpleNamespace(data="\x1b]0;title\x07person 1 [/b]\nsecond"))
@@ -193,7 +193,7 @@ def test_texts_of_others_neither_steer_the_terminal_nor_are_markup(live):
     assert not set(said) & set("\x1b\x07\x9b\u202e")
 
 
-def test_time_is_that_on_the_clock_while_somebody_publishes_it():
+def test_time_follows_the_clock_topic_while_published():
     publishers, timers, values = {"/clock": 0}, [], {"use_sim_time": False}
 
     def change(parameters):
@@ -212,7 +212,7 @@ def test_time_is_that_on_the_clock_while_somebody_publishes_it():
         assert values == {"use_sim_time": count > 0}
 
 
-def test_names_are_no_markup(live):
+def test_names_are_not_interpreted_as_markup(live):
     table, heard = live
     message = message_of(dataclasses.replace(WALKS, robots=("robot_a[/b]", "[red]b")))
     message.scans[0].robot = "[/]"
@@ -222,7 +222,7 @@ def test_names_are_no_markup(live):
     assert any(row[:1] == ["[/]"] for row in rows)
 
 
-def test_message_that_contradicts_itself_is_refused_and_the_last_one_stays(live):
+def test_inconsistent_message_is_refused_and_the_last_one_kept(live):
     table, heard = live
     heard["people"](message_of(WALKS))
     other = message_of(COASTS, groups=(GROUP,))
@@ -235,7 +235,7 @@ def test_message_that_contradicts_itself_is_refused_and_the_last_one_stays(live)
     assert "group 2 has 2 stragglers and 1 times of straggling; wanted: as many" in refusal[0]
 
 
-def test_what_follows_from_a_trouble_is_counted_with_it(live):
+def test_consequences_of_a_finding_are_counted_with_it(live):
     table, heard = live
     heard["people"](message_of(WALKS))
     message = report(

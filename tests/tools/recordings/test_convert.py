@@ -57,12 +57,12 @@ FRAMES = 7
         ("8:99", range(8, 10)),
     ],
 )
-def test_parse_frames(text: str, wanted: range) -> None:
+def test_frames_are_parsed(text: str, wanted: range) -> None:
     assert range(10)[parse_frames(text)] == wanted
 
 
 @pytest.mark.parametrize("text", ["", "a", "1:b", "-3:", "::-1", "::0", "1:2:3:4", "1.5"])
-def test_parse_frames_refuses(text: str) -> None:
+def test_invalid_frames_are_refused(text: str) -> None:
     with pytest.raises(ConfigError, match=r"frames is .*allowed: START:STOP:STEP"):
         parse_frames(text)
 
@@ -182,14 +182,14 @@ def test_oak_extrinsics_to_another_camera_are_refused(tmp_path: Path) -> None:
         read_oak_calibration(_write_json(tmp_path / "calib.json", document))
 
 
-def test_oak_calibration_that_is_no_json_is_refused(tmp_path: Path) -> None:
+def test_oak_calibration_that_is_not_json_is_refused(tmp_path: Path) -> None:
     (tmp_path / "calib.json").write_text("{", encoding="utf-8")
     for name in ("calib.json", "missing.json"):
         with pytest.raises(BagError, match=f"{name} cannot be read"):
             read_oak_calibration(tmp_path / name)
 
 
-def test_oak_calibration_that_is_nested_without_end_is_refused(tmp_path: Path) -> None:
+def test_endlessly_nested_oak_calibration_is_refused(tmp_path: Path) -> None:
     for text in ("[" * 200_000, '{"a":' * 200_000):
         (tmp_path / "calib.json").write_text(text, encoding="utf-8")
         with pytest.raises(BagError, match=r"calib\.json cannot be read: .*recursion"):
@@ -208,7 +208,7 @@ def test_oak_calibration_that_is_nested_without_end_is_refused(tmp_path: Path) -
         ("distortionCoeff", [math.inf] * 14, "d holds NaN or infinite"),
     ],
 )
-def test_oak_numbers_that_no_camera_has_are_refused(
+def test_implausible_oak_numbers_are_refused(
     tmp_path: Path, key: str, value: object, hint: str
 ) -> None:
     document = _calibration()
@@ -243,7 +243,7 @@ def recording(tmp_path: Path, calibration: Path) -> Path:
     return tmp_path
 
 
-def test_oak_bag(recording: Path, tmp_path: Path) -> None:
+def test_oak_bag_has_the_expected_messages(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "bag"
     assert convert_oak(recording, out, robot="eye", frames=slice(1, 6, 2), reduce=2) == 3
     models = read_oak_calibration(recording / "calib.json", 2)
@@ -281,14 +281,14 @@ def test_oak_bag(recording: Path, tmp_path: Path) -> None:
         assert stamps == [EPOCH_NS, *frames.values(), EPOCH_NS + 200_000_000]
 
 
-def test_oak_all_frames_in_full_size(recording: Path, tmp_path: Path) -> None:
+def test_oak_frames_keep_their_full_size(recording: Path, tmp_path: Path) -> None:
     assert convert_oak(recording, tmp_path / "bag", reduce=1) == FRAMES
     with BagReader(tmp_path / "bag") as bag:
         _, _, image = next(bag.decoded(["/robot_a/right/image_raw"]))
     assert read_image(image).shape == (HEIGHT, WIDTH)
 
 
-def test_oak_leaves_nothing_behind_when_it_fails(recording: Path, tmp_path: Path) -> None:
+def test_failed_oak_conversion_leaves_no_files(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "bag"
     with pytest.raises(BagError, match=f"no frame is left of the {FRAMES}"):
         convert_oak(recording, out, frames=slice(90, None))
@@ -325,7 +325,7 @@ def test_oak_does_not_overwrite(recording: Path, tmp_path: Path) -> None:
         ([NAN, 1.0, 1.0, 1.0, 5.0, 5.0, NAN], [5.0, 1.0, 1.0, 1.0, 5.0, 5.0, 5.0]),
     ],
 )
-def test_fill_depth_takes_the_background(row: list[float], filled: list[float]) -> None:
+def test_fill_depth_uses_the_background(row: list[float], filled: list[float]) -> None:
     np.testing.assert_allclose(fill_depth(np.array([row])), [filled])
 
 
@@ -373,7 +373,7 @@ def test_render_right_near_hides_far_and_background_fills_the_gap() -> None:
     np.testing.assert_allclose(right[:, 31:38].astype(int), left[:, 46:39:-1], atol=15)
 
 
-def test_render_right_is_what_stereobm_measures() -> None:
+def test_render_right_matches_the_disparity_of_stereobm() -> None:
     left = _texture(60, 160)
     depth = np.full(left.shape, 5.0)
     depth[15:45, 60:100] = 2.0
@@ -387,7 +387,7 @@ def test_render_right_is_what_stereobm_measures() -> None:
 # ------------------------------------------------------------------------------------- PCL ----
 
 
-def test_pcl_mounting_stands_the_floor_upright() -> None:
+def test_pcl_mounting_makes_the_floor_level() -> None:
     assert pcl_pitch() == pytest.approx(0.0738, abs=1e-4)  # nose down
     mounting = Mounting(height=PCL_HEIGHT_M, pitch=pcl_pitch())
     camera = StereoCamera(160, 120, 131.0, 131.0, 79.5, 59.5, 0.12, mounting=mounting)
@@ -431,7 +431,7 @@ def test_pcl_reads_grey_and_depth(pcd: Path) -> None:
     assert np.nanmax(depth) == np.nanmin(depth) == 3.0
 
 
-def test_pcl_bag(pcd: Path, tmp_path: Path) -> None:
+def test_pcl_bag_has_the_expected_messages(pcd: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     assert convert_pcl(pcd, out, robot="eye", repeat=3, rate_hz=10.0, baseline_m=0.2) == 3
     with BagReader(out) as bag:
@@ -522,7 +522,7 @@ def test_pcl_refuses_files(tmp_path: Path) -> None:
         ("FIELDS x y z rgba", "FIELDS x y\nPOINTS", "cannot be read as a PCD file"),
     ],
 )
-def test_pcl_refuses_headers_that_ask_for_too_much(
+def test_pcl_headers_above_the_size_limit_are_refused(
     pcd: Path, old: str, new: str, hint: str
 ) -> None:
     data = pcd.read_bytes()
@@ -545,7 +545,7 @@ def test_oak_refuses_videos_of_another_size(recording: Path, tmp_path: Path) -> 
         convert_oak(recording, tmp_path / "bag")
 
 
-def test_command_line(recording: Path, tmp_path: Path) -> None:
+def test_command_line_converts_and_reports_errors(recording: Path, tmp_path: Path) -> None:
     runner = CliRunner()
     out = tmp_path / "bag"
     result = runner.invoke(

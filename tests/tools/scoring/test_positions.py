@@ -62,7 +62,7 @@ def test_match_distance_is_inclusive(away, pairs):
 @pytest.mark.parametrize(
     ("found", "true"), [([], [(1, 1)]), ([(1, 1)], []), ([], []), ([(1, 1)], [NOBODY])]
 )
-def test_match_with_nobody(found, true):
+def test_match_of_no_people_is_empty(found, true):
     one, other, away = match(
         np.array(found, dtype=float).reshape(-1, 2), np.array(true, dtype=float).reshape(-1, 2)
     )
@@ -80,13 +80,13 @@ def test_truth_is_interpolated():
 
 
 @pytest.mark.parametrize(("stamp", "x"), [(-500, 0.0), (0, 0.0), (100, 0.2), (900, 0.2)])
-def test_truth_stays_beyond_its_ends_and_is_exact_at_its_stamps(stamp, x):
+def test_truth_is_constant_beyond_its_ends_and_exact_at_its_stamps(stamp, x):
     positions, _ = truth({0: [(0, 0)], 100: [(0.2, 0)]}).at(stamp * MS)
     assert positions[0, 0] == pytest.approx(x)
 
 
 @pytest.mark.parametrize(("stamp", "there"), [(10, False), (50, False), (51, True), (90, True)])
-def test_somebody_in_one_message_only_is_there_on_its_side(stamp, there):
+def test_person_in_one_message_is_present_on_its_side(stamp, there):
     positions, _ = truth({0: [NOBODY], 100: [(1, 2)]}).at(stamp * MS)
     assert np.isfinite(positions).all() == there
     if there:
@@ -105,7 +105,7 @@ def test_truth_takes_any_order_any_number_of_people_and_the_last_of_one_stamp():
     assert made.visible.tolist() == [[True, False], [True, True]]
 
 
-def test_no_truth_at_all():
+def test_missing_truth_is_handled():
     positions, visible = truth({}).at(0)
     assert positions.shape == (0, 2)
     assert visible.shape == (0,)
@@ -130,11 +130,11 @@ def test_visibility_is_that_of_the_nearer_message():
         ([5], [5], 200),
     ],
 )
-def test_interval(stamps, truths, wanted):
+def test_interval_is_the_median_between_estimates(stamps, truths, wanted):
     assert interval_of([s * MS for s in stamps], [t * MS for t in truths]) == wanted * MS
 
 
-def test_the_nearest_estimate_within_half_an_interval_counts():
+def test_nearest_estimate_within_half_an_interval_counts():
     there = truth({stamp: [(0, 0)] for stamp in (0, 100, 200, 300, 400)})
     # Every 100 ms, 10 ms late; that of 200 is missing.
     said = [estimate(stamp + 10, (0.1, 0)) for stamp in (0, 100, 300, 400)]
@@ -155,13 +155,13 @@ def test_half_an_interval_is_inclusive_and_the_earlier_of_two_counts():
     assert [f.estimate for f in score(there, late, interval_ns=97 * MS)] == [0, None, 1, None, 2]
 
 
-def test_estimates_that_no_frame_is_near_do_not_count():
+def test_estimates_without_a_frame_nearby_do_not_count():
     frames = score(truth({1000: [(0, 0)]}), [estimate(t, (5, 5)) for t in (0, 500, 1000, 1500)])
     people = summary(frames)["people"]
     assert (people["true"], people["estimates"], people["matched"]) == (1, 1, 0)
 
 
-def test_moving_people_are_compared_where_they_are_at_the_estimates_stamp():
+def test_moving_people_are_compared_at_the_estimates_stamp():
     # 1 m/s along x; the estimate is 40 ms late and 3 cm aside of the true way.
     walk = truth({stamp: [(stamp / 1000, 0)] for stamp in (0, 100, 200)})
     said = [estimate(t + 40, ((t + 40) / 1000, 0.03)) for t in (0, 100)]
@@ -175,7 +175,7 @@ def test_moving_people_are_compared_where_they_are_at_the_estimates_stamp():
 # ------------------------------------------------------------------------------------ estimates
 
 
-def test_an_estimate_says_of_everybody_who_he_is():
+def test_estimate_without_identities_has_id_zero():
     nothing = estimate(0, (1, 2), (3, 4))
     assert nothing.ids.tolist() == [0, 0]
     np.testing.assert_array_equal(nothing.velocities, [NOBODY, NOBODY])
@@ -191,7 +191,7 @@ def test_an_estimate_says_of_everybody_who_he_is():
         ({"ids": np.array([4, 4])}, "twice"),
     ],
 )
-def test_an_estimate_that_contradicts_itself_is_refused(given, said):
+def test_inconsistent_estimate_is_refused(given, said):
     with pytest.raises(ValueError, match=said):
         Estimate(0, np.zeros((2, 2)), np.zeros((2, 2, 2)), **given)
 
@@ -199,7 +199,7 @@ def test_an_estimate_that_contradicts_itself_is_refused(given, said):
 # -------------------------------------------------------------------------------------- people
 
 
-def test_counts_and_errors_by_hand():
+def test_counts_and_errors_match_hand_computed_values():
     there = truth({0: [(0, 0), (2, 0), (4, 0)], 100: [(0, 0), (2, 0), NOBODY]})
     said = [
         estimate(0, (0.1, 0), (2, 0.3), (7, 7), centre=(2, 0.5)),  # misses one, one is false
@@ -232,7 +232,7 @@ def test_counts_and_errors_by_hand():
     }
 
 
-def test_what_is_undefined_is_none():
+def test_undefined_figures_are_none():
     undefined = {"mean": None, "median": None, "p95": None, "max": None}
     nothing = summary([])
     assert nothing["frames"] == 0
@@ -249,7 +249,7 @@ def test_what_is_undefined_is_none():
     assert false["group"]["centre_error_m"]["mean"] is None
 
 
-def test_unseen_people_are_not_required_and_finding_one_is_no_error():
+def test_unseen_people_are_neither_required_nor_false():
     there = truth({0: [(0, 0), (2, 0), (4, 0)]}, visible=[[True, False, False]])
     frames = score(there, [estimate(0, (0, 0.1), (2, 0.1), (6, 0), centre=(1.3, 0.4))])
     (frame,) = frames
@@ -263,7 +263,7 @@ def test_unseen_people_are_not_required_and_finding_one_is_no_error():
     assert report["group"]["centre_error_m"]["mean"] == pytest.approx(0.5)  # from (1, 0)
 
 
-def test_who_is_required_is_matched_before_who_is_not():
+def test_required_people_are_matched_before_others():
     # The only one found is nearer to the unseen person.
     there = truth({0: [(0, 0), (0.3, 0)]}, visible=[[True, False]])
     (frame,) = score(there, [estimate(0, (0.25, 0))])
@@ -271,7 +271,7 @@ def test_who_is_required_is_matched_before_who_is_not():
     assert len(frame.ignored) == len(frame.false) == 0
 
 
-def test_an_unseen_person_excuses_one_only():
+def test_unseen_person_excuses_one_estimate_only():
     there = truth({0: [(0, 0)]}, visible=[[False]])
     (frame,) = score(there, [estimate(0, (0.1, 0), (-0.1, 0))])
     assert len(frame.ignored) == 1
@@ -294,7 +294,7 @@ def test_an_unseen_person_excuses_one_only():
         (((1, 2), (2, 1)), (0.0, 0.0), False),
     ],
 )
-def test_coverage(covariance, offset, inside):
+def test_coverage_matches_hand_computed_values(covariance, offset, inside):
     frames = score(
         truth({0: [(1, 1)]}), [estimate(0, np.add((1, 1), offset), covariance=covariance)]
     )
@@ -308,7 +308,7 @@ places = st.lists(st.tuples(coordinates, coordinates), max_size=6)
 
 
 @given(st.lists(places, min_size=1, max_size=4))
-def test_the_truth_itself_scores_full_marks(rows):
+def test_truth_itself_has_the_perfect_score(rows):
     there = truth({100 * i: row for i, row in enumerate(rows)})
     frames = score(there, [estimate(100 * i, *row) for i, row in enumerate(rows)])
     people = summary(frames)["people"]
@@ -319,7 +319,7 @@ def test_the_truth_itself_scores_full_marks(rows):
 
 
 @given(places, places, st.randoms(use_true_random=False))
-def test_the_order_of_people_does_not_matter(found, true, random):
+def test_order_of_people_does_not_matter(found, true, random):
     there = truth({0: true})
     before = summary(score(there, [estimate(0, *found)]))["people"]
     random.shuffle(found)
@@ -332,7 +332,7 @@ def test_the_order_of_people_does_not_matter(found, true, random):
 
 
 @given(places, places, st.lists(st.booleans(), min_size=6, max_size=6))
-def test_everybody_found_is_matched_ignored_or_false(found, true, seen):
+def test_each_estimate_is_matched_ignored_or_false(found, true, seen):
     there = truth({0: true}, visible=[seen[: len(true)]])
     (frame,) = score(there, [estimate(0, *found)])
     parts = [*frame.pairs[:, 0].tolist(), *frame.ignored.tolist(), *frame.false.tolist()]

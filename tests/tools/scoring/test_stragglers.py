@@ -69,7 +69,7 @@ def scored(there: Truth, estimates: list[Estimate], config: cfg.Groups = GROUPS)
 # ------------------------------------------------------------------------------- episodes ----
 
 
-def test_an_episode_begins_where_the_limit_is_crossed_between_two_messages():
+def test_episode_begins_at_the_interpolated_crossing():
     # 2.46 m at 1.2 s, 2.69 m at 1.3 s: 2.5 m at 1.2 s + 0.04 / 0.23 of 0.1 s.
     there = truth(lambda k: behind(k, speed=2.3, back=30), 50)
     (episode,) = episodes(there, config=GROUPS)
@@ -78,21 +78,21 @@ def test_an_episode_begins_where_the_limit_is_crossed_between_two_messages():
     )
 
 
-def test_who_is_alone_for_less_than_a_second_is_no_straggler():
+def test_person_alone_for_less_than_a_second_is_no_straggler():
     # Beyond 2.5 m from 1.5 s (by a hair: from 1.6 s) on.
     assert episodes(truth(lambda k: behind(k, back=25), 40), config=GROUPS) == []
     (episode,) = episodes(truth(lambda k: behind(k, back=27), 40), config=GROUPS)
     assert episode.begin_ns == pytest.approx(1500 * MS, abs=2)
 
 
-def test_the_limit_is_that_of_the_configuration():
+def test_limit_follows_the_configuration():
     there = truth(behind, 75)
     near, far = (episodes(there, config=cfg.Groups(distance=d)) for d in (2.25, 5.95))
     assert [e.begin_ns for e in near] == [pytest.approx(1250 * MS, abs=2)]
     assert [e.begin_ns for e in far] == [pytest.approx(4950 * MS, abs=2)]
 
 
-def test_who_hovers_about_the_limit_is_one_episode_until_he_is_nearer_by_the_margin():
+def test_person_hovering_at_the_limit_is_one_episode():
     def ways(k, nearest):
         away = 3.0 if 10 <= k < 30 or 35 <= k < 60 else nearest if k >= 30 else 1.0
         return ((2, 0), (1, 0), (1 - away, 0))
@@ -103,7 +103,7 @@ def test_who_hovers_about_the_limit_is_one_episode_until_he_is_nearer_by_the_mar
     assert len(episodes(truth(lambda k: ways(k, 2.0), 70), config=GROUPS)) == 2
 
 
-def test_several_who_leave_together_and_a_group_of_two_are_no_episode():
+def test_leaving_together_or_a_group_of_two_is_no_episode():
     def two_of_five(k):
         away = 1.0 + 0.1 * max(0, k - 10)
         return ((2, 0), (1, 0), (3, 0), (1 - away, 0), (1 - away, 1))
@@ -124,7 +124,7 @@ def test_only_members_of_the_same_group_count():
     assert episodes(truth(ways, 50, groups=lambda k: (1, 2, 3, 4)), config=GROUPS) == []
 
 
-def test_who_was_far_from_the_beginning_or_is_none_any_more_is_no_episode():
+def test_initially_distant_or_former_members_are_no_episode():
     assert episodes(truth(lambda k: behind(k, begin=-20), 40), config=GROUPS) == []
     leaves = truth(lambda k: behind(k), 50, groups=lambda k: (1, 1, int(k < 15)))
     assert episodes(leaves, config=GROUPS) == []
@@ -133,7 +133,7 @@ def test_who_was_far_from_the_beginning_or_is_none_any_more_is_no_episode():
 # ------------------------------------------------------------------------------- in time ----
 
 
-def test_all_figures_of_one_recording_by_hand():
+def test_all_figures_of_one_recording_match_hand_computed_values():
     # He crosses at 1.5 s and is flagged at 2.1 s; 1 is flagged wrongly at 4 s, for 0.5 s.
     there = truth(behind, 61)
     estimates = said(there, lambda k: [3] * (k >= 21) + [1] * (40 <= k < 45))
@@ -153,7 +153,7 @@ def test_all_figures_of_one_recording_by_hand():
     assert both["delay_s"] == {"mean": pytest.approx(1.1), "max": pytest.approx(1.6)}
 
 
-def test_who_is_never_flagged_or_too_late_has_no_delay():
+def test_stragglers_flagged_never_or_too_late_have_no_delay():
     there = truth(lambda k: behind(k, back=40), 60)
     for flags in (lambda k: [], lambda k: [3] * (k >= 41)):
         report = scored(there, said(there, flags)).report()
@@ -161,14 +161,14 @@ def test_who_is_never_flagged_or_too_late_has_no_delay():
         assert report["delay_s"] == {"mean": None, "max": None}
 
 
-def test_who_was_flagged_before_he_crossed_has_no_delay():
+def test_flag_before_the_crossing_has_zero_delay():
     there = truth(behind, 60)
     report = scored(there, said(there, lambda k: [3] * (k >= 12))).report()
     assert report["delay_s"] == {"mean": 0.0, "max": 0.0}
     assert report["false"] == 0  # it is less than 1 s early
 
 
-def test_it_is_the_identity_that_he_has_or_had_last():
+def test_flag_refers_to_the_current_or_last_identity():
     there = truth(behind, 60)
     # 3 until 1.6 s, then nobody; or then 9.
     lost = said(there, lambda k: [3] * (k >= 25), lambda k: (1, 2, 3 if k <= 16 else 0))
@@ -177,7 +177,7 @@ def test_it_is_the_identity_that_he_has_or_had_last():
     assert scored(there, other).report()["flagged"] == 0
 
 
-def test_whom_nobody_sees_in_the_first_second_is_unseen():
+def test_episode_unseen_in_its_first_second_is_unseen():
     def visible(k, again):
         return (9, 9, 9 if k < 15 or k >= again else 0)
 
@@ -196,21 +196,21 @@ def false_flags(there: Truth, flags, ids=None) -> int:
     return scored(there, said(there, flags, ids)).false
 
 
-def test_a_flag_counts_once_when_it_is_raised():
+def test_flag_counts_once_when_raised():
     there = truth(lambda k: behind(0), 40)
     assert false_flags(there, lambda k: [3] * (k >= 20)) == 1
     assert false_flags(there, lambda k: [3] * (k >= 20 and k != 30)) == 2
     assert false_flags(there, lambda k: [2, 3] * (k >= 20)) == 2
 
 
-def test_a_flag_is_right_a_second_before_and_after_it_is_true():
+def test_flag_is_accepted_a_second_before_and_after_the_episode():
     # Farther than 2.1 m, the limit less the margin, from 1.2 s to 2.9 s.
     there = truth(lambda k: behind(k, back=30), 60)
     at = {k: false_flags(there, lambda n, k=k: [3] * (n == k)) for k in (1, 2, 20, 39, 40, 45)}
     assert at == {1: 1, 2: 0, 20: 0, 39: 0, 40: 1, 45: 1}
 
 
-def test_the_larger_part_stays_and_of_equal_parts_nobody_knows():
+def test_larger_part_continues_and_equal_parts_are_undefined():
     def ways(k, aside):
         away = 1.0 + 0.1 * max(0, k - 10)
         return [(0.5 * i, 0) for i in range(5 - aside)] + [
@@ -225,7 +225,7 @@ def test_the_larger_part_stays_and_of_equal_parts_nobody_knows():
     assert false_flags(even, lambda k: [3, 4] * (k >= 50)) == 0
 
 
-def test_nobody_and_strangers_are_false_and_who_has_left_is_not():
+def test_flags_of_strangers_are_false_and_of_former_members_are_not():
     def ways(k):
         return (*behind(0), (0, 1))
 
@@ -238,7 +238,7 @@ def test_nobody_and_strangers_are_false_and_who_has_left_is_not():
     assert false_flags(joiner, lambda k: [4] * (k == 20)) == 1
 
 
-def test_who_is_missing_is_false_only_where_somebody_sees_him():
+def test_flag_of_a_missing_person_is_false_only_where_seen():
     def flags(k):
         return [3] * (k >= 30)
 
@@ -269,7 +269,7 @@ def test_without_groups_or_identities_there_is_nothing_to_score():
     assert StragglerScores().report() == NOTHING
 
 
-def test_frames_without_an_estimate_are_not_observed_and_raise_no_flag():
+def test_frames_without_an_estimate_raise_no_flag():
     there = truth(lambda k: behind(0), 40)
     estimates = [
         e for k, e in enumerate(said(there, lambda k: [3] * (k >= 10))) if not 15 <= k < 30
@@ -279,7 +279,7 @@ def test_frames_without_an_estimate_are_not_observed_and_raise_no_flag():
     assert report["minutes"] == pytest.approx(2.5 / 60)
 
 
-def test_who_is_not_there_is_nobodys_neighbour():
+def test_absent_person_is_no_neighbour():
     def ways(k):
         return ((2, 0), (1, 0), (0, 0), NOBODY if k >= 10 else (0, 1))
 
@@ -301,7 +301,7 @@ def centres(there: Truth, largest) -> list[float]:
     return [round(frame.centre_error, 6) for frame in frames]
 
 
-def test_the_centre_is_that_of_those_who_go_on():
+def test_centre_is_that_of_the_continuing_group():
     # The third is at -1 m at 1 s, 2 m from the second, and 2.6 m from him at 1.6 s.
     there = truth(behind, 17)
     errors = centres(there, lambda k: (1.0, 0.1))
@@ -310,7 +310,7 @@ def test_the_centre_is_that_of_those_who_go_on():
     assert errors[16] == pytest.approx(math.hypot(0.5, 0.1), abs=1e-6)  # from (1.5, 0)
 
 
-def test_strangers_do_not_count_for_the_centre():
+def test_strangers_are_excluded_from_the_centre():
     def ways(k):
         return ((0, 0), (1, 0), (9, 0))
 

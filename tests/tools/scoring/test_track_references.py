@@ -115,7 +115,7 @@ def by_motmetrics(followed: list[Followed]) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("hidden", [False, True])
-def test_clear_mot_and_idf1_are_those_of_motmetrics(hidden):
+def test_clear_mot_and_idf1_equal_those_of_motmetrics(hidden):
     switches = fragments = lost = ignored = 0
     for seed in range(50):
         made = recording(seed, hidden=hidden)
@@ -143,7 +143,7 @@ def test_clear_mot_and_idf1_are_those_of_motmetrics(hidden):
     assert (ignored > 150) == hidden
 
 
-def test_gospa_is_that_of_stone_soup():
+def test_gospa_equals_that_of_stone_soup():
     metric = ospametric.GOSPAMetric(c=MATCH_DISTANCE, p=2)
     now = datetime(2026, 1, 1)
     frames = 0

@@ -65,7 +65,7 @@ def who(there: Truth, estimates: list[Estimate]) -> list[dict[int, int]]:
 A, B = (0.0, 0.0), (2.0, 0.0)
 
 
-def test_all_figures_of_one_recording_by_hand():
+def test_all_figures_of_one_recording_match_hand_computed_values():
     there = truth([(A, B)] * 5)
     # The first is followed by 1, lost, followed by 1 again. The second is followed by 2 with
     # 0.1 m, then by 3. 9 is nobody, twice.
@@ -98,7 +98,7 @@ def test_all_figures_of_one_recording_by_hand():
     assert (scores.true, scores.found, len(scores.errors)) == (10, 11, 9)
 
 
-def test_an_identity_is_kept_while_it_is_within_the_distance_though_another_is_nearer():
+def test_identity_is_kept_within_the_distance_though_another_is_nearer():
     there = truth([(A,)] * 3)
     estimates = said({1: (0.1, 0)}, {1: (0.4, 0), 2: (0.0, 0)}, {1: (0.401, 0), 2: (0.0, 0)})
     assert who(there, estimates) == [{0: 1}, {0: 1}, {0: 2}]
@@ -108,7 +108,7 @@ def test_an_identity_is_kept_while_it_is_within_the_distance_though_another_is_n
     assert scores.report()["mota"] == pytest.approx(1 - (2 + 1) / 3)  # two false and a switch
 
 
-def test_an_identity_that_is_kept_may_leave_somebody_else_missed():
+def test_kept_identity_may_leave_another_person_missed():
     # Optimal would be two pairs: 1 with the second and 2 with the first.
     there = truth([((0, 0), (3, 0)), ((0, 0), (0.6, 0))])
     estimates = said({1: (0, 0)}, {1: (0.3, 0), 2: (-0.3, 0)})
@@ -116,7 +116,7 @@ def test_an_identity_that_is_kept_may_leave_somebody_else_missed():
     assert who(there, estimates) == [{0: 1}, {0: 1}]
 
 
-def test_two_who_exchange_their_identities_are_two_switches():
+def test_exchanged_identities_are_two_switches():
     there = truth([(A, B)] * 4)
     estimates = said({1: A, 2: B}, {1: A, 2: B}, {1: B, 2: A}, {1: B, 2: A})
     scores = scored(there, estimates)
@@ -126,21 +126,21 @@ def test_two_who_exchange_their_identities_are_two_switches():
 
 
 @pytest.mark.parametrize(("after", "switches"), [(1, 0), (7, 1)])
-def test_a_gap_is_a_fragment_and_a_switch_only_if_the_identity_differs(after, switches):
+def test_gap_is_a_fragment_and_a_switch_only_if_the_identity_differs(after, switches):
     there = truth([(A,)] * 5)
     scores = scored(there, said({1: A}, {}, None, {after: A}, {after: A}))
     assert (scores.switches, scores.fragments) == (switches, 1)
     assert scores.report()["mota"] == pytest.approx(1 - (2 + switches) / 5)
 
 
-def test_found_late_or_lost_for_good_is_no_fragment():
+def test_late_start_or_final_loss_is_no_fragment():
     there = truth([(A, B)] * 4)
     scores = scored(there, said({1: A}, {1: A}, {2: B}, {2: B}))
     assert (scores.switches, scores.fragments) == (0, 0)
     assert (scored(there, said({}, {}, {9: (7, 7)}, {})).fragments) == 0
 
 
-def test_who_comes_back_is_still_himself():
+def test_returning_person_keeps_their_last_identity():
     there = truth([(A,), (NOBODY,), (NOBODY,), (A,)])
     assert scored(there, said({1: A}, {}, {}, {1: A})).switches == 0
     again = scored(there, said({1: A}, {}, {}, {2: A}))
@@ -149,7 +149,7 @@ def test_who_comes_back_is_still_himself():
     assert scored(there, said({1: A}, {1: A}, {1: A}, {1: A})).report()["mota"] == 0.0
 
 
-def test_of_two_who_had_an_identity_it_belongs_to_him_who_had_it_later():
+def test_identity_belongs_to_the_person_who_had_it_later():
     near = (0.3, 0.0)
     there = truth([(A, NOBODY), (NOBODY, near), (A, near), (A, near)])
     estimates = said({1: A}, {1: near}, {1: (0.1, 0)}, {1: (0.1, 0), 2: A})
@@ -157,7 +157,7 @@ def test_of_two_who_had_an_identity_it_belongs_to_him_who_had_it_later():
     assert scored(there, estimates).switches == 1
 
 
-def test_who_is_followed_while_nobody_sees_him_has_had_his_identity_since():
+def test_identity_tracked_while_unseen_is_remembered():
     near, far = (0.3, 0.0), (9.0, 0.0)
     there = truth(
         [(A, far), (far, near), (A, far), (A, near)], visible=[*[(1, 1)] * 2, (0, 1), (1, 1)]
@@ -177,7 +177,7 @@ def test_people_match_within_another_distance():
     assert wide.report()["gospa"] == pytest.approx(0.9)
 
 
-def test_a_frame_that_shares_its_estimate_with_another_is_no_change():
+def test_frames_that_share_an_estimate_cause_no_switch():
     there = truth([(A,)] * 5)
     estimates = [estimate(t, {1: A}) for t in (0, 200, 400)]
     scores = scored(there, estimates)
@@ -195,7 +195,7 @@ def test_only_estimates_with_an_id_are_tracks():
     assert scores.report()["mota"] == pytest.approx(0.25)
 
 
-def test_without_identities_nothing_is_said():
+def test_without_identities_scores_are_undefined():
     there = truth([(A,)] * 2)
     estimates = [replace(e, ids=np.zeros(1, dtype=np.int64)) for e in said({1: A}, {1: A})]
     for nothing in (scored(there, estimates), TrackScores(), scored(truth([]), said({1: A}))):
@@ -209,7 +209,7 @@ def test_without_identities_nothing_is_said():
 # ------------------------------------------------------------------- people whom no robot sees
 
 
-def test_people_unseen_have_no_frame_and_who_fits_them_is_ignored():
+def test_unseen_people_have_no_frame_and_their_estimates_are_ignored():
     there = truth([(A, B)] * 4, visible=[(1, 1), (1, 0), (1, 0), (1, 1)])
     kept = scored(there, said(*[{1: A, 2: B}] * 4))
     lost = scored(there, said({1: A, 2: B}, {1: A}, {1: A}, {1: A, 2: B}))
@@ -221,7 +221,7 @@ def test_people_unseen_have_no_frame_and_who_fits_them_is_ignored():
         assert scores.person_s == pytest.approx(0.6)
 
 
-def test_another_identity_after_nobody_saw_him_is_one_switch_whenever_it_came():
+def test_new_identity_after_an_unseen_gap_is_one_switch():
     there = truth([(A,)] * 4, visible=[(1,), (0,), (0,), (1,)])
     for hidden in ({1: A}, {}, {2: A}):
         scores = scored(there, said({1: A}, hidden, hidden, {2: A}))
@@ -230,7 +230,7 @@ def test_another_identity_after_nobody_saw_him_is_one_switch_whenever_it_came():
     assert scored(there, said({1: A}, {2: A}, {2: A}, {1: A})).switches == 0
 
 
-def test_the_identity_of_somebody_unseen_is_not_taken_for_that_of_his_neighbour():
+def test_identity_of_an_unseen_person_is_not_given_to_a_neighbour():
     near = (0.3, 0.0)
     there = truth([(A, near)] * 3, visible=[(1, 1), (0, 1), (1, 1)])
     # The neighbour's own track is missing for a frame; his is nearer to the neighbour.
@@ -241,13 +241,13 @@ def test_the_identity_of_somebody_unseen_is_not_taken_for_that_of_his_neighbour(
     assert scores.report()["mota"] == pytest.approx(1 - 1 / 5)
 
 
-def test_who_is_required_gets_an_identity_that_is_nobodys_before_who_is_not():
+def test_free_identity_is_given_to_required_people_first():
     there = truth([(A, (0.3, 0.0))], visible=[(1, 0)])
     scores = scored(there, said({1: (0.25, 0)}))
     assert (scores.true, scores.found, len(scores.errors)) == (1, 1, 1)
 
 
-def test_a_track_that_leaves_somebody_unseen_is_false():
+def test_track_that_leaves_an_unseen_person_is_false():
     there = truth([(A,)] * 2, visible=[(1,), (0,)])
     assert scored(there, said({1: A}, {1: (0.5, 0)})).report()["mota"] == 0.0
 
@@ -255,7 +255,7 @@ def test_a_track_that_leaves_somebody_unseen_is_false():
 # --------------------------------------------------------------------------- identities overall
 
 
-def test_idf1_gives_each_person_one_identity_for_the_whole_recording():
+def test_idf1_assigns_one_identity_per_person_and_recording():
     there = truth([(A,)] * 10)
     scores = scored(there, said(*[{1: A}] * 6, *[{2: A}] * 4))
     report = scores.report()
@@ -264,7 +264,7 @@ def test_idf1_gives_each_person_one_identity_for_the_whole_recording():
     assert report["mota"] == 0.9
 
 
-def test_an_identity_is_one_persons_only():
+def test_idf1_assigns_each_identity_to_one_person():
     # 1 follows the first for 3 frames, then the second for 4; 2 follows nobody else.
     there = truth([(A, B)] * 7)
     scores = scored(there, said(*[{1: A}] * 3, *[{1: B, 2: A}] * 4))
@@ -272,7 +272,7 @@ def test_an_identity_is_one_persons_only():
     assert scores.report()["idf1"] == pytest.approx(16 / (14 + 11))
 
 
-def test_nobodys_frames_are_no_identitys():
+def test_frames_of_unseen_people_count_for_no_identity():
     # The neighbour is never seen: of the two who were the first's, none is his.
     there = truth([(A, (0.3, 0.0))] * 2, visible=[(1, 0)] * 2)
     assert scored(there, said({1: (0.15, 0)}, {2: (0.15, 0)})).idtp == 1
@@ -281,7 +281,7 @@ def test_nobodys_frames_are_no_identitys():
 @pytest.mark.parametrize(
     ("frames", "tracked", "lost"), [(10, 1, 0), (8, 1, 0), (7, 0, 0), (2, 0, 0), (1, 0, 1)]
 )
-def test_mostly_tracked_and_mostly_lost(frames, tracked, lost):
+def test_mostly_tracked_and_mostly_lost_match_hand_computed_values(frames, tracked, lost):
     there = truth([(A, NOBODY)] * 10)  # who is never there is no person
     report = scored(there, said(*[{1: A}] * frames, *[{}] * (10 - frames))).report()
     assert (report["mostly_tracked"], report["mostly_lost"]) == (tracked, lost)
@@ -326,13 +326,13 @@ def test_recordings_are_pooled_by_their_counts():
         ([(0, 0), (0, 0.05)], [(0.25, 0), (0.25, 0.05)], math.sqrt(0.125)),
     ],
 )
-def test_gospa_by_hand(found, true, wanted):
+def test_gospa_matches_hand_computed_values(found, true, wanted):
     sets = [np.array(places, dtype=float).reshape(-1, 2) for places in (found, true)]
     assert gospa(*sets) == pytest.approx(wanted)
     assert gospa(*sets[::-1]) == pytest.approx(wanted)
 
 
-def test_gospa_with_another_cut_off_and_exponent():
+def test_gospa_with_other_cut_off_and_exponent_is_correct():
     one, two = np.array([[0.0, 0.0], [9.0, 9.0]]), np.array([[0.0, 1.5]])
     assert gospa(one, two, distance=2.0, power=1) == pytest.approx(1.5 + 1.0)
     assert gospa(one, two, distance=1.0, power=1) == pytest.approx(1.5)
@@ -355,7 +355,7 @@ def test_true_velocity_is_the_central_difference_over_the_window():
     assert velocity(there, 350) == pytest.approx([(0.1525 - 0.0125) / 0.4, -3.0])
 
 
-def test_true_velocity_at_the_ends_is_over_that_part_of_the_window_that_there_is():
+def test_true_velocity_at_the_ends_uses_the_available_window():
     there = truth([((0.5 * (0.1 * i) ** 2, 0),) for i in range(11)])
     assert velocity(there, 0) == pytest.approx([0.02 / 0.2, 0.0])
     assert velocity(there, 100) == pytest.approx([0.045 / 0.3, 0.0])
@@ -364,7 +364,7 @@ def test_true_velocity_at_the_ends_is_over_that_part_of_the_window_that_there_is
         assert np.isnan(velocity(there, outside)).all()
 
 
-def test_true_velocity_of_somebody_who_comes_and_goes():
+def test_true_velocity_of_a_temporary_person_uses_their_time():
     walk = [NOBODY, NOBODY, *((0.1 * i, 0.0) for i in range(2, 8)), NOBODY, (5, 5), NOBODY]
     there = truth([(xy, (0, 0)) for xy in walk])
     for ms in (200, 240, 300, 450, 600, 700):
@@ -375,13 +375,13 @@ def test_true_velocity_of_somebody_who_comes_and_goes():
     assert velocity(there, 900, person=1) == [0.0, 0.0]
 
 
-def test_true_velocity_of_too_little_truth():
+def test_true_velocity_of_too_little_truth_is_undefined():
     assert np.isnan(velocity(truth([(A,)]), 0)).all()
     nobody = true_velocities(truth([]), np.empty(0, np.int64), np.empty(0, np.intp))
     assert nobody.shape == (0, 2)
 
 
-def test_velocity_errors_are_those_of_people_who_are_followed_and_whose_velocity_is_said():
+def test_velocity_errors_need_a_track_with_velocity():
     there = truth([((0.1 * i, 0), (0, 3)) for i in range(5)])  # 1 m/s, and standing
     estimates = [
         estimate(100 * i, {1: (0.1 * i, 0), 2: (0, 3), 9: (7, 7)}, [(1, 0.1), v, (5, 5)])
@@ -408,7 +408,7 @@ walks = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
 @given(walks)
-def test_the_truth_itself_scores_full_marks(rng):
+def test_truth_itself_has_the_perfect_score(rng):
     places = np.cumsum(rng.normal(0, 0.1, (12, 4, 2)), axis=0) + [(0, 0), (9, 0), (0, 9), (9, 9)]
     there = truth([row.tolist() for row in places])
     estimates = said(*[dict(zip((5, 3, 8, 2), row.tolist(), strict=True)) for row in places])

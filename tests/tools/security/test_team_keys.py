@@ -54,7 +54,7 @@ def mrs(*arguments: object) -> Result:
 # --- what is made ---------------------------------------------------------------------------------
 
 
-def test_folder_of_a_host_holds_what_it_needs_and_nothing_of_the_authority(team: TeamKeys) -> None:
+def test_folder_of_a_host_has_no_keys_of_the_authority(team: TeamKeys) -> None:
     robot = team.make("robot_a")
     common = {"ca.pem", "cert.pem", "key.pem", "tunnel.conf", "team"}
     assert {path.name for path in robot.iterdir()} == common
@@ -65,7 +65,7 @@ def test_folder_of_a_host_holds_what_it_needs_and_nothing_of_the_authority(team:
     assert not list(team.folder.glob(".*"))  # half-made folders
 
 
-def test_certificate_is_of_its_key_and_for_its_role(team: TeamKeys) -> None:
+def test_certificate_matches_its_key_and_role(team: TeamKeys) -> None:
     authority = team.folder / "authority" / "ca.pem"
     robot, planner = team.make("robot_a"), team.folder / PLANNER
     for folder in (robot, planner):
@@ -98,7 +98,7 @@ def test_only_the_owner_reads_keys(team: TeamKeys) -> None:
     assert mode(robot / "team") & 0o100
 
 
-def test_certificates_hold_for_clocks_a_day_off(team: TeamKeys) -> None:
+def test_certificates_tolerate_clocks_a_day_off(team: TeamKeys) -> None:
     robot = team.make("robot_a")
     moment = datetime.now(timezone.utc) - timedelta(hours=23)
     at = ["-attime", str(int(moment.timestamp()))]
@@ -117,7 +117,7 @@ def test_tunnel_leads_to_the_planner(tmp_path: Path) -> None:
     assert TeamKeys(team.folder).port == 4444
 
 
-def test_script_is_one(team: TeamKeys) -> None:
+def test_script_is_a_valid_shell_script(team: TeamKeys) -> None:
     script = team.folder / PLANNER / "team"
     assert subprocess.run(["sh", "-n", script], check=False).returncode == 0
     done = subprocess.run(["sh", script], capture_output=True, text=True, check=False)
@@ -128,10 +128,10 @@ def test_script_is_one(team: TeamKeys) -> None:
 
 @pytest.mark.skipif(os.getuid() != 0, reason="gives files to another user, which only root may")
 @pytest.mark.parametrize("who", ["folder", "script", "key", "above"])
-def test_script_that_others_may_write_is_not_run_by_root(
+def test_script_writable_by_others_is_not_run_by_root(
     team: TeamKeys, tmp_path: Path, who: str
 ) -> None:
-    """A service of root's in a folder of the robot's user would make them root."""
+    """A root service in a folder of the robot's user would let that user become root."""
     folder = (tmp_path / "above" / "mrs_team").absolute()
     folder.parent.mkdir(mode=0o755)
     shutil.move(team.folder / PLANNER, folder)
@@ -158,8 +158,8 @@ def test_script_that_others_may_write_is_not_run_by_root(
     assert up().returncode == 1
 
 
-def test_script_runs_commands_as_who_calls_it(team: TeamKeys, tmp_path: Path) -> None:
-    """By sudo, which is played here; it changes PATH and drops LD_LIBRARY_PATH."""
+def test_script_runs_commands_as_the_calling_user(team: TeamKeys, tmp_path: Path) -> None:
+    """With an emulated sudo, which changes PATH and drops LD_LIBRARY_PATH."""
     script = tmp_path / "team"
     text = (team.folder / PLANNER / "team").read_text()
     assert "/run/netns/$netns" in text
@@ -185,7 +185,7 @@ def test_folder_may_be_moved(team: TeamKeys, tmp_path: Path) -> None:
     moved.revoke("robot_a")
 
 
-def test_relative_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_relative_folder_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     team = TeamKeys.create(Path("keys"), ADDRESS)
     team.make("robot_a")
@@ -196,7 +196,7 @@ def test_relative_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 # --- revoking -------------------------------------------------------------------------------------
 
 
-def test_revoked_is_on_the_planners_list_and_no_other(team: TeamKeys) -> None:
+def test_revocation_list_has_only_the_revoked(team: TeamKeys) -> None:
     robots = {name: team.make(name) for name in ("robot_a", "robot_b")}
     authority, crl = team.folder / "authority" / "ca.pem", team.folder / PLANNER / "crl.pem"
     assert all(verifies(robot, authority, "sslclient", crl) for robot in robots.values())
@@ -207,7 +207,7 @@ def test_revoked_is_on_the_planners_list_and_no_other(team: TeamKeys) -> None:
     assert states == {PLANNER: "valid", "robot_a": "revoked", "robot_b": "valid"}
 
 
-def test_name_may_be_had_again_when_the_old_one_is_revoked(team: TeamKeys) -> None:
+def test_revoked_name_can_be_made_again(team: TeamKeys) -> None:
     old = team.make("robot_a")
     shutil.move(old, team.folder.parent / "old")
     with pytest.raises(KeysError, match="robot_a has a valid certificate; first: mrs keys revoke"):
@@ -219,7 +219,7 @@ def test_name_may_be_had_again_when_the_old_one_is_revoked(team: TeamKeys) -> No
     assert not verifies(team.folder.parent / "old", authority, "sslclient", crl)
 
 
-def test_list_says_when_certificates_end(team: TeamKeys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_list_has_expiry_dates(team: TeamKeys, monkeypatch: pytest.MonkeyPatch) -> None:
     team.make("robot_a")
     left = [c.ends - datetime.now(timezone.utc) for c in team.certificates()]
     assert all(timedelta(days=729) < days <= timedelta(days=730) for days in left)
@@ -238,13 +238,13 @@ def test_list_says_when_certificates_end(team: TeamKeys, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     "name", ["", "Robot", "robot-a", "../x", "a b", "1a", "x" * 33, "authority", "team", "a\nb"]
 )
-def test_names(team: TeamKeys, name: str) -> None:
+def test_invalid_names_are_refused(team: TeamKeys, name: str) -> None:
     with pytest.raises(KeysError, match="allowed: small letters"):
         team.make(name)
 
 
 @pytest.mark.parametrize("address", ["", "a b", "x\nup evil", "-x", "fe80::1", "a" * 254])
-def test_addresses(tmp_path: Path, address: str) -> None:
+def test_invalid_addresses_are_refused(tmp_path: Path, address: str) -> None:
     with pytest.raises(KeysError, match="allowed: a host name or an IPv4 address"):
         TeamKeys.create(tmp_path / "keys", address)
     assert not (tmp_path / "keys").exists()
@@ -261,7 +261,7 @@ def test_nothing_is_overwritten(team: TeamKeys) -> None:
     assert before == after
 
 
-def test_unknown_and_twice_revoked(team: TeamKeys) -> None:
+def test_revoking_unknown_or_revoked_names_is_an_error(team: TeamKeys) -> None:
     team.make("robot_a")
     with pytest.raises(KeysError, match="no valid certificate for 'robot_b'; there are: planner"):
         team.revoke("robot_b")
@@ -271,7 +271,7 @@ def test_unknown_and_twice_revoked(team: TeamKeys) -> None:
             team.revoke(name)
 
 
-def test_no_team_and_a_broken_one(tmp_path: Path, team: TeamKeys) -> None:
+def test_missing_and_broken_teams_are_errors(tmp_path: Path, team: TeamKeys) -> None:
     with pytest.raises(KeysError, match="no keys of a team; make them with: mrs keys init"):
         TeamKeys(tmp_path)
     (team.folder / "authority" / "team.json").write_text("{")
@@ -282,7 +282,7 @@ def test_no_team_and_a_broken_one(tmp_path: Path, team: TeamKeys) -> None:
 @pytest.mark.parametrize(
     "text", ["[" * 100_000, '{"address": "a", "port": 1e999}', '{"address": "a"}', "[]", "\udc80"]
 )
-def test_files_of_the_authority_that_say_nothing(team: TeamKeys, text: str) -> None:
+def test_invalid_authority_files_are_errors(team: TeamKeys, text: str) -> None:
     file = team.folder / "authority" / "team.json"
     file.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(KeysError, match=r"team\.json: "):
@@ -290,19 +290,19 @@ def test_files_of_the_authority_that_say_nothing(team: TeamKeys, text: str) -> N
 
 
 @pytest.mark.parametrize("line", ["V", "V\tsoon\t\t01\tunknown\t/CN=robot_a"])
-def test_certificates_that_are_no_entry(team: TeamKeys, line: str) -> None:
+def test_invalid_certificate_entries_are_errors(team: TeamKeys, line: str) -> None:
     (team.folder / "authority" / "index.txt").write_text(line + "\n")
     with pytest.raises(KeysError, match=r"index\.txt: .* is no entry"):
         team.certificates()
 
 
-def test_without_openssl(team: TeamKeys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_openssl_is_reported(team: TeamKeys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(KeysError, match="apt install openssl"):
         team.make("robot_a")
 
 
-def test_what_openssl_says_is_passed_on(team: TeamKeys) -> None:
+def test_errors_of_openssl_are_shown(team: TeamKeys) -> None:
     (team.folder / "authority" / "ca.key").unlink()
     with pytest.raises(KeysError, match=r"openssl ca: .*ca\.key"):
         team.make("robot_a")
@@ -331,7 +331,7 @@ def test_command(tmp_path: Path) -> None:
     assert "begin a new team" in mrs("revoke", PLANNER, "-k", folder).output
 
 
-def test_command_says_what_is_wrong(tmp_path: Path) -> None:
+def test_command_reports_errors(tmp_path: Path) -> None:
     failed = mrs("make", "robot_a", "-k", tmp_path)
     assert failed.exit_code == 1
     assert "mrs keys init ADDRESS" in failed.stderr

@@ -103,19 +103,19 @@ def world_of(text: str = "", **sections: Any) -> World:
         ("tracks_window: [1, 2]", "tracks_window wants four numbers"),
     ],
 )
-def test_a_bad_scene_is_refused_with_its_place(document: str, part: str) -> None:
+def test_bad_scene_is_refused_with_its_location(document: str, part: str) -> None:
     with pytest.raises(ConfigError, match="scene.yaml") as error:
         read_scene(yaml.safe_load(document), "scene.yaml")
     assert part in str(error.value)
 
 
-def test_a_head_is_the_common_one_where_a_robot_says_nothing_else() -> None:
+def test_common_head_is_the_default_of_each_robot() -> None:
     scene = scene_of("{head: {baseline: 0.2, pitch: 0.1}, robots: {a: {head: {pitch: 0.4}}, b: }}")
     assert (scene.heads["a"].baseline, scene.heads["a"].pitch) == (0.2, 0.4)
     assert (scene.heads["b"].baseline, scene.heads["b"].pitch) == (0.2, 0.1)
 
 
-def test_scenes_that_are_not_there_or_no_yaml(tmp_path: Path) -> None:
+def test_missing_scenes_and_invalid_yaml_are_errors(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read"):
         load_scene(tmp_path / "none.yaml")
     (tmp_path / "bad.yaml").write_text("a: [")
@@ -136,7 +136,7 @@ def test_every_scene_of_the_repository_can_be_built(path: Path) -> None:
 # ------------------------------------------------------------------------------ meshes ----
 
 
-def test_solids_look_outwards_and_have_the_size_that_was_asked_for() -> None:
+def test_solids_face_outwards_and_have_the_requested_size() -> None:
     for mesh, low, high in (
         (box((1, 2, 3), (2, 4, 6), 0), (0, 0, 0), (2, 4, 6)),
         (cylinder((1, 2, 0.5), 2.0, 0.3, 0, segments=40), (0.7, 1.7, 0.5), (1.3, 2.3, 2.5)),
@@ -149,7 +149,7 @@ def test_solids_look_outwards_and_have_the_size_that_was_asked_for() -> None:
         assert mesh.triangles.max() == len(mesh.vertices) - 1
 
 
-def test_merging_and_placing_keep_what_belongs_together() -> None:
+def test_merging_and_placing_keep_meshes_intact() -> None:
     one = quad(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), 3)
     two = one.placed(5.0, 1.0, math.pi / 2).owned_by(7)
     both = merge([one, two])
@@ -160,7 +160,7 @@ def test_merging_and_placing_keep_what_belongs_together() -> None:
 
 
 @pytest.mark.parametrize("kind", FURNITURE)
-def test_furniture_stands_in_its_size_on_the_floor(kind: str) -> None:
+def test_furniture_stands_on_the_floor_in_its_size(kind: str) -> None:
     atlas = Atlas()
     piece = Furniture(kind=kind)
     vertices = furniture_mesh(piece, np.random.default_rng(3), atlas, 1.0).vertices
@@ -175,7 +175,7 @@ def test_furniture_stands_in_its_size_on_the_floor(kind: str) -> None:
 # ---------------------------------------------------------------------------- textures ----
 
 
-def test_textures_are_sampled_between_texels_and_averaged_from_afar() -> None:
+def test_textures_are_interpolated_and_averaged_at_a_distance() -> None:
     atlas = Atlas()
     image = np.zeros((4, 8), dtype=np.float32)
     image[:, 1::2] = 1.0
@@ -194,7 +194,7 @@ def test_textures_are_sampled_between_texels_and_averaged_from_afar() -> None:
     [textures.plaster, textures.concrete, textures.carpet, textures.wood, textures.planks,
      textures.tiles, textures.brick, textures.wallpaper, textures.plain, textures.speckle],
 )  # fmt: skip
-def test_textures_have_the_mean_and_contrast_that_was_asked_for(texture: Any) -> None:
+def test_textures_have_the_requested_mean_and_contrast(texture: Any) -> None:
     rich = texture(np.random.default_rng(1), 0.4, 1.0).image
     poor = texture(np.random.default_rng(1), 0.4, 0.25).image
     assert rich.mean() == pytest.approx(0.4, abs=0.04)
@@ -229,7 +229,7 @@ def test_a_body_stands_on_the_floor_with_its_neck_over_its_place(seed: int, spee
         assert 0.5 * (neck.min(axis=0) + neck.max(axis=0)) == pytest.approx([0, 0], abs=0.02)
 
 
-def test_people_differ_in_height_build_and_pose_and_are_made_again_the_same() -> None:
+def test_people_vary_and_are_reproducible() -> None:
     def shape(seed: int) -> np.ndarray:
         return HumanBody(Person(), seed, Atlas()).mesh(Place(0, 0, 0, 0, 0), 0.0).vertices
 
@@ -241,7 +241,7 @@ def test_people_differ_in_height_build_and_pose_and_are_made_again_the_same() ->
     np.testing.assert_array_equal(shape(3), shape(3))
 
 
-def test_feet_on_the_floor_stay_where_they_are_while_the_body_walks() -> None:
+def test_feet_on_the_floor_do_not_slide() -> None:
     body = HumanBody(Person(top="pullover", bottom="trousers", bag="none"), 1, Atlas())
     ankles = []
     for k in range(60):
@@ -259,7 +259,7 @@ def test_feet_on_the_floor_stay_where_they_are_while_the_body_walks() -> None:
 # ------------------------------------------------------------------------------ motion ----
 
 
-def test_a_path_is_followed_at_its_speed_and_faced() -> None:
+def test_path_is_followed_at_its_speed_and_heading() -> None:
     track = motion.along((0.0, 1.0, 9.0, 1.0), 1.2, 3.0)
     for time in (0.0, 1.0, 2.9):
         place = track.at(time)
@@ -296,7 +296,7 @@ def test_walkers_keep_their_distance_and_stay_in_the_room() -> None:
     assert min(ways) > 5.0
 
 
-def test_recorded_pedestrians_walk_where_they_did(tmp_path: Path) -> None:
+def test_recorded_pedestrians_follow_their_tracks(tmp_path: Path) -> None:
     rows = []
     for frame in range(10):
         rows.append([100 + 10 * frame, 4, 5.0 + 0.5 * frame, 0, 7.0, 1.25, 0, 0])
@@ -323,7 +323,7 @@ def test_recorded_pedestrians_walk_where_they_did(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", ["exact", "localized", "drift"])
-def test_odometry_is_as_wrong_as_it_says(mode: str) -> None:
+def test_odometry_error_matches_its_covariance(mode: str) -> None:
     track = motion.along((0.0, 0.0, 6.0, 0.0, 6.0, 6.0), 0.8, 10.0)
     settings = Odometry(mode=mode)
     squares, last = [], []
@@ -396,8 +396,8 @@ def test_disparity_agrees_with_true_depth(pair: str, roll: float) -> None:
 
 
 @pytest.mark.parametrize("camera", [0, 1, 2])
-def test_rays_meet_the_room_where_it_is(camera: int) -> None:
-    """Depths, put back into the map by what camera_info and mounting say."""
+def test_rays_hit_the_room_at_its_position(camera: int) -> None:
+    """Depths, transformed into the map with camera_info and mounting."""
     head = {"top": 0.08, "pitch": 0.4, "roll": -0.17, "yaw": 0.2, "forward": 0.1, "left": 0.05,
             "height": 2.1, "cx": 70.0, "cy": 63.0}  # fmt: skip
     world = world_of(
@@ -424,7 +424,7 @@ def test_rays_meet_the_room_where_it_is(camera: int) -> None:
     assert (gaps < 1e-3).mean() > 0.9
 
 
-def test_raw_images_become_the_rectified_ones() -> None:
+def test_rectified_raw_images_equal_the_rectified_ones() -> None:
     plain = world_of(GEOMETRY, imaging=CLEAN)
     raw = world_of(GEOMETRY, imaging=CLEAN, head={"distortion": [-0.25, 0.08, 0.001, -0.002, 0.0]})
     assert raw.raw["robot_a"]
@@ -443,7 +443,7 @@ def test_raw_images_become_the_rectified_ones() -> None:
     assert np.corrcoef(want[inside].ravel(), got[inside].ravel())[0, 1] > 0.97
 
 
-def test_calibration_files_make_the_camera(tmp_path: Path) -> None:
+def test_calibration_files_define_the_camera(tmp_path: Path) -> None:
     def written(name: str, tx: float) -> str:
         document = {
             "image_width": 64, "image_height": 48, "distortion_model": "plumb_bob",
@@ -466,7 +466,7 @@ def test_calibration_files_make_the_camera(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 4, 5, 9, 16])
-def test_samples_of_a_pixel_have_columns_and_rows_of_their_own(count: int) -> None:
+def test_samples_of_a_pixel_form_a_latin_square(count: int) -> None:
     offsets = sample_offsets(count)
     want = (np.arange(count) + 0.5) / count - 0.5
     for axis in (0, 1):
@@ -499,7 +499,7 @@ def test_the_same_seed_gives_the_same_images_in_any_order() -> None:
     assert (other.images["left"] != ahead["robot_a", 0].images["left"]).mean() > 0.5
 
 
-def test_images_are_exposed_and_noisy_as_told() -> None:
+def test_images_have_the_requested_exposure_and_noise() -> None:
     quiet = world_of(PEOPLE, imaging={**CLEAN, "target": 90.0})
     noisy = world_of(PEOPLE, imaging={**CLEAN, "target": 90.0, "noise": 3.0})
     clean = quiet.render("robot_a", 0).images["left"].astype(float)
@@ -520,7 +520,7 @@ def test_cameras_differ_in_gain_and_offset() -> None:
     assert got[dull] == pytest.approx(clean[dull] * left.gain + left.offset, abs=1.01)
 
 
-def test_what_moves_is_blurred_along_its_way() -> None:
+def test_moving_objects_are_blurred_along_their_motion() -> None:
     robots = {"robot_a": {"path": [1.0, 2.5, 3.0, 2.5], "speed": 1.0, "head": {"yaw": 1.57}}}
 
     def sharpness(exposure: float) -> tuple[float, float]:
@@ -534,7 +534,7 @@ def test_what_moves_is_blurred_along_its_way() -> None:
     assert moved_y / still_y > 1.2 * moved_x / still_x
 
 
-def test_a_robot_does_not_see_itself_but_the_others() -> None:
+def test_robot_sees_the_others_but_not_itself() -> None:
     robots = {"a": {"x": 1.0, "y": 2.5}, "b": {"x": 3.0, "y": 2.5, "yaw": 3.14}}
     world = world_of("{room: {length: 6.0, width: 5.0}}", robots=robots)
     assert set(np.unique(world.look("a", 0.0)[0])) == {-1, -11}
@@ -544,7 +544,7 @@ def test_a_robot_does_not_see_itself_but_the_others() -> None:
 # ------------------------------------------------------------------------ ground truth ----
 
 
-def test_pixels_of_a_person_are_those_that_the_left_cameras_see() -> None:
+def test_pixels_of_a_person_are_those_of_the_left_cameras() -> None:
     world = world_of(
         PEOPLE,
         people=[{"x": 3.2, "y": 2.5}, {"x": 4.4, "y": 2.5}, {"x": 5.3, "y": 4.4}],
@@ -558,7 +558,7 @@ def test_pixels_of_a_person_are_those_that_the_left_cameras_see() -> None:
     assert want[0] > 200
 
 
-def test_seen_is_who_is_near_enough_and_not_hidden() -> None:
+def test_near_and_visible_people_are_seen() -> None:
     """Three people, 2, 4 and 6 m ahead; a whole one has 0.57 m^2 of pixels."""
     robots = {name: {"x": 1.0, "y": 2.5, "head": {"height": 1.0}} for name in ("a", "b")}
     people = [{"x": 3.0, "y": 2.5}, {"x": 5.0, "y": 2.5}, {"x": 7.0, "y": 2.5}]
@@ -584,7 +584,7 @@ def test_visible_is_rounded_and_labelled() -> None:
     assert message.layout.dim[0].label == "people_pixels"
 
 
-def test_a_person_appears_where_the_truth_says() -> None:
+def test_person_appears_at_the_true_position() -> None:
     """From straight above, head and shoulders surround the point over the true place."""
     robots = {"a": {"x": 3.0, "y": 2.0, "head": {"height": 3.9, "pitch": 1.5708}}}
     people = [{"x": 3.4, "y": 2.3, "yaw": 1.0, "bag": "none", "pose": "hang"}]
@@ -622,7 +622,7 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, World]:
     return out, simulate(scene_of(TEAM), out)
 
 
-def test_a_bag_has_the_topics_types_and_frames_of_the_design(team: tuple[Path, World]) -> None:
+def test_bag_has_the_documented_topics_types_and_frames(team: tuple[Path, World]) -> None:
     out, _ = team
     image, info = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
     with BagReader(out) as bag:
@@ -651,7 +651,7 @@ def test_a_bag_has_the_topics_types_and_frames_of_the_design(team: tuple[Path, W
     assert counts[MAP_TOPIC] == 1
 
 
-def test_the_map_of_a_bag_is_latched_and_is_the_floor_plan(team: tuple[Path, World]) -> None:
+def test_map_of_a_bag_is_the_latched_floor_plan(team: tuple[Path, World]) -> None:
     out, world = team
     with BagReader(out) as bag:
         (qos,) = bag.topics[MAP_TOPIC].qos
@@ -667,7 +667,7 @@ def test_the_map_of_a_bag_is_latched_and_is_the_floor_plan(team: tuple[Path, Wor
     np.testing.assert_array_equal(grid.data, plan.data)
 
 
-def test_floor_plan_by_hand() -> None:
+def test_floor_plan_matches_hand_computed_values() -> None:
     room = Room(length=4.0, width=3.0)
     turned = Furniture(kind="shelf", x=2.0, y=1.5, yaw=math.pi / 6, size=(0.4, 1.0, 1.9))
     sheet = Furniture(kind="sign", x=1.0, y=0.5, size=(0.001, 0.5, 1.0))
@@ -688,7 +688,7 @@ def test_floor_plan_by_hand() -> None:
     assert plan.data[3:-3, 3:-3].mean() / 100 * 12.0 == pytest.approx(0.4 + 0.5 * 0.05, rel=0.15)
 
 
-def test_a_bag_holds_what_was_rendered_with_stamps_and_truth(team: tuple[Path, World]) -> None:
+def test_bag_has_the_rendered_images_with_stamps_and_truth(team: tuple[Path, World]) -> None:
     out, world = team
     stamps: dict[str, list[int]] = {}
     with BagReader(out) as bag:
@@ -726,7 +726,7 @@ def test_a_bag_holds_what_was_rendered_with_stamps_and_truth(team: tuple[Path, W
     assert (camera.baseline, camera.vertical_baseline) == pytest.approx((0.1, 0.1))
 
 
-def test_the_team_file_places_robots_as_the_truth_does(team: tuple[Path, World]) -> None:
+def test_team_file_places_robots_at_their_true_poses(team: tuple[Path, World]) -> None:
     out, world = team
     config = load_team(team_file(out))
     assert config.planner.robots == ("robot_a", "robot_b")
@@ -743,7 +743,7 @@ def test_the_team_file_places_robots_as_the_truth_does(team: tuple[Path, World])
         assert at == pytest.approx([true.pose.position.x, true.pose.position.y], abs=0.06)
 
 
-def test_processes_render_what_one_does(tmp_path: Path) -> None:
+def test_several_processes_render_the_same_as_one(tmp_path: Path) -> None:
     scene = scene_of(TEAM)
     simulate(scene, tmp_path / "one")
     simulate(scene, tmp_path / "two", jobs=2)
@@ -751,7 +751,7 @@ def test_processes_render_what_one_does(tmp_path: Path) -> None:
         assert list(one.messages()) == list(two.messages())
 
 
-def test_a_bag_that_is_there_stays(tmp_path: Path, team: tuple[Path, World]) -> None:
+def test_existing_bag_is_kept(tmp_path: Path, team: tuple[Path, World]) -> None:
     (tmp_path / "team").mkdir()
     with pytest.raises(BagError, match="exists already"):
         simulate(scene_of(TEAM), tmp_path / "team")
@@ -760,7 +760,7 @@ def test_a_bag_that_is_there_stays(tmp_path: Path, team: tuple[Path, World]) -> 
 # ------------------------------------------------------------------------------- suite ----
 
 
-def test_the_suite_is_what_was_promised() -> None:
+def test_suite_is_as_documented() -> None:
     halves = {half: suite_scenes(SUITE, half) for half in ("train", "test")}
     assert len(halves["train"]) == len(halves["test"])
     scenes = suite_scenes(SUITE, "all")
@@ -776,7 +776,7 @@ def test_the_suite_is_what_was_promised() -> None:
         assert any(p.cloth == "dark" for p in plans)
 
 
-def test_random_scenes_keep_their_promises() -> None:
+def test_random_scenes_respect_their_limits() -> None:
     for scene in suite_scenes(SUITE, "all"):
         full = expand(scene)
         assert full == expand(scene)
@@ -807,7 +807,7 @@ def test_a_bad_suite_is_refused(tmp_path: Path, text: str, part: str) -> None:
         suite_scenes(tmp_path / "suite.yaml", "train")
 
 
-def test_suite_renders_what_is_missing(tmp_path: Path) -> None:
+def test_suite_renders_missing_scenes(tmp_path: Path) -> None:
     scenes = [
         dataclasses.replace(scene_of(TEAM), name=name, imaging=scene_of(TEAM).imaging)
         for name in ("one", "two")
@@ -853,7 +853,7 @@ def test_variants_are_scenes_of_the_same_kinds() -> None:
     assert variants(scenes, 0) == variants([], 3) == []
 
 
-def test_later_variants_are_in_narrower_rooms_that_hold_everybody() -> None:
+def test_later_variants_are_in_narrower_rooms() -> None:
     scenes = suite_scenes(SUITE, "train")
     more = variants(scenes, 21)
     assert more[: 3 * len(scenes)] == variants(scenes, 3)
@@ -897,7 +897,7 @@ def test_command_writes_a_bag_and_its_team(tmp_path: Path) -> None:
         (["out", "--suite", "half"], 1, "allowed: train, test, all"),
     ],
 )
-def test_command_says_what_is_wrong(
+def test_command_reports_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], code: int, part: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -917,6 +917,6 @@ def test_command_says_what_is_wrong(
         ({"walk": {"path": [0, 0, 1e12, 0]}}, "walk: path is 1000000000000 m long; allowed: 10000"),
     ],
 )
-def test_scenes_that_would_fill_the_memory_are_refused(scene, hint):
+def test_scenes_above_the_memory_limit_are_refused(scene, hint):
     with pytest.raises(ConfigError, match=hint):
         read_scene(scene, "scene")

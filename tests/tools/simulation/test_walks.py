@@ -97,7 +97,7 @@ def gaps(some: NDArray, others: NDArray | None = None) -> NDArray:
 
 
 @pytest.mark.parametrize("name", kinds())
-def test_nobody_walks_through_anybody_or_anything(name: str) -> None:
+def test_people_do_not_walk_through_people_or_objects(name: str) -> None:
     walk = of_the_suite(name)
     assert gaps(walk.people).min() > 0.40
     assert gaps(walk.people, walk.robots).min() > 0.55
@@ -110,7 +110,7 @@ def test_nobody_walks_through_anybody_or_anything(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", kinds())
-def test_people_and_robots_go_smoothly_at_plausible_speeds(name: str) -> None:
+def test_people_and_robots_move_smoothly_at_plausible_speeds(name: str) -> None:
     walk = of_the_suite(name)
     for ways, fastest, strongest in ((walk.people, 2.0, 7.0), (walk.robots, 1.7, 3.0)):
         speed = np.linalg.norm(np.diff(ways, axis=0), axis=2) / 0.1
@@ -173,7 +173,7 @@ def test_leavers_leave_and_joiners_join() -> None:
     assert walk.away[-1, joiner] < 2.5
 
 
-def test_strangers_pass_and_never_belong() -> None:
+def test_strangers_pass_and_are_never_members() -> None:
     walk = of_the_suite("test_28_group_strangers")
     strangers = [k for k, p in enumerate(walk.scene.people) if not p.member]
     assert len(strangers) == 4
@@ -185,7 +185,7 @@ def test_strangers_pass_and_never_belong() -> None:
     assert (first > 3.0).all()  # ... from somewhere else
 
 
-def test_members_of_a_dense_group_hide_and_pass_each_other() -> None:
+def test_members_of_a_dense_group_occlude_and_pass_each_other() -> None:
     dense = of_the_suite("test_29_group_dense")
     loose = of_the_suite("test_26_group_corridor")
     near, far = (gaps(walk.people).min(axis=2).mean() for walk in (dense, loose))
@@ -210,7 +210,7 @@ def test_the_same_scene_gives_the_same_walk_and_another_seed_another() -> None:
     assert np.abs(one.people - other.people).max() > 0.2
 
 
-def test_who_dawdles_stops_and_catches_up() -> None:
+def test_dawdling_person_stops_and_catches_up() -> None:
     walk = watch(
         scene_of(
             seed=8, timing={"frames": 400}, room={"length": 40.0, "width": 5.0},
@@ -226,7 +226,7 @@ def test_who_dawdles_stops_and_catches_up() -> None:
     assert (walk.away[-1] < 2.4).all()
 
 
-def test_who_is_far_from_the_others_comes_back_to_them() -> None:
+def test_distant_member_returns_to_the_others() -> None:
     spots = [(7.0, 2.0), (7.0, 3.0), (8.0, 2.5), (2.5, 2.5)]
     walk = watch(
         scene_of(
@@ -241,7 +241,7 @@ def test_who_is_far_from_the_others_comes_back_to_them() -> None:
     assert walk.people[-1, :3, 0].mean() > 13.0  # they did not come to him
 
 
-def test_what_stands_beside_the_way_is_gone_round() -> None:
+def test_obstacles_beside_the_path_are_avoided() -> None:
     walk = watch(
         scene_of(
             seed=6, timing={"frames": 200}, room={"length": 22.0, "width": 6.0},
@@ -255,7 +255,7 @@ def test_what_stands_beside_the_way_is_gone_round() -> None:
     assert 0.2 < np.min(gap) < 0.8
 
 
-def test_a_way_that_ends_is_where_the_group_stops() -> None:
+def test_group_stops_at_the_end_of_the_path() -> None:
     walk = watch(
         scene_of(
             seed=2, timing={"frames": 300}, room={"length": 18.0, "width": 4.0},
@@ -269,7 +269,7 @@ def test_a_way_that_ends_is_where_the_group_stops() -> None:
     assert (walk.robots[..., 0] < 17.8).all()
 
 
-def test_a_round_is_walked_again_and_again() -> None:
+def test_closed_path_is_repeated() -> None:
     way = [3.0, 3.0, 8.0, 3.0, 8.0, 6.0, 3.0, 6.0]
     walk = watch(
         scene_of(
@@ -287,7 +287,7 @@ def test_a_round_is_walked_again_and_again() -> None:
 # ------------------------------------------------------------------------- way and walls ----
 
 
-def test_a_way_by_hand() -> None:
+def test_path_matches_hand_computed_values() -> None:
     way = Way((1.0, 2.0, 11.0, 2.0))
     assert way.length == pytest.approx(10.0, abs=1e-6)
     assert way.at(3.0, 0.5) == pytest.approx([4.0, 2.5])
@@ -300,7 +300,7 @@ def test_a_way_by_hand() -> None:
     assert way.nearest(places, np.array([7.0, 3.0])) == pytest.approx([6.0, 2.0], abs=0.06)
 
 
-def test_corners_are_rounded_and_rounds_repeat() -> None:
+def test_corners_are_rounded_and_closed_paths_repeat() -> None:
     square = (0.0, 0.0, 6.0, 0.0, 6.0, 6.0, 0.0, 6.0)
     once, often = Way(square), Way(square, loop=True, length=60.0)
     turn = once.ahead(np.arange(4.0, 8.0, 0.1))
@@ -318,7 +318,7 @@ def test_corners_are_rounded_and_rounds_repeat() -> None:
     assert 2.0 < often.nearest(np.array([[3.0, 0.1]]))[0] < 4.0
 
 
-def test_clearances_by_hand() -> None:
+def test_clearances_match_hand_computed_values() -> None:
     scene = scene_of(
         room={"length": 10.0, "width": 8.0},
         furniture=[
@@ -342,7 +342,7 @@ def test_clearances_by_hand() -> None:
 # ------------------------------------------------------------------------ scenes and bags ----
 
 
-def test_the_walks_of_the_suite_are_what_was_promised() -> None:
+def test_walks_of_the_suite_are_as_documented() -> None:
     halves = {half: suite_scenes(SCENES / "walks.yaml", half) for half in ("train", "test")}
     both = [*halves["train"], *halves["test"], *suite_scenes(SCENES / "suite.yaml", "all")]
     assert len({s.name for s in both}) == len({s.seed for s in both}) == len(both)
@@ -357,7 +357,7 @@ def test_the_walks_of_the_suite_are_what_was_promised() -> None:
         assert len(groups) + len(recorded) == len(scenes)
 
 
-def test_recorded_walks_are_left_out_where_there_is_no_recording(tmp_path: Path) -> None:
+def test_recorded_walks_without_a_recording_are_omitted(tmp_path: Path) -> None:
     scenes = suite_scenes(SCENES / "walks.yaml", "test", tracks=tmp_path)
     there, missing = with_tracks(scenes)
     assert [s.name for s in there] == kinds()
@@ -368,7 +368,7 @@ def test_recorded_walks_are_left_out_where_there_is_no_recording(tmp_path: Path)
     assert with_tracks(scenes) == (scenes, [])
 
 
-def test_recorded_walks_are_watched_from_where_nobody_walks() -> None:
+def test_robots_of_recorded_walks_stand_where_nobody_walks() -> None:
     scenes, missing = with_tracks(suite_scenes(SCENES / "walks.yaml", "all"))
     if missing:
         pytest.skip(missing[0])
@@ -390,7 +390,7 @@ def test_recorded_walks_are_watched_from_where_nobody_walks() -> None:
         assert (near[np.isfinite(near)] < 5.0).mean() > 0.8
 
 
-def test_groups_of_a_recording(tmp_path: Path) -> None:
+def test_groups_of_a_recording_are_read(tmp_path: Path) -> None:
     assert motion.read_groups(tmp_path / "obsmat.txt") == {}
     (tmp_path / "groups.txt").write_text("4 9\n\n7\n1 2 3\n")
     assert motion.read_groups(tmp_path / "obsmat.txt") == {4: 1, 9: 1, 1: 2, 2: 2, 3: 2}
@@ -415,7 +415,7 @@ def test_a_bad_walk_is_refused(document: dict, part: str) -> None:
     assert part in str(error.value)
 
 
-def test_odometry_of_a_robot_that_drives_sideways() -> None:
+def test_odometry_of_a_sideways_moving_robot_is_correct() -> None:
     t = motion.times(4.0)
     ways = np.stack([0.6 * t, np.zeros_like(t)], axis=1)
     track = motion.Track(-motion.LEAD_S, ways, np.full(len(t), math.pi / 2), free=True)
@@ -430,7 +430,7 @@ def test_odometry_of_a_robot_that_drives_sideways() -> None:
     } == {0.0}
 
 
-def test_a_bag_says_who_belongs_to_the_group(tmp_path: Path) -> None:
+def test_bag_contains_the_group_memberships(tmp_path: Path) -> None:
     pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
     scene = scene_of(
         name="walk", seed=4, timing={"frames": 3, "rate": 2.0}, imaging={"samples": 1},
@@ -460,8 +460,8 @@ def test_a_bag_says_who_belongs_to_the_group(tmp_path: Path) -> None:
         assert GROUP_TOPIC not in bag.topics
 
 
-def test_the_recorded_walk_is_that_of_its_scene() -> None:
-    """bags/walking_group: whom the nodes' tests and the demo see walks as the scene says."""
+def test_recorded_walk_equals_its_scene() -> None:
+    """bags/walking_group: the people of the demo and of the nodes' tests walk as in the scene."""
     scene = load_scene(SCENES / "walking_group.yaml")
     world = World(expand(scene))
     straggler, joiner = 3, 4
@@ -486,7 +486,7 @@ def test_the_recorded_walk_is_that_of_its_scene() -> None:
     assert [int(data[joiner]) for data in groups.values()].count(1) > 30
 
 
-def test_recorded_groups_are_in_the_world(tmp_path: Path) -> None:
+def test_recorded_groups_are_part_of_the_world(tmp_path: Path) -> None:
     rows = [
         [10 * frame, one, 1.0 + 0.4 * frame, 0, 1.0 + one, 1, 0, 0]
         for frame in range(10)
@@ -504,7 +504,7 @@ def test_recorded_groups_are_in_the_world(tmp_path: Path) -> None:
     assert world.person_places(0.8)[1].x == pytest.approx(1.8, abs=0.02)
 
 
-def test_walks_are_rendered_by_the_half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_half_of_the_walks_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").mkdir()

@@ -1,6 +1,6 @@
 """What stereo matching errs by, in pixels of disparity: one fact, and what follows from it.
 
-Apart from `disparity`, so that a planner, which matches nothing, does without OpenCV.
+Not in `sensing.disparity`, since planner and configuration, which match nothing, use it, too.
 """
 
 from __future__ import annotations
