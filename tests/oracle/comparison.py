@@ -26,7 +26,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,7 +60,7 @@ from oracle.patches import centred, patch_at
 from oracle.people import group_of, people_on
 from oracle.search import Bins, cross_out, extents_of, histogram_of
 from oracle.tracks import filtered
-from oracle.votes import smoothed, vote_of
+from oracle.votes import STEPS, smoothed, vote_of
 
 Float = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -74,10 +73,9 @@ _SUMS = 1e-6
 _FLOAT32, _FLOAT32_PX = 1e-5, 1e-3
 #: Where a patch ends up, when a few of its samples fall into other pixels [rad], [px].
 _CENTRED_RAD, _CENTRED_PX = 4e-3, 0.02
-#: How far votes [px], their sigmas (as a part) and contrasts may be off: OpenCV before 5 looks
-#: between pixels in steps of 1/32.
-_EXACT = int(cv2.__version__.partition(".")[0]) >= 5
-_VOTE_PX, _VOTE_SIGMA, _CONTRAST = (1e-3, 1e-3, 0.01) if _EXACT else (0.02, 0.1, 0.1)
+#: How far votes [px], their sigmas (as a part) and contrasts may be off; more where OpenCV looks
+#: between pixels in steps, since rounding may decide for the next one.
+_VOTE_PX, _VOTE_SIGMA, _CONTRAST = (0.01, 0.02, 0.05) if STEPS else (1e-3, 1e-3, 0.01)
 #: Part of the pixels that StereoBM may match otherwise when it does not repeat itself.
 _NOT_REPEATED = 0.005
 

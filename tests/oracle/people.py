@@ -14,7 +14,7 @@ from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.poses import Pose
 from oracle.clusters import Cluster, clusters_of, is_human, measured
 from oracle.fusion import bodies_seen, of_pose
-from oracle.joining import are_people, joined_of
+from oracle.joining import One, are_people, joined_of
 from oracle.masking import Walls, is_masked, is_robot
 from oracle.numbers import PLAIN_SCORE
 from oracle.splitting import split_of
@@ -57,35 +57,22 @@ def people_on(
     plain = [i for i in range(len(fused.xy)) if not fused.cells.body[i]]
     is_known = {i: is_masked(names[i], fused.xy[i], poses, config.masking, walls) for i in plain}
     masked, kept = ([i for i in plain if is_known[i] == which] for which in (True, False))
-    label = [-1] * len(fused.xy)
     pieces = clusters_of(_places(fused, kept), config.clustering.distance)
+    range_sigma = config.masking.cell_range_sigma
     pieces, too_wide = split_of(
-        fused, kept, pieces, placed, config.splitting, config.human, config.masking.cell_range_sigma
+        fused, kept, pieces, placed, config.splitting, config.human, range_sigma
     )
-    of_cells = max(pieces, default=-1) + 1
     # First clusters of cells, then those of masked cells, of joined bodies, and of what is no part
     # of these: robots, and bodies that took no part in the joining.
+    of_cells = max(pieces, default=-1) + 1
     others = clusters_of(_places(fused, masked), config.clustering.distance)
+    of_bodies = of_cells + max(others, default=-1) + 1
+    joined, rest = _joined(fused, poses, placed, config, walls)
+    label = [-1] * len(fused.xy)
     for i, of in zip(kept, pieces, strict=True):
         label[i] = of
     for i, of in zip(masked, others, strict=True):
         label[i] = of_cells + of
-    of_bodies = max(label, default=-1) + 1
-    seen = bodies_seen(fused, placed, config.joining)
-    radius = config.masking.robot_radius
-    alone = [
-        body
-        for body in seen
-        if not is_robot(body.robot, body.xy, body.covariance, poses, radius, body.score)
-    ]
-    joined = joined_of(alone, config.joining)
-    if walls is not None:
-        joined = [
-            replace(one, score=one.score + walls.log_odds(one.xy, one.covariance, config.masking))
-            for one in joined
-        ]
-    in_one = {cell for one in joined for cell in one.cells}
-    rest = [body.cells for body in seen if not in_one & set(body.cells)]
     for number, cells in enumerate([*(one.cells for one in joined), *rest], of_bodies):
         for cell in cells:
             label[cell] = number
@@ -112,6 +99,31 @@ def people_on(
         )
     ]
     return Found(label, clusters, persons, too_wide)
+
+
+def _joined(
+    fused: ShortTermMap,
+    poses: Mapping[str, Pose],
+    placed: Mapping[str, Pose],
+    config: PlannerConfig,
+    walls: Walls | None,
+) -> tuple[list[One], list[list[int]]]:
+    """The bodies of a map, joined, and the cells of each that is part of none."""
+    seen = bodies_seen(fused, placed, config.joining)
+    radius = config.masking.robot_radius
+    alone = [
+        body
+        for body in seen
+        if not is_robot(body.robot, body.xy, body.covariance, poses, radius, body.score)
+    ]
+    joined = joined_of(alone, config.joining)
+    if walls is not None:
+        joined = [
+            replace(one, score=one.score + walls.log_odds(one.xy, one.covariance, config.masking))
+            for one in joined
+        ]
+    in_one = {cell for one in joined for cell in one.cells}
+    return joined, [list(body.cells) for body in seen if not in_one & set(body.cells)]
 
 
 def _places(fused: ShortTermMap, cells: Sequence[int]) -> list[tuple[float, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +28,9 @@ from oracle.numbers import (
 
 Float = NDArray[np.float64]
 
+#: OpenCV before 5 looks between pixels in so many steps; 0: as exactly as float32 goes.
+STEPS = 32 if int(cv2.__version__.partition(".")[0]) < 5 else 0
+
 
 def smoothed(image: Gray) -> Float:
     """An image, blurred by a Gaussian of 7 x 7 pixels; beyond its border it is mirrored."""
@@ -43,6 +47,8 @@ def smoothed(image: Gray) -> Float:
 def value_at(image: Float, u: float, v: float) -> float:
     """An image between its pixels, bilinear; beyond its border that goes on."""
     height, width = image.shape
+    if STEPS:
+        u, v = round(float(u) * STEPS) / STEPS, round(float(v) * STEPS) / STEPS
     left, top = math.floor(u), math.floor(v)
     right_share, low_share = u - left, v - top
     columns = [min(max(c, 0), width - 1) for c in (left, left + 1)]

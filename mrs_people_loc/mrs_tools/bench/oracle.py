@@ -21,7 +21,7 @@ from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
 
-#: What is said where it is not found.
+#: The line that `mrs bench` prints where the oracle is not found.
 WHY_NOT = (
     "results are not compared: the oracle (tests/oracle) is in the repository, and this command is "
     "installed without it"
