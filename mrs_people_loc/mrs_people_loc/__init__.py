@@ -18,7 +18,7 @@ In the planner, `planner.Planner.step(scans, poses, time) -> People`:
 
 | step | default | paper | equations |
 |---|---|---|---|
-| interval: clocks, poses, scans | `team.clocks`, `.poses`, `.intervals` | likewise | |
+| interval: clocks, poses, scans | `clocks`, `team.poses`, `team.intervals` | likewise | |
 | one map | `team.fusion` | likewise | 6 |
 | robots, walls and furniture masked | `team.masking` | not in the paper | |
 | bodies of several robots merged | `bodies.joining` | | |
