@@ -77,14 +77,14 @@ def robots_named(*paths: str | Path) -> tuple[str, ...]:
 def load_team(
     *paths: str | Path,
     robots: tuple[str, ...] = (),
-    unless_said: Mapping[str, Mapping[str, Value]] | None = None,
+    defaults: Mapping[str, Mapping[str, Value]] | None = None,
 ) -> Team:
     """Reads parameter files (see the module's docstring) as the nodes would.
 
     Args:
         paths: YAML files; later ones win.
         robots: Names of the robots, where the files do not name them.
-        unless_said: By robot, parameters by dotted name that hold instead of the defaults where
+        defaults: By robot, parameters by dotted name that hold instead of the defaults where
             the files do not set them.
 
     Raises:
@@ -103,7 +103,7 @@ def load_team(
         planner=PlannerConfig.from_mapping(_merge(sections, f"/{PLANNER_NODE}")),
         robots={
             name: RobotConfig.from_mapping(
-                {**(unless_said or {}).get(name, {}), **_merge(sections, f"/{name}/{ROBOT_NODE}")}
+                {**(defaults or {}).get(name, {}), **_merge(sections, f"/{name}/{ROBOT_NODE}")}
             )
             for name in names
         },

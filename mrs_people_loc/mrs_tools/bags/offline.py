@@ -202,7 +202,7 @@ class BagRun:
 
     def _load(self, configs: Sequence[str | Path]) -> Team:
         has = self._has
-        unless_said = {
+        defaults = {
             name: {
                 "images.rectified": "image_rect" in robot.images or not robot.images,
                 "images.top": any("top" in cameras for cameras in robot.images.values()),
@@ -211,7 +211,7 @@ class BagRun:
             for name, robot in has.items()
         }
         names = tuple(dict.fromkeys([*robots_named(*configs), *has]))
-        team = load_team(*configs, robots=names, unless_said=unless_said)
+        team = load_team(*configs, robots=names, defaults=defaults)
         listed = team.planner.robots
         wanted = listed or tuple(has)
         if missing := [name for name in names if name not in has]:

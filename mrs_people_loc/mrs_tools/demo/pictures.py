@@ -89,7 +89,7 @@ def draw_demo(views: Sequence[TopView], robots: int, out: Path, console: Console
     """Draws one interval and all of them.
 
     The one has all robots, and as many people as there were. Of several it is the last; if
-    somebody fell behind, the one where he was farthest from their group.
+    somebody fell behind, the one in which they were farthest from their group.
     """
     whole = [view for view in with_trails(views) if len(view.robots) == robots]
     most = max(len(view.people) for view in whole)

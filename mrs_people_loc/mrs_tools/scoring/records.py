@@ -45,10 +45,11 @@ class Truth:
             groups: Numbers of their groups at each stamp, shape (m,); None: nothing is known.
         """
         given = visible if visible is not None else [None] * len(stamps_ns)
-        homes = groups if groups is not None else [np.empty(0, dtype=np.intp)] * len(stamps_ns)
+        nobody = [np.empty(0, dtype=np.intp)] * len(stamps_ns)
+        of_group = nobody if groups is None else groups
         rows = {
-            stamp: (xy, seen, home)
-            for stamp, xy, seen, home in zip(stamps_ns, positions, given, homes, strict=True)
+            stamp: (xy, seen, group)
+            for stamp, xy, seen, group in zip(stamps_ns, positions, given, of_group, strict=True)
         }
         count = max((len(xy) for xy, _, _ in rows.values()), default=0)
         stamps = sorted(rows)
@@ -56,9 +57,9 @@ class Truth:
         seens = np.ones((len(rows), count), dtype=bool)
         numbers = np.zeros((len(rows), count), dtype=np.intp)
         for index, stamp in enumerate(stamps):
-            xy, seen, home = rows[stamp]
+            xy, seen, group = rows[stamp]
             xys[index, : len(xy)] = np.reshape(xy, (-1, 2))
-            numbers[index, : len(home)] = home
+            numbers[index, : len(group)] = group
             if seen is not None:
                 seens[index, : len(seen)] = seen
         belong = None if groups is None else numbers

@@ -354,7 +354,7 @@ def score_tracks(
 
 
 def _fragments(required: Bool, tracked: Bool) -> int:
-    """How often a person is followed again after a gap, in the frames that require him."""
+    """How often a person is followed again after a gap, in the frames that require them."""
     status = tracked[required]
     again = int((status[1:] & ~status[:-1]).sum())
     # The first time is no second time.

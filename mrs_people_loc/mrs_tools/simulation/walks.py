@@ -32,7 +32,7 @@ _DT = 2 * STEP_S
 _APART = 0.42
 #: A straggler stays this far behind the group's middle [m].
 _BEHIND = 4.6
-#: One who dawdles goes on when he is this far from the group's centre [m].
+#: A person who dawdles goes on when they are this far from the group's centre [m].
 _DAWDLED = 1.5
 #: A goal or start this close to a wall is a door: who reaches it is gone [m].
 _DOOR = 0.7
@@ -401,7 +401,7 @@ class _Simulation:
             comes = self._member & ~self._left & (now >= self._joins) & (self._joins >= 0)
             comes &= (now < self._leaves) & (away < self._reach + 0.9)
             if comes.any():
-                # On which part of the way he is may have changed in the meantime.
+                # The part of the way that they are on may have changed in the meantime.
                 near = np.full(int(comes.sum()), self._along[left].mean())
                 self._along[comes] = self._way.nearest(self._position[comes], near)
                 left |= comes

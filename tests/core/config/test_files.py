@@ -87,8 +87,8 @@ def test_unnamed_robots_get_the_common_sections(file_with):
 
 
 def test_values_given_by_the_caller_yield_to_the_file(file_with):
-    unless_said = {"robot_a": {"images.top": False, "mounting.height": 1.5}}
-    robots = load_team(file_with(TEAM), unless_said=unless_said).robots
+    defaults = {"robot_a": {"images.top": False, "mounting.height": 1.5}}
+    robots = load_team(file_with(TEAM), defaults=defaults).robots
     assert robots["robot_a"].images.top  # the file says so
     assert robots["robot_a"].mounting.height == 1.5
     assert robots["robot_b"].mounting.height == 1.0

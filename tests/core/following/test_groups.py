@@ -152,7 +152,7 @@ def test_passing_stranger_joins_no_group():
 
 
 def falling_behind(speed=1.0, until=60.0):
-    """Three walk at 1 m/s; the third stands from 3 s on, until the others wait for him."""
+    """Three walk at 1 m/s; the third stands from 3 s on, until the others wait for them."""
 
     def ways(t):
         ahead = min(t, until) * speed
@@ -258,7 +258,7 @@ def test_occluded_person_still_links_others():
     run.go(standing(p1=(0, 0), p2=(2, 0), p3=(4, 0)), 1.0)
     assert run.last == {1: (1, 2, 3)}
     assert run.events == []
-    run.go(standing(p1=(0, 0), p3=(4, 0)), 8.0)  # he does not come back
+    run.go(standing(p1=(0, 0), p3=(4, 0)), 8.0)  # they do not come back
     assert len(run.out[-1]) == 2
 
 

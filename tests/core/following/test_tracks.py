@@ -425,7 +425,7 @@ def test_late_scans_do_not_set_the_time_back():
     assert one.velocity is not None
     assert one.velocity[0] == pytest.approx(1.0, abs=0.01)
     assert one.position[0] == pytest.approx(9.9, abs=0.01)
-    assert other.position[0] == pytest.approx(9.85, abs=0.01)  # where he was at that time
+    assert other.position[0] == pytest.approx(9.85, abs=0.01)  # where they were at that time
 
 
 def test_results_already_returned_do_not_change():

@@ -102,7 +102,7 @@ def test_picture_shows_the_moment_of_the_farthest_straggler(tmp_path, monkeypatc
     monkeypatch.setattr(pictures, "animate", lambda views, path: drawn.append(path))
     views = walk()
     printed(draw_demo, views, 2, tmp_path / "demo.png")
-    # He falls behind from 2 s on, and the others get away from him until the end, 4 s.
+    # They fall behind from 2 s on, and the others get away from them until the end, 4 s.
     assert drawn[0].stamp_ns == views[-1].stamp_ns
     assert drawn[0].title == "after 4.0 s: 2 people, 1 in group 1, walking at 1.0 m/s"
     assert drawn[0].trails

@@ -124,7 +124,7 @@ def test_tables_match_hand_computed_values() -> None:
 
 
 def followed(*ids: int) -> Result:
-    """Somebody who stands is followed by these, at 10 Hz; they say that he goes at 0.3 m/s."""
+    """Somebody who stands is followed by these, at 10 Hz; whose velocity is 0.3 m/s."""
     place = np.zeros((1, 2))
     stamps = [100_000_000 * k for k in range(len(ids))]
     truth = Truth.build(stamps, [place] * len(ids))

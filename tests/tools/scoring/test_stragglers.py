@@ -31,9 +31,9 @@ NOTHING = {
 def truth(ways, count, *, groups=None, visible=None) -> Truth:
     """Where `ways(k)` says, every 100 ms; `groups(k)` and `visible(k)` likewise."""
     rows = [np.array(ways(k), dtype=float).reshape(-1, 2) for k in range(count)]
-    homes = [np.array(groups(k) if groups else [1] * len(rows[k])) for k in range(count)]
+    of_group = [np.array(groups(k) if groups else [1] * len(rows[k])) for k in range(count)]
     seen = [np.array(visible(k)) > 0 if visible else None for k in range(count)]
-    return Truth.build([100 * MS * k for k in range(count)], rows, seen, homes)
+    return Truth.build([100 * MS * k for k in range(count)], rows, seen, of_group)
 
 
 def behind(k, *, begin=10, speed=1.0, back=None):
@@ -45,7 +45,7 @@ def behind(k, *, begin=10, speed=1.0, back=None):
 
 
 def said(there: Truth, flags, ids=None) -> list[Estimate]:
-    """Everybody where he is, by the ids 1, 2, ... or `ids(k)`; `flags(k)` are stragglers."""
+    """Everybody at their true position, by the ids 1, 2, ... or `ids(k)`; `flags(k)` are stragglers."""
     out = []
     for k, xy in enumerate(there.positions):
         who = np.array(ids(k) if ids else range(1, len(xy) + 1), dtype=np.int64)
@@ -134,7 +134,7 @@ def test_initially_distant_or_former_members_are_no_episode():
 
 
 def test_all_figures_of_one_recording_match_hand_computed_values():
-    # He crosses at 1.5 s and is flagged at 2.1 s; 1 is flagged wrongly at 4 s, for 0.5 s.
+    # They cross at 1.5 s and are flagged at 2.1 s; 1 is flagged wrongly at 4 s, for 0.5 s.
     there = truth(behind, 61)
     estimates = said(there, lambda k: [3] * (k >= 21) + [1] * (40 <= k < 45))
     scores = scored(there, estimates)
@@ -249,7 +249,7 @@ def test_flag_of_a_missing_person_is_false_only_where_seen():
     hidden = truth(lambda k: behind(0), 40, visible=lambda k: (9, 9, 9 if k < 20 else 0))
     assert false_flags(seen, flags, ids) == 1
     assert false_flags(hidden, flags, ids) == 0
-    assert false_flags(hidden, flags) == 1  # he is still followed, and near
+    assert false_flags(hidden, flags) == 1  # still tracked, and near
 
 
 # ------------------------------------------------------------------------------- nothing ----
@@ -302,7 +302,7 @@ def centres(there: Truth, largest) -> list[float]:
 
 
 def test_centre_is_that_of_the_continuing_group():
-    # The third is at -1 m at 1 s, 2 m from the second, and 2.6 m from him at 1.6 s.
+    # The third is at -1 m at 1 s, 2 m from the second, and 2.6 m from them at 1.6 s.
     there = truth(behind, 17)
     errors = centres(there, lambda k: (1.0, 0.1))
     assert errors[0] == pytest.approx(0.1)

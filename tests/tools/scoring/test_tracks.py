@@ -226,14 +226,14 @@ def test_new_identity_after_an_unseen_gap_is_one_switch():
     for hidden in ({1: A}, {}, {2: A}):
         scores = scored(there, said({1: A}, hidden, hidden, {2: A}))
         assert (scores.switches, scores.true, scores.found) == (1, 2, 2)
-    # What fits him while he is not seen is not his: 1 was.
+    # What fits them while they are not visible is not theirs: 1 was.
     assert scored(there, said({1: A}, {2: A}, {2: A}, {1: A})).switches == 0
 
 
 def test_identity_of_an_unseen_person_is_not_given_to_a_neighbour():
     near = (0.3, 0.0)
     there = truth([(A, near)] * 3, visible=[(1, 1), (0, 1), (1, 1)])
-    # The neighbour's own track is missing for a frame; his is nearer to the neighbour.
+    # The neighbour's own track is missing for a frame; the other is nearer to the neighbour.
     estimates = said({1: A, 2: near}, {1: (0.2, 0)}, {1: A, 2: near})
     assert who(there, estimates) == [{0: 1, 1: 2}, {}, {0: 1, 1: 2}]
     scores = scored(there, estimates)
@@ -273,7 +273,7 @@ def test_idf1_assigns_each_identity_to_one_person():
 
 
 def test_frames_of_unseen_people_count_for_no_identity():
-    # The neighbour is never seen: of the two who were the first's, none is his.
+    # The neighbour is never seen: of the two that were the first's, none is theirs.
     there = truth([(A, (0.3, 0.0))] * 2, visible=[(1, 0)] * 2)
     assert scored(there, said({1: (0.15, 0)}, {2: (0.15, 0)})).idtp == 1
 
@@ -369,7 +369,7 @@ def test_true_velocity_of_a_temporary_person_uses_their_time():
     there = truth([(xy, (0, 0)) for xy in walk])
     for ms in (200, 240, 300, 450, 600, 700):
         assert velocity(there, ms) == pytest.approx([1.0, 0.0]), ms
-    # Near the message of his last frame, but less than half of the window of him is there.
+    # Near the message of their last frame, but less than half of their window is there.
     for ms in (0, 160, 740, 800, 900):
         assert np.isnan(velocity(there, ms)).all(), ms
     assert velocity(there, 900, person=1) == [0.0, 0.0]

@@ -143,11 +143,11 @@ def test_a_straggler_falls_behind_for_some_seconds_and_catches_up() -> None:
             if not person.behind:
                 continue
             found += 1
-            assert (walk.groups[:, k] == 1).all()  # he is still one of them
+            assert (walk.groups[:, k] == 1).all()  # still a member
             behind = walk.away[:, k] > 3.0
             assert 0.1 * behind.sum() > 3.0
             assert walk.times[behind][0] > person.behind[0]
-            # In one piece, and at its end he comes nearer.
+            # In one piece, and at its end they come nearer.
             assert np.diff(np.flatnonzero(behind)).max() < 5
             assert walk.away[-1, k] < walk.away[:, k].max() - 0.5
     assert found >= 2
@@ -165,7 +165,7 @@ def test_leavers_leave_and_joiners_join() -> None:
     (joiner,) = [k for k, p in enumerate(walk.scene.people) if p.joins >= 0]
     when = walk.scene.people[joiner].joins
     waits = walk.people[walk.times < when - 0.2, joiner]
-    assert np.linalg.norm(waits - waits[0], axis=1).max() < 1.0  # he lets them pass
+    assert np.linalg.norm(waits - waits[0], axis=1).max() < 1.0  # they let them pass
     assert (walk.groups[walk.times < when, joiner] == 0).all()
     changes = np.flatnonzero(np.diff(walk.groups[:, joiner]))
     assert len(changes) == 1
@@ -238,7 +238,7 @@ def test_distant_member_returns_to_the_others() -> None:
     lag = walk.people[:, :3, 0].mean(axis=1) - walk.people[:, 3, 0]
     assert lag[0] > 4.0
     assert lag[-1] < 1.5
-    assert walk.people[-1, :3, 0].mean() > 13.0  # they did not come to him
+    assert walk.people[-1, :3, 0].mean() > 13.0  # they did not come nearer
 
 
 def test_obstacles_beside_the_path_are_avoided() -> None:
