@@ -13,7 +13,6 @@ from mrs_people_loc.bodies import finder, model, patches, scanner, search, votes
 from mrs_people_loc.cells import detector as cell_detector
 from mrs_people_loc.cells import filters
 from mrs_people_loc.config import PlannerConfig
-from mrs_people_loc.people import Detections
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.sensing import camera, cloud, disparity
@@ -263,8 +262,8 @@ OF_PEOPLE = {
     "joining": (body_detector, "join", change(score=0.01), "score"),
     "nothing is joined": (
         body_detector, "join",
-        lambda right: lambda bodies, used, config: right(
-            bodies, used, dataclasses.replace(config, gate=0.1)
+        lambda right: lambda bodies, used, config, *rest: right(
+            bodies, used, dataclasses.replace(config, gate=0.1), *rest
         ), "clusters",
     ),
     "place of joined": (body_detector, "join", change(xy=1e-4), "position"),
@@ -272,8 +271,8 @@ OF_PEOPLE = {
         body_detector, "are_people", then(lambda people: np.ones_like(people)), "number of people"
     ),
     "both methods": (
-        Detections, "unite",
-        lambda right: lambda self, others, *, apart: right(self, others, apart=0.0),
+        planner_module, "combine",
+        lambda right: lambda one, other, *, min_distance: right(one, other, min_distance=0.0),
         "number of people",
     ),
 }  # fmt: skip
