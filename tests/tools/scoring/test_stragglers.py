@@ -45,7 +45,7 @@ def behind(k, *, begin=10, speed=1.0, back=None):
 
 
 def said(there: Truth, flags, ids=None) -> list[Estimate]:
-    """Everybody at their true position, by the ids 1, 2, ... or `ids(k)`; `flags(k)` are stragglers."""
+    """Everybody at their true position, ids 1, 2, ... or `ids(k)`; `flags(k)` are stragglers."""
     out = []
     for k, xy in enumerate(there.positions):
         who = np.array(ids(k) if ids else range(1, len(xy) + 1), dtype=np.int64)
