@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import Bool
+from mrs_people_loc.arrays import Bool, Int
 from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human, locate
 from mrs_people_loc.cells.splitting import split, split_at
@@ -45,6 +45,32 @@ def detect(
     """
     if not len(known.plain):
         return Detections.nothing(fused)
+    label, count, too_wide = _segment(fused, known, poses, expected, config)
+    clusters = measure(fused, label, known.plain)
+
+    human, certain = _are_people(clusters, expected, config)
+    human &= np.arange(len(clusters)) < count
+    persons = tuple(
+        person if certain[person.label] else dataclasses.replace(person, score=0.0)
+        for person in locate(fused, clusters, human, poses)
+    )
+    return Detections(known.plain, clusters, persons, too_wide)
+
+
+def _segment(
+    fused: ShortTermMap,
+    known: Known,
+    poses: Mapping[str, Pose],
+    expected: Expected,
+    config: cfg.PlannerConfig,
+) -> tuple[Int, int, int]:
+    """Clusters of the cells that belong to no body, those of several people split.
+
+    Returns:
+        label: Of each of these cells; clusters of robots and walls come last, shape (p,).
+        count: Clusters that are not of robots and walls.
+        too_wide: How many of them are too wide for one person but stay whole.
+    """
     xy, distance = fused.xy[known.plain], config.clustering.distance
     possible = known.plain[~known.cells]
     pieces = cluster(xy[~known.cells], distance=distance)
@@ -58,20 +84,11 @@ def detect(
         config.human,
         cell_range_sigma=config.masking.cell_range_sigma,
     )
-
     count = int(pieces.max(initial=-1)) + 1
     label = np.empty(len(known.plain), dtype=np.intp)
     label[~known.cells] = pieces
     label[known.cells] = count + cluster(xy[known.cells], distance=distance)
-    clusters = measure(fused, label, known.plain)
-
-    human, certain = _are_people(clusters, expected, config)
-    human &= np.arange(len(clusters)) < count
-    persons = tuple(
-        person if certain[person.label] else dataclasses.replace(person, score=0.0)
-        for person in locate(fused, clusters, human, poses)
-    )
-    return Detections(known.plain, clusters, persons, too_wide)
+    return label, count, too_wide
 
 
 def _are_people(

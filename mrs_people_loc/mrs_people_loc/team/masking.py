@@ -91,17 +91,16 @@ def are_robots(
     masked = np.zeros(len(xy), dtype=bool)
     if not len(xy) or radius <= 0:
         return masked
-    index = {name: k for k, name in enumerate(poses)}
-    place = _places(poses)
+    place, index = _places(poses), {name: k for k, name in enumerate(poses)}
     own = np.array([index[name] for name in names], dtype=np.intp)[robot]
     what, which, away = pairs_between(xy, place, _farthest(radius, tuning))
     others = which != own[what]
     what, which, away = what[others], which[others], away[others]
+    there = np.ones(len(what), dtype=bool)
     along = unit_vectors(xy[what] - place[own[what]])
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     offset = place[which] - xy[what]
     of_robots = np.array([pose.covariance[:2, :2] for pose in poses.values()])
-    there = np.ones(len(what), dtype=bool)
     with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
         total = covariance[what] + of_robots[which]
         for axis, most in ((along, tuning.reach_along), (across, tuning.reach_across)):
@@ -312,6 +311,20 @@ class Walls:
         found = self._kept[np.where(on, slot, 0), row % side, column % side]
         return np.where(on, found, np.inf).astype(np.float64)
 
+    def near(self, xy: Float, reach: Float, margin: float) -> Bool:
+        """Whether any place from xy - reach to xy + reach is nearer to them than `margin`.
+
+        Args:
+            xy: Places in the common frame [m], shape (n, 2).
+            reach: Vectors [m], shape (n, 2).
+            margin: [m].
+
+        Returns:
+            Shape (n,).
+        """
+        steps = (-1.0, -0.5, 0.0, 0.5, 1.0)
+        return np.asarray(np.any([self.distance(xy + k * reach) < margin for k in steps], axis=0))
+
     def log_odds(self, xy: Float, covariance: Float, config: cfg.Masking) -> Float:
         """Log-odds by the grid that somebody is at a place, shape (n,).
 
@@ -349,26 +362,26 @@ def are_masked(
     *,
     tuning: MaskingTuning = _TUNING,
 ) -> Bool:
-    """Which plain cells of a map are of robots, walls or furniture, shape (n,).
+    """Which plain cells are of robots, walls or furniture, shape (n,).
 
     Args:
         fused: The map.
-        cells: Indices of the cells, shape (n,).
+        cells: Indices of cells, shape (n,).
         poses: By robot, its pose in the common frame; also of those without cells.
         walls: What is known of walls and furniture.
         config: Parameters.
         tuning: Constants.
     """
-    xy, robot = fused.xy[cells], fused.robot[cells]
+    xy, robot, radius = fused.xy[cells], fused.robot[cells], config.robot_radius
     masked = np.zeros(len(xy), dtype=bool)
-    if not len(xy) or (walls is None and config.robot_radius <= 0):
+    if not len(xy) or (walls is None and radius <= 0):
         return masked
     seen_from = [poses[name] for name in fused.robots]
     away = xy - _places(dict(zip(fused.robots, seen_from, strict=True)))[robot]
     with np.errstate(over="ignore"):
         sigma = config.cell_range_sigma * (away**2).sum(axis=1)
-    places, farthest = _places(poses), _farthest(config.robot_radius, tuning)
-    at_once = max(1, _PAIRS_AT_ONCE // len(poses))
+    places, at_once = _places(poses), max(1, _PAIRS_AT_ONCE // len(poses))
+    farthest = _farthest(radius, tuning)
     for start in range(0, len(xy), at_once):
         near = start + np.unique(pairs_between(xy[start : start + at_once], places, farthest)[0])
         covariance = covariance_of_places(
@@ -379,18 +392,11 @@ def are_masked(
             across=np.full(len(near), tuning.cell_sigma_across**2),
         )
         masked[near] = are_robots(
-            xy[near],
-            covariance,
-            robot[near],
-            fused.robots,
-            poses,
-            radius=config.robot_radius,
-            tuning=tuning,
+            xy[near], covariance, robot[near], fused.robots, poses, radius=radius, tuning=tuning
         )
     if walls is not None:
         reach = unit_vectors(away) * np.minimum(sigma, tuning.wall_reach)[:, np.newaxis]
-        for step in (-1.0, -0.5, 0.0, 0.5, 1.0):
-            masked |= walls.distance(xy + step * reach) < config.wall_margin
+        masked |= walls.near(xy, reach, config.wall_margin)
     return masked
 
 
