@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mrs_people_loc import config as cfg
 from mrs_people_loc.cells.human import is_human, locate
 from mrs_people_loc.clusters import Clusters, measure
-from mrs_people_loc.people import Person, gather
+from mrs_people_loc.people import Detections, Person, combine, gather
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.poses import Pose
@@ -286,3 +286,24 @@ def test_one_person_is_a_group():
     np.testing.assert_array_equal(group.centre, (3, 4))
     np.testing.assert_array_equal(group.covariance, np.diag([0.5, 0.25]))
     assert (group.radius, group.rms_spread, group.size) == (0.0, 0.0, 1)
+
+
+def test_person_of_two_detectors_is_the_preferred_one(make_map):
+    fused = make_map([(0.0, 0.0), (3.0, 0.0), (0.3, 0.0), (6.0, 0.0)])
+
+    def detected(cells, *places) -> Detections:
+        people = tuple(
+            dataclasses.replace(person_at(*place), label=k) for k, place in enumerate(places)
+        )
+        cells = np.array(cells)
+        return Detections(cells, measure(fused, np.arange(len(cells)), cells), people)
+
+    of_cells = detected([0, 1], (0.0, 0.0), (3.0, 0.0))
+    of_bodies = detected([2, 3], (0.3, 0.0), (6.0, 0.0))
+    both = combine(of_cells, of_bodies, min_distance=0.36)
+    assert both.cells.tolist() == both.clusters.label.tolist() == [0, 1, 2, 3]
+    assert [(p.position[0], p.label) for p in both.persons] == [(0.3, 2), (6.0, 3), (3.0, 1)]
+    assert len(combine(of_cells, of_bodies, min_distance=0.3).persons) == 4  # exactly 0.3 is apart
+    nothing = Detections.nothing(fused)
+    assert combine(nothing, of_bodies, min_distance=0.36) is of_bodies
+    assert combine(of_cells, nothing, min_distance=0.36) is of_cells

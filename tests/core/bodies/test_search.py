@@ -238,3 +238,15 @@ def test_body_cut_by_the_border_is_scored_by_its_visible_part(make_head, rectang
     found = search_of(head)(head.disparity(surface), min_extent=0.35, max_count=1)
     assert found.extent == pytest.approx([expected], rel=0.15)
     assert found.bearing[0] > edge - 0.06
+
+
+def test_bodies_far_apart_in_range_are_two_candidates(make_head, rectangle):
+    # At 2 m and 4 m, 7.9 and 3.95 px; their windows of inverse range are three and one bin.
+    mounting = Mounting(height=1.2)
+    head = make_head(**SIZE, mounting=mounting)
+    near, far = (
+        upright(rectangle, mounting, bearing, distance, width=0.3)
+        for bearing, distance in ((-0.09, 2.0), (0.05, 4.0))
+    )
+    found = search_of(head)(head.disparity(near, far), min_extent=0.35, max_count=4)
+    assert sorted(SCALE / found.inverse_range) == pytest.approx([2.0, 4.0], rel=0.08)  # some bins

@@ -345,3 +345,12 @@ def test_parameters_may_change_at_any_time():
     run.groups.config = groups_with(distance=1.0, margin=0.1).config
     run.go(standing(p1=(0, 0), p2=(1.5, 0)), 3.0)
     assert len(run.out[-1]) == 2
+
+
+def test_long_pause_counts_as_one_second_apart():
+    run = Run(groups_with(leave_time=3.0)).go(lambda t: {1: (0, 0), 2: (1, 0)}, 1.0)
+    run.now_ns += 8_000 * MS
+    run.go(lambda t: {1: (0, 0), 2: (9, 0)}, 1.0)
+    assert [group.members for group in run.out[-1]] == [(1, 2)]
+    run.go(lambda t: {1: (0, 0), 2: (9, 0)}, 2.0)
+    assert [group.members for group in run.out[-1]] == [(1,), (2,)]
