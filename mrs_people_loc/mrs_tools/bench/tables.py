@@ -47,7 +47,7 @@ def show(report: Mapping[str, Any], console: Console) -> None:
 
 
 def _table(title: str, first: str, *others: str) -> Table:
-    table = make_table(title)
+    table = make_table(title, padding=(0, 1))
     table.add_column(Text(first))
     for column in others:
         table.add_column(column, justify="right", no_wrap=True)
