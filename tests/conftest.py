@@ -13,6 +13,10 @@ os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 # `ros2 launch` would not end when it is asked to.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# nohup ignores a closed terminal, likewise. Under a handler it still ends no test run, and what is
+# started has the default again.
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda *_: None)
 
 
 @pytest.hookimpl(trylast=True)
