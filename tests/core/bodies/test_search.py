@@ -245,8 +245,8 @@ def test_bodies_far_apart_in_range_are_two_candidates(make_head, rectangle):
     mounting = Mounting(height=1.2)
     head = make_head(**SIZE, mounting=mounting)
     near, far = (
-        upright(rectangle, mounting, bearing, distance, width=0.3)
-        for bearing, distance in ((-0.09, 2.0), (0.05, 4.0))
+        upright(rectangle, mounting, bearing, distance, width=0.2)
+        for bearing, distance in ((0.05, 2.0), (-0.03, 4.0))
     )
     found = search_of(head)(head.disparity(near, far), min_extent=0.35, max_count=4)
     assert sorted(SCALE / found.inverse_range) == pytest.approx([2.0, 4.0], rel=0.08)  # some bins
