@@ -15,7 +15,7 @@ def test_distances_are_the_documented_ones():
     assert people.APART_ACROSS == 0.30
     assert people.APART_AMONG_ROBOTS == 0.35
     assert people.APART_JOINED == 0.36  # docs/masking.md
-    assert people.APART_IN_VIEW == 0.42  # docs/masking.md, README
+    assert people.APART_IN_VIEW == 0.42  # docs/masking.md, docs/limits.md
 
 
 def test_stages_take_them_from_one_place():

@@ -132,7 +132,7 @@ def test_measures_equal_a_plain_loop(make_map, drawn, seed):
     np.testing.assert_array_equal(clusters.label, label)
     for i in range(len(clusters)):
         mine = label == i
-        cells = Cells.from_records(fused.cells.to_records()[mine])
+        cells = fused.cells.select(mine)
         for name, value in measures_by_loop(fused.xy[mine], cells).items():
             np.testing.assert_allclose(getattr(clusters, name)[i], value, atol=1e-9, err_msg=name)
         # Extents along the eigenvectors of the scatter.

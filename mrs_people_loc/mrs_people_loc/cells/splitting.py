@@ -34,6 +34,7 @@ class SplittingTuning:
         rounds: Rounds of k-means, at most.
         expected_within: An expected person belongs to the cluster of the nearest cell, if that is
             no farther than this [m]: about a body's width.
+        least_apart: Centres of parts at expected people are no nearer to each other than this [m].
     """
 
     most_people: int = 8

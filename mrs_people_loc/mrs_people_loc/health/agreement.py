@@ -20,7 +20,6 @@ from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human
 from mrs_people_loc.clusters import measure
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.scan import Cells
 from mrs_people_loc.team.fusion import ShortTermMap, place_bodies
 from mrs_people_loc.team.masking import are_masked, bodies_of_robots
 from mrs_people_loc.team.poses import Pose
@@ -166,8 +165,8 @@ def _places_of_people(
     places = {}
     for index, name in enumerate(fused.robots):
         plain = all_plain[fused.robot[all_plain] == index]
-        cells = Cells.from_records(fused.cells.to_records()[plain])
-        part = ShortTermMap((name,), np.zeros(len(plain), np.intp), fused.xy[plain], cells, (0,))
+        cells, seen_by = fused.cells.select(plain), np.zeros(len(plain), np.intp)
+        part = ShortTermMap((name,), seen_by, fused.xy[plain], cells, (0,))
         clusters = measure(part, cluster(part.xy, distance=config.clustering.distance))
         places[name] = np.concatenate(
             [

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.geometry import wrap_angle
 from mrs_people_loc.robot import RobotPipeline
@@ -27,7 +27,6 @@ from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.team.poses import Pose
 
-Float = NDArray[np.float64]
 #: Scans of one interval, and the robots' poses by name.
 Scene = tuple[list[Scan], dict[str, Pose]]
 
@@ -55,7 +54,7 @@ _CAMERA = StereoCamera(width=160, height=120, fx=105.46, fy=105.46, cx=79.5, cy=
 
 def drawn_disparity(
     pose: Pose, seed: int, people: Sequence[tuple[float, float]], size: tuple[float, float]
-) -> NDArray[np.float32]:
+) -> Float32:
     """What a robot would match [px], NaN where it would not.
 
     Args:
@@ -199,7 +198,7 @@ def _made_bodies(
     body = np.repeat(np.arange(len(places)), len(columns))
     left, angle = np.tile(columns, len(places)), np.arctan2(y, x)[body]
 
-    def each(values: Float) -> NDArray[np.float32]:
+    def each(values: Float) -> Float32:
         return values[body].astype(np.float32)
 
     size = np.ones(len(places))

@@ -53,7 +53,7 @@ def command(
         for part in pool.map(read, bags, range(len(bags))):
             parts.append(part)
             progress.advance(task)
-    examples = Examples.joined(parts)
+    examples = Examples.concatenate(parts)
     for name, value in cross_validate(examples).items():
         typer.echo(f"{name}: {value:.5g}")
     text = json.dumps(fit(examples).to_mapping(), separators=(",", ":")) + "\n"

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.bodies.finder import BodyFinder, View
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import BagError
@@ -28,10 +27,12 @@ from mrs_tools.bags.rosbag import BagReader
 _ACROSS, _ALONG, _ALONG_PX, _ALONG_MOST = 0.2, 0.2, 0.7, 0.8
 #: ... and nobody is if everybody is farther away than so many times that.
 _NOBODY = 2.0
+#: Another robot is at a candidate likewise, within these.
+_ROBOT_ACROSS, _ROBOT_ALONG, _ROBOT_ALONG_PX = 0.35, 0.3, 0.3
 
 
 @dataclass(frozen=True)
-class Examples:
+class Examples(StructOfArrays):
     """Candidates, a struct of arrays of one length (n,).
 
     Attributes:
@@ -52,11 +53,7 @@ class Examples:
     across: Float
     more_px: Float
     robot: Bool
-    bag: NDArray[np.intp]
-
-    def __len__(self) -> int:
-        """Number of examples."""
-        return len(self.away)
+    bag: Int
 
     @property
     def person(self) -> Bool:
@@ -67,15 +64,6 @@ class Examples:
     def clear(self) -> Bool:
         """Which are people or nobody, and not something in between."""
         return ((self.away < 1.0) | (self.away >= _NOBODY)) & ~self.robot
-
-    def chosen(self, index: Bool) -> Examples:
-        """Some of them."""
-        return Examples(**{name: value[index] for name, value in vars(self).items()})
-
-    @classmethod
-    def joined(cls, parts: Sequence[Examples]) -> Examples:
-        """Several together."""
-        return cls(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in vars(parts[0])})
 
 
 class _Looker:
@@ -130,7 +118,7 @@ def examples_of(
             at = {name: _at(track, stamp_ns) for name, track in poses.items()}
             others = np.array([at[n][:2] for n in at if n != looker.robot]).reshape(-1, 2)
             parts.append(_examples(looker.camera, view, at[looker.robot], people, others, number))
-    return Examples.joined(parts)
+    return Examples.concatenate(parts)
 
 
 def _true_poses(path: Path, robots: Sequence[str]) -> dict[str, Float]:
@@ -181,8 +169,8 @@ def _examples(
     nearest, row = distance.argmin(axis=1), np.arange(count)
     across, along = (np.column_stack([part, np.zeros(count)]) for part in (across, along))
     other_across, other_along, other_far = seen(others)
-    robot = np.abs(other_across) < 0.35
-    robot &= np.abs(other_along) < 0.3 + 0.3 * other_far**2 / scale
+    robot = np.abs(other_across) < _ROBOT_ACROSS
+    robot &= np.abs(other_along) < _ROBOT_ALONG + _ROBOT_ALONG_PX * other_far**2 / scale
     return Examples(
         even=view.evidence.even,
         odd=view.evidence.odd,

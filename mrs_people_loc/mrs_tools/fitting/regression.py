@@ -23,8 +23,8 @@ def fit(examples: Examples) -> BodyModel:
     Raises:
         PeopleLocError: There are too few examples of either kind.
     """
-    people = examples.chosen(examples.person)
-    clear = examples.chosen(examples.clear)
+    people = examples.select(examples.person)
+    clear = examples.select(examples.clear)
     others = int(len(clear) - clear.person.sum())
     if len(people) < 100 or others < 100:
         raise PeopleLocError(

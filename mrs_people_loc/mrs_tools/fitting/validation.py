@@ -20,7 +20,7 @@ def cross_validate(examples: Examples) -> dict[str, float]:
         held = examples.bag % _FOLDS == fold
         if not held.any():
             continue
-        model, part = fit(examples.chosen(~held)), examples.chosen(held)
+        model, part = fit(examples.select(~held)), examples.select(held)
         score[held] = model.human(part.even)
         across[held] = part.across - model.across(part.odd)
         depth[held] = part.more_px - model.depth(part.depth)

@@ -77,10 +77,10 @@ def test_examples_are_labelled_by_distance() -> None:
     )
     np.testing.assert_array_equal(some.person, [True, True, False, False, False, False])
     np.testing.assert_array_equal(some.clear, [True, True, False, False, True, False])
-    chosen = some.chosen(some.person)
+    chosen = some.select(some.person)
     assert len(chosen) == 2
     np.testing.assert_array_equal(chosen.depth, some.depth[:2])
-    both = Examples.joined([chosen, some])
+    both = Examples.concatenate([chosen, some])
     np.testing.assert_array_equal(both.away, [0.0, 0.99, *some.away])
     assert both.even.shape == (8, EVEN)
 
@@ -265,7 +265,7 @@ def test_examples_of_a_bag_are_labelled(bag: Path) -> None:
     assert got.person.sum() >= 4
     assert len(got) > got.person.sum()
     np.testing.assert_array_equal(got.bag, 4)
-    person = got.chosen(got.person)
+    person = got.select(got.person)
     assert np.abs(person.across).max() < 0.2
     assert np.isfinite(got.even).all()
     fewer = examples_of(bag, 4, views=1)

@@ -86,7 +86,7 @@ def of_the_suite(name: str) -> Watched:
 
 
 def gaps(some: NDArray, others: NDArray | None = None) -> NDArray:
-    """Distances between everybody at each time [m]; infinite to himself and to who is gone."""
+    """Distances between everybody at each time [m]; infinite to themselves and to absent people."""
     both = np.linalg.norm(some[:, :, None] - (some if others is None else others)[:, None], axis=3)
     if others is None:
         both[:, np.arange(both.shape[1]), np.arange(both.shape[1])] = np.inf
