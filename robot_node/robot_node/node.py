@@ -13,7 +13,7 @@ from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import CameraError, ConfigError, ImageError, WaitedError
 from mrs_people_loc.head import Head, View
 from mrs_people_loc.health.findings import Finding
-from mrs_people_loc.health.floor import FloorWatch, in_words
+from mrs_people_loc.health.floor import FloorWatch, in_words, watch_for
 from mrs_people_loc.health.robot import (
     MountingState,
     PairingState,
@@ -61,7 +61,6 @@ class RobotNode(ManagedNode):
         self._publish_ms = 0.0
         self._sight = SightWatch(self.config.sight)
         self._floor: FloorWatch | None = None
-        self._floor_key: object = None
 
         self._points = self.offer(PointCloud2, "points", STREAM)
         self._pose = PoseSource(self, self.base_frame)
@@ -151,19 +150,9 @@ class RobotNode(ManagedNode):
         self._scan_at_s = time.monotonic()
         self._ahead_s = (view.stages.scan.stamp_ns - self._now_ns()) / 1e9
         self._sight.step(view.images, view.stages.disparity)
-        self._watch_floor(view)
-
-    def _watch_floor(self, view: View) -> None:
-        config, matching = self.config.floor, self.config.disparity
-        if not config.watch:
-            self._floor = None
-            return
-        block_px = max(matching.block_size_px, matching.fill_block_size_px)
-        camera = self._head.pipeline.camera
-        if self._floor is None or self._floor_key != (camera, config, block_px):
-            self._floor = FloorWatch(camera, config, block_px=block_px)
-            self._floor_key = camera, config, block_px
-        self._floor.step(view.stages.disparity, view.images.stamp_ns)
+        self._floor = watch_for(self._head.pipeline.camera, self.config, self._floor)
+        if self._floor is not None:
+            self._floor.step(view.stages.disparity, view.images.stamp_ns)
 
     # ---- outputs ----
 

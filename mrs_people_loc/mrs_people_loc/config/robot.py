@@ -86,6 +86,11 @@ class Disparity(Section):
         1.0, "horizontal and vertical pair must agree within this [px]", low=0.0, high=16.0
     )
 
+    @property
+    def largest_block_px(self) -> int:
+        """The larger window of both passes [px]."""
+        return max(self.block_size_px, self.fill_block_size_px)
+
     def _check_relations(self) -> None:
         if self.fill_block_size_px and (
             self.fill_block_size_px % 2 == 0 or self.fill_block_size_px < 5

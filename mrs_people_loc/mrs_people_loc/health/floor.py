@@ -32,7 +32,7 @@ from mrs_people_loc.sensing.disparity import SUBPIXELS
 #: Matching draws the floor beside something that stands on it towards that, as far as its blocks
 #: reach; single pixels do nothing.
 _SPECKLE = np.ones((2, 2), np.uint8)
-#: The largest block of the default matching [px].
+#: Errors of the floor were fitted to disparities of blocks of up to this [px].
 BLOCK_PX = 11
 #: StereoBM rounds up to the next sixteenth [px].
 _ROUNDED_PX = 0.5 / SUBPIXELS
@@ -411,6 +411,7 @@ class FloorWatch:
     Attributes:
         camera: The head.
         config: By how much it may have moved.
+        block_px: The largest block that disparities are matched with [px].
         floor: Median of the last looks; None: too few of them saw the floor.
         moved: Whether the head sits somewhere else. Once it does, that holds until it is seen to
             sit right again.
@@ -427,6 +428,7 @@ class FloorWatch:
     ) -> None:
         self.camera = camera
         self.config = config
+        self.block_px = block_px
         self.floor: Floor | None = None
         self.moved = False
         self.why_not = "not looked at yet"
@@ -486,6 +488,28 @@ class FloorWatch:
             turned > self.config.max_angle + sigmas * self.floor.sigma_tilt
             or abs(height - configured.height) > self.config.max_height + sigmas * sigma[0]
         )
+
+
+def watch_for(
+    camera: StereoCamera, config: cfg.RobotConfig, before: FloorWatch | None
+) -> FloorWatch | None:
+    """The watch of a head as it is configured: a new one where head or parameters have changed.
+
+    Args:
+        camera: The head.
+        config: The robot's configuration.
+        before: The watch so far.
+
+    Returns:
+        None: the floor is not watched.
+    """
+    if not config.floor.watch:
+        return None
+    block_px = config.disparity.largest_block_px
+    wanted = camera, config.floor, block_px
+    if before is not None and (before.camera, before.config, before.block_px) == wanted:
+        return before
+    return FloorWatch(camera, config.floor, block_px=block_px)
 
 
 def _down(mounting: Floor | cfg.Mounting) -> Float:

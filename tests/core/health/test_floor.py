@@ -19,6 +19,7 @@ from mrs_people_loc.health.floor import (
     FloorWatch,
     FloorWatchTuning,
     in_words,
+    watch_for,
 )
 from mrs_people_loc.sensing.camera import StereoCamera
 
@@ -345,6 +346,23 @@ def test_stamps_that_jump_back_reset_the_state() -> None:
     floor = watch(camera)
     feed(floor, tilted, 1000, 4)
     assert feed(floor, tilted, 0, 5) == [False] * 4 + [True]
+
+
+def test_watch_begins_anew_only_where_head_or_parameters_change() -> None:
+    camera, config = head(height=1.2, pitch=0.1), cfg.RobotConfig()
+    floor = watch_for(camera, config, None)
+    assert floor is not None
+    assert floor.block_px == 11
+    assert watch_for(head(height=1.2, pitch=0.1), config, floor) is floor
+    changes = {"floor.max_angle": 0.1, "disparity.block_size_px": 15, "floor.watch": False}
+    watches = [
+        watch_for(camera, cfg.RobotConfig.from_mapping({k: v}), floor) for k, v in changes.items()
+    ]
+    assert watches[0] is not floor
+    assert watches[1] is not None
+    assert watches[1].block_px == 15
+    assert watches[2] is None
+    assert watch_for(head(height=1.3, pitch=0.1), config, floor) is not floor
 
 
 def test_tuning_sets_periods_and_looks() -> None:
