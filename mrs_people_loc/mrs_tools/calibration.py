@@ -139,7 +139,7 @@ def _plain(value: float) -> str:
 
 
 def how_sure(floor: Floor) -> str:
-    """What the measurement is worth, in words."""
+    """How certain the measurement is, in words."""
     height, pitch, roll = floor.sigma
     text = (
         f"+- {height:.2f} m, {math.degrees(pitch):.1f} and {math.degrees(roll):.1f} deg "

@@ -21,6 +21,7 @@ In the order of the data:
     people                one interval, from scans to people and their group
     tracks                one person's Kalman filter
 
-`comparison` runs nothing of this by itself: it holds the results of the packages against it. It is
-the one module that imports a function of the core, the finder of bodies, to see its steps.
+`comparison` computes nothing of this by itself: it holds the results of the packages against it. Of
+the core it runs the search and the finder of bodies, to see their steps. `scenes` makes views and
+scans for the tests; it runs the core's pipeline, and no module but the tests imports it.
 """

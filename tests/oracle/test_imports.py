@@ -70,7 +70,7 @@ def test_all_modules_of_the_oracle_exist():
     assert len(MODULES) > 15
 
 
-def test_comparing_calls_the_finder_of_bodies_and_nothing_else_of_the_core():
+def test_comparison_runs_nothing_of_the_core_but_search_and_finder_of_bodies():
     tree = ast.parse((FOLDER / "comparison.py").read_text(encoding="utf-8"))
     core = {name for module, name in imported(tree) if (module or "").startswith("mrs_people_loc")}
     called = {

@@ -71,8 +71,8 @@ class Human(Section):
     """Size of a human, as a cluster shows it. The paper has it 'a priori' and prints no values.
 
     Heights: from a school child to a tall adult; a table's edge or a chair's back is lower, a wall
-    or a door higher. Width and depth: a body is 0.3 to 0.6 m; depth noise of 1/16 px and more
-    smears its cells along the line of sight. Points: of a body 5 m away the zone covers about
+    or a door higher. Width and depth: those of a body (`anthropometry`), smeared along the line of
+    sight by depth noise of 1/16 px and more. Points: of a body 5 m away the zone covers about
     12 x 25 pixels of a 160 x 120 image (block matching widens it), of which half may be lost.
     """
 

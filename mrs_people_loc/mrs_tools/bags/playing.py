@@ -16,7 +16,7 @@ from mrs_tools.signals import Stop, stop_on_signals
 if TYPE_CHECKING:
     from rich.console import Console
 
-#: Messages that were published so much too late are worth a note [s].
+#: Messages that were published so much too late are reported [s].
 _LATE_S = 0.1
 
 

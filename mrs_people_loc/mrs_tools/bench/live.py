@@ -253,13 +253,13 @@ def _busy_ms() -> float:
 
 @dataclass
 class Heard:
-    """What the team says.
+    """What the team sends.
 
     Attributes:
         ages_ms: By `newest` and `oldest`, how old that scan's image is when the people arrive.
         scans: Scans used, by robot.
         intervals: Number of intervals.
-        stages_ms: By node and stage, what diagnostics said it took.
+        stages_ms: By node and stage, how long it took, by diagnostics.
     """
 
     ages_ms: dict[str, list[float]] = field(default_factory=lambda: {"newest": [], "oldest": []})
@@ -383,12 +383,12 @@ def _listening() -> Iterator[tuple[Any, threading.Thread, _Listener]]:
 
 @dataclass(frozen=True)
 class _Measured:
-    """What a team took, and said.
+    """What a team used and sent.
 
     Attributes:
         before: With poses only.
         during: With images, too.
-        heard: What it said meanwhile.
+        heard: What it sent meanwhile.
         frame_hz: Frames per second and robot.
         pose_hz: Poses per second and robot.
         late_s: By how much a message missed its time at most [s].
@@ -590,6 +590,6 @@ def _robot_figures(
 
 
 def _sum_of_medians(stages: Mapping[str, Sequence[float]]) -> float:
-    """What a node said its stages take; NaN if it said nothing."""
+    """How long the stages of a node take, by its diagnostics; NaN if there are none."""
     of_stages = [np.median(ms) for stage, ms in stages.items() if stage != _AFTER]
     return float(sum(of_stages)) if of_stages else math.nan

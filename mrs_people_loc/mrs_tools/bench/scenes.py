@@ -30,7 +30,7 @@ from mrs_people_loc.team.poses import Pose
 #: Scans of one interval, and the robots' poses by name.
 Scene = tuple[list[Scan], dict[str, Pose]]
 
-#: Time between intervals, for who is followed [ns].
+#: Time between intervals, for people who are followed [ns].
 INTERVAL_NS = 100_000_000
 ROOM = (8.0, 7.0)
 ROBOTS = {

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-#: A machine that is too slow for this share of the frames is said to be.
+#: If more than this share of the frames has no result, the machine is reported to be too slow.
 _FEW = 0.05
 
 

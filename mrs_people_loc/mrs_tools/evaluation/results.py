@@ -117,7 +117,7 @@ def evaluate_bag(
     on_interval: Callable[[Interval], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
-    """Runs a bag through the pipeline, or reads what a planner said, and scores it.
+    """Runs a bag through the pipeline, or reads the recorded output of a planner, and scores it.
 
     Args:
         bag: The bag; or a `BagRun`, which may have another pipeline and planner.

@@ -146,10 +146,10 @@ def test_robots_at_right_angles_correct_each_others_range():
     ),
     st.randoms(),
 )  # fmt: skip
-def test_agreeing_robots_are_fused_as_by_an_information_filter(sights, random):
+def test_agreeing_robots_are_fused_as_by_an_information_filter(drawn, random):
     """Compared with the textbook's information filter, in any order of the robots."""
     bodies = []
-    for robot, (x, y, along, across, angle, score) in enumerate(sights):
+    for robot, (x, y, along, across, angle, score) in enumerate(drawn):
         c, s = math.cos(angle), math.sin(angle)
         turn = np.array([[c, -s], [s, c]])
         bodies.append((robot, (x, y), turn @ np.diag([along**2, across**2]) @ turn.T, score))
