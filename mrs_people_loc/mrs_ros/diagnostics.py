@@ -211,11 +211,11 @@ class Input:
         except PeopleLocError as err:
             refused = err
         if order is Order.ANEW:
-            self._forgive()
+            self._count_as_jump()
         if refused is None:
             self._outdated_since = None
             if order is not Order.LATE:
-                self._blame()
+                self._count_as_refused()
             self._taken, self._refused_in_a_row = True, 0
         else:
             self._refuse(type(refused).__name__, str(refused), order)
@@ -244,9 +244,9 @@ class Input:
             self._held.append((kind, text))
             return
         self._held.append((kind, text))
-        self._blame()
+        self._count_as_refused()
 
-    def _forgive(self) -> None:
+    def _count_as_jump(self) -> None:
         """Counts the held messages as part of a jump of the stamps."""
         for kind, _ in self._held:
             self.dropped[kind] -= 1
@@ -255,7 +255,7 @@ class Input:
             self.dropped["jumped_back"] += len(self._held)
         self._held.clear()
 
-    def _blame(self) -> None:
+    def _count_as_refused(self) -> None:
         """Counts the held messages as refused."""
         if self._held:
             self._last_kind, self.last_error = self._held[-1]

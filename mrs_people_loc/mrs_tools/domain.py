@@ -86,7 +86,7 @@ def private_domain() -> Iterator[str]:
             del os.environ["ROS_DOMAIN_ID"]
 
 
-def meet_others(node: Node) -> None:
+def wait_for_discovery(node: Node) -> None:
     """Waits until a new node has discovered the other publishers of its domain."""
     end = time.monotonic() + _LOOK_S
     before, changed = -1, time.monotonic()
@@ -98,11 +98,11 @@ def meet_others(node: Node) -> None:
         time.sleep(0.02)
 
 
-def refuse_others(node: Node, own: Mapping[str, str]) -> None:
-    """Makes sure that nobody else publishes on these topics.
+def refuse_other_publishers(node: Node, own: Mapping[str, str]) -> None:
+    """Makes sure that no other node publishes on these topics.
 
     Args:
-        node: Who looks.
+        node: The node that looks.
         own: By topic, the node of ours that publishes it, by its full name; empty: none does yet.
 
     Raises:
@@ -112,11 +112,11 @@ def refuse_others(node: Node, own: Mapping[str, str]) -> None:
         publishers = node.get_publishers_info_by_topic(topic)
         names = Counter(map(node_of, publishers))
         if len(publishers) > bool(ours):
-            raise somebody_else({topic: sorted((names - Counter([ours])).elements())})
+            raise other_publishers_error({topic: sorted((names - Counter([ours])).elements())})
 
 
-def somebody_else(found: Mapping[str, Sequence[str]]) -> PeopleLocError:
-    """What to say of others that publish what is ours: by topic, the names of their nodes."""
+def other_publishers_error(found: Mapping[str, Sequence[str]]) -> PeopleLocError:
+    """The error that others publish our topics: by topic, the names of their nodes."""
     others = "; ".join(
         f"{topic} has {len(names)} other publisher{'s' if len(names) > 1 else ''}: "
         f"{', '.join(names)}"

@@ -76,11 +76,11 @@ def test_other_publishers_are_named():
     heard = {"/clock": [publisher("/", "play")], "/people": [publisher("/", "planner_node")]}
     node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda topic: heard.get(topic, []))
     own = {"/people": "/planner_node", "/clock": "/play", "/robot_a/points": ""}
-    domain.refuse_others(node, own)
+    domain.refuse_other_publishers(node, own)
     heard["/people"].append(publisher("/site", "planner_node"))
     message = r"/people has 1 other publisher: /site/planner_node\. End the others"
     with pytest.raises(PeopleLocError, match=message):
-        domain.refuse_others(node, own)
+        domain.refuse_other_publishers(node, own)
     message = "/people has 2 other publishers: /planner_node, /site/planner_node"
     with pytest.raises(PeopleLocError, match=message):
-        domain.refuse_others(node, {**own, "/people": ""})
+        domain.refuse_other_publishers(node, {**own, "/people": ""})

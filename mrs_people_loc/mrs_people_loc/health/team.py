@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from mrs_people_loc.health.agreement import Misplaced
 from mrs_people_loc.health.findings import ERROR, OK, OLD_STAMP_S, STALE, WARN, Code, Finding
-from mrs_people_loc.team.intervals import say_offset
+from mrs_people_loc.team.intervals import offset_text
 from mrs_people_loc.team.poses import Pose
 
 #: A robot that delivers less than this share of the scans expected of it is reported, where more
@@ -149,8 +149,8 @@ def _clock(state: MemberState) -> _Verdict:
     astray_ns, offset_ns = state.clock_astray_ns, state.clock_offset_ns
     if astray_ns is not None:
         text = (
-            f"its clock is {say_offset(astray_ns)} the others': its scans are left out; {allowed}; "
-            "synchronize the clocks (chrony or NTP on every machine)"
+            f"its clock is {offset_text(astray_ns)} the others': its scans are left out; "
+            f"{allowed}; synchronize the clocks (chrony or NTP on every machine)"
         )
         if astray_ns < 0:
             text += ", or see what keeps its messages back so long"
@@ -158,7 +158,7 @@ def _clock(state: MemberState) -> _Verdict:
     if state.silent_s > OLD_STAMP_S:
         return WARN, Code.SCAN_SILENT, f"no scan for {state.silent_s:.1f} s"
     if offset_ns is not None and abs(offset_ns) > state.max_clock_offset_s * 1e9:
-        text = f"stamps are {say_offset(offset_ns)} this machine's clock; {allowed}{state.remedy}"
+        text = f"stamps are {offset_text(offset_ns)} this machine's clock; {allowed}{state.remedy}"
         return WARN, Code.STAMPS_OFF, text
     return None
 

@@ -339,7 +339,7 @@ class IntervalCollector:
             state.dropped["clock_offset"] += 1
             state.seen_ns = None  # nor do the stamps count of what was used before
             left_out[name] = (
-                f"its clock is {say_offset(off_ns[name])} the others'; "
+                f"its clock is {offset_text(off_ns[name])} the others'; "
                 f"allowed: {self.config.max_clock_offset:g} s"
             )
         return pending, stamp_ns
@@ -420,6 +420,6 @@ class IntervalCollector:
                 del self.robots[name]
 
 
-def say_offset(ahead_ns: int) -> str:
+def offset_text(ahead_ns: int) -> str:
     """An offset of clocks [ns] in words."""
     return f"{abs(ahead_ns) / 1e9:.3f} s {'ahead of' if ahead_ns > 0 else 'behind'}"

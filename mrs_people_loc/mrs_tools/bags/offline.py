@@ -347,7 +347,7 @@ class BagRun:
         silent = {}
         for name, source in sources.items():
             if not source.scans:
-                silent[name] = "no scan: " + reasons.get(name, source.nothing_said())
+                silent[name] = "no scan: " + reasons.get(name, source.why_no_scan())
             elif not source.poses:
                 silent[name] = "no pose: " + reasons.get(name, source.no_pose())
         lines = [f"{name}: {why}" for name, why in silent.items()]

@@ -23,7 +23,7 @@ from rosbags.interfaces import QosDurability
 from mrs_people_loc.errors import BagError
 from mrs_ros.network import node_of
 from mrs_tools.bags.rosbag import BagReader, Topic
-from mrs_tools.domain import meet_others
+from mrs_tools.domain import wait_for_discovery
 from mrs_tools.tool_node import NO_NAME, message_class, node
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class Replayer:
         with ExitStack() as stack:
             self.bag = stack.enter_context(BagReader(bag))
             self._node = stack.enter_context(node("mrs_replay", context))
-            meet_others(self._node)
+            wait_for_discovery(self._node)
             for name in self.bag.select(topics):
                 self._announce(self.bag.topics[name], named=name in topics)
             if not self._publishers:

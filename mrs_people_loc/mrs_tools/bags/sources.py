@@ -202,7 +202,7 @@ class Source:
             )
         return pose if recorded else self._intake(pose, frame_id)
 
-    def nothing_said(self) -> str:
+    def why_no_scan(self) -> str:
         """Why there was no scan, as far as it is known."""
         if self.has.images and self.head.pairer.unpaired:
             return f"images found no pair; {self.head.pairer.why_unpaired()}"

@@ -31,7 +31,7 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.domain import meet_others, refuse_others
+from mrs_tools.domain import refuse_other_publishers, wait_for_discovery
 from mrs_tools.tool_node import message_class
 
 FRAME_HZ = 30.0
@@ -325,8 +325,8 @@ def measure_live(
     with _listening() as (node, spinning, listener):
         feeder = Feeder(node, recorded, frame_hz, pose_hz)
         own = dict.fromkeys(feeder.publishers, node.get_fully_qualified_name())
-        meet_others(node)
-        refuse_others(node, {"/people": "", **own})
+        wait_for_discovery(node)
+        refuse_other_publishers(node, {"/people": "", **own})
         with (
             tempfile.TemporaryFile("w+") as log,
             RunningTeam(team_processes(files), log=log) as running,
@@ -334,7 +334,7 @@ def measure_live(
             on_step("starting " + ", ".join(n.label for n in running.processes))
             spinning.start()
             _wait_until_ready(node, running, feeder, log)
-            refuse_others(node, {"/people": f"/{PLANNER_NODE}", **own})
+            refuse_other_publishers(node, {"/people": f"/{PLANNER_NODE}", **own})
             measured = _measure(running, feeder, listener, seconds, on_step)
             _check_alive("while it was measured", running, log)
     return _figures(recorded, sizes, measured)

@@ -73,14 +73,14 @@ def found_people(count: int, step: int) -> list[Person]:
     rng = np.random.default_rng([count, step])
     side = int(np.ceil(np.sqrt(count)))
     people = []
-    for who in range(count):
-        phase = who + step / 10.0
-        middle = np.array([2.0 * (who % side), 2.0 * (who // side)])
+    for number in range(count):
+        phase = number + step / 10.0
+        middle = np.array([2.0 * (number % side), 2.0 * (number // side)])
         place = middle + 0.5 * np.array([np.sin(phase), np.cos(0.7 * phase)])
         people.append(
             Person(
                 position=place + rng.normal(0.0, _SIGMA, 2), covariance=_SIGMA**2 * np.eye(2),
-                height=1.7, sigma=0.1, robots=("robot_a",), label=who, score=4.0,
+                height=1.7, sigma=0.1, robots=("robot_a",), label=number, score=4.0,
                 stamp_ns=step * INTERVAL_NS,
             )
         )  # fmt: skip

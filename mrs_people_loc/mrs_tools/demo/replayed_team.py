@@ -20,7 +20,7 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.network import use_shipped_profile
 from mrs_ros.processes import RunningTeam, team_processes
 from mrs_tools.bags.replayer import Replayer
-from mrs_tools.domain import meet_others, refuse_others, somebody_else
+from mrs_tools.domain import other_publishers_error, refuse_other_publishers, wait_for_discovery
 from mrs_tools.live.people_table import LivePeople
 from mrs_tools.signals import Stop, stop_on_signals
 
@@ -98,13 +98,13 @@ def run_team(bag: Path, files: list[Path], rate: float, console: Console) -> Lis
         ):
             domain = _Domain(node, player, [n.namespace for n in nodes if n.namespace])
             # Before four nodes begin to publish in a domain that others use.
-            meet_others(node)
-            domain.refuse_others(started=False)
+            wait_for_discovery(node)
+            domain.refuse_other_publishers(started=False)
             team = stack.enter_context(RunningTeam(nodes, log=log))
             console.print(f"starting {', '.join(n.label for n in nodes)} ...")
             _wait_for_team(node, team, log, stop)
             player.wait_for_subscribers(stop=stop)
-            domain.refuse_others()
+            domain.refuse_other_publishers()
             console.print(f"replaying {bag}")
             with Live(live, console=console, refresh_per_second=5):
                 alive = _replay(player, team, live, executor, stop)
@@ -113,7 +113,7 @@ def run_team(bag: Path, files: list[Path], rate: float, console: Console) -> Lis
             console.print()
             if stop.is_set():
                 raise typer.Exit(stop.exit_code)
-            domain.refuse_others()  # those that came meanwhile
+            domain.refuse_other_publishers()  # those that came meanwhile
     return listener
 
 
@@ -179,7 +179,7 @@ class _Domain:
         self._outputs = {f"/{robot}/points": f"/{robot}/{ROBOT_NODE}" for robot in robots}
         self._outputs["/people"] = f"/{PLANNER_NODE}"
 
-    def refuse_others(self, *, started: bool = True) -> None:
+    def refuse_other_publishers(self, *, started: bool = True) -> None:
         """Makes sure that there are none.
 
         Args:
@@ -188,12 +188,12 @@ class _Domain:
         Raises:
             PeopleLocError: There are.
         """
-        _refuse_takers(self._player, {f"/{_NODE}", *self._outputs.values()})
+        _refuse_publishers_of_the_bag(self._player, {f"/{_NODE}", *self._outputs.values()})
         own = self._outputs if started else dict.fromkeys(self._outputs, "")
-        refuse_others(self._node, own)
+        refuse_other_publishers(self._node, own)
 
 
-def _refuse_takers(player: Replayer, ours: Collection[str]) -> None:
+def _refuse_publishers_of_the_bag(player: Replayer, ours: Collection[str]) -> None:
     """Makes sure that the team hears the bag: a replay leaves to others what they publish, too.
 
     Args:
@@ -209,7 +209,7 @@ def _refuse_takers(player: Replayer, ours: Collection[str]) -> None:
         if topic not in _EVERYBODYS and (others := [name for name in names if name not in ours])
     }
     if taken:
-        raise somebody_else(taken)
+        raise other_publishers_error(taken)
 
 
 def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Event) -> None:

@@ -125,15 +125,15 @@ def _standing(truth: Truth, limit: float) -> tuple[Float, Int, Bool]:
     there = np.asarray(np.isfinite(truth.positions).all(axis=2))
     for row, (xy, group) in enumerate(zip(truth.positions, truth.groups, strict=True)):
         for number in np.unique(group[there[row] & (group > 0)]):
-            who = np.flatnonzero(there[row] & (group == number))
-            away = np.linalg.norm(xy[who][:, np.newaxis] - xy[who], axis=2)
+            members = np.flatnonzero(there[row] & (group == number))
+            away = np.linalg.norm(xy[members][:, np.newaxis] - xy[members], axis=2)
             np.fill_diagonal(away, np.inf)
-            nearest[row, who] = away.min(axis=1)
+            nearest[row, members] = away.min(axis=1)
             one, other = np.nonzero(away <= limit)
-            root = connected(one, other, len(who))
-            size = np.bincount(root, minlength=len(who))
-            largest[row, who] = size.max()
-            onward[row, who] = (size[root] == size.max()) & (np.sum(size == size.max()) == 1)
+            root = connected(one, other, len(members))
+            size = np.bincount(root, minlength=len(members))
+            largest[row, members] = size.max()
+            onward[row, members] = (size[root] == size.max()) & (np.sum(size == size.max()) == 1)
     return nearest, largest, onward
 
 
@@ -257,10 +257,10 @@ def score_centres(
     result = []
     for row, frame in enumerate(frames):
         largest = None if frame.estimate is None else estimates[frame.estimate].largest
-        who = onward[row] & frame.counted
+        counted = onward[row] & frame.counted
         error = math.nan
-        if largest is not None and who.any():
-            error = float(np.linalg.norm(largest - frame.true[who].mean(axis=0)))
+        if largest is not None and counted.any():
+            error = float(np.linalg.norm(largest - frame.true[counted].mean(axis=0)))
         result.append(replace(frame, centre_error=error))
     return result
 

@@ -137,8 +137,8 @@ def test_interval_is_the_median_between_estimates(stamps, truths, wanted):
 def test_nearest_estimate_within_half_an_interval_counts():
     there = truth({stamp: [(0, 0)] for stamp in (0, 100, 200, 300, 400)})
     # Every 100 ms, 10 ms late; that of 200 is missing.
-    said = [estimate(stamp + 10, (0.1, 0)) for stamp in (0, 100, 300, 400)]
-    frames = score(there, said)
+    estimates = [estimate(stamp + 10, (0.1, 0)) for stamp in (0, 100, 300, 400)]
+    frames = score(there, estimates)
     assert [f.estimate for f in frames] == [0, 1, None, 2, 3]
     assert [f.missed.tolist() for f in frames] == [[], [], [0], [], []]
     people = summary(frames)["people"]
@@ -148,8 +148,8 @@ def test_nearest_estimate_within_half_an_interval_counts():
 
 def test_half_an_interval_is_inclusive_and_the_earlier_of_two_counts():
     there = truth({stamp: [(0, 0)] for stamp in (0, 50, 100, 150, 200)})
-    said = [estimate(stamp, (0, 0)) for stamp in (0, 100, 200)]
-    assert [f.estimate for f in score(there, said)] == [0, 0, 1, 1, 2]
+    estimates = [estimate(stamp, (0, 0)) for stamp in (0, 100, 200)]
+    assert [f.estimate for f in score(there, estimates)] == [0, 0, 1, 1, 2]
     late = [estimate(stamp + 1, (0, 0)) for stamp in (0, 100, 200)]
     assert [f.estimate for f in score(there, late, interval_ns=98 * MS)] == [0, 0, 1, 1, 2]
     assert [f.estimate for f in score(there, late, interval_ns=97 * MS)] == [0, None, 1, None, 2]
@@ -164,8 +164,8 @@ def test_estimates_without_a_frame_nearby_do_not_count():
 def test_moving_people_are_compared_at_the_estimates_stamp():
     # 1 m/s along x; the estimate is 40 ms late and 3 cm aside of the true way.
     walk = truth({stamp: [(stamp / 1000, 0)] for stamp in (0, 100, 200)})
-    said = [estimate(t + 40, ((t + 40) / 1000, 0.03)) for t in (0, 100)]
-    frames = score(walk, said)
+    estimates = [estimate(t + 40, ((t + 40) / 1000, 0.03)) for t in (0, 100)]
+    frames = score(walk, estimates)
     assert [f.stamp_ns // MS for f in frames] == [0, 100, 200]
     np.testing.assert_allclose(frames[0].errors, [0.03])
     np.testing.assert_allclose(frames[1].errors, [0.03])
@@ -183,7 +183,7 @@ def test_estimate_without_identities_has_id_zero():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "reason"),
     [
         ({"ids": np.array([1])}, r"ids has shape \(1,\); wanted: \(2,\)"),
         ({"velocities": np.zeros(2)}, r"velocities has shape \(2,\); wanted: \(2, 2\)"),
@@ -191,8 +191,8 @@ def test_estimate_without_identities_has_id_zero():
         ({"ids": np.array([4, 4])}, "twice"),
     ],
 )
-def test_inconsistent_estimate_is_refused(given, said):
-    with pytest.raises(ValueError, match=said):
+def test_inconsistent_estimate_is_refused(given, reason):
+    with pytest.raises(ValueError, match=reason):
         Estimate(0, np.zeros((2, 2)), np.zeros((2, 2, 2)), **given)
 
 
@@ -201,11 +201,11 @@ def test_inconsistent_estimate_is_refused(given, said):
 
 def test_counts_and_errors_match_hand_computed_values():
     there = truth({0: [(0, 0), (2, 0), (4, 0)], 100: [(0, 0), (2, 0), NOBODY]})
-    said = [
+    estimates = [
         estimate(0, (0.1, 0), (2, 0.3), (7, 7), centre=(2, 0.5)),  # misses one, one is false
         estimate(100, (0, -0.2), centre=(1, 0)),  # misses one
     ]
-    frames = score(there, said)
+    frames = score(there, estimates)
     assert [f.missed.tolist() for f in frames] == [[2], [1]]
     assert [f.false.tolist() for f in frames] == [[2], []]
     assert summary(frames) == {

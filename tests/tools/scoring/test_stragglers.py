@@ -44,18 +44,18 @@ def behind(k, *, begin=10, speed=1.0, back=None):
     return ((2, 0), (1, 0), (1 - away, 0))
 
 
-def said(there: Truth, flags, ids=None) -> list[Estimate]:
+def estimated(there: Truth, flags, ids=None) -> list[Estimate]:
     """Everybody at their true position, ids 1, 2, ... or `ids(k)`; `flags(k)` are stragglers."""
     out = []
     for k, xy in enumerate(there.positions):
-        who = np.array(ids(k) if ids else range(1, len(xy) + 1), dtype=np.int64)
-        kept = np.isfinite(xy).all(axis=1) & (who > 0)
+        ids_seen = np.array(ids(k) if ids else range(1, len(xy) + 1), dtype=np.int64)
+        kept = np.isfinite(xy).all(axis=1) & (ids_seen > 0)
         out.append(
             Estimate(
                 stamp_ns=int(there.stamps_ns[k]),
                 positions=xy[kept],
                 covariances=np.zeros((int(kept.sum()), 2, 2)),
-                ids=who[kept],
+                ids=ids_seen[kept],
                 stragglers=tuple(flags(k)),
             )
         )
@@ -136,7 +136,7 @@ def test_initially_distant_or_former_members_are_no_episode():
 def test_all_figures_of_one_recording_match_hand_computed_values():
     # They cross at 1.5 s and are flagged at 2.1 s; 1 is flagged wrongly at 4 s, for 0.5 s.
     there = truth(behind, 61)
-    estimates = said(there, lambda k: [3] * (k >= 21) + [1] * (40 <= k < 45))
+    estimates = estimated(there, lambda k: [3] * (k >= 21) + [1] * (40 <= k < 45))
     scores = scored(there, estimates)
     assert scores.report() == {
         "true": 1,
@@ -147,7 +147,7 @@ def test_all_figures_of_one_recording_match_hand_computed_values():
         "minutes": pytest.approx(6.1 / 60),
         "delay_s": {"mean": pytest.approx(0.6), "max": pytest.approx(0.6)},
     }
-    both = (scores + scored(there, said(there, lambda k: [3] * (k >= 31)))).report()
+    both = (scores + scored(there, estimated(there, lambda k: [3] * (k >= 31)))).report()
     assert (both["true"], both["flagged"], both["within_1_s"], both["false"]) == (2, 2, 0.5, 1)
     assert both["minutes"] == pytest.approx(12.2 / 60)
     assert both["delay_s"] == {"mean": pytest.approx(1.1), "max": pytest.approx(1.6)}
@@ -156,14 +156,14 @@ def test_all_figures_of_one_recording_match_hand_computed_values():
 def test_stragglers_flagged_never_or_too_late_have_no_delay():
     there = truth(lambda k: behind(k, back=40), 60)
     for flags in (lambda k: [], lambda k: [3] * (k >= 41)):
-        report = scored(there, said(there, flags)).report()
+        report = scored(there, estimated(there, flags)).report()
         assert (report["true"], report["flagged"], report["within_1_s"]) == (1, 0, 0.0)
         assert report["delay_s"] == {"mean": None, "max": None}
 
 
 def test_flag_before_the_crossing_has_zero_delay():
     there = truth(behind, 60)
-    report = scored(there, said(there, lambda k: [3] * (k >= 12))).report()
+    report = scored(there, estimated(there, lambda k: [3] * (k >= 12))).report()
     assert report["delay_s"] == {"mean": 0.0, "max": 0.0}
     assert report["false"] == 0  # it is less than 1 s early
 
@@ -171,9 +171,9 @@ def test_flag_before_the_crossing_has_zero_delay():
 def test_flag_refers_to_the_current_or_last_identity():
     there = truth(behind, 60)
     # 3 until 1.6 s, then nobody; or then 9.
-    lost = said(there, lambda k: [3] * (k >= 25), lambda k: (1, 2, 3 if k <= 16 else 0))
+    lost = estimated(there, lambda k: [3] * (k >= 25), lambda k: (1, 2, 3 if k <= 16 else 0))
     assert scored(there, lost).report()["flagged"] == 1
-    other = said(there, lambda k: [3] * (k >= 25), lambda k: (1, 2, 3 if k <= 16 else 9))
+    other = estimated(there, lambda k: [3] * (k >= 25), lambda k: (1, 2, 3 if k <= 16 else 9))
     assert scored(there, other).report()["flagged"] == 0
 
 
@@ -182,10 +182,10 @@ def test_episode_unseen_in_its_first_second_is_unseen():
         return (9, 9, 9 if k < 15 or k >= again else 0)
 
     late = truth(behind, 60, visible=lambda k: visible(k, 26))
-    report = scored(late, said(late, lambda k: [])).report()
+    report = scored(late, estimated(late, lambda k: [])).report()
     assert (report["true"], report["unseen"], report["within_1_s"]) == (0, 1, None)
     soon = truth(behind, 60, visible=lambda k: visible(k, 25))
-    report = scored(soon, said(soon, lambda k: [])).report()
+    report = scored(soon, estimated(soon, lambda k: [])).report()
     assert (report["true"], report["unseen"]) == (1, 0)
 
 
@@ -193,7 +193,7 @@ def test_episode_unseen_in_its_first_second_is_unseen():
 
 
 def false_flags(there: Truth, flags, ids=None) -> int:
-    return scored(there, said(there, flags, ids)).false
+    return scored(there, estimated(there, flags, ids)).false
 
 
 def test_flag_counts_once_when_raised():
@@ -259,11 +259,11 @@ def test_without_groups_or_identities_there_is_nothing_to_score():
     there = truth(behind, 60)
     untold = Truth(there.stamps_ns, there.positions, there.visible)
     assert episodes(untold, config=GROUPS) == []
-    assert scored(untold, said(untold, lambda k: [3])).report() == NOTHING
-    assert scored(there, said(there, lambda k: [], lambda k: (0, 0, 0))).report() == NOTHING
+    assert scored(untold, estimated(untold, lambda k: [3])).report() == NOTHING
+    assert scored(there, estimated(there, lambda k: [], lambda k: (0, 0, 0))).report() == NOTHING
     assert scored(there, []).report() == NOTHING
     nobody = truth(behind, 60, groups=lambda k: (0, 0, 0))
-    assert scored(nobody, said(nobody, lambda k: [])).report() == NOTHING
+    assert scored(nobody, estimated(nobody, lambda k: [])).report() == NOTHING
     empty = Truth.build([], [], None, [])
     assert scored(empty, []).report() == NOTHING
     assert StragglerScores().report() == NOTHING
@@ -272,7 +272,7 @@ def test_without_groups_or_identities_there_is_nothing_to_score():
 def test_frames_without_an_estimate_raise_no_flag():
     there = truth(lambda k: behind(0), 40)
     estimates = [
-        e for k, e in enumerate(said(there, lambda k: [3] * (k >= 10))) if not 15 <= k < 30
+        e for k, e in enumerate(estimated(there, lambda k: [3] * (k >= 10))) if not 15 <= k < 30
     ]
     report = scored(there, estimates).report()
     assert report["false"] == 1
@@ -295,7 +295,7 @@ def centres(there: Truth, largest) -> list[float]:
     """Errors of the group's centre, which is said to be at `largest(k)`."""
     estimates = [
         dataclasses.replace(one, centre=np.array(largest(k)), largest=np.array(largest(k)))
-        for k, one in enumerate(said(there, lambda k: ()))
+        for k, one in enumerate(estimated(there, lambda k: ()))
     ]
     frames = score_centres(there, score(there, estimates), estimates, config=GROUPS)
     return [round(frame.centre_error, 6) for frame in frames]

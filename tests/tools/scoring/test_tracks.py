@@ -43,7 +43,7 @@ def estimate(stamp_ms, tracks, velocities=None) -> Estimate:
     )
 
 
-def said(*rows) -> list[Estimate]:
+def estimated(*rows) -> list[Estimate]:
     """Tracks each 100 ms; None: no estimate."""
     return [estimate(100 * i, row) for i, row in enumerate(rows) if row is not None]
 
@@ -52,7 +52,7 @@ def scored(there: Truth, estimates: list[Estimate]) -> TrackScores:
     return score_tracks(there, score(there, estimates), estimates)
 
 
-def who(there: Truth, estimates: list[Estimate]) -> list[dict[int, int]]:
+def identities(there: Truth, estimates: list[Estimate]) -> list[dict[int, int]]:
     """By frame, the identity of each person who counts."""
     return [
         {int(person): int(f.ids[i]) for i, person in f.pairs[f.counted]}
@@ -69,7 +69,7 @@ def test_all_figures_of_one_recording_match_hand_computed_values():
     there = truth([(A, B)] * 5)
     # The first is followed by 1, lost, followed by 1 again. The second is followed by 2 with
     # 0.1 m, then by 3. 9 is nobody, twice.
-    estimates = said(
+    estimates = estimated(
         {1: (0, 0), 2: (2, 0.1)},
         {1: (0, 0), 2: (2, 0.1), 9: (5, 5)},
         {2: (2, 0.1), 9: (5, 5)},
@@ -100,8 +100,8 @@ def test_all_figures_of_one_recording_match_hand_computed_values():
 
 def test_identity_is_kept_within_the_distance_though_another_is_nearer():
     there = truth([(A,)] * 3)
-    estimates = said({1: (0.1, 0)}, {1: (0.4, 0), 2: (0.0, 0)}, {1: (0.401, 0), 2: (0.0, 0)})
-    assert who(there, estimates) == [{0: 1}, {0: 1}, {0: 2}]
+    estimates = estimated({1: (0.1, 0)}, {1: (0.4, 0), 2: (0.0, 0)}, {1: (0.401, 0), 2: (0.0, 0)})
+    assert identities(there, estimates) == [{0: 1}, {0: 1}, {0: 2}]
     scores = scored(there, estimates)
     assert scores.switches == 1
     assert scores.errors.tolist() == pytest.approx([0.1, 0.4, 0.0])
@@ -111,14 +111,14 @@ def test_identity_is_kept_within_the_distance_though_another_is_nearer():
 def test_kept_identity_may_leave_another_person_missed():
     # Optimal would be two pairs: 1 with the second and 2 with the first.
     there = truth([((0, 0), (3, 0)), ((0, 0), (0.6, 0))])
-    estimates = said({1: (0, 0)}, {1: (0.3, 0), 2: (-0.3, 0)})
+    estimates = estimated({1: (0, 0)}, {1: (0.3, 0), 2: (-0.3, 0)})
     assert len(score(there, estimates)[1].pairs) == 2
-    assert who(there, estimates) == [{0: 1}, {0: 1}]
+    assert identities(there, estimates) == [{0: 1}, {0: 1}]
 
 
 def test_exchanged_identities_are_two_switches():
     there = truth([(A, B)] * 4)
-    estimates = said({1: A, 2: B}, {1: A, 2: B}, {1: B, 2: A}, {1: B, 2: A})
+    estimates = estimated({1: A, 2: B}, {1: A, 2: B}, {1: B, 2: A}, {1: B, 2: A})
     scores = scored(there, estimates)
     assert (scores.switches, scores.fragments) == (2, 0)
     assert scores.report()["mota"] == pytest.approx(1 - 2 / 8)
@@ -128,32 +128,32 @@ def test_exchanged_identities_are_two_switches():
 @pytest.mark.parametrize(("after", "switches"), [(1, 0), (7, 1)])
 def test_gap_is_a_fragment_and_a_switch_only_if_the_identity_differs(after, switches):
     there = truth([(A,)] * 5)
-    scores = scored(there, said({1: A}, {}, None, {after: A}, {after: A}))
+    scores = scored(there, estimated({1: A}, {}, None, {after: A}, {after: A}))
     assert (scores.switches, scores.fragments) == (switches, 1)
     assert scores.report()["mota"] == pytest.approx(1 - (2 + switches) / 5)
 
 
 def test_late_start_or_final_loss_is_no_fragment():
     there = truth([(A, B)] * 4)
-    scores = scored(there, said({1: A}, {1: A}, {2: B}, {2: B}))
+    scores = scored(there, estimated({1: A}, {1: A}, {2: B}, {2: B}))
     assert (scores.switches, scores.fragments) == (0, 0)
-    assert (scored(there, said({}, {}, {9: (7, 7)}, {})).fragments) == 0
+    assert (scored(there, estimated({}, {}, {9: (7, 7)}, {})).fragments) == 0
 
 
 def test_returning_person_keeps_their_last_identity():
     there = truth([(A,), (NOBODY,), (NOBODY,), (A,)])
-    assert scored(there, said({1: A}, {}, {}, {1: A})).switches == 0
-    again = scored(there, said({1: A}, {}, {}, {2: A}))
+    assert scored(there, estimated({1: A}, {}, {}, {1: A})).switches == 0
+    again = scored(there, estimated({1: A}, {}, {}, {2: A}))
     assert (again.switches, again.fragments, again.true) == (1, 0, 2)
     # A track of somebody who has left is false.
-    assert scored(there, said({1: A}, {1: A}, {1: A}, {1: A})).report()["mota"] == 0.0
+    assert scored(there, estimated({1: A}, {1: A}, {1: A}, {1: A})).report()["mota"] == 0.0
 
 
 def test_identity_belongs_to_the_person_who_had_it_later():
     near = (0.3, 0.0)
     there = truth([(A, NOBODY), (NOBODY, near), (A, near), (A, near)])
-    estimates = said({1: A}, {1: near}, {1: (0.1, 0)}, {1: (0.1, 0), 2: A})
-    assert who(there, estimates) == [{0: 1}, {1: 1}, {1: 1}, {1: 1, 0: 2}]
+    estimates = estimated({1: A}, {1: near}, {1: (0.1, 0)}, {1: (0.1, 0), 2: A})
+    assert identities(there, estimates) == [{0: 1}, {1: 1}, {1: 1}, {1: 1, 0: 2}]
     assert scored(there, estimates).switches == 1
 
 
@@ -163,13 +163,13 @@ def test_identity_tracked_while_unseen_is_remembered():
         [(A, far), (far, near), (A, far), (A, near)], visible=[*[(1, 1)] * 2, (0, 1), (1, 1)]
     )
     # 1 is the first's, the second's, the first's unseen.
-    estimates = said({1: A}, {1: near}, {1: A}, {1: (0.1, 0)})
-    assert who(there, estimates) == [{0: 1}, {1: 1}, {}, {0: 1}]
+    estimates = estimated({1: A}, {1: near}, {1: A}, {1: (0.1, 0)})
+    assert identities(there, estimates) == [{0: 1}, {1: 1}, {}, {0: 1}]
 
 
 def test_people_match_within_another_distance():
     there = truth([(A,)] * 2)
-    estimates = said({1: (0.9, 0)}, {1: (0.9, 0)})
+    estimates = estimated({1: (0.9, 0)}, {1: (0.9, 0)})
     assert len(scored(there, estimates).errors) == 0
     frames = score(there, estimates, distance=1.0)
     wide = score_tracks(there, frames, estimates, distance=1.0)
@@ -188,7 +188,7 @@ def test_only_estimates_with_an_id_are_tracks():
     there = truth([(A, B)] * 2)
     estimates = [
         replace(e, ids=np.array(ids))
-        for e, ids in zip(said({1: A, 2: B}, {1: A, 2: B}), ([1, 0], [0, 0]), strict=True)
+        for e, ids in zip(estimated({1: A, 2: B}, {1: A, 2: B}), ([1, 0], [0, 0]), strict=True)
     ]
     scores = scored(there, estimates)
     assert (scores.true, scores.found, len(scores.errors)) == (4, 1, 1)
@@ -197,12 +197,12 @@ def test_only_estimates_with_an_id_are_tracks():
 
 def test_without_identities_scores_are_undefined():
     there = truth([(A,)] * 2)
-    estimates = [replace(e, ids=np.zeros(1, dtype=np.int64)) for e in said({1: A}, {1: A})]
-    for nothing in (scored(there, estimates), TrackScores(), scored(truth([]), said({1: A}))):
+    estimates = [replace(e, ids=np.zeros(1, dtype=np.int64)) for e in estimated({1: A}, {1: A})]
+    for nothing in (scored(there, estimates), TrackScores(), scored(truth([]), estimated({1: A}))):
         report = nothing.report()
         assert report.pop("velocity_error_mps") == {"mean": None, "p95": None}
         assert set(report.values()) == {None}
-    nobody = scored(truth([(NOBODY,)]), said({1: A})).report()
+    nobody = scored(truth([(NOBODY,)]), estimated({1: A})).report()
     assert (nobody["mota"], nobody["idf1"], nobody["id_switches"]) == (None, 0.0, 0)
 
 
@@ -211,8 +211,8 @@ def test_without_identities_scores_are_undefined():
 
 def test_unseen_people_have_no_frame_and_their_estimates_are_ignored():
     there = truth([(A, B)] * 4, visible=[(1, 1), (1, 0), (1, 0), (1, 1)])
-    kept = scored(there, said(*[{1: A, 2: B}] * 4))
-    lost = scored(there, said({1: A, 2: B}, {1: A}, {1: A}, {1: A, 2: B}))
+    kept = scored(there, estimated(*[{1: A, 2: B}] * 4))
+    lost = scored(there, estimated({1: A, 2: B}, {1: A}, {1: A}, {1: A, 2: B}))
     for scores in (kept, lost):
         assert (scores.true, scores.found, len(scores.errors)) == (6, 6, 6)
         assert (scores.switches, scores.fragments, scores.idtp) == (0, 0, 6)
@@ -224,18 +224,18 @@ def test_unseen_people_have_no_frame_and_their_estimates_are_ignored():
 def test_new_identity_after_an_unseen_gap_is_one_switch():
     there = truth([(A,)] * 4, visible=[(1,), (0,), (0,), (1,)])
     for hidden in ({1: A}, {}, {2: A}):
-        scores = scored(there, said({1: A}, hidden, hidden, {2: A}))
+        scores = scored(there, estimated({1: A}, hidden, hidden, {2: A}))
         assert (scores.switches, scores.true, scores.found) == (1, 2, 2)
     # What fits them while they are not visible is not theirs: 1 was.
-    assert scored(there, said({1: A}, {2: A}, {2: A}, {1: A})).switches == 0
+    assert scored(there, estimated({1: A}, {2: A}, {2: A}, {1: A})).switches == 0
 
 
 def test_identity_of_an_unseen_person_is_not_given_to_a_neighbour():
     near = (0.3, 0.0)
     there = truth([(A, near)] * 3, visible=[(1, 1), (0, 1), (1, 1)])
     # The neighbour's own track is missing for a frame; the other is nearer to the neighbour.
-    estimates = said({1: A, 2: near}, {1: (0.2, 0)}, {1: A, 2: near})
-    assert who(there, estimates) == [{0: 1, 1: 2}, {}, {0: 1, 1: 2}]
+    estimates = estimated({1: A, 2: near}, {1: (0.2, 0)}, {1: A, 2: near})
+    assert identities(there, estimates) == [{0: 1, 1: 2}, {}, {0: 1, 1: 2}]
     scores = scored(there, estimates)
     assert (scores.switches, scores.fragments) == (0, 1)
     assert scores.report()["mota"] == pytest.approx(1 - 1 / 5)
@@ -243,13 +243,13 @@ def test_identity_of_an_unseen_person_is_not_given_to_a_neighbour():
 
 def test_free_identity_is_given_to_required_people_first():
     there = truth([(A, (0.3, 0.0))], visible=[(1, 0)])
-    scores = scored(there, said({1: (0.25, 0)}))
+    scores = scored(there, estimated({1: (0.25, 0)}))
     assert (scores.true, scores.found, len(scores.errors)) == (1, 1, 1)
 
 
 def test_track_that_leaves_an_unseen_person_is_false():
     there = truth([(A,)] * 2, visible=[(1,), (0,)])
-    assert scored(there, said({1: A}, {1: (0.5, 0)})).report()["mota"] == 0.0
+    assert scored(there, estimated({1: A}, {1: (0.5, 0)})).report()["mota"] == 0.0
 
 
 # --------------------------------------------------------------------------- identities overall
@@ -257,7 +257,7 @@ def test_track_that_leaves_an_unseen_person_is_false():
 
 def test_idf1_assigns_one_identity_per_person_and_recording():
     there = truth([(A,)] * 10)
-    scores = scored(there, said(*[{1: A}] * 6, *[{2: A}] * 4))
+    scores = scored(there, estimated(*[{1: A}] * 6, *[{2: A}] * 4))
     report = scores.report()
     assert scores.idtp == 6
     assert (report["idp"], report["idr"], report["idf1"]) == (0.6, 0.6, 0.6)
@@ -267,7 +267,7 @@ def test_idf1_assigns_one_identity_per_person_and_recording():
 def test_idf1_assigns_each_identity_to_one_person():
     # 1 follows the first for 3 frames, then the second for 4; 2 follows nobody else.
     there = truth([(A, B)] * 7)
-    scores = scored(there, said(*[{1: A}] * 3, *[{1: B, 2: A}] * 4))
+    scores = scored(there, estimated(*[{1: A}] * 3, *[{1: B, 2: A}] * 4))
     assert scores.idtp == 8  # 1 is the second's, 2 the first's
     assert scores.report()["idf1"] == pytest.approx(16 / (14 + 11))
 
@@ -275,7 +275,7 @@ def test_idf1_assigns_each_identity_to_one_person():
 def test_frames_of_unseen_people_count_for_no_identity():
     # The neighbour is never seen: of the two that were the first's, none is theirs.
     there = truth([(A, (0.3, 0.0))] * 2, visible=[(1, 0)] * 2)
-    assert scored(there, said({1: (0.15, 0)}, {2: (0.15, 0)})).idtp == 1
+    assert scored(there, estimated({1: (0.15, 0)}, {2: (0.15, 0)})).idtp == 1
 
 
 @pytest.mark.parametrize(
@@ -283,14 +283,16 @@ def test_frames_of_unseen_people_count_for_no_identity():
 )
 def test_mostly_tracked_and_mostly_lost_match_hand_computed_values(frames, tracked, lost):
     there = truth([(A, NOBODY)] * 10)  # who is never there is no person
-    report = scored(there, said(*[{1: A}] * frames, *[{}] * (10 - frames))).report()
+    report = scored(there, estimated(*[{1: A}] * frames, *[{}] * (10 - frames))).report()
     assert (report["mostly_tracked"], report["mostly_lost"]) == (tracked, lost)
 
 
 def test_recordings_are_pooled_by_their_counts():
     there = truth([(A,)] * 4)
-    one = scored(there, said(*[{1: A}] * 4))
-    other = scored(truth([(A, B)] * 4), said({1: A, 2: B}, {1: A, 2: B}, {3: A}, {3: (0, 0.3)}))
+    one = scored(there, estimated(*[{1: A}] * 4))
+    other = scored(
+        truth([(A, B)] * 4), estimated({1: A, 2: B}, {1: A, 2: B}, {3: A}, {3: (0, 0.3)})
+    )
     total = one + other
     report = total.report()
     assert report["mota"] == pytest.approx(1 - (2 + 1) / 12)  # not the mean of 1 and 0.625
@@ -301,7 +303,7 @@ def test_recordings_are_pooled_by_their_counts():
     assert report["mostly_tracked"] == pytest.approx(2 / 3)
     assert total.people == 3
     # A recording in which nobody is followed counts.
-    blind = scored(there, said({}, {}, {}, {}))
+    blind = scored(there, estimated({}, {}, {}, {}))
     assert blind.report()["mota"] is None
     assert (one + blind).report()["mota"] == 0.5
     assert (one + TrackScores()).report() == one.report()
@@ -411,7 +413,7 @@ walks = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 def test_truth_itself_has_the_perfect_score(rng):
     places = np.cumsum(rng.normal(0, 0.1, (12, 4, 2)), axis=0) + [(0, 0), (9, 0), (0, 9), (9, 9)]
     there = truth([row.tolist() for row in places])
-    estimates = said(*[dict(zip((5, 3, 8, 2), row.tolist(), strict=True)) for row in places])
+    estimates = estimated(*[dict(zip((5, 3, 8, 2), row.tolist(), strict=True)) for row in places])
     moving = [
         replace(
             e,
@@ -438,7 +440,7 @@ def test_neither_names_nor_order_matter(rng):
     mixed = truth([row[order].tolist() for row in places], seen[:, order])
 
     def tracks(names, order):
-        return said(*[{int(names[i]): tuple(row[i]) for i in order} for row in found])
+        return estimated(*[{int(names[i]): tuple(row[i]) for i in order} for row in found])
 
     one = scored(there, tracks(np.arange(1, people + 1), range(people)))
     other = scored(mixed, tracks(names, rng.permutation(people)))
