@@ -6,18 +6,40 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mrs_people_loc.bodies import detector as bodies
+from mrs_people_loc.bodies.joining import JOINING_TUNING, JoiningTuning
 from mrs_people_loc.cells import detector as cells
+from mrs_people_loc.cells.splitting import SPLITTING_TUNING, SplittingTuning
 from mrs_people_loc.clusters import Clusters
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
-from mrs_people_loc.following.groups import Groups
-from mrs_people_loc.following.tracks import Tracker
+from mrs_people_loc.following.groups import GROUPS_TUNING, Groups, GroupsTuning
+from mrs_people_loc.following.tracks import TRACKS_TUNING, Tracker, TracksTuning
 from mrs_people_loc.people import NOBODY, Group, Person, combine, gather
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import ShortTermMap, allow_for_walking, fuse, place_bodies
-from mrs_people_loc.team.masking import OccupancyGrid, Walls, mask
+from mrs_people_loc.team.masking import (
+    MASKING_TUNING,
+    MaskingTuning,
+    OccupancyGrid,
+    Walls,
+    mask,
+)
 from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
+
+
+@dataclass(frozen=True)
+class PlannerTuning:
+    """Constants of the planner's stages, beside the configuration."""
+
+    masking: MaskingTuning = MASKING_TUNING
+    joining: JoiningTuning = JOINING_TUNING
+    splitting: SplittingTuning = SPLITTING_TUNING
+    tracks: TracksTuning = TRACKS_TUNING
+    groups: GroupsTuning = GROUPS_TUNING
+
+
+PLANNER_TUNING = PlannerTuning()
 
 
 @dataclass(frozen=True)
@@ -58,17 +80,20 @@ class Planner:
 
     Args:
         config: Its configuration; may be replaced at any time.
+        tuning: Its constants.
 
     Attributes:
         config: Likewise.
+        tuning: Its constants.
         tracker: Follows people.
         groups: Follows their groups.
     """
 
-    def __init__(self, config: PlannerConfig) -> None:
+    def __init__(self, config: PlannerConfig, tuning: PlannerTuning = PLANNER_TUNING) -> None:
         self.config = config
-        self.tracker = Tracker(config.tracking)
-        self.groups = Groups(config.groups)
+        self.tuning = tuning
+        self.tracker = Tracker(config.tracking, tuning.tracks)
+        self.groups = Groups(config.groups, tuning.groups)
         self._walls: Walls | None = None
 
     def begin_anew(self) -> None:
@@ -82,8 +107,11 @@ class Planner:
         Args:
             grid: In the common frame; None: there is no map.
         """
+        if grid is None:
+            self._walls = None
+            return
         occupied_from = self.config.masking.occupied_from
-        self._walls = None if grid is None else Walls(grid, occupied_from=occupied_from)
+        self._walls = Walls(grid, occupied_from=occupied_from, tuning=self.tuning.masking)
 
     def step(self, scans: Sequence[Scan], poses: Mapping[str, Pose], time_ns: int) -> People:
         """The people of one interval.
@@ -100,19 +128,21 @@ class Planner:
             PoseError: A robot has no pose.
         """
         scans = _by_robot(scans, poses)
-        config, times = self.config, StageTimes()
+        config, tuning, times = self.config, self.tuning, StageTimes()
         self.tracker.config, self.groups.config = config.tracking, config.groups
         expected = self.tracker.expect(time_ns) if config.tracking.enabled else NOBODY
         placed = allow_for_walking(scans, poses, time_ns, config.interval.walking_speed)
         fused = fuse(scans, placed)
         times.mark("fusion")
         seen = place_bodies(fused, placed, line_of_sight=config.joining.line_of_sight)
-        masked = mask(fused, seen, poses, self._walls, config.masking)
+        masked = mask(fused, seen, poses, self._walls, config.masking, tuning=tuning.masking)
         times.mark("masking")
         # The default method detects in bodies, the paper's in cells that belong to no body.
-        of_bodies = bodies.detect(fused, seen, masked, self._walls, expected, config)
+        of_bodies = bodies.detect(
+            fused, seen, masked, self._walls, expected, config, tuning.joining
+        )
         times.mark("joining")
-        of_cells = cells.detect(fused, masked, placed, expected, config)
+        of_cells = cells.detect(fused, masked, placed, expected, config, tuning.splitting)
         found = combine(of_cells, of_bodies, min_distance=config.joining.apart)
         times.mark("clustering")
         persons, groups, events = self._follow(found.persons, time_ns, times)

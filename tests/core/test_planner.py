@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -5,14 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mrs_people_loc.bodies.joining import JoiningTuning
+from mrs_people_loc.cells.splitting import SplittingTuning
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
+from mrs_people_loc.following.groups import GroupsTuning
+from mrs_people_loc.following.tracks import TracksTuning
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.planner import People, Planner
-from mrs_people_loc.scan import Cells, Scan
+from mrs_people_loc.planner import People, Planner, PlannerTuning
+from mrs_people_loc.scan import BODY_DTYPE, Cells, Scan
+from mrs_people_loc.team.masking import MaskingTuning
 from mrs_people_loc.team.poses import Pose
 
 PI = math.pi
+STRIDE = [0.1 * k for k in range(-2, 3)]
 BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]  # 0.3 x 0.1 m
 
 # People on the map, and the robots: a looks back at them, b and c follow.
@@ -186,3 +193,40 @@ def test_older_scans_have_larger_covariances(scene):
     first, second = (still.step(scans, POSES, 500_000_000) for scans in (both, now))
     np.testing.assert_array_equal(first.persons[0].covariance, second.persons[0].covariance)
     assert first.poses == {name: POSES[name] for name in ("robot_a", "robot_b")}
+
+
+def tuned(scan: Scan, **tuning) -> People:
+    """One interval without memory, of a planner with these constants."""
+    config = PlannerConfig.from_mapping({"tracking.enabled": False})
+    poses = {"robot_a": Pose(0, 0.0, 0.0, 0.0), "robot_b": Pose(0, 3.0, 0.0, 0.0)}
+    return Planner(config, PlannerTuning(**tuning)).step([scan], poses, 0)
+
+
+def test_constants_of_splitting_reach_it(make_cells):
+    pair = [(3.0 + dx, y + dy) for y in (1.0, 1.5) for dx in (0.0, 0.05) for dy in STRIDE]
+    scan = Scan("robot_a", 0, make_cells(pair))
+    people = tuned(scan)
+    assert (len(people.persons), people.too_wide) == (2, 0)
+    people = tuned(scan, splitting=SplittingTuning(most_people=1))
+    assert people.too_wide == 1
+
+
+def test_constants_of_masking_and_joining_reach_them(make_cells):
+    # A body 0.4 m from the other robot, with a range that is as uncertain as that.
+    cell = make_cells([(3.4, 0.0)])
+    body = {"body": 1, "score": 1.0, "sigma_range": 0.3, "sigma_across": 0.05}
+    given = {name: np.array([v], dtype=BODY_DTYPE[name]) for name, v in body.items()}
+    scan = Scan("robot_a", 0, dataclasses.replace(cell, **given))
+    assert not tuned(scan).persons
+    (person,) = tuned(scan, masking=MaskingTuning(gate=0.1)).persons
+    assert person.score == 1.0
+    joining = JoiningTuning(min_score=2.0)
+    (person,) = tuned(scan, masking=MaskingTuning(gate=0.1), joining=joining).persons
+    assert person.score == 2.0
+
+
+def test_constants_of_tracks_and_groups_reach_them():
+    tuning = PlannerTuning(tracks=TracksTuning(max_score=1.0), groups=GroupsTuning(max_step_s=9.0))
+    planner = Planner(PlannerConfig(), tuning)
+    assert planner.tracker.tuning is tuning.tracks
+    assert planner.groups.tuning is tuning.groups

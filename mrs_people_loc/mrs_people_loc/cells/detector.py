@@ -11,7 +11,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Int
 from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human, locate
-from mrs_people_loc.cells.splitting import split, split_at
+from mrs_people_loc.cells.splitting import SPLITTING_TUNING, SplittingTuning, split, split_at
 from mrs_people_loc.clusters import Clusters, measure
 from mrs_people_loc.people import Detections, Expected
 from mrs_people_loc.team.fusion import ShortTermMap
@@ -25,6 +25,7 @@ def detect(
     poses: Mapping[str, Pose],
     expected: Expected,
     config: cfg.PlannerConfig,
+    tuning: SplittingTuning = SPLITTING_TUNING,
 ) -> Detections:
     """People among the cells of a map that belong to no body.
 
@@ -39,13 +40,14 @@ def detect(
         poses: By robot, the pose that its cells were placed with.
         expected: Where people are expected.
         config: Parameters.
+        tuning: Constants of splitting.
 
     Returns:
         Clusters of all cells that belong to no body; those of robots and walls come last.
     """
     if not len(known.plain):
         return Detections.nothing(fused)
-    label, count, too_wide = _segment(fused, known, poses, expected, config)
+    label, count, too_wide = _segment(fused, known, poses, expected, config, tuning)
     clusters = measure(fused, label, known.plain)
 
     human, certain = _are_people(clusters, expected, config)
@@ -63,6 +65,7 @@ def _segment(
     poses: Mapping[str, Pose],
     expected: Expected,
     config: cfg.PlannerConfig,
+    tuning: SplittingTuning,
 ) -> tuple[Int, int, int]:
     """Clusters of the cells that belong to no body, those of several people split.
 
@@ -74,7 +77,7 @@ def _segment(
     xy, distance = fused.xy[known.plain], config.clustering.distance
     possible = known.plain[~known.cells]
     pieces = cluster(xy[~known.cells], distance=distance)
-    pieces = split_at(expected.xy, fused, possible, pieces, config.human)
+    pieces = split_at(expected.xy, fused, possible, pieces, config.human, tuning=tuning)
     pieces, too_wide = split(
         fused,
         possible,
@@ -83,6 +86,7 @@ def _segment(
         config.splitting,
         config.human,
         cell_range_sigma=config.masking.cell_range_sigma,
+        tuning=tuning,
     )
     count = int(pieces.max(initial=-1)) + 1
     label = np.empty(len(known.plain), dtype=np.intp)

@@ -43,7 +43,7 @@ class SplittingTuning:
     least_apart: float = CLOSEST
 
 
-_TUNING = SplittingTuning()
+SPLITTING_TUNING = SplittingTuning()
 
 
 def split(
@@ -55,7 +55,7 @@ def split(
     human: cfg.Human,
     *,
     cell_range_sigma: float = cfg.Masking.cell_range_sigma,
-    tuning: SplittingTuning = _TUNING,
+    tuning: SplittingTuning = SPLITTING_TUNING,
 ) -> tuple[Int, int]:
     """Cuts clusters that are wider than a body into parts that are not.
 
@@ -105,7 +105,7 @@ def split_at(
     label: Int,
     human: cfg.Human,
     *,
-    tuning: SplittingTuning = _TUNING,
+    tuning: SplittingTuning = SPLITTING_TUNING,
 ) -> Int:
     """Cuts clusters in which several people are expected: each cell goes to the nearest of them.
 

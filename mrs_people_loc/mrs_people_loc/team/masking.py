@@ -55,7 +55,7 @@ class MaskingTuning:
     beside: float = 0.6
 
 
-_TUNING = MaskingTuning()
+MASKING_TUNING = MaskingTuning()
 
 
 # ----------------------------------------------------------------------------------- robots ----
@@ -70,7 +70,7 @@ def are_robots(
     *,
     radius: float,
     score: Float | None = None,
-    tuning: MaskingTuning = _TUNING,
+    tuning: MaskingTuning = MASKING_TUNING,
 ) -> Bool:
     """What stands where another robot of the team stands, shape (n,).
 
@@ -119,7 +119,7 @@ def bodies_of_robots(
     poses: Mapping[str, Pose],
     config: cfg.Masking,
     *,
-    tuning: MaskingTuning = _TUNING,
+    tuning: MaskingTuning = MASKING_TUNING,
 ) -> Bool:
     """Which bodies are robots of the team, shape (n,).
 
@@ -227,7 +227,7 @@ class Walls:
     """
 
     def __init__(
-        self, grid: OccupancyGrid, *, occupied_from: int, tuning: MaskingTuning = _TUNING
+        self, grid: OccupancyGrid, *, occupied_from: int, tuning: MaskingTuning = MASKING_TUNING
     ) -> None:
         self._grid = grid
         self._occupied_from = occupied_from
@@ -360,7 +360,7 @@ def are_masked(
     walls: Walls | None,
     config: cfg.Masking,
     *,
-    tuning: MaskingTuning = _TUNING,
+    tuning: MaskingTuning = MASKING_TUNING,
 ) -> Bool:
     """Which plain cells are of robots, walls or furniture, shape (n,).
 
@@ -425,7 +425,7 @@ def mask(
     walls: Walls | None,
     config: cfg.Masking,
     *,
-    tuning: MaskingTuning = _TUNING,
+    tuning: MaskingTuning = MASKING_TUNING,
 ) -> Known:
     """Finds the team's robots, walls and furniture on a map.
 

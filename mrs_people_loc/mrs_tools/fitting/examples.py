@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
-from mrs_people_loc.bodies.finder import BodyFinder, View
+from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, View
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
@@ -69,10 +69,13 @@ class Examples(StructOfArrays):
 class _Looker:
     """A robot's pipeline up to the evidence; keeps what it saw."""
 
-    def __init__(self, robot: str, camera: StereoCamera, config: RobotConfig) -> None:
+    def __init__(
+        self, robot: str, camera: StereoCamera, config: RobotConfig, tuning: BodyTuning
+    ) -> None:
         self.robot, self.camera = robot, camera
         self._match = StereoMatcher(camera, config.disparity)
-        self._find = BodyFinder(camera, config.bodies, min_range=config.disparity.min_range)
+        min_range = config.disparity.min_range
+        self._find = BodyFinder(camera, config.bodies, min_range=min_range, tuning=tuning)
         self.views: list[tuple[int, View]] = []
 
     def stages(self, images: StereoImages) -> ScanStages:
@@ -83,7 +86,12 @@ class _Looker:
 
 
 def examples_of(
-    path: Path, number: int, *, configs: Sequence[Path] = (), views: int = 8
+    path: Path,
+    number: int,
+    *,
+    configs: Sequence[Path] = (),
+    views: int = 8,
+    tuning: BodyTuning = BODY_TUNING,
 ) -> Examples:
     """The examples of a bag.
 
@@ -92,6 +100,7 @@ def examples_of(
         number: What `Examples.bag` shall say.
         configs: Parameter files of the team.
         views: So many of each robot's views at most, evenly spread: neighbours are alike.
+        tuning: Constants of the search, patches and votes.
 
     Raises:
         PeopleLocError: The bag cannot be used.
@@ -99,7 +108,7 @@ def examples_of(
     lookers: list[_Looker] = []
 
     def make(robot: str, camera: StereoCamera, config: RobotConfig) -> _Looker:
-        lookers.append(_Looker(robot, camera, config))
+        lookers.append(_Looker(robot, camera, config, tuning))
         return lookers[-1]
 
     run = BagRun(path, configs, pipeline=make)

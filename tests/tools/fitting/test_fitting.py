@@ -23,9 +23,9 @@ pytest.importorskip("scipy", reason="fitting needs scipy")
 
 from typer.testing import CliRunner
 
-from mrs_people_loc.bodies.finder import View
+from mrs_people_loc.bodies.finder import BodyTuning, View
 from mrs_people_loc.bodies.patches import PatchSampler
-from mrs_people_loc.bodies.search import Candidates
+from mrs_people_loc.bodies.search import Candidates, SearchTuning
 from mrs_tools.cli import app
 from mrs_tools.fitting import examples as examples_module
 from mrs_tools.fitting import regression, validation
@@ -270,6 +270,8 @@ def test_examples_of_a_bag_are_labelled(bag: Path) -> None:
     assert np.isfinite(got.even).all()
     fewer = examples_of(bag, 4, views=1)
     assert 0 < len(fewer) < len(got)
+    one_a_view = examples_of(bag, 4, tuning=BodyTuning(search=SearchTuning(apart=9.0)))
+    assert 0 < len(one_a_view) < len(got)
 
 
 def test_true_poses_are_required() -> None:
