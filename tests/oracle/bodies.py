@@ -6,11 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mrs_people_loc.config import Bodies as Config
 from mrs_people_loc.sensing.camera import StereoCamera
+from oracle.arrays import Float
 from oracle.evidence import fitted
 from oracle.head import lens_of, scale_of
 from oracle.numbers import (
@@ -30,8 +28,6 @@ from oracle.numbers import (
     TOP_SHARE,
     ZONE_ROWS,
 )
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

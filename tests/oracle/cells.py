@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import RobotConfig
+from oracle.arrays import Float32
 from oracle.numbers import COLUMN_BIN_M, COLUMN_BINS
 
-Float32 = NDArray[np.float32]
 Point = tuple[np.float32, np.float32, np.float32]
 
 

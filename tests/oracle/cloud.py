@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import Disparity
 from mrs_people_loc.sensing.camera import StereoCamera
+from oracle.arrays import Float32
 from oracle.head import axes_of, lens_of, scale_of
-
-Float32 = NDArray[np.float32]
 
 
 def cloud_of(disparity: Float32, camera: StereoCamera, config: Disparity) -> list[list[float]]:

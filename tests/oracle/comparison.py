@@ -27,7 +27,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.bodies.finder import BodyFinder, View
 from mrs_people_loc.bodies.patches import Patches
@@ -45,6 +44,7 @@ from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.timing import StageTimes
 from mrs_tools.bench.differs import TOLERANCE, DiffersError, near, same
+from oracle.arrays import Float, Float32
 from oracle.bodies import Body, BodyCell, Candidate, bodies_of, cells_of, points_of
 from oracle.cells import Cell, noise_of, zones_of
 from oracle.cells import cells_of as plain_cells_of
@@ -61,9 +61,6 @@ from oracle.people import group_of, people_on
 from oracle.search import Bins, cross_out, extents_of, histogram_of
 from oracle.tracks import filtered
 from oracle.votes import STEPS, smoothed, vote_of
-
-Float = NDArray[np.float64]
-Float32 = NDArray[np.float32]
 
 #: float32 has 24 bits: 5 m to half a micrometre, and some roundings on the way.
 _CLOUD_M = 1e-5

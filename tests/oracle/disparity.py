@@ -7,14 +7,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import Disparity
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray, StereoImages
+from oracle.arrays import Float32
 from oracle.head import scale_of, vertical_scale_of
-
-Float32 = NDArray[np.float32]
 
 
 def disparity_of(images: StereoImages, camera: StereoCamera, config: Disparity) -> Float32:

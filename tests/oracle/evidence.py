@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oracle.arrays import Float
 from oracle.numbers import (
     ACROSS,
     BANDS,
@@ -28,8 +29,6 @@ from oracle.numbers import (
     UPPER_M,
     WIDE,
 )
-
-Float = NDArray[np.float64]
 
 #: Borders of bands and stripes lie so much lower: samples are float32 [m].
 _MARGIN_M = 1e-4

@@ -7,15 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import Joining
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.poses import Pose
+from oracle.arrays import Float
 from oracle.numbers import LARGEST_SIGMA_M, LEAST_SIGMA_M
 
-Float = NDArray[np.float64]
 XY = tuple[float, float]
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.sensing.camera import StereoCamera
-
-Float = NDArray[np.float64]
+from oracle.arrays import Float
 
 
 def axes_of(camera: StereoCamera) -> Float:

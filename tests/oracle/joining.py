@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import Joining
+from oracle.arrays import Float
 from oracle.fusion import Seen
 from oracle.numbers import LEAST_SCORE, MOST_IN_SQUARE, SQUARE_M
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

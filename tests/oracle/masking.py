@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import Masking
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose
+from oracle.arrays import Float
 from oracle.fusion import covariance_seen
 from oracle.numbers import (
     BESIDE_M,
@@ -24,8 +24,6 @@ from oracle.numbers import (
     TINY_SHARE,
     WALL_REACH_M,
 )
-
-Float = NDArray[np.float64]
 
 
 def is_robot(

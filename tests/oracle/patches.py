@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.sensing.camera import StereoCamera
+from oracle.arrays import Float, Float32
 from oracle.head import axes_of, lens_of, scale_of
 from oracle.numbers import (
     ACROSS,
@@ -22,9 +23,6 @@ from oracle.numbers import (
     WIDE,
 )
 from oracle.search import tolerance_px
-
-Float = NDArray[np.float64]
-Float32 = NDArray[np.float32]
 
 #: Samples nearer to the plane of the lens than this are not looked at [m].
 LEAST_DEPTH_M = 0.2

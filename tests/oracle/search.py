@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.sensing.camera import StereoCamera
+from oracle.arrays import Float, Float32
 from oracle.head import axes_of, lens_of, scale_of
 from oracle.numbers import (
     BODY_DEPTH_M,
@@ -22,9 +22,6 @@ from oracle.numbers import (
     SEARCH_BIN_PX,
     SEARCH_SHARE,
 )
-
-Float = NDArray[np.float64]
-Float32 = NDArray[np.float32]
 
 
 def tolerance_px(inverse_range: float, scale: float) -> float:

@@ -7,14 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import Human, Splitting
 from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.poses import Pose
+from oracle.arrays import Float
 from oracle.numbers import MOST_PARTS, ROUNDS
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mrs_people_loc.config import Tracking
-
-Float = NDArray[np.float64]
+from oracle.arrays import Float
 
 
 def filtered(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.sensing.images import Gray
+from oracle.arrays import Float
 from oracle.numbers import (
     BEHIND_PX,
     BLUR_PX,
@@ -25,8 +26,6 @@ from oracle.numbers import (
     RIDGE,
     TRUNK,
 )
-
-Float = NDArray[np.float64]
 
 #: OpenCV before 5 looks between pixels in so many steps; 0: as exactly as float32 goes.
 STEPS = 32 if int(cv2.__version__.partition(".")[0]) < 5 else 0
