@@ -28,7 +28,7 @@ from dataclasses import asdict, fields
 
 import numpy as np
 
-from mrs_people_loc.bodies.finder import BodyFinder, View
+from mrs_people_loc.bodies.finder import BodyFinder, CandidateEvidence
 from mrs_people_loc.bodies.patches import Patches
 from mrs_people_loc.bodies.scanner import BodyStages
 from mrs_people_loc.bodies.search import BodySearch, Candidates
@@ -189,7 +189,9 @@ def _bin_of(what: str, bins: Bins, bearing: float, inverse: float) -> tuple[int,
     return row, column
 
 
-def check_centring(name: str, view: View, disparity: Float32, camera: StereoCamera) -> None:
+def check_centring(
+    name: str, view: CandidateEvidence, disparity: Float32, camera: StereoCamera
+) -> None:
     """Compares where patches end up that stand at candidates.
 
     Raises:
@@ -233,7 +235,9 @@ def _from_border(place: Float) -> Float:
     return np.abs(np.remainder(place, 1.0) - 0.5)
 
 
-def check_votes(name: str, view: View, images: StereoImages, camera: StereoCamera) -> None:
+def check_votes(
+    name: str, view: CandidateEvidence, images: StereoImages, camera: StereoCamera
+) -> None:
     """Compares votes with those of the patches' samples, one body at a time.
 
     Raises:
@@ -251,7 +255,7 @@ def check_votes(name: str, view: View, images: StereoImages, camera: StereoCamer
         near(f"{name}: vote.contrast", view.vote.contrast[k], wanted.contrast, _CONTRAST)
 
 
-def check_evidence(name: str, view: View, camera: StereoCamera) -> None:
+def check_evidence(name: str, view: CandidateEvidence, camera: StereoCamera) -> None:
     """Compares evidence with what patches and votes say, one body at a time.
 
     Raises:
@@ -268,7 +272,7 @@ def check_evidence(name: str, view: View, camera: StereoCamera) -> None:
             near(f"{name}: evidence.{field}", getattr(view.evidence, field)[k], values, _FLOAT32)
 
 
-def _candidates_of(view: View) -> list[Candidate]:
+def _candidates_of(view: CandidateEvidence) -> list[Candidate]:
     patches, vote, evidence = view.patches, view.vote, view.evidence
     return [
         Candidate(

@@ -94,7 +94,7 @@ BODY_TUNING = BodyTuning()
 
 
 @dataclass(frozen=True)
-class View:
+class CandidateEvidence:
     """The candidates of a view and the evidence for them.
 
     Attributes:
@@ -199,7 +199,9 @@ class BodyFinder:
         times.mark("judge")
         return found
 
-    def look(self, disparity: Float32, images: StereoImages, times: StageTimes) -> View:
+    def look(
+        self, disparity: Float32, images: StereoImages, times: StageTimes
+    ) -> CandidateEvidence:
         """Candidates and the evidence for them; arguments as those of a call."""
         config, camera = self.config, self.camera
         candidates = self._search(
@@ -222,9 +224,9 @@ class BodyFinder:
             patches, candidates.extent, vote, depth_disparity=camera.depth_disparity
         )
         times.mark("evidence")
-        return View(candidates, patches, vote, evidence)
+        return CandidateEvidence(candidates, patches, vote, evidence)
 
-    def judge(self, view: View) -> Bodies:
+    def judge(self, view: CandidateEvidence) -> Bodies:
         """The candidates that may be people, at their axes, by the model."""
         config, tuning, evidence = self.config, self.tuning.finder, view.evidence
         model = self._model or body_model.fitted()

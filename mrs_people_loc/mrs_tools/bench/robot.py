@@ -23,7 +23,7 @@ PAIR_OF_THREE = "pair of three"
 
 
 @dataclass(frozen=True)
-class Head:
+class TimedHead:
     """One robot's pipeline, and what to run it on."""
 
     pipeline: RobotPipeline
@@ -32,7 +32,7 @@ class Head:
 
 def heads_of(
     views: Iterable[RobotView], robots: Mapping[str, RobotConfig]
-) -> dict[str, list[Head]]:
+) -> dict[str, list[TimedHead]]:
     """The heads of a bag's views, by kind: `binocular`, `trinocular`, `pair of three`.
 
     The last is a trinocular head without its third camera: in the paper's formation it leads, and
@@ -43,20 +43,20 @@ def heads_of(
     for view in views:
         images[view.robot].append(view.images)
         cameras[view.robot] = view.camera
-    heads: dict[str, list[Head]] = {}
+    heads: dict[str, list[TimedHead]] = {}
     for robot, camera in cameras.items():
         kind = "trinocular" if camera.vertical_baseline else "binocular"
         pipeline = RobotPipeline(robot, camera, robots[robot])
-        heads.setdefault(kind, []).append(Head(pipeline, images[robot]))
+        heads.setdefault(kind, []).append(TimedHead(pipeline, images[robot]))
         if camera.vertical_baseline:
             pair = replace(camera, vertical_baseline=0.0, vertical_offset_px=0.0)
             pipeline = RobotPipeline(robot, pair, robots[robot])
-            heads.setdefault(PAIR_OF_THREE, []).append(Head(pipeline, images[robot]))
+            heads.setdefault(PAIR_OF_THREE, []).append(TimedHead(pipeline, images[robot]))
     return heads
 
 
 def time_robot(
-    heads: Mapping[str, Mapping[str, Sequence[Head]]], frames: int
+    heads: Mapping[str, Mapping[str, Sequence[TimedHead]]], frames: int
 ) -> dict[str, dict[str, Any]]:
     """Times the robots' pipelines.
 

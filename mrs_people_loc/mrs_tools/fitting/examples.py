@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
-from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, View
+from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
@@ -76,7 +76,7 @@ class _Looker:
         self._match = StereoMatcher(camera, config.disparity)
         min_range = config.disparity.min_range
         self._find = BodyFinder(camera, config.bodies, min_range=min_range, tuning=tuning)
-        self.views: list[tuple[int, View]] = []
+        self.views: list[tuple[int, CandidateEvidence]] = []
 
     def stages(self, images: StereoImages) -> ScanStages:
         disparity = self._match(images)
@@ -154,7 +154,12 @@ def _at(track: Float, stamp_ns: int) -> Float:
 
 
 def _examples(
-    camera: StereoCamera, view: View, pose: Float, people: Float, others: Float, number: int
+    camera: StereoCamera,
+    view: CandidateEvidence,
+    pose: Float,
+    people: Float,
+    others: Float,
+    number: int,
 ) -> Examples:
     """Compares the candidates of a view with the truth, as seen from the lens."""
     scale = camera.depth_disparity

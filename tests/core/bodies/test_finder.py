@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.bodies.finder import Bodies, BodyFinder, View, cells_of, points_of
+from mrs_people_loc.bodies.finder import Bodies, BodyFinder, CandidateEvidence, cells_of, points_of
 from mrs_people_loc.bodies.model import (
     DEPTH,
     EVEN,
@@ -76,7 +76,7 @@ def patches_of(difference, bearing=None, inverse_range=None, tolerance=0.5) -> P
     )
 
 
-def view_of(bearing, ranges, *, score=0.0, shift=0.0, extent=1.0, top=1.7) -> View:
+def view_of(bearing, ranges, *, score=0.0, shift=0.0, extent=1.0, top=1.7) -> CandidateEvidence:
     """Bodies 0.4 m wide at some bearings and ranges; `score` is the first even number of each."""
     bearing, inverse = np.array(bearing, dtype=float), SCALE / np.array(ranges, dtype=float)
     n = len(bearing)
@@ -84,7 +84,7 @@ def view_of(bearing, ranges, *, score=0.0, shift=0.0, extent=1.0, top=1.7) -> Vi
     difference[:, np.ix_(top > HEIGHTS, np.abs(ACROSS) < 0.21)[0], np.abs(ACROSS) < 0.21] = 0.0
     even = np.zeros((n, EVEN))
     even[:, 0] = score
-    return View(
+    return CandidateEvidence(
         Candidates(bearing, inverse, np.full(n, extent)),
         patches_of(difference, bearing, inverse),
         dataclasses.replace(Vote.nothing(n), shift=np.full(n, shift)),
@@ -198,7 +198,7 @@ def top_of(head, same) -> float:
     difference = np.full(SHAPE, -9.0)
     difference[same] = 0.0
     view = view_of([0.0], [2.0])
-    view = View(view.candidates, patches_of(difference), view.vote, view.evidence)
+    view = CandidateEvidence(view.candidates, patches_of(difference), view.vote, view.evidence)
     return float(finder_of(head, model_of()).judge(view).top[0])
 
 

@@ -23,7 +23,7 @@ pytest.importorskip("scipy", reason="fitting needs scipy")
 
 from typer.testing import CliRunner
 
-from mrs_people_loc.bodies.finder import BodyTuning, View
+from mrs_people_loc.bodies.finder import BodyTuning, CandidateEvidence
 from mrs_people_loc.bodies.patches import PatchSampler
 from mrs_people_loc.bodies.search import Candidates, SearchTuning
 from mrs_tools.cli import app
@@ -85,12 +85,12 @@ def test_examples_are_labelled_by_distance() -> None:
     assert both.even.shape == (8, EVEN)
 
 
-def view_of(camera: StereoCamera, bearing: list[float], ranges: list[float]) -> View:
+def view_of(camera: StereoCamera, bearing: list[float], ranges: list[float]) -> CandidateEvidence:
     """Candidates at some bearings and ranges."""
     n = len(bearing)
     nothing = np.full((camera.height, camera.width), np.nan, dtype=np.float32)
     places = np.array(bearing, dtype=float), camera.depth_disparity / np.array(ranges, dtype=float)
-    return View(
+    return CandidateEvidence(
         Candidates(*places, np.ones(n)),
         PatchSampler(camera)(nothing, *places),
         np.zeros(n),
