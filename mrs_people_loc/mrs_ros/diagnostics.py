@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import resource
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,11 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
 
-from mrs_people_loc.clocks import BELIEVED, RESET_NS, Order, StampOrder
-from mrs_people_loc.errors import OutdatedError, PeopleLocError
+from mrs_people_loc.clocks import Order
+from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.health.findings import ERROR, SILENCE_S, Finding
 from mrs_people_loc.health.inputs import InputState, of_input
+from mrs_people_loc.health.reception import Reception
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.network import node_of
 
@@ -84,10 +85,6 @@ class Input:
     Messages go to `callback`. A `PeopleLocError` that it raises is counted and logged, its message
     dropped, and the node goes on.
 
-    Where stamps jump back, the first messages after it are refused until the jump is believed;
-    after a jump of `/clock`, those that were on their way. They are counted (`jumped_back`,
-    `OutdatedError`), but not as faults of their sender.
-
     Args:
         node: The node.
         message_type: Type of the messages.
@@ -97,6 +94,7 @@ class Input:
         once: One usable message is enough: silence after it is no fault.
 
     Attributes:
+        reception: Counts its messages.
         instead: Relative name of a topic that may be published in place of this one, and what to do
             then.
     """
@@ -113,17 +111,8 @@ class Input:
     ) -> None:
         self.topic = topic
         self._once = once
-        self._taken = False
-        self.received = 0
-        self.dropped: Counter[str] = Counter()
-        self.last_error = ""
+        self.reception = Reception()
         self.instead: tuple[str, str] | None = None
-        self._refused_in_a_row = 0
-        self._last_kind = ""
-        self._order = StampOrder()
-        self._held: list[tuple[str, str]] = []  # refused, perhaps because of a jump: kind and text
-        self._refused = 0
-        self._outdated_since: float | None = None
         self._node = node
         self._callback = callback
         self._message_type = message_type
@@ -167,7 +156,7 @@ class Input:
         return of_input(self._state())
 
     def _state(self) -> InputState:
-        node, name = self._node, self.subscription.topic_name
+        node, name, reception = self._node, self.subscription.topic_name, self.reception
         instead = None
         if self.instead is not None:
             other, remedy = self.instead
@@ -183,86 +172,44 @@ class Input:
             kind=_type_name(self._message_type),
             silent_s=silent_s,
             rate_hz=self.rate_hz,
-            received=self.received,
-            dropped=self.dropped,
-            refused=self._refused,
-            refused_in_a_row=self._refused_in_a_row,
+            received=reception.received,
+            dropped=reception.dropped,
+            refused=reception.refused,
+            refused_in_a_row=reception.refused_in_a_row,
             refused_lately=self._losses.lately,
-            last_error=self.last_error,
-            last_kind=self._last_kind,
+            last_error=reception.last_error,
+            last_kind=reception.last_kind,
             publishers=[(node_of(p), p.topic_type) for p in publishers],
             incompatible=self._incompatible,
             once=self._once,
-            taken=self._taken,
+            taken=reception.taken,
             instead=instead,
         )
 
     def refuse(self, error: PeopleLocError) -> None:
         """Counts and logs a message that the callback took, and that turned out to be unusable."""
-        self._refuse(type(error).__name__, str(error), Order.NEWER)
+        self._refuse(error, Order.NEWER)
 
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())
-        self.received += 1
-        order = self._order_of(message)
-        refused: PeopleLocError | None = None
+        order = self.reception.receive(0 if self._once else stamp_ns_of(message.header.stamp))
         try:
             self._callback(message)
         except PeopleLocError as err:
-            refused = err
-        if order is Order.ANEW:
-            self._count_as_jump()
-        if refused is None:
-            self._outdated_since = None
-            if order is not Order.LATE:
-                self._count_as_refused()
-            self._taken, self._refused_in_a_row = True, 0
+            self._refuse(err, order)
         else:
-            self._refuse(type(refused).__name__, str(refused), order)
+            self.reception.accept(order)
+            self._losses.update(self.reception.refused)
 
-    def _order_of(self, message: Any) -> Order:
-        """As `StampOrder`; LATE only where it may be the first after a jump."""
-        if self._once:
-            return Order.NEWER
-        stamp_ns, newest_ns = stamp_ns_of(message.header.stamp), self._order.newest_ns
-        order = self._order.take(stamp_ns) if stamp_ns else Order.NEWER
-        near = newest_ns is not None and newest_ns - stamp_ns <= RESET_NS
-        return Order.NEWER if order is Order.LATE and near else order
-
-    def _refuse(self, kind: str, text: str, order: Order) -> None:
-        self.dropped[kind] += 1
+    def _refuse(self, error: PeopleLocError, order: Order) -> None:
+        reception, kind = self.reception, type(error).__name__
+        reception.refuse(kind, str(error), now_s=self._now(), order=order)
+        self._losses.update(reception.refused)
         if self._log.lets_through(kind):
             self._node.get_logger().warning(
-                f"{self.subscription.topic_name}: {text} [dropped: {sum(self.dropped.values())}]"
+                f"{self.subscription.topic_name}: {error} "
+                f"[dropped: {sum(reception.dropped.values())}]"
             )
-        if kind == OutdatedError.__name__:
-            now = self._now()
-            self._outdated_since = now if self._outdated_since is None else self._outdated_since
-            if now - self._outdated_since <= SILENCE_S:
-                return
-        elif order is Order.LATE and len(self._held) < BELIEVED - 1:
-            self._held.append((kind, text))
-            return
-        self._held.append((kind, text))
-        self._count_as_refused()
-
-    def _count_as_jump(self) -> None:
-        """Counts the held messages as part of a jump of the stamps."""
-        for kind, _ in self._held:
-            self.dropped[kind] -= 1
-        self.dropped = +self.dropped
-        if self._held:
-            self.dropped["jumped_back"] += len(self._held)
-        self._held.clear()
-
-    def _count_as_refused(self) -> None:
-        """Counts the held messages as refused."""
-        if self._held:
-            self._last_kind, self.last_error = self._held[-1]
-        self._refused += len(self._held)
-        self._refused_in_a_row += len(self._held)
-        self._losses.update(self._refused)
-        self._held.clear()
 
     def _on_incompatible(self, event: Any) -> None:
         self._incompatible = QoSPolicyKind(event.last_policy_kind).name

@@ -13,8 +13,8 @@ from sensor_msgs.msg import PointCloud2
 
 from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, ScanError
+from mrs_people_loc.health import reception
 from mrs_people_loc.health.findings import OK, WARN, Code
-from mrs_ros import diagnostics
 from mrs_ros.diagnostics import Input
 from mrs_ros.qos import STREAM
 
@@ -65,14 +65,14 @@ def test_refusals_until_a_jump_back_is_believed_are_no_fault(heard: Heard) -> No
             heard.take(second)
             assert heard.says() == (OK, None)
     assert heard.order.resets == 3
-    assert dict(heard.input.dropped) == {"jumped_back": 6}
+    assert dict(heard.input.reception.dropped) == {"jumped_back": 6}
 
 
 def test_single_late_message_is_a_fault(heard: Heard) -> None:
     heard.take(10.0, 5.0, 10.2)
     assert heard.says() == (WARN, Code.SOME_REFUSED)
     assert "1 dropped; last: wanted: newer" in heard.input.finding().message
-    assert dict(heard.input.dropped) == {"ScanError": 1}
+    assert dict(heard.input.reception.dropped) == {"ScanError": 1}
 
 
 @pytest.mark.parametrize("seconds", [[10.0], [5.0, 5.0, 5.0], [0.0, 0.0, 0.0], [9.5]])
@@ -80,7 +80,7 @@ def test_stamps_that_do_not_increase_are_a_fault(heard: Heard, seconds: list[flo
     """Repeated stamps, a stopped clock, no stamps, and stamps that are a little late."""
     heard.take(10.0, *seconds)
     assert heard.says()[1] in (Code.SOME_REFUSED, Code.ALL_REFUSED)
-    assert dict(heard.input.dropped) == {"ScanError": len(seconds)}
+    assert dict(heard.input.reception.dropped) == {"ScanError": len(seconds)}
 
 
 def test_messages_on_their_way_when_clock_jumps_are_counted_but_no_fault(heard: Heard) -> None:
@@ -91,7 +91,7 @@ def test_messages_on_their_way_when_clock_jumps_are_counted_but_no_fault(heard: 
     heard.error = None
     heard.take(11.0)
     assert heard.says() == (OK, None)
-    assert dict(heard.input.dropped) == {"OutdatedError": 4}
+    assert dict(heard.input.reception.dropped) == {"OutdatedError": 4}
 
 
 def test_sender_that_does_not_follow_clock_is_reported_as_outdated(
@@ -99,7 +99,7 @@ def test_sender_that_does_not_follow_clock_is_reported_as_outdated(
 ) -> None:
     heard.error = OutdatedError("of before")
     heard.take(10.0)
-    monkeypatch.setattr(diagnostics, "SILENCE_S", -1.0)  # as if it had lasted for seconds
+    monkeypatch.setattr(reception, "SILENCE_S", -1.0)  # as if it had lasted for seconds
     heard.take(10.2, 10.4, 10.6)
     heard.input._arrivals.append(float("inf"))  # not silent
     assert heard.says()[1] == Code.OUTDATED

@@ -33,10 +33,12 @@ def node(request: pytest.FixtureRequest, domain: int) -> Iterator[ManagedNode]:
 
 def taken(node: ManagedNode, topics: list[str]) -> list[int]:
     """How many messages of each topic the node takes that wait for it."""
-    before = [node.inputs[topic].received for topic in topics]
+    before = [node.inputs[topic].reception.received for topic in topics]
     for _ in range(40):
         rclpy.spin_once(node, timeout_sec=0.01)
-    return [node.inputs[topic].received - n for topic, n in zip(topics, before, strict=True)]
+    return [
+        node.inputs[topic].reception.received - n for topic, n in zip(topics, before, strict=True)
+    ]
 
 
 @pytest.mark.parametrize("node", [(RobotNode,)], indirect=True)
