@@ -119,6 +119,22 @@ def test_unsuitable_parameter_is_refused(infos):
     assert take(head, 1) is not None  # as before
 
 
+def test_changed_difference_of_stamps_applies_from_the_next_image(infos):
+    def pair(n: int):
+        """Images 30 ms apart."""
+        assert head.take_image("left", image(n)) is None
+        right = image(n, camera="right")
+        right.header.stamp.nanosec = 30_000_000
+        return head.take_image("right", right)
+
+    head = calibrated(infos)
+    assert pair(1) is None
+    head.configure(RobotConfig.from_mapping({"images": {"max_stamp_difference": 0.05}}))
+    assert pair(2).images.stamp_ns == 2_000_000_000
+    head.configure(RobotConfig())
+    assert pair(3) is None
+
+
 def test_head_looking_steeply_down_is_refused_for_bodies(infos):
     for info in infos.values():
         info.p = [

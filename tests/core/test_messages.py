@@ -673,6 +673,7 @@ def test_occupancy_grid_matches_hand_computed_values(make):
         ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "origin has an orientation of length 0"),
         ({"quaternion": (0.0, 0.0, 0.0, math.nan)}, "origin has an orientation of length nan"),
         ({"quaternion": (0.6, 0.0, 0.0, 0.8)}, "wanted: a level grid, turned about z"),
+        ({"quaternion": (0.0, 0.02, 0.0, 0.9998)}, "wanted: a level grid"),  # 2.3 degrees
     ],
 )
 def test_a_bad_occupancy_grid_is_refused(changes, error):

@@ -307,3 +307,18 @@ def test_person_of_two_detectors_is_the_preferred_one(make_map):
     nothing = Detections.nothing(fused)
     assert combine(nothing, of_bodies, min_distance=0.36) is of_bodies
     assert combine(of_cells, nothing, min_distance=0.36) is of_cells
+
+
+def test_clusters_of_two_detectors_keep_their_cells(make_map):
+    """Cells of bodies may lie between the others: 0 and 2 are plain, 1 and 3 one body's."""
+    fused = make_map([(0.0, 0.0), (3.0, 0.0), (6.0, 0.0), (4.0, 0.0)])
+
+    def detected(cells, label, too_wide) -> Detections:
+        cells, label = np.array(cells), np.array(label)
+        return Detections(cells, measure(fused, label, cells), (), too_wide)
+
+    both = combine(detected([0, 2], [0, 1], 2), detected([1, 3], [0, 0], 3), min_distance=0.3)
+    assert both.cells.tolist() == [0, 1, 2, 3]
+    assert both.clusters.label.tolist() == [0, 2, 1, 2]
+    assert both.clusters.centroid[:, 0].tolist() == [0.0, 6.0, 3.5]
+    assert both.too_wide == 5

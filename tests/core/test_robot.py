@@ -116,6 +116,7 @@ def test_stages_of_the_body_scanner_are_complete(view, switches):
     find = bodies.BodyFinder(camera, config.bodies, min_range=0.7)
     found = find(disparity, images, StageTimes())
     assert len(found)
+    assert vars(got).keys().isdisjoint({"cloud", "zones", "noise"})  # made when asked for
     np.testing.assert_array_equal(got.disparity, disparity)
     np.testing.assert_array_equal(got.cloud, cloud)
     np.testing.assert_array_equal(got.zones, zones)

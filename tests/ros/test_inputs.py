@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, ScanError
 from mrs_people_loc.health import reception
-from mrs_people_loc.health.findings import OK, WARN, Code
+from mrs_people_loc.health.findings import ERROR, OK, WARN, Code
 from mrs_ros.diagnostics import Input
 from mrs_ros.qos import STREAM
 
@@ -66,6 +66,15 @@ def test_refusals_until_a_jump_back_is_believed_are_no_fault(heard: Heard) -> No
             assert heard.says() == (OK, None)
     assert heard.order.resets == 3
     assert dict(heard.input.reception.dropped) == {"jumped_back": 6}
+
+
+def test_refusals_count_in_a_row(heard: Heard) -> None:
+    error = ScanError("broken")
+    for second, heard.error in enumerate((error, error, None, error, error), start=1):
+        heard.take(float(second))
+        assert heard.says()[1] is not Code.ALL_REFUSED
+    heard.take(6.0)
+    assert heard.says() == (ERROR, Code.ALL_REFUSED)
 
 
 def test_single_late_message_is_a_fault(heard: Heard) -> None:

@@ -122,6 +122,13 @@ def test_without_the_model_results_match_hand_computed_values(head):
     assert bodies.sigma_across == pytest.approx([0.06])
 
 
+def test_sigma_along_the_line_of_sight_is_4_cm_at_least(head):
+    for sigma_px, sigma in ((0.06, 0.04), (0.2, 0.08)):  # at 2 m, where a pixel is 0.4 m
+        model = model_of(depth_sigma_px=sigma_px)
+        bodies = finder_of(head, model).judge(view_of([0.0], [2.0], score=1.0))
+        assert bodies.sigma_range == pytest.approx([sigma])
+
+
 def test_lens_offset_from_the_robots_origin_is_included(make_head):
     mounting = Mounting(height=1.3, forward=0.3, left=-0.5, yaw=1.0)
     head = make_head(fx=100.0, fy=100.0, mounting=mounting)

@@ -132,6 +132,19 @@ def test_clusters_of_crowds_equal_comparison_of_all_pairs(make, distance):
         assert cluster(xy, distance=distance).tolist() == clusters_of(xy.tolist(), distance)
 
 
+@pytest.mark.parametrize(("right", "up"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_point_beside_a_crowd_belongs_to_it_through_its_nearest_point(right, up):
+    """Where all distances but one from it to the crowd are more than that of a cluster, 1 m."""
+    crowd = np.random.default_rng(0).uniform(0.28, 0.32, (200, 2))
+    outermost = [(0.01, 0.3), (0.69, 0.3), (0.3, 0.01), (0.3, 0.69)]
+    # From the last one: 0.75 m and 0.55 m; from the outermost 0.71 m and 0.9 m, or more.
+    points = np.array([*crowd, *outermost, (0.65, 0.65), (1.4, 1.2)])
+    mirrored = 0.35 + (points - 0.35) * (right, up)
+    assert cluster(mirrored, distance=1.0).max() == 0
+    without = np.delete(mirrored, -2, axis=0)
+    assert cluster(without, distance=1.0).max() == 1
+
+
 @pytest.mark.parametrize("size", [0.0, 0.1, 1.0])
 def test_memory_is_linear_in_the_number_of_points(size):
     """All cells of a scan in one place: a list of all pairs would take gigabytes."""

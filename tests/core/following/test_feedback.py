@@ -105,6 +105,16 @@ def test_cluster_with_a_low_part_stays_whole(make_cells):
     assert split_at(expected, tall, everything, one, cfg.Human()).any()
 
 
+@pytest.mark.parametrize(("y", "cut"), [(0.64, True), (0.66, False)])
+def test_cluster_is_cut_only_at_people_expected_within_30_cm_of_it(make_cells, y, cut):
+    """Cells of two, up to y = 0.35 m; two rows, 400 points, are nearer to the second one."""
+    cells = [(3.0 + dx, side + dy) for side in (-0.2, 0.2) for dx, dy in BODY]
+    fused = fuse([Scan("a", 0, make_cells(cells, count=[40] * len(cells)))], POSES)
+    everything, one = np.arange(len(cells)), np.zeros(len(cells), dtype=np.intp)
+    parts = split_at(np.array([(3.0, -0.2), (3.0, y)]), fused, everything, one, cfg.Human())
+    assert parts.any() == cut
+
+
 def test_close_bodies_stay_two_where_two_are_expected(bodies):
     followed = planner()
     gaps = [max(0.3, 1.5 - 0.1 * k) for k in range(20)]
@@ -149,6 +159,13 @@ def test_doubtful_body_is_a_person_where_one_is_expected(bodies):
     assert seen(run(planner(tracking__enabled=False), [*strong, *doubtful])[-1]) == []
 
 
+def test_walking_person_is_expected_where_they_are_by_now(bodies):
+    """At 1.5 m/s, so that a second later they are farther away than tracking.max_distance, 1 m."""
+    walked = [bodies(k, (3.0, -1.5 + 0.15 * k, 4.0 if k < 10 else -0.2)) for k in range(13)]
+    last = run(planner(tracking__expected_score=1.0), walked)[-1]
+    assert seen(last) == [(3.0, 0.3)]
+
+
 # ------------------------------------------------------------------------------ memoryless ----
 
 
@@ -176,3 +193,27 @@ def test_configuration_change_loses_no_track(plain):
     (person,) = followed.step([plain(5, (3.0, 0.0))], POSES, 5 * STEP_NS).persons
     assert person.id == 1
     assert person.age_s == pytest.approx(0.5)
+
+
+def test_configuration_change_reaches_tracks_and_groups(plain):
+    followed = planner()
+    two = [plain(k, (3.0, -1.0), (3.0, 1.0)) for k in range(6)]
+    assert [group.size for group in run(followed, two[:5])[-1].groups] == [2]
+    changes = {"tracking__coast_time": 0.0, "groups__distance": 1.0, "groups__leave_time": 0.0}
+    followed.config = planner(**changes).config
+    (people,) = run(followed, two[5:])
+    assert [group.size for group in people.groups] == [1, 1]
+    (people,) = run(followed, [plain(6)])
+    assert people.persons == ()
+
+
+def test_planner_that_begins_anew_knows_no_person_and_no_group(plain):
+    followed = planner()
+    two = [plain(k, (3.0, 0.0), (3.0, 1.0)) for k in range(110)]
+    before = run(followed, two[:30])[-1]
+    assert [(group.id, group.members) for group in before.groups] == [(1, (1, 2))]
+    followed.begin_anew()
+    after = run(followed, two[30::4])
+    assert {(group.id, group.members) for one in after for group in one.groups} == {(2, (3, 4))}
+    # Of the first two it would be said after groups.missing_time, 6 s, that they are missing.
+    assert [event for people in after for event in people.events] == []

@@ -134,6 +134,20 @@ def test_person_who_walks_with_a_group_for_join_time_joins_it():
     assert run.events == ["person 5 joins group 1"]
 
 
+@pytest.mark.parametrize(
+    ("gap", "coasting", "members"),
+    [
+        (2.0, (), {1: (1, 2, 3)}),
+        (2.3, (), {1: (1, 2), 2: (3,)}),  # 2.5 m less a margin of 0.4 m is 2.1 m
+        (2.0, (3,), {1: (1, 2), 2: (3,)}),  # where they are predicted is no sign
+    ],
+)
+def test_only_who_is_seen_near_a_group_joins_it(gap, coasting, members):
+    run = Run().go(standing(p1=(0, 0), p2=(1, 0)), 3.0)
+    run.go(standing(p1=(0, 0), p2=(1, 0), p3=(1 + gap, 0)), 4.0, coasting=coasting)
+    assert run.last == members
+
+
 def test_passing_stranger_joins_no_group():
     def ways(t):
         walking = 0.8 * t
@@ -179,6 +193,16 @@ def test_straggler_is_flagged_within_a_second_of_crossing_the_limit():
     group = next(group for group in run.out[-1] if group.id == 1)
     assert group.members == (1, 2)
     assert group.stragglers[3] == pytest.approx(0.5 + (119 - first) / 10)
+
+
+@pytest.mark.parametrize(("together_s", "straggler"), [(1.0, False), (3.0, True)])
+def test_only_who_was_a_member_for_join_time_is_a_straggler(together_s, straggler):
+    """2 s, of which the time until it is noticed that they left, 0.5 s, is a part."""
+    run = Run().go(standing(p1=(0, 0), p2=(1, 0), p3=(2, 0)), together_s)
+    run.go(standing(p1=(0, 0), p2=(1, 0), p3=(20, 0)), 3.0)
+    assert run.last == {1: (1, 2), 2: (3,)}
+    assert run.away(3)[-1] == any(run.away(3)) == straggler
+    assert run.events == ["person 3 has fallen behind or left group 1"] * straggler
 
 
 def test_returning_straggler_is_unflagged():
@@ -281,6 +305,14 @@ def test_group_splits_and_merges_and_keeps_its_id():
     assert run.events[0] == "people 3, 4 split from group 1 as group 2"
     assert all("is back with group 1 after" in event for event in run.events[1:])
     assert len(run.events) == 3
+
+
+def test_of_two_halves_the_one_of_the_oldest_members_keeps_the_id():
+    run = Run().go(standing(p3=(0, 0), p4=(1, 0)), 3.0)
+    run.go(standing(p1=(1, 1), p2=(0, 1), p3=(0, 0), p4=(1, 0)), 4.0)
+    assert run.last == {1: (1, 2, 3, 4)}
+    run.go(standing(p1=(21, 1), p2=(20, 1), p3=(0, 0), p4=(1, 0)), 2.0)
+    assert run.last[1] == (3, 4)
 
 
 def test_two_nearby_groups_merge():

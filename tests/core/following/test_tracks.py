@@ -311,6 +311,30 @@ def test_of_several_lost_people_the_likeliest_returns():
     assert ids(out) == [2]
 
 
+@pytest.mark.parametrize(("height", "who"), [(1.9, 1), (1.5, 2)])
+def test_of_two_lost_people_the_one_of_the_same_height_returns(height, who):
+    """Half a metre from where each of them was lost."""
+    follower = tracker()
+    for k in range(20):
+        now = k * 100 * MS
+        tall, small = person(0, 0, at_ns=now, height=1.9), person(1, 0, at_ns=now, height=1.5)
+        assert ids(follower.step([tall, small], now)) == [1, 2]
+    now = 3500 * MS
+    assert follower.step([], now) == ()
+    assert ids(follower.step([person(0.5, 0, at_ns=now, score=8.0, height=height)], now)) == [who]
+
+
+@pytest.mark.parametrize(("returned_ms", "who"), [(3900, 1), (4100, 2)])
+def test_memory_is_bounded_by_the_time_of_observation(returned_ms, who):
+    """2 s here: who was not seen for longer is new."""
+    follower = tracker(memory=10.0)
+    for k in range(21):
+        follower.step([person(0, 0, at_ns=k * 100 * MS)], k * 100 * MS)
+    assert follower.step([], 3500 * MS) == ()
+    now = returned_ms * MS
+    assert ids(follower.step([person(0, 0, at_ns=now, score=8.0)], now)) == [who]
+
+
 def test_return_faster_than_max_speed_gets_a_new_id():
     """Lost for 8 s at 1.5 m/s, the prediction is 12 m ahead; 17 m is too far."""
     for reached, wanted in ((12.0, 1), (17.5, 2)):
@@ -343,6 +367,14 @@ def test_ids_never_repeat():
     assert len(seen) == 15
 
 
+def test_where_there_is_no_room_the_likeliest_are_followed():
+    follower = tracker(max_tracks=2)
+    found = [person(x, 0, at_ns=0, score=score) for x, score in ((0, 2), (3, 7), (6, 4))]
+    people = follower.step(found, 0)
+    assert sorted(one.position[0] for one in people) == [3.0, 6.0]
+    assert follower.turned_away == 1
+
+
 def test_state_is_bounded():
     follower = tracker(max_tracks=10)
     rng = np.random.default_rng(0)
@@ -356,6 +388,15 @@ def test_state_is_bounded():
 
 
 # ------------------------------------------------------------------------------------ time ----
+
+
+def test_variance_of_an_unobserved_person_is_bounded():
+    follower = tracker(acceleration=0.5, any_velocity=0.8)
+    follower.step([person(0, 0, at_ns=0, sigma=0.2)], 0)
+    # After 1 s: 0.2^2 + 0.8^2 + 0.5^2 / 3 m^2. After a minute it would be 20304 m^2.
+    for after_s, variance in ((1, 0.04 + 0.64 + 0.25 / 3), (60, 25.0)):
+        (covariance,) = follower.expect(after_s * 1000 * MS).covariance
+        np.testing.assert_allclose(covariance, variance * np.eye(2), atol=1e-12)
 
 
 def test_late_scan_at_the_same_time_ages_and_loses_no_track():

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -23,8 +24,8 @@ BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]
 def watch(make_cells):
     """What agreement says of robots that say they stand elsewhere than they do."""
 
-    def run(said, seen=None, steps=10, noise=0.08, seed=1, **tuning):
-        agreement = Agreement(tuning=AgreementTuning(**tuning))
+    def run(said, seen=None, steps=10, noise=0.08, seed=1, agreement=None, **tuning):
+        agreement = agreement or Agreement(tuning=AgreementTuning(**tuning))
         random = np.random.default_rng(seed)
         walked = np.zeros(2)
         for _ in range(steps):
@@ -107,3 +108,66 @@ def test_tuning_sets_samples_and_reach(watch):
     assert list(watch(said, steps=7, enough=7)) == ["robot_c"]
     assert watch(said, reach=0.5) == {}
     assert watch(said, samples=7) == {}
+
+
+def test_robot_that_is_gone_is_no_longer_named(watch):
+    agreement = Agreement(tuning=AgreementTuning(samples=10, enough=1))
+    said = moved("robot_c", 0.6, -0.3)
+    assert list(watch(said, agreement=agreement)) == ["robot_c"]
+    del said["robot_c"]
+    assert list(watch(said, steps=9, agreement=agreement)) == ["robot_c"]  # seen 10 intervals ago
+    assert watch(said, steps=1, agreement=agreement) == {}
+
+
+# ------------------------------------------------------------------------------------- bodies ----
+
+
+@pytest.fixture
+def watch_bodies(make_cells):
+    """Likewise, of robots that send bodies: by robot, places on the map and log-odds."""
+
+    def run(said, seen):
+        agreement = Agreement()
+        random = np.random.default_rng(1)
+        for _ in range(10):
+            scans = []
+            for name, pose in TRUE.items():
+                x, y, score = np.array(seen(name, random), dtype=float).reshape(-1, 3).T
+                c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+                here = np.stack([x - pose.x, y - pose.y], axis=1) @ np.array([[c, -s], [s, c]])
+                one = np.ones(len(x), dtype=np.float32)
+                cells = dataclasses.replace(
+                    make_cells(here + random.normal(0, 0.03, here.shape)),
+                    body=np.arange(1, len(x) + 1, dtype=np.uint32),
+                    score=score.astype(np.float32),
+                    sigma_range=0.1 * one,
+                    sigma_across=0.05 * one,
+                )
+                scans.append(Scan(name, 0, cells))
+            agreement.add(fuse(scans, said), said, CONFIG)
+        return agreement.misplaced
+
+    return run
+
+
+def test_what_is_no_person_does_not_count(watch_bodies):
+    """Beside each two people are four things, each time elsewhere."""
+
+    def seen(name, random):
+        things = random.uniform((-9.0, 9.0), (-5.0, 13.0), (4, 2))
+        return [*((x, y, 2.0) for x, y in PEOPLE[:2]), *((x, y, -1.0) for x, y in things)]
+
+    assert watch_bodies(TRUE, seen) == {}
+    found = watch_bodies(moved("robot_c", 0.6, -0.3), seen)
+    assert list(found) == ["robot_c"]
+    assert found["robot_c"].would_agree == 1.0
+
+
+def test_robots_that_see_each_other_are_no_people(watch_bodies):
+    """One person fits anywhere; with the robots beside them they would be three."""
+
+    def seen(name, random):
+        others = [(pose.x, pose.y, 2.0) for other, pose in TRUE.items() if other != name]
+        return [(*PEOPLE[0], 2.0), *others]
+
+    assert watch_bodies(moved("robot_b", 0.7, 0.0), seen) == {}

@@ -197,6 +197,19 @@ def test_floor_below_an_implausible_head_height_is_refused() -> None:
         FloorFinder(head())([disparity_of(head(height=8.0, pitch=0.7), ("floor", 0.0))])
 
 
+@pytest.mark.parametrize(("height", "plausible"), [(4.5, True), (5.5, False)])
+def test_head_is_no_higher_than_5_m(height: float, plausible: bool) -> None:
+    wide = dataclasses.replace(CAMERA, baseline=0.5)
+    looking_down = {"pitch": 1.2}
+    seen = disparity_of(head(wide, height=height, **looking_down), ("floor", 0.0))
+    finder = FloorFinder(head(wide, height=4.8, **looking_down))
+    if plausible:
+        check(finder([seen]), Mounting(height=height, **looking_down))
+    else:
+        with pytest.raises(FloorError):
+            finder([seen])
+
+
 # --- how sure -------------------------------------------------------------------------------------
 
 

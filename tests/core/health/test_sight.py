@@ -79,6 +79,8 @@ def test_few_disparities_are_reported_only_with_good_images() -> None:
     assert after(5, SightWatch(cfg.Sight()), with_valid(0.3)) == ""
     assert after(5, SightWatch(cfg.Sight(min_valid=0.5)), with_valid(0.3)) != ""
     assert after(5, SightWatch(cfg.Sight(min_valid=0.0)), with_valid(0.0)) == ""
+    said = after(5, SightWatch(cfg.Sight()), with_valid(0.0), left=lambda: image(2.0, 1.0))
+    assert said == "left image is black (mean 2 of 255)"
 
 
 def test_warning_needs_consecutive_views_to_start_and_end() -> None:

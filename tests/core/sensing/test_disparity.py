@@ -9,7 +9,7 @@ import pytest
 from mrs_people_loc import config as cfg
 from mrs_people_loc import timing
 from mrs_people_loc.errors import CameraError, ImageError
-from mrs_people_loc.sensing.disparity import StereoMatcher, combine
+from mrs_people_loc.sensing.disparity import StereoMatcher, combine, make_stereo_bm
 from mrs_people_loc.sensing.images import StereoImages
 
 NAN = math.nan
@@ -228,6 +228,21 @@ def test_each_parameter_has_its_effect(head, wall_images, change):
     assert not np.array_equal(
         match(head, noisy, **change), match(head, noisy, **base), equal_nan=True
     )
+
+
+def test_stereo_bm_has_the_configured_values():
+    # Some pixels of StereoBM differ from call to call, so that an effect alone proves little.
+    config = cfg.Disparity(
+        pre_filter="normalized_response", pre_filter_size_px=31, pre_filter_cap=5, block_size_px=9,
+        uniqueness_ratio=60, texture_threshold=3000, left_right_difference_px=3,
+    )  # fmt: skip
+    bm = make_stereo_bm(config, 48)
+    assert bm.getPreFilterType() == cv2.STEREO_BM_PREFILTER_NORMALIZED_RESPONSE
+    assert (bm.getPreFilterSize(), bm.getPreFilterCap()) == (31, 5)
+    assert (bm.getBlockSize(), bm.getNumDisparities()) == (9, 48)
+    assert (bm.getUniquenessRatio(), bm.getTextureThreshold()) == (60, 3000)
+    assert bm.getDisp12MaxDiff() == 3
+    assert make_stereo_bm(cfg.Disparity(), 16).getPreFilterType() == cv2.STEREO_BM_PREFILTER_XSOBEL
 
 
 @pytest.mark.parametrize("grey", [0, 128, 255])

@@ -228,6 +228,11 @@ def test_nearest_image_is_paired():
     pairer = Pairer(TWO, max_difference_ns=20 * MS)
     assert feed(pairer, ("left", 98), ("left", 110), ("right", 100)) == [{"left": 98, "right": 100}]
     assert feed(pairer, ("right", 115)) == [{"left": 110, "right": 115}]
+    # Of two equally near ones the earlier is taken: the later may pair yet.
+    pairer = Pairer(TWO, max_difference_ns=20 * MS)
+    assert feed(pairer, ("left", 90), ("left", 110), ("right", 100)) == [{"left": 90, "right": 100}]
+    assert feed(pairer, ("right", 115)) == [{"left": 110, "right": 115}]
+    assert pairer.unpaired == 0
 
 
 def test_all_cameras_must_be_near_the_first():

@@ -722,3 +722,15 @@ def test_robots_are_created_when_first_named():
     state = collector.robot("robot_a")
     assert collector.robot("robot_a") is state
     assert (state.pending, state.used_ns, state.heard_ns) == (None, None, None)
+
+
+def test_robots_are_apart_by_the_distance_of_the_nearest():
+    team = Team()
+    team.pose("robot_a", 0, x=0.0)
+    assert team.collector.apart_m("robot_a") is None  # alone
+    team.pose("robot_b", 0, x=5.0)
+    team.pose("robot_c", 0, x=-2.0)
+    assert [team.collector.apart_m(name) for name in THREE] == [2.0, 5.0, 2.0]
+    team.pose("robot_c", 100, x=-9.0)
+    assert [team.collector.apart_m(name) for name in THREE] == [5.0, 5.0, 9.0]
+    assert team.collector.apart_m("robot_d") is None  # nothing is known of it

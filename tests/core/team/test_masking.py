@@ -411,6 +411,13 @@ def test_wall_cells_are_masked_and_a_person_in_front_is_found(make_cells):
     assert math.dist((x, y), (3.0, 0.4)) < 0.05
 
 
+@pytest.mark.parametrize(("value", "masked"), [(49, False), (50, True)])
+def test_limit_of_what_is_occupied_is_a_parameter(make_cells, value, masked):
+    poses = {"a": Pose(0, 0.5, 2.0, 0.0)}
+    scan = body_scan(make_cells, "a", (3.0, 1.95, 1.5))  # at a wall, which is occupied at 50 %
+    assert (people([scan], poses, room(wall=value), occupied_from=50) == []) == masked
+
+
 def test_grid_can_be_removed_and_replaced(make_cells):
     poses = {"a": Pose(0, 0.5, 2.0, 0.0)}
     scan = body_scan(make_cells, "a", (3.0, 1.95, 1.5))

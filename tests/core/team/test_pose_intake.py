@@ -116,3 +116,11 @@ def test_after_a_pause_the_next_pose_is_sent_without_a_burst():
     intake = PoseIntake(PoseInput(max_rate=10.0))
     stamps = [0, 1000, 1010, 1020, 1095, 1200]
     assert [ms for ms in stamps if intake(pose(ms), "map")] == [0, 1000, 1095, 1200]
+
+
+def test_when_time_begins_anew_any_stamp_is_the_first():
+    intake = PoseIntake(PoseInput(max_rate=10.0))
+    assert intake(pose(2000), "map") is not None
+    intake.begin_anew()
+    assert intake.last is None
+    assert [ms for ms in (1500, 1510, 1600) if intake(pose(ms), "map")] == [1500, 1600]
