@@ -126,14 +126,14 @@ def test_script_runs_the_python_of_its_own_prefix(
         path.chmod(0o755)
     module = {"mrs": "mrs_tools"}.get(executable, executable)
 
-    def said(environment: dict[str, str]) -> list[str]:
+    def reported(environment: dict[str, str]) -> list[str]:
         command = [str(script), "--team", "a b"]
         run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         return run.stdout.splitlines()
 
     prefix = str(tmp_path / "a prefix")
-    assert said({}) == [prefix, "-m", module, "--team", "a b"]
-    assert said({"AMENT_PREFIX_PATH": "/ros"})[0] == f"{prefix}:/ros"
+    assert reported({}) == [prefix, "-m", module, "--team", "a b"]
+    assert reported({"AMENT_PREFIX_PATH": "/ros"})[0] == f"{prefix}:/ros"
 
 
 def test_versions_agree() -> None:

@@ -321,8 +321,8 @@ def _people(stragglers: int = 0, words: str = "") -> bytes:
         stragglers=np.arange(stragglers, dtype=np.uint32),
         straggling_for=[_make(duration, sec=3, nanosec=0)] * stragglers,
     )  # fmt: skip
-    said = _make(PEOPLE, header=_header(), scans=[scan], persons=[person], groups=[group])
-    return _encoded(PEOPLE, said)
+    reported = _make(PEOPLE, header=_header(), scans=[scan], persons=[person], groups=[group])
+    return _encoded(PEOPLE, reported)
 
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -388,9 +388,11 @@ def _diagnostics() -> bytes:
         _make(
             "diagnostic_msgs/msg/DiagnosticStatus", level=1, name=name, message="found no pair",
             hardware_id="",
-            values=[_make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in said.items()],
+            values=[
+                _make("diagnostic_msgs/msg/KeyValue", key=k, value=v) for k, v in reported.items()
+            ],
         )
-        for name, said in reports.items()
+        for name, reported in reports.items()
     ]  # fmt: skip
     return _encoded(DIAGNOSTICS, _make(DIAGNOSTICS, header=_header(), status=status))
 

@@ -130,9 +130,14 @@ class TeamOnHosts:
     def _read(self, lines: Any) -> None:
         with lines:
             for line in lines:
-                said = json.loads(line)
+                reported = json.loads(line)
                 self.heard.append(
-                    Heard(said["at"], frozenset(said["robots"]), said["age_ms"], said["seen_by"])
+                    Heard(
+                        reported["at"],
+                        frozenset(reported["robots"]),
+                        reported["age_ms"],
+                        reported["seen_by"],
+                    )
                 )
 
     def start_all(self, *, known: bool = True) -> None:

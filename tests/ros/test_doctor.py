@@ -68,9 +68,9 @@ def about(checks: list[Check], subject: str) -> Check | None:
 
 
 def test_empty_network_is_an_error(domain: int) -> None:
-    told = doctor()
-    assert told.returncode == 1, told.stderr
-    assert f"no robot_node and no planner_node in ROS domain {domain}" in told.stdout
+    printed = doctor()
+    assert printed.returncode == 1, printed.stderr
+    assert f"no robot_node and no planner_node in ROS domain {domain}" in printed.stdout
 
 
 # --- robot_a, whose camera does all that cameras do ----------------------------------------------
@@ -100,11 +100,11 @@ def test_missing_inputs_and_a_wrong_type_are_reported(robot: RobotPeer, domain: 
             "so: /planner_node: robot robot_a: no scan used yet",
         )
         for _ in range(3):  # it looks for so long and no longer, and the machine may be busy
-            told = doctor()
-            assert told.returncode == 1, told.stderr
-            if all(line in told.stdout for line in lines):
+            printed = doctor()
+            assert printed.returncode == 1, printed.stderr
+            if all(line in printed.stdout for line in lines):
                 return
-        raise AssertionError(told.stdout)
+        raise AssertionError(printed.stdout)
     finally:
         stranger.close()
 
@@ -127,7 +127,7 @@ def test_raw_images_without_rectified_ones_name_the_parameter(robot: RobotPeer) 
     robot.peer.publisher(Image, raw)
     try:
         words = f"{raw} is published: set images.rectified: false"
-        until_said(robot.peer, lambda said: words in text_about(said, subject))
+        until_said(robot.peer, lambda reported: words in text_about(reported, subject))
     finally:
         robot.peer.silence(raw)
 
@@ -165,31 +165,31 @@ def test_refused_images_are_the_cause_and_the_rest_follows(
     """The planner's missing data follows from that, and is not blamed on the network."""
     subjects = [f"{ROBOT}: {side}/image_rect" for side in ("left", "right")]
 
-    def complete(said: list[Check]) -> bool:
-        first = about(said, subjects[0])
-        return all(words in text_about(said, subject) for subject in subjects) and (
+    def complete(reported: list[Check]) -> bool:
+        first = about(reported, subjects[0])
+        return all(words in text_about(reported, subject) for subject in subjects) and (
             "robot_a/points" in str(first and first.follows)
         )
 
-    said = until_said(robot.peer, complete, camera(robot, change))
-    errors = [check for check in said if check.level == ERROR]
+    reported = until_said(robot.peer, complete, camera(robot, change))
+    errors = [check for check in reported if check.level == ERROR]
     assert [check.subject for check in errors] == subjects
     assert "all of the last" in errors[-1].text
-    assert not any("firewall" in check.advice for check in said)
+    assert not any("firewall" in check.advice for check in reported)
 
 
 def test_stopped_camera_is_not_taken_for_a_wrong_clock(robot: RobotPeer) -> None:
     robot.warm_up()
 
-    def wanted(said: list[Check]) -> bool:
-        images = about(said, f"{ROBOT}: left/image_rect")
+    def wanted(reported: list[Check]) -> bool:
+        images = about(reported, f"{ROBOT}: left/image_rect")
         return images is not None and "robot robot_a" in str(images.follows)
 
     # Odometry goes on, so the robot is heard of.
-    said = until_said(robot.peer, wanted, lambda: robot.send_pose(robot.odometry()))
-    told = str(said)
-    assert "behind" not in told
-    images = about(said, f"{ROBOT}: left/image_rect")
+    reported = until_said(robot.peer, wanted, lambda: robot.send_pose(robot.odometry()))
+    printed = str(reported)
+    assert "behind" not in printed
+    images = about(reported, f"{ROBOT}: left/image_rect")
     assert images is not None
     assert "no data on /robot_a/left/image_rect for" in images.text
     assert "no scan for" in str(images.follows)
@@ -207,11 +207,11 @@ def test_two_publishers_of_odometry_are_named(robot: RobotPeer, domain: int) -> 
             robot.send_pose(robot.odometry())
             publisher.publish(robot.odometry())
 
-        def said(finding: Finding) -> bool:
+        def reported(finding: Finding) -> bool:
             return finding.values.get("code") == "two_publishers"
 
         both()
-        robot.peer.until_finding(ROBOT, "odom", said)
+        robot.peer.until_finding(ROBOT, "odom", reported)
         checks = until_said(
             robot.peer, lambda c: "publishers on" in text_about(c, f"{ROBOT}: odom"), both
         )
@@ -236,20 +236,20 @@ def test_inactive_and_surplus_nodes_are_reported(robot: RobotPeer, team: Team, d
         assert peer.change_state(ROBOT, "shutdown")
         nodes = ("/robot_b/robot_node", ROBOT, "/robot_node", "/people")
 
-        def settled(said: list[Check]) -> bool:
+        def settled(reported: list[Check]) -> bool:
             """Whether each node has started or ended, and all others have noticed."""
-            waits, ended, lone, people = (text_about(said, node) for node in nodes)
+            waits, ended, lone, people = (text_about(reported, node) for node in nodes)
             return (
                 waits.startswith("is unconfigured: receives and sends nothing")
                 and ended.startswith("is finalized: it was shut down")
-                and "robot_a/points" in str(said)
+                and "robot_a/points" in str(reported)
                 and "without a namespace" in lone
-                and "reports nothing" not in str(said)
+                and "reports nothing" not in str(reported)
                 and bool(people)
             )
 
-        said = until_said(peer, settled)
-        checks = {check.subject: check for check in said}
+        reported = until_said(peer, settled)
+        checks = {check.subject: check for check in reported}
         waits, ended, _, people = (checks[node] for node in nodes)
         assert "ros2 lifecycle set /robot_b/robot_node configure" in waits.advice
         assert "/planner_node: robot_a/points" in str(ended.follows)

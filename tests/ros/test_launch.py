@@ -50,8 +50,8 @@ class Launched:
     def end(self, number: int = signal.SIGINT) -> str:
         """Ends it as who presses Ctrl-C does, and returns all that it has written."""
         self.process.send_signal(number)
-        said, _ = self.process.communicate(timeout=DEADLINE_S)
-        return said
+        reported, _ = self.process.communicate(timeout=DEADLINE_S)
+        return reported
 
 
 def launch(ros2: str, *arguments: str) -> Launched:
@@ -143,11 +143,11 @@ def refused(ros2: str, home: Path) -> dict[str, Launched]:
 def test_launch_reports_wrong_arguments(
     refused: dict[str, Launched], home: Path, name: str
 ) -> None:
-    said, _ = refused[name].process.communicate(timeout=DEADLINE_S)
+    reported, _ = refused[name].process.communicate(timeout=DEADLINE_S)
     assert refused[name].process.returncode == 1
-    assert holds(said, [WRONG[name][1].replace("HOME", str(home))]), said
-    assert "process started" not in said
-    assert "Traceback" not in said
+    assert holds(reported, [WRONG[name][1].replace("HOME", str(home))]), reported
+    assert "process started" not in reported
+    assert "Traceback" not in reported
 
 
 # --- what is right works --------------------------------------------------------------------------
@@ -201,10 +201,10 @@ def test_launch_file_can_be_included_by_one_with_more_arguments(
 
 def test_launch_ends_its_nodes_in_order(team: Launched, included: Launched) -> None:
     for one, count in ((team, 2), (included, 1)):
-        said = one.end()
-        assert one.process.returncode == 0, said
-        assert said.count("process has finished cleanly") == count, said
-        assert not re.search("Traceback|ERROR|escalating", said), said
+        reported = one.end()
+        assert one.process.returncode == 0, reported
+        assert reported.count("process has finished cleanly") == count, reported
+        assert not re.search("Traceback|ERROR|escalating", reported), reported
 
 
 def test_executables_run(ros2: str, home: Path) -> None:
@@ -217,8 +217,8 @@ def test_executables_run(ros2: str, home: Path) -> None:
     line = node.stdout.readline()
     assert "/planner_node: active; waits for `points` and `pose` of robot_a" in line
     os.killpg(node.pid, signal.SIGINT)  # a Ctrl-C at the terminal
-    said, _ = node.communicate(timeout=DEADLINE_S)
-    assert node.returncode in (0, -signal.SIGINT), said
-    assert "Traceback" not in said.replace("KeyboardInterrupt", ""), said
+    reported, _ = node.communicate(timeout=DEADLINE_S)
+    assert node.returncode in (0, -signal.SIGINT), reported
+    assert "Traceback" not in reported.replace("KeyboardInterrupt", ""), reported
     assert ask(ros2, "run", "mrs_people_loc", "mrs", "--version").startswith("mrs ")
     assert "robot_node robot_node" in ask(ros2, "pkg", "executables")

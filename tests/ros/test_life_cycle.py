@@ -270,14 +270,15 @@ def test_starting_node_logs_its_name_and_what_it_waits_for(
     doomed: dict[str, NodeProcess],
 ) -> None:
     """All of them have ended by now."""
-    said = {name: doomed[name].log for name in ENDS}
+    reported = {name: doomed[name].log for name in ENDS}
     assert holds(
-        said["robot"], [r"/robot/robot_node: active; waits for /robot/left/camera_info, .*odom\n"]
+        reported["robot"],
+        [r"/robot/robot_node: active; waits for /robot/left/camera_info, .*odom\n"],
     )
-    assert "/planner/planner_node: active; waits for robots: any namespace" in said["planner"]
+    assert "/planner/planner_node: active; waits for robots: any namespace" in reported["planner"]
     assert holds(
-        said["unconfigured"],
+        reported["unconfigured"],
         [r"unconfigured, .* `ros2 lifecycle set /unconfigured/robot_node configure`"],
     )
-    for log in said.values():
+    for log in reported.values():
         assert log.count("active; waits") + log.count("unconfigured, for") == 1, log

@@ -113,8 +113,8 @@ def test_each_of_ten_loops_begins_with_new_ids(
         assert stamp_of(messages[-1]) - stamp_of(messages[0]) > STEPS / 2 * STEP_NS
     assert {event.data for event in events} == {"the time jumped back: everybody is new"}
     # What was under way, or refused until the jump was believed, blames no sender.
-    said = [status.message for report in reports for status in report.status]
-    assert not [text for text in said if "dropped; last:" in text or "refused; last:" in text]
+    reported = [status.message for report in reports for status in report.status]
+    assert not [text for text in reported if "dropped; last:" in text or "refused; last:" in text]
     assert planner.process.log.count("starting anew") == len(passes(planner.people)) - 1
 
 
@@ -136,11 +136,13 @@ def test_recording_of_a_team_replays_onto_live_nodes_without_duplicates(
             assert recorded.topics["/robot_a/points"].count > 3
         before = len(planner.people)
         with mrs("replay", out, stderr=subprocess.PIPE) as replay:
-            _, said = replay.communicate(timeout=DEADLINE_S)
-        assert replay.returncode == 0, said
+            _, reported = replay.communicate(timeout=DEADLINE_S)
+        assert replay.returncode == 0, reported
         for topic in ("/people", "/people_poses", "/diagnostics"):
-            assert re.search(rf"note: .*{topic}\b.* left out: /planner_node publishes them", said)
-        assert "/robot_a/points" not in said
+            assert re.search(
+                rf"note: .*{topic}\b.* left out: /planner_node publishes them", reported
+            )
+        assert "/robot_a/points" not in reported
         peer.spin(1.0)
         assert len(planner.people) > before + 3
         # Whatever came is the planner's own.

@@ -75,7 +75,7 @@ class Trial:
                     self._written.append(os.read(self._screen, 4096))
 
     @property
-    def said(self) -> str:
+    def reported(self) -> str:
         return b"".join(self._written).decode(errors="replace")
 
     def running(self) -> dict[int, str]:
@@ -92,13 +92,13 @@ class Trial:
     def until_nodes(self, count: int) -> None:
         end = time.monotonic() + START_S
         while sum("_node --ros-args" in line for line in self.running().values()) < count:
-            assert time.monotonic() < end, f"{self.running()}\n{self.said}"
+            assert time.monotonic() < end, f"{self.running()}\n{self.reported}"
             time.sleep(0.05)
 
     def until_said(self, text: str, count: int) -> None:
         end = time.monotonic() + START_S
-        while self.said.count(text) < count:
-            assert time.monotonic() < end, self.said
+        while self.reported.count(text) < count:
+            assert time.monotonic() < end, self.reported
             time.sleep(0.05)
 
     def close(self) -> None:
@@ -114,13 +114,13 @@ class Trial:
             if time.monotonic() > end:
                 for number in left:
                     os.kill(number, signal.SIGKILL)
-                raise AssertionError(f"left behind: {left}\n{self.said}")
+                raise AssertionError(f"left behind: {left}\n{self.reported}")
             time.sleep(0.05)
         self.process.wait()
         if not self._closed:
             self._reader.join()
             self.close()
-        assert "Traceback" not in self.said, self.said
+        assert "Traceback" not in self.reported, self.reported
 
 
 @pytest.fixture
@@ -169,7 +169,7 @@ def test_closed_terminal_ends_the_demo(
         trial = Trial(mrs("demo", bag, "--out", str(tmp_path / "demo.png")), terminal=True)
         trial.until_nodes(4)
         time.sleep(moment)
-        assert ", which nobody else uses; to look into it: ROS_DOMAIN_ID=" in trial.said
+        assert ", which nobody else uses; to look into it: ROS_DOMAIN_ID=" in trial.reported
         trial.close()
         trial.nothing_is_left()
 

@@ -266,11 +266,11 @@ def papers(robot: RobotPeer) -> Iterator[RobotConfig]:
 def test_forked_and_plain_starts_end_alike(
     ends: Mapping[str, tuple[int, str]], bad_start: NodeProcess
 ) -> None:
-    def said(text: str) -> str:
+    def reported(text: str) -> str:
         return text.partition("]: ")[2]
 
     assert bad_start.exit_code() == ends["misspelt"][0] == 2
-    assert said(bad_start.log) == said(ends["misspelt"][1]) != ""
+    assert reported(bad_start.log) == reported(ends["misspelt"][1]) != ""
 
 
 def test_whole_numbers_are_accepted_for_float_parameters(
@@ -573,6 +573,6 @@ def _people(robot: RobotPeer, planner: PlannerPeer, config: RobotConfig) -> int:
         robot.send_pose(robot.odometry(stamp_of(view["left"][0])))
         robot.check(config, view)
         robot.peer.spin(0.2)
-        return next((said for said in planner.people if stamp_of(said) in sent), None)
+        return next((reported for reported in planner.people if stamp_of(reported) in sent), None)
 
     return len(robot.peer.until(answer, lambda: planner.process.log).persons)

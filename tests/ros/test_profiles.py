@@ -90,18 +90,18 @@ def test_up_refuses_a_wrong_host(option):
 def test_up_passes_the_network_options_to_its_nodes(monkeypatch):
     from mrs_tools.commands import up
 
-    told = []
+    printed = []
 
     class Team(RunningTeam):
         def __init__(self, nodes, log=None, env=None):
-            told.append(env)
+            printed.append(env)
             super().__init__([], log, env)
 
     monkeypatch.setattr(up, "RunningTeam", Team)
     monkeypatch.setattr("threading.Event.wait", lambda self, timeout=None: True)
     result = CliRunner().invoke(cli.app, ["up", str(TEAM), "--discovery-server", "localhost:12000"])
     assert result.exit_code == 0, result.output
-    assert told == [{"ROS_DISCOVERY_SERVER": "localhost:12000", "ROS_SUPER_CLIENT": "TRUE"}]
+    assert printed == [{"ROS_DISCOVERY_SERVER": "localhost:12000", "ROS_SUPER_CLIENT": "TRUE"}]
 
 
 def test_nodes_of_a_team_get_the_environment(tmp_path):
@@ -134,7 +134,9 @@ PROFILE, TRANSPORTS, RANGE = (
 needs_ros = pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="needs ROS")
 
 
-def environment_after(*calls: str, **said: str) -> tuple[dict[str, str], dict[str, str], list[str]]:
+def environment_after(
+    *calls: str, **reported: str
+) -> tuple[dict[str, str], dict[str, str], list[str]]:
     """What a process has in its environment that uses the profile.
 
     Returns:
@@ -149,7 +151,7 @@ def environment_after(*calls: str, **said: str) -> tuple[dict[str, str], dict[st
         "print(json.dumps([dict(os.environ), environment(), said]))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], env={**env, **said}, capture_output=True, text=True
+        [sys.executable, "-c", code], env={**env, **reported}, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     has, hands_on, words = json.loads(done.stdout)
@@ -158,7 +160,7 @@ def environment_after(*calls: str, **said: str) -> tuple[dict[str, str], dict[st
 
 @needs_ros
 @pytest.mark.parametrize(
-    ("said", "file", "range_"),
+    ("reported", "file", "range_"),
     [
         ({}, "team.xml", None),
         ({TRANSPORTS: "UDPv4"}, "team.xml", None),
@@ -168,20 +170,20 @@ def environment_after(*calls: str, **said: str) -> tuple[dict[str, str], dict[st
         ({RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "a;b"}, "team.xml", "LOCALHOST"),
     ],
 )
-def test_nodes_use_the_shipped_profile(said, file, range_):
-    has, hands_on, words = environment_after("once", "twice", **said)
+def test_nodes_use_the_shipped_profile(reported, file, range_):
+    has, hands_on, words = environment_after("once", "twice", **reported)
     assert Path(has[PROFILE]).read_bytes() == (FAST_DDS / file).read_bytes()
     assert (has[TRANSPORTS], has.get(RANGE)) == ("UDPv4", range_)
     assert words == ["", ""]
     # What it starts decides for itself, by what the user said.
     assert {name: hands_on[name] for name in (PROFILE, TRANSPORTS, RANGE) if name in hands_on} == {
-        name: value for name, value in said.items() if name != "ROS_STATIC_PEERS"
+        name: value for name, value in reported.items() if name != "ROS_STATIC_PEERS"
     }
 
 
 @needs_ros
 @pytest.mark.parametrize(
-    "said",
+    "reported",
     [
         {PROFILE: "/my/own.xml"},
         {PROFILE: ""},
@@ -189,11 +191,11 @@ def test_nodes_use_the_shipped_profile(said, file, range_):
         {TRANSPORTS: "SHM", RANGE: "LOCALHOST"},
     ],
 )
-def test_users_profile_or_transports_take_precedence(said):
-    has, _, (words,) = environment_after(**said)
-    assert {name: has[name] for name in said} == said
-    assert {PROFILE, TRANSPORTS, RANGE} & set(has) == {PROFILE, TRANSPORTS, RANGE} & set(said)
-    name, value = next(iter(said.items()))
+def test_users_profile_or_transports_take_precedence(reported):
+    has, _, (words,) = environment_after(**reported)
+    assert {name: has[name] for name in reported} == reported
+    assert {PROFILE, TRANSPORTS, RANGE} & set(has) == {PROFILE, TRANSPORTS, RANGE} & set(reported)
+    name, value = next(iter(reported.items()))
     assert words.startswith(f"{name}={value} goes before our Fast DDS profile: docs/network.md")
 
 

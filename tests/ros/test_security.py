@@ -41,7 +41,7 @@ def has_plugin() -> bool:
 
 @pytest.mark.parametrize("executable", ["robot_node", "planner_node"])
 @pytest.mark.parametrize(
-    ("variables", "keystore", "said"),
+    ("variables", "keystore", "reported"),
     [
         ({"ENABLE": "true", "STRATEGY": "Enforce"}, None, NO_KEYS),
         ({"ENABLE": "true", "STRATEGY": "Enforce"}, "absent", NO_KEYS),
@@ -58,10 +58,10 @@ def has_plugin() -> bool:
     ],
 )
 def test_node_does_not_start_without_required_security(
-    executable: str, variables: dict[str, str], keystore: str | None, said: str,
+    executable: str, variables: dict[str, str], keystore: str | None, reported: str,
     domain: int, tmp_path: Path,
 ) -> None:  # fmt: skip
-    if said == NO_PLUGIN and has_plugin():
+    if reported == NO_PLUGIN and has_plugin():
         pytest.skip("Fast DDS has its security plugin here")
     env = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     env |= {f"ROS_SECURITY_{name}": value for name, value in variables.items()}
@@ -73,7 +73,7 @@ def test_node_does_not_start_without_required_security(
         env=env, capture_output=True, text=True, timeout=DEADLINE_S, check=False,
     )  # fmt: skip
     assert ended.returncode == 2, ended.stderr
-    assert re.search(said, ended.stderr), ended.stderr
+    assert re.search(reported, ended.stderr), ended.stderr
     assert "Traceback" not in ended.stderr
 
 

@@ -77,11 +77,11 @@ def program(where: str, number: int, **how: object) -> subprocess.Popen[str]:
 )
 def test_node_finishes_its_callback_on_a_signal(domain: int, where: str, number: int) -> None:
     process = program(where, number)
-    said, _ = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, said
-    assert "ERROR" not in said
-    assert "Traceback" not in said
-    assert said.count("published") == (where == "callback")
+    reported, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, reported
+    assert "ERROR" not in reported
+    assert "Traceback" not in reported
+    assert reported.count("published") == (where == "callback")
 
 
 def test_node_ends_when_its_lifeline_closes(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,9 +91,9 @@ def test_node_ends_when_its_lifeline_closes(domain: int, monkeypatch: pytest.Mon
         assert process.stdout is not None
         while process.stdout.readline() != "ready\n":
             assert process.poll() is None
-        said, _ = process.communicate(timeout=DEADLINE_S)  # closes its standard input
-        assert process.returncode == code, said
-        assert "Traceback" not in said
+        reported, _ = process.communicate(timeout=DEADLINE_S)  # closes its standard input
+        assert process.returncode == code, reported
+        assert "Traceback" not in reported
 
 
 @pytest.mark.parametrize("text", ["abc", "300"])
@@ -102,9 +102,9 @@ def test_node_with_a_wrong_domain_names_what_is_allowed(
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     process = program("callback", 0)
-    said, _ = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 2, said
-    assert f"error: ROS_DOMAIN_ID is '{text}'; allowed: a whole number from 0 to 232" in said
+    reported, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 2, reported
+    assert f"error: ROS_DOMAIN_ID is '{text}'; allowed: a whole number from 0 to 232" in reported
 
 
 def test_second_interrupt_ends_a_node_that_hangs(domain: int) -> None:
@@ -127,5 +127,5 @@ def test_closed_standard_input_ends_a_node_only_with_a_lifeline(domain: int) -> 
         heard += process.stdout.readline() == "published\n"
         assert process.poll() is None
     process.send_signal(signal.SIGTERM)
-    said, _ = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 0, said
+    reported, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, reported

@@ -39,12 +39,12 @@ def people(robot: RobotPeer, team: Team, peer: Peer) -> list[Any]:
     heard = peer.hear(People, "/people")
     robot.warm_up(pose=False)
 
-    def said() -> bool:
+    def reported() -> bool:
         robot.send(robot.view())
         peer.spin(0.1)
         return bool(heard)
 
-    peer.until(said, "people")
+    peer.until(reported, "people")
     return heard
 
 
@@ -81,7 +81,7 @@ def test_every_scan_has_a_static_pose_and_no_interval_waits(
         def used(stamps: Iterator[int] = stamps, start_ns: int = start_ns) -> bool:
             robot.send(robot.view(next(stamps)))
             robot.peer.spin(0.1)
-            return any(0 <= stamp_of(said) - start_ns < 1000 * SECOND for said in people)
+            return any(0 <= stamp_of(reported) - start_ns < 1000 * SECOND for reported in people)
 
         robot.peer.until(used, "people of these stamps")  # one that jumps is not believed at once
         # One after the other: of what comes while a node is at work, it keeps the newest only.
@@ -91,9 +91,9 @@ def test_every_scan_has_a_static_pose_and_no_interval_waits(
             robot.peer.until(lambda s=stamp_ns: s in map(stamp_of, people), "people of each scan")  # type: ignore[misc]
         for stamp_ns in sent:
             assert _planar(robot.pose_at(stamp_ns)) == pytest.approx(PLACE)
-            said = next(m for m in people if stamp_of(m) == stamp_ns)
-            assert [scan.robot for scan in said.scans] == ["robot_a"]
-            assert _planar(said.scans[0]) == pytest.approx(PLACE)
+            reported = next(m for m in people if stamp_of(m) == stamp_ns)
+            assert [scan.robot for scan in reported.scans] == ["robot_a"]
+            assert _planar(reported.scans[0]) == pytest.approx(PLACE)
     finding = robot.peer.until_finding(
         "/planner_node", "robot robot_a", lambda f: "age_s" in f.values
     )

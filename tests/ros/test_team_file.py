@@ -114,11 +114,11 @@ def test_up_and_people_run_until_ctrl_c(environment):
         assert team.poll() is None
     finally:
         team.send_signal(signal.SIGINT)
-        _, said = team.communicate(timeout=50)
-    assert team.returncode == 0, said
-    assert "started robot_a, robot_b, robot_c, planner" in said
-    assert "ended by itself" not in said
-    assert "Traceback" not in said
+        _, reported = team.communicate(timeout=50)
+    assert team.returncode == 0, reported
+    assert "started robot_a, robot_b, robot_c, planner" in reported
+    assert "ended by itself" not in reported
+    assert "Traceback" not in reported
 
 
 @pytest.mark.slow

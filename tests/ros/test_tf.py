@@ -114,7 +114,7 @@ def matrix(rotation: np.ndarray, place: np.ndarray) -> np.ndarray:
     return made
 
 
-def told(
+def printed(
     parent: str, child: str, x: float, y: float, yaw: float, stamp_ns: int = 0
 ) -> TransformStamped:
     made = TransformStamped(child_frame_id=child)
@@ -135,10 +135,10 @@ def planar(message: Any) -> tuple[float, float, float]:
 
 def test_static_robot_publishes_map_to_base_link(standing: RobotPeer, tf: Tf) -> None:
     frame = "robot_a/base_link"
-    said = standing.peer.until(lambda: tf.moving(frame), "/tf")[-1]
-    assert said.header.frame_id == "map"
-    wanted = matrix_of(told("map", frame, 1.0, 2.0, 0.5).transform)
-    np.testing.assert_allclose(matrix_of(said.transform), wanted, atol=1e-12)
+    reported = standing.peer.until(lambda: tf.moving(frame), "/tf")[-1]
+    assert reported.header.frame_id == "map"
+    wanted = matrix_of(printed("map", frame, 1.0, 2.0, 0.5).transform)
+    np.testing.assert_allclose(matrix_of(reported.transform), wanted, atol=1e-12)
     # At the stamps of the poses; scans have theirs.
     standing.warm_up(top=True, pose=False)
     view = standing.view()
@@ -191,8 +191,8 @@ def test_turned_head_is_published_again(standing: RobotPeer, tf: Tf) -> None:
     wanted = matrix(*robot_from_optical(Mounting(**changed)))
 
     def turned() -> bool:
-        said = matrix_of(tf.fixed("robot_a/left_camera_optical").transform)
-        return bool(np.allclose(said, wanted, atol=1e-9))
+        reported = matrix_of(tf.fixed("robot_a/left_camera_optical").transform)
+        return bool(np.allclose(reported, wanted, atol=1e-9))
 
     standing.peer.until(turned, "the head's new mounting on /tf_static")
 
@@ -206,10 +206,10 @@ def test_base_link_has_one_parent(robots: Callable[..., RobotPeer], tf: Tf) -> N
         robot.peer.spin(0.05)
         return tf.fixed("robot_b/odom")
 
-    said = robot.peer.until(placed, "/tf_static")
-    assert said.header.frame_id == "map"
-    wanted = matrix_of(told("map", "robot_b/odom", 5.0, 6.0, 1.0).transform)
-    np.testing.assert_allclose(matrix_of(said.transform), wanted, atol=1e-12)
+    reported = robot.peer.until(placed, "/tf_static")
+    assert reported.header.frame_id == "map"
+    wanted = matrix_of(printed("map", "robot_b/odom", 5.0, 6.0, 1.0).transform)
+    np.testing.assert_allclose(matrix_of(reported.transform), wanted, atol=1e-12)
     assert tf.fixed("robot_b/left_camera_optical").header.frame_id == "robot_b/base_link"
     # In the map itself nobody else can say it.
     odometry = robot.odometry()
@@ -236,9 +236,9 @@ def test_frames_are_published_as_the_parameter_says(
             return robot.poses
 
         robot.peer.until(answered, "a pose")
-    said = always.peer.until(lambda: tf.moving("robot_d/base_link"), "/tf")[-1]
-    wanted = matrix_of(told("map", "robot_d/base_link", 1.0, 2.0, math.pi / 2).transform)
-    np.testing.assert_allclose(matrix_of(said.transform), wanted, atol=1e-12)
+    reported = always.peer.until(lambda: tf.moving("robot_d/base_link"), "/tf")[-1]
+    wanted = matrix_of(printed("map", "robot_d/base_link", 1.0, 2.0, math.pi / 2).transform)
+    np.testing.assert_allclose(matrix_of(reported.transform), wanted, atol=1e-12)
     assert tf.fixed("odom") is None
     assert not {"/tf", "/tf_static"} & set(silent.peer.published_by(silent.node))
 
@@ -254,8 +254,8 @@ def test_pose_can_come_from_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None
     assert "robot_e/base_link" in finding.message
 
     def told_at(stamp_ns: int) -> bool:
-        tf.tell(told("map", "robot_e/odom", 10.0, 20.0, math.pi / 2, stamp_ns + 10**9))
-        tf.tell(told("robot_e/odom", "robot_e/base_link", 3.0, 1.0, 0.1, stamp_ns))
+        tf.tell(printed("map", "robot_e/odom", 10.0, 20.0, math.pi / 2, stamp_ns + 10**9))
+        tf.tell(printed("robot_e/odom", "robot_e/base_link", 3.0, 1.0, 0.1, stamp_ns))
         for _ in range(20):
             robot.peer.spin(0.1)
             if any(stamp_of(pose) == stamp_ns for pose in robot.poses):
@@ -282,7 +282,7 @@ def test_pose_can_come_from_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None
 
 def test_static_transform_is_a_pose_at_any_time(robots: Callable[..., RobotPeer], tf: Tf) -> None:
     """As from static_transform_publisher: valid at the stamp of each scan."""
-    tf.tell(told("map", "robot_f/base_link", -1.0, 0.5, 3.0), static=True)
+    tf.tell(printed("map", "robot_f/base_link", -1.0, 0.5, 3.0), static=True)
     robot = robots("robot_f", pose__source="tf")
     robot.peer.until(lambda: robot.poses, "a pose without a scan")
     robot.warm_up(pose=False)
@@ -309,7 +309,7 @@ def test_tf_places_odometry_in_the_map(robots: Callable[..., RobotPeer], tf: Tf)
     robot.until_finding("odom", lambda f: f.count("dropped.PoseError") > 0, str(finding))
     finding = robot.peer.findings(robot.node)["odom"]
     assert "TF has no map -> robot_g/odom: " in finding.message
-    tf.tell(told("map", "robot_g/odom", 10.0, 20.0, math.pi / 2), static=True)
+    tf.tell(printed("map", "robot_g/odom", 10.0, 20.0, math.pi / 2), static=True)
     robot.peer.until(sent, "a pose")
     assert planar(robot.poses[-1]) == pytest.approx((9.0, 23.0, math.pi / 2))
     # Its base says where base_link is, and somebody else where its odometry begins.

@@ -150,8 +150,8 @@ class Load:
         for of_robot in self.dropped.values():
             reasons.update(of_robot)
         if reasons:
-            said = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
-            lines.append(f"  dropped, as the planner says, from its start on: {said}")
+            reported = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+            lines.append(f"  dropped, as the planner says, from its start on: {reported}")
         return "\n".join([*lines, f"  {'all':<10}{sum(self.cores.values()):6.2f} cores"])
 
 

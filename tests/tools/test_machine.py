@@ -25,11 +25,11 @@ def others(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_one_slow_try_of_ten_passes(others: list[float]) -> None:
-    said: list[str] = []
+    reported: list[str] = []
     times = iter([0.5, 9.0, *[1.0] * 8])
-    nine_of_ten(lambda: next(times), 1.0, "it", show=said.append)
-    assert said[0].startswith("it: 0.50, 1.00, ")
-    assert "9.00 s; others had 0% of" in said[0]
+    nine_of_ten(lambda: next(times), 1.0, "it", show=reported.append)
+    assert reported[0].startswith("it: 0.50, 1.00, ")
+    assert "9.00 s; others had 0% of" in reported[0]
 
 
 def test_two_slow_tries_of_ten_fail(others: list[float]) -> None:
@@ -59,10 +59,10 @@ def test_busy_machine_is_reported_as_not_measured(
     if ci:
         monkeypatch.setenv("CI", "true")
     others += [0.9] * 5
-    said: list[str] = []
+    reported: list[str] = []
     with pytest.raises(pytest.skip.Exception, match="is too busy: .*; it: 0 of 10 tries counted"):
-        nine_of_ten(lambda: 9.0, 1.0, "it", show=said.append)
-    assert said[1].startswith("NOT MEASURED: this machine is too busy")
+        nine_of_ten(lambda: 9.0, 1.0, "it", show=reported.append)
+    assert reported[1].startswith("NOT MEASURED: this machine is too busy")
 
 
 def test_already_failed_limit_fails_on_a_busy_machine(others: list[float]) -> None:

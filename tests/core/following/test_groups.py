@@ -33,7 +33,7 @@ class Run:
     def __init__(self, groups: Groups | None = None, dt_ms: int = 100) -> None:
         self.groups = groups or groups_with()
         self.dt_ms, self.now_ns, self.ages = dt_ms, 0, {}
-        self.said: list[tuple[float, str]] = []
+        self.reported: list[tuple[float, str]] = []
         self.out: list[tuple] = []
 
     def go(self, ways, seconds, *, coasting=(), noise=0.0):
@@ -52,13 +52,13 @@ class Run:
                 people.append(person(who, *at, v=v, age_s=self.ages[who], coasting=who in coasting))
             out, events = self.groups.step(people, self.now_ns)
             self.out.append(out)
-            self.said += [(self.now_ns / 1e9, event) for event in events]
+            self.reported += [(self.now_ns / 1e9, event) for event in events]
             self.now_ns += self.dt_ms * MS
         return self
 
     @property
     def events(self) -> list[str]:
-        return [event for _, event in self.said]
+        return [event for _, event in self.reported]
 
     @property
     def last(self) -> dict[int, tuple[int, ...]]:
@@ -130,7 +130,7 @@ def test_person_who_walks_with_a_group_for_join_time_joins_it():
     run.go(standing(p1=(0, 0), p2=(1, 0)), 3.0)
     run.go(standing(p1=(0, 0), p2=(1, 0), p5=(1, 1)), 3.0)
     assert run.last == {1: (1, 2, 5)}
-    assert [event for event in run.said if event[0] < 4.9] == []
+    assert [event for event in run.reported if event[0] < 4.9] == []
     assert run.events == ["person 5 joins group 1"]
 
 
@@ -184,11 +184,11 @@ def test_straggler_is_flagged_within_a_second_of_crossing_the_limit():
     ways = falling_behind()
     run = Run(groups_with(distance=2.5, leave_time=0.5)).go(ways, 12.0)
     crossed = next(k for k in range(120) if nearest_other(ways, 3, k / 10) > 2.5)
-    said = run.away(3)
-    assert not any(said[:crossed])
-    first = said.index(True)
+    reported = run.away(3)
+    assert not any(reported[:crossed])
+    first = reported.index(True)
     assert 0.4 <= (first - crossed) / 10 < 1.0
-    assert all(said[first:])
+    assert all(reported[first:])
     assert run.events == ["person 3 has fallen behind or left group 1"]
     group = next(group for group in run.out[-1] if group.id == 1)
     assert group.members == (1, 2)
@@ -222,15 +222,15 @@ def test_returning_straggler_is_unflagged():
 def test_person_at_the_limit_raises_no_repeated_events(seed):
     """A person stands at the limit for a minute, with detection errors of 10 cm."""
     rng = np.random.default_rng(seed)
-    groups, said = groups_with(distance=2.5), []
+    groups, reported = groups_with(distance=2.5), []
     for k in range(600):
         people = [
             person(1, *rng.normal(0, 0.1, 2)), person(2, *rng.normal((0.5, 0.5), 0.1)),
             person(3, *rng.normal((2.5, 0.0), 0.1)),
         ]  # fmt: skip
         out, _ = groups.step(people, k * 100 * MS)
-        said.append(any(3 in group.stragglers for group in out))
-    assert np.count_nonzero(np.diff(said)) <= 1
+        reported.append(any(3 in group.stragglers for group in out))
+    assert np.count_nonzero(np.diff(reported)) <= 1
 
 
 def test_occluded_person_is_no_straggler_while_possibly_near():
@@ -259,9 +259,9 @@ def test_member_unseen_for_long_is_reported_missing():
         "person 3 of group 1 has not been seen for 5 s",
         "person 3 has left group 1",
     ]
-    said = run.away(3)
-    assert said.index(True) / 10 == pytest.approx(8.9, abs=0.11)
-    assert not said[-1]
+    reported = run.away(3)
+    assert reported.index(True) / 10 == pytest.approx(8.9, abs=0.11)
+    assert not reported[-1]
 
 
 def test_briefly_lost_member_stays_a_member():

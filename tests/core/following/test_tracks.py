@@ -202,11 +202,11 @@ def test_high_score_confirms_a_person_at_once():
 
 def test_low_score_confirms_a_person_after_birth_time():
     follower = tracker(sure_score=3.0, birth_score=0.5, birth_time=0.25, start_time=0.0)
-    said = [
+    reported = [
         follower.step([person(1, 2, at_ns=k * 100 * MS, score=1.0)], k * 100 * MS) for k in range(6)
     ]
-    assert [len(people) for people in said] == [0, 0, 0, 1, 1, 1]
-    assert said[-1][0].age_s == pytest.approx(0.5)
+    assert [len(people) for people in reported] == [0, 0, 0, 1, 1, 1]
+    assert reported[-1][0].age_s == pytest.approx(0.5)
 
 
 def test_at_the_start_all_detections_are_new_people():

@@ -24,7 +24,7 @@ BODY = [(0.05 * i, 0.05 * j) for i in range(-3, 4) for j in range(-1, 2)]
 def watch(make_cells):
     """What agreement says of robots that say they stand elsewhere than they do."""
 
-    def run(said, seen=None, steps=10, noise=0.08, seed=1, agreement=None, **tuning):
+    def run(reported, seen=None, steps=10, noise=0.08, seed=1, agreement=None, **tuning):
         agreement = agreement or Agreement(tuning=AgreementTuning(**tuning))
         random = np.random.default_rng(seed)
         walked = np.zeros(2)
@@ -32,7 +32,7 @@ def watch(make_cells):
             walked = walked + random.normal(0.1, 0.05, 2)
             scans = []
             for name, pose in TRUE.items():
-                if name not in said:
+                if name not in reported:
                     continue
                 which = slice(None) if seen is None else seen[name]
                 c, s = math.cos(pose.yaw), math.sin(pose.yaw)
@@ -40,7 +40,7 @@ def watch(make_cells):
                 here = (places - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
                 cells = [(x + dx, y + dy) for x, y in here for dx, dy in BODY]
                 scans.append(Scan(name, 0, make_cells(cells, top=[1.7] * len(cells))))
-            agreement.add(fuse(scans, said), said, CONFIG)
+            agreement.add(fuse(scans, reported), reported, CONFIG)
         return agreement.misplaced
 
     return run
@@ -75,9 +75,9 @@ def test_wrong_pose_is_named_with_its_offset(watch, name, x, y, turn):
 
 
 def test_of_two_robots_both_are_named(watch):
-    said = moved("robot_b", 0.7, 0.0)
-    del said["robot_c"]
-    found = watch(said)
+    reported = moved("robot_b", 0.7, 0.0)
+    del reported["robot_c"]
+    found = watch(reported)
     assert sorted(found) == ["robot_a", "robot_b"]
     np.testing.assert_allclose(found["robot_a"].move, (0.7, 0.0), atol=0.12)
     np.testing.assert_allclose(found["robot_b"].move, (-0.7, 0.0), atol=0.12)
@@ -104,19 +104,21 @@ def test_no_people_and_one_robot_give_no_finding(watch):
 
 
 def test_tuning_sets_samples_and_reach(watch):
-    said = moved("robot_c", 0.6, -0.3)
-    assert list(watch(said, steps=7, enough=7)) == ["robot_c"]
-    assert watch(said, reach=0.5) == {}
-    assert watch(said, samples=7) == {}
+    reported = moved("robot_c", 0.6, -0.3)
+    assert list(watch(reported, steps=7, enough=7)) == ["robot_c"]
+    assert watch(reported, reach=0.5) == {}
+    assert watch(reported, samples=7) == {}
 
 
 def test_robot_that_is_gone_is_no_longer_named(watch):
     agreement = Agreement(tuning=AgreementTuning(samples=10, enough=1))
-    said = moved("robot_c", 0.6, -0.3)
-    assert list(watch(said, agreement=agreement)) == ["robot_c"]
-    del said["robot_c"]
-    assert list(watch(said, steps=9, agreement=agreement)) == ["robot_c"]  # seen 10 intervals ago
-    assert watch(said, steps=1, agreement=agreement) == {}
+    reported = moved("robot_c", 0.6, -0.3)
+    assert list(watch(reported, agreement=agreement)) == ["robot_c"]
+    del reported["robot_c"]
+    assert list(watch(reported, steps=9, agreement=agreement)) == [
+        "robot_c"
+    ]  # seen 10 intervals ago
+    assert watch(reported, steps=1, agreement=agreement) == {}
 
 
 # ------------------------------------------------------------------------------------- bodies ----
@@ -126,7 +128,7 @@ def test_robot_that_is_gone_is_no_longer_named(watch):
 def watch_bodies(make_cells):
     """Likewise, of robots that send bodies: by robot, places on the map and log-odds."""
 
-    def run(said, seen):
+    def run(reported, seen):
         agreement = Agreement()
         random = np.random.default_rng(1)
         for _ in range(10):
@@ -144,7 +146,7 @@ def watch_bodies(make_cells):
                     sigma_across=0.05 * one,
                 )
                 scans.append(Scan(name, 0, cells))
-            agreement.add(fuse(scans, said), said, CONFIG)
+            agreement.add(fuse(scans, reported), reported, CONFIG)
         return agreement.misplaced
 
     return run

@@ -256,8 +256,8 @@ def test_covariance_is_symmetric_and_positive_definite() -> None:
 
 
 def test_description_is_in_words() -> None:
-    said = in_words(Mounting(height=1.234, pitch=math.radians(10.04), roll=-0.1))
-    assert said == "height 1.23 m, pitch 10.0 deg, roll -5.7 deg"
+    reported = in_words(Mounting(height=1.234, pitch=math.radians(10.04), roll=-0.1))
+    assert reported == "height 1.23 m, pitch 10.0 deg, roll -5.7 deg"
 
 
 # --- the watch ------------------------------------------------------------------------------------

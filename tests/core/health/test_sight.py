@@ -62,25 +62,25 @@ def test_bad_camera_is_named(camera: str, mean: float, deviation: float, what: s
         return image(mean, deviation)
 
     cameras = {"top": image, camera: bad}
-    said = after(6, SightWatch(cfg.Sight()), **cameras)
-    assert said.startswith(f"{camera} image is {what}")
-    assert said.count("image is") == 1
+    reported = after(6, SightWatch(cfg.Sight()), **cameras)
+    assert reported.startswith(f"{camera} image is {what}")
+    assert reported.count("image is") == 1
 
 
 def test_both_cameras_are_named() -> None:
     dark = np.zeros(SHAPE, dtype=np.uint8)
-    said = after(5, SightWatch(cfg.Sight()), left=dark, right=dark)
-    assert said == "left image is black (mean 0 of 255); right image is black (mean 0 of 255)"
+    reported = after(5, SightWatch(cfg.Sight()), left=dark, right=dark)
+    assert reported == "left image is black (mean 0 of 255); right image is black (mean 0 of 255)"
 
 
 def test_few_disparities_are_reported_only_with_good_images() -> None:
-    said = after(5, SightWatch(cfg.Sight()), with_valid(0.2))
-    assert said.startswith("only 20% of the pixels have a disparity (sight.min_valid: 25%)")
+    reported = after(5, SightWatch(cfg.Sight()), with_valid(0.2))
+    assert reported.startswith("only 20% of the pixels have a disparity (sight.min_valid: 25%)")
     assert after(5, SightWatch(cfg.Sight()), with_valid(0.3)) == ""
     assert after(5, SightWatch(cfg.Sight(min_valid=0.5)), with_valid(0.3)) != ""
     assert after(5, SightWatch(cfg.Sight(min_valid=0.0)), with_valid(0.0)) == ""
-    said = after(5, SightWatch(cfg.Sight()), with_valid(0.0), left=lambda: image(2.0, 1.0))
-    assert said == "left image is black (mean 2 of 255)"
+    reported = after(5, SightWatch(cfg.Sight()), with_valid(0.0), left=lambda: image(2.0, 1.0))
+    assert reported == "left image is black (mean 2 of 255)"
 
 
 def test_warning_needs_consecutive_views_to_start_and_end() -> None:
@@ -103,8 +103,8 @@ def test_warning_follows_the_current_views() -> None:
 
 def test_frozen_camera_is_detected_while_the_other_moves() -> None:
     frozen = image()
-    said = after(9, SightWatch(cfg.Sight()), right=frozen)
-    assert said == "right image stands still"
+    reported = after(9, SightWatch(cfg.Sight()), right=frozen)
+    assert reported == "right image stands still"
     # A recording of one frame stands still as a whole: nothing is broken there.
     assert after(9, SightWatch(cfg.Sight()), left=frozen, right=frozen) == ""
 

@@ -346,7 +346,7 @@ def test_positions_far_outside_the_grid_are_infinitely_far_from_walls(far):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "reported"),
     [
         ({"resolution": 0.0}, "resolution is 0.0 m; allowed: 0.005 to 1 m"),
         ({"resolution": math.nan}, "resolution is nan"),
@@ -360,33 +360,33 @@ def test_positions_far_outside_the_grid_are_infinitely_far_from_walls(far):
         ({"data": np.array([[-2, 0]], np.int8)}, "data goes from -2 to 0"),
     ],
 )
-def test_invalid_grids_are_refused(changes, said):
+def test_invalid_grids_are_refused(changes, reported):
     good = {"resolution": 0.1, "x": 0.0, "y": 0.0, "yaw": 0.0, "data": np.zeros((2, 2), np.int8)}
     with pytest.raises(GridError) as err:
         OccupancyGrid(**good | changes)
-    assert said in str(err.value)
+    assert reported in str(err.value)
 
 
 def test_log_odds_match_hand_computed_values():
     walls = Walls(room(), occupied_from=65)
     exact, unsure = 0.01**2 * np.eye(2), 0.3**2 * np.eye(2)
 
-    def said(xy, covariance, **changes) -> float:
+    def reported(xy, covariance, **changes) -> float:
         config = cfg.Masking(**changes)
         (value,) = walls.log_odds(np.array([xy]), covariance[np.newaxis], config)
         return float(value)
 
-    assert said((3.0, -0.1), exact) == -5.0  # in the wall
-    assert said((3.0, -0.1), exact, wall_score=2.0) == -2.0
-    assert said((3.0, 0.05), exact) == -5.0  # too near to it to be an axis
-    assert said((3.0, 0.05), exact, wall_margin=0.0) == 1.5
-    assert said((3.0, 0.4), exact) == 1.5  # within arm's length of it
-    assert said((3.0, 0.4), exact, beside_score=0.0) == 0.0
-    assert said((3.0, 2.0), exact) == 0.0  # in the open
-    assert said((30.0, 20.0), exact) == 0.0  # where nothing is known
+    assert reported((3.0, -0.1), exact) == -5.0  # in the wall
+    assert reported((3.0, -0.1), exact, wall_score=2.0) == -2.0
+    assert reported((3.0, 0.05), exact) == -5.0  # too near to it to be an axis
+    assert reported((3.0, 0.05), exact, wall_margin=0.0) == 1.5
+    assert reported((3.0, 0.4), exact) == 1.5  # within arm's length of it
+    assert reported((3.0, 0.4), exact, beside_score=0.0) == 0.0
+    assert reported((3.0, 2.0), exact) == 0.0  # in the open
+    assert reported((30.0, 20.0), exact) == 0.0  # where nothing is known
     # As likely in it as not: half of the draws are nearer than the margin.
-    assert abs(said((3.0, 0.15), unsure)) < 0.5
-    assert -5.0 < said((3.0, 0.0), unsure) < -0.2
+    assert abs(reported((3.0, 0.15), unsure)) < 0.5
+    assert -5.0 < reported((3.0, 0.0), unsure) < -0.2
 
 
 def test_walls_and_furniture_are_not_people(make_cells):

@@ -181,15 +181,15 @@ def test_recording_equals_the_replayed_bag(tmp_path):
     """Every byte of the starter bag, through two processes."""
     out = tmp_path / "out.mcap"
     with mrs("record", out) as recording, mrs("replay", PAPER, "--rate", 2, "--wait", 50) as source:
-        code, said = finish(source)
-        assert code == 0, said
-        assert "published 678 messages on 18 topics" in said
-        assert "--clock" in said
-        assert "use_sim_time:=true" in said
+        code, reported = finish(source)
+        assert code == 0, reported
+        assert "published 678 messages on 18 topics" in reported
+        assert "--clock" in reported
+        assert "use_sim_time:=true" in reported
         time.sleep(CATCH_UP_S)
-        code, said = finish(recording, signal.SIGINT)
-    assert code == 0, said
-    assert "678 messages in" in said
+        code, reported = finish(recording, signal.SIGINT)
+    assert code == 0, reported
+    assert "678 messages in" in reported
     with BagReader(PAPER) as sent, BagReader(out) as got:
         for topic in sent.topics.values():
             assert got.topics[topic.name].type == topic.type
@@ -226,9 +226,9 @@ def test_recording_equals_the_replayed_bag(tmp_path):
 def test_reliable_and_best_effort_subscribers_get_everything(ros, qos):
     arrived = raw_subscription(ros, Odometry, "/robot_a/odom", qos)
     others = raw_subscription(ros, Odometry, "/robot_b/odom", qos)
-    code, said = run("replay", PAPER, "-t", "/robot_a/odom,/robot_c/*", "--rate", 2)
-    assert code == 0, said
-    assert "published 362 messages on 6 topics" in said
+    code, reported = run("replay", PAPER, "-t", "/robot_a/odom,/robot_c/*", "--rate", 2)
+    assert code == 0, reported
+    assert "published 362 messages on 6 topics" in reported
     until(lambda: len(arrived) == 151)
     with BagReader(PAPER) as bag:
         assert_same_bytes(arrived, messages_of(bag, "/robot_a/odom"))
@@ -297,9 +297,9 @@ def test_clock_is_published_with_bag_time(ros, tmp_path):
 
     ros.create_subscription(Clock, "/clock", on_clock, RELIABLE)
     ros.create_subscription(String, "/talk", lambda m: seen.append(m.data), RELIABLE)
-    code, said = run("replay", bag, "--clock", "--rate", 2)
-    assert code == 0, said
-    assert "--clock" not in said
+    code, reported = run("replay", bag, "--clock", "--rate", 2)
+    assert code == 0, reported
+    assert "--clock" not in reported
     end_ns = START_NS + 1_000_000_000
     until(lambda: seen and seen[-1] == end_ns + 200_000_000)
     ticks = [s for s in seen if isinstance(s, int)]
@@ -367,8 +367,8 @@ def test_loop_repeats_the_bag(ros, tmp_path):
     )
     with mrs("replay", bag, "--loop", "--clock") as process:
         until(lambda: len(arrived) >= 7)
-        code, said = finish(process, signal.SIGINT)
-    assert code == 0, said
+        code, reported = finish(process, signal.SIGINT)
+    assert code == 0, reported
     assert texts_of(arrived[:7]) == ["one", "two", "three"] * 2 + ["one"]
     back = [k for k in range(1, len(ticks)) if ticks[k] < ticks[k - 1]]
     assert len(back) >= 2
@@ -414,17 +414,17 @@ def latched_offer():
 def test_incompatible_subscriber_is_named(ros, tmp_path):
     bag = talk_bag(tmp_path / "b.mcap", ["a"])
     arrived = raw_subscription(ros, String, "/talk", LATCHED)
-    code, said = run("replay", bag, "--wait", 3)
+    code, reported = run("replay", bag, "--wait", 3)
     assert code == 0
-    assert "a subscriber of /talk gets nothing" in said
+    assert "a subscriber of /talk gets nothing" in reported
     assert arrived == []
 
 
 def test_replay_without_subscribers_reports_it(tmp_path):
-    code, said = run("replay", talk_bag(tmp_path / "b.mcap", ["a"]), "--wait", 0)
+    code, reported = run("replay", talk_bag(tmp_path / "b.mcap", ["a"]), "--wait", 0)
     assert code == 0
-    assert "nobody listens yet" in said
-    assert "published 1 messages on 1 topics" in said
+    assert "nobody listens yet" in reported
+    assert "published 1 messages on 1 topics" in reported
 
 
 def odd_bag(path, definition, msgtype="odd_msgs/msg/Odd"):
@@ -481,9 +481,9 @@ def test_topic_without_a_usable_definition_is_omitted(ros, tmp_path, msgtype, wh
 
 
 def test_replay_names_omitted_topics(tmp_path):
-    code, said = run("replay", odd_bag(tmp_path / "b", "int32 number"), "--wait", 0)
+    code, reported = run("replay", odd_bag(tmp_path / "b", "int32 number"), "--wait", 0)
     assert code == 0
-    assert "/odd is left out: its type odd_msgs/msg/Odd is not installed" in said
+    assert "/odd is left out: its type odd_msgs/msg/Odd is not installed" in reported
 
 
 def test_damage_found_during_replay_is_reported(tmp_path):
@@ -491,10 +491,10 @@ def test_damage_found_during_replay_is_reported(tmp_path):
     bag = talk_bag(tmp_path / "b", ["a", "b"])
     metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("message_count: 2", "message_count: 3"))
-    code, said = run("replay", bag, "--wait", 0)
+    code, reported = run("replay", bag, "--wait", 0)
     assert code == 1
-    assert "truncated or damaged" in said
-    assert said.count("\n") == said.count("note:") + 1
+    assert "truncated or damaged" in reported
+    assert reported.count("\n") == reported.count("note:") + 1
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
@@ -520,10 +520,10 @@ def test_topics_of_live_nodes_are_omitted(ros, tmp_path):
     ros.create_publisher(String, "/live", RELIABLE)
     arrived = {topic: raw_subscription(ros, String, topic) for topic in ("/live", "/free")}
     bag = two_topics(tmp_path / "b.mcap")
-    code, said = run("replay", bag, "--rate", 8, "--clock")
-    assert code == 0, said
-    assert f"note: /live is left out: /{ros.get_name()} publishes it" in said
-    assert "published 20 messages on 1 topics" in said
+    code, reported = run("replay", bag, "--rate", 8, "--clock")
+    assert code == 0, reported
+    assert f"note: /live is left out: /{ros.get_name()} publishes it" in reported
+    assert "published 20 messages on 1 topics" in reported
     until(lambda: len(arrived["/free"]) == 20)
     assert arrived["/live"] == []
     with pytest.raises(BagError, match="cannot publish /live: .* publishes it"):
@@ -602,14 +602,14 @@ def test_record_takes_inputs_and_outputs_and_names_omitted_topics(ros, tmp_path)
         for publisher in publishers:
             publisher.publish(publisher.msg_type())
         time.sleep(CATCH_UP_S)
-        code, said = finish(process, signal.SIGINT)
+        code, reported = finish(process, signal.SIGINT)
         other.destroy_node()
-    assert code == 0, said
+    assert code == 0, reported
     with BagReader(tmp_path / "out.mcap") as bag:
         assert {t.name: t.count for t in bag.topics.values()} == dict.fromkeys(kinds, 1)
-    assert "left out, as no node takes them in: " + ", ".join(sorted(large)) in said
-    assert re.search(r"^ +1 +0\.00 MB  /robot_a/odom$", said, re.MULTILINE)
-    assert re.search(r"^ +5 messages in .*out\.mcap, 0\.0 MB$", said, re.MULTILINE)
+    assert "left out, as no node takes them in: " + ", ".join(sorted(large)) in reported
+    assert re.search(r"^ +1 +0\.00 MB  /robot_a/odom$", reported, re.MULTILINE)
+    assert re.search(r"^ +5 messages in .*out\.mcap, 0\.0 MB$", reported, re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "a bag"])
@@ -623,26 +623,26 @@ def test_killed_recorder_leaves_recoverable_data(ros, tmp_path, name):
         for k in range(1000, 1020):
             publisher.publish(String(data=f"- {k}"))
         time.sleep(CATCH_UP_S)
-        code, said = run("record", "--recover", out)
-        assert (code, "is being written at the moment" in said) == (1, True)
+        code, reported = run("record", "--recover", out)
+        assert (code, "is being written at the moment" in reported) == (1, True)
         process.kill()
         process.wait()
     assert not out.exists()
     for command in (["replay", out], ["replay", f"{out}.part"], ["record", out]):
-        code, said = run(*command)
+        code, reported = run(*command)
         assert code == 1
-        assert f"mrs record --recover {shlex.quote(str(out))}" in said
+        assert f"mrs record --recover {shlex.quote(str(out))}" in reported
     with next((tmp_path / f"{name}.part").glob("*/*.mcap")).open("ab") as file:
         file.write(b"\x06\x99\x99")  # the beginning of a chunk
-    code, said = run("record", "--recover", out)
-    assert code == 0, said
-    assert "of the end 3 bytes are lost" in said
+    code, reported = run("record", "--recover", out)
+    assert code == 0, reported
+    assert "of the end 3 bytes are lost" in reported
     with BagReader(out) as bag:
         assert numbers(bag, "/talk")[-20:] == list(range(1000, 1020))
         assert bag.topics["/talk"].qos[0].reliability == QosReliability.RELIABLE
     assert list(tmp_path.iterdir()) == [out]
-    code, said = run("record", "--recover", out)
-    assert (code, "nothing to recover" in said) == (1, True)
+    code, reported = run("record", "--recover", out)
+    assert (code, "nothing to recover" in reported) == (1, True)
 
 
 def publish_until(publishers, condition):
@@ -681,8 +681,8 @@ def test_record_adapts_to_the_qos_of_each_publisher(ros, tmp_path):
             for publisher in (plain, sensor, late):
                 publisher.publish(String(data=f"- {k}"))
         time.sleep(CATCH_UP_S)
-        code, said = finish(process, signal.SIGINT)
-    assert code == 0, said
+        code, reported = finish(process, signal.SIGINT)
+    assert code == 0, reported
     ended_ns = time.time_ns()
     with BagReader(tmp_path / "out.mcap") as bag:
         assert set(bag.topics) == {"/latched", "/plain", "/sensor", "/late"}
@@ -710,9 +710,11 @@ def test_record_adapts_to_a_later_publisher_with_weaker_qos(ros, tmp_path):
         time.sleep(CATCH_UP_S)
         assert finish(process, signal.SIGTERM)[0] == 0
     with BagReader(tmp_path / "out.mcap") as bag:
-        said = [m.data for _, _, m in bag.decoded(["/talk"])]
+        reported = [m.data for _, _, m in bag.decoded(["/talk"])]
     for who in ("first", "second"):
-        assert [s for s in said if s.startswith(who)] == [f"{who} {k}" for k in range(1000, 1005)]
+        assert [s for s in reported if s.startswith(who)] == [
+            f"{who} {k}" for k in range(1000, 1005)
+        ]
 
 
 def test_record_takes_only_requested_topics(ros, tmp_path):
@@ -736,8 +738,8 @@ def test_record_ends_after_the_given_time(ros, tmp_path):
     publisher = ros.create_publisher(String, "/talk", RELIABLE)
     with mrs("record", tmp_path / "out.mcap", "--duration", 4) as process:
         publish_until([publisher], lambda: process.poll() is not None)
-        code, said = finish(process)
-    assert code == 0, said
+        code, reported = finish(process)
+    assert code == 0, reported
     with BagReader(tmp_path / "out.mcap") as bag:
         assert bag.duration_s < 10.0
 
@@ -745,9 +747,9 @@ def test_record_ends_after_the_given_time(ros, tmp_path):
 def test_record_overwrites_nothing(tmp_path):
     path = talk_bag(tmp_path / "b.mcap", ["precious"])
     before = path.read_bytes()
-    code, said = run("record", path)
+    code, reported = run("record", path)
     assert code == 1
-    assert "exists already" in said
+    assert "exists already" in reported
     assert path.read_bytes() == before
 
 
@@ -759,10 +761,10 @@ def test_record_refuses_invalid_topic_names(tmp_path, name):
 
 
 def test_record_without_messages_leaves_no_file(tmp_path):
-    code, said = run("record", tmp_path / "out.mcap", "/nope", "--duration", 0.5)
+    code, reported = run("record", tmp_path / "out.mcap", "/nope", "--duration", 0.5)
     assert code == 1
-    assert "no message came on /nope" in said
-    assert "ROS_DOMAIN_ID" in said
+    assert "no message came on /nope" in reported
+    assert "ROS_DOMAIN_ID" in reported
     assert list(tmp_path.iterdir()) == []
 
 
@@ -794,18 +796,18 @@ def run_without(missing, *args):
 
 
 def test_help_needs_neither_ros_nor_heavy_libraries():
-    code, said = run_without(["rclpy", "rosbags", "numpy"], "--help")
+    code, reported = run_without(["rclpy", "rosbags", "numpy"], "--help")
     assert code == 0
-    assert "replay" in said
-    assert "record" in said
-    assert "LOADED []" in said
+    assert "replay" in reported
+    assert "record" in reported
+    assert "LOADED []" in reported
 
 
 @pytest.mark.parametrize("name", ["replay", "record"])
 def test_help_of_a_command_needs_no_ros(name):
-    code, said = run_without(["rclpy"], name, "--help")
+    code, reported = run_without(["rclpy"], name, "--help")
     assert code == 0
-    assert "Usage: mrs" in said
+    assert "Usage: mrs" in reported
 
 
 @pytest.mark.parametrize(
@@ -819,10 +821,10 @@ def test_help_of_a_command_needs_no_ros(name):
     ],
 )
 def test_missing_libraries_are_named(missing, args, extra):
-    code, said = run_without([missing], *args)
+    code, reported = run_without([missing], *args)
     assert code == 1
-    assert f"needs {missing}" in said
-    assert extra in said
+    assert f"needs {missing}" in reported
+    assert extra in reported
     assert not Path("/tmp/never.mcap").exists()
     assert not Path("/tmp/never.mcap.part").exists()
 
@@ -838,9 +840,9 @@ def test_missing_libraries_are_named(missing, args, extra):
     ],
 )
 def test_exit_codes(args, code, text):
-    result, said = run(*args)
+    result, reported = run(*args)
     assert result == code
-    assert text in said
+    assert text in reported
 
 
 def test_message_classes_are_found_by_type():

@@ -67,7 +67,7 @@ def entry(level, code, text="text") -> tuple:
     return (level, text, {"code": str(code), "figure": "1"})
 
 
-def told(robot=None, planner=None, **changes) -> list[Check]:
+def printed(robot=None, planner=None, **changes) -> list[Check]:
     """What is made of the reports of a robot and of its planner."""
     reports = {ROBOT: {**WELL, **(robot or {})}, PLANNER: {**WELL, **(planner or {})}}
     return trouble(facts(**{"reports": reports, **changes}))
@@ -79,7 +79,7 @@ def subjects(checks) -> list[str]:
 
 def test_reports_of_nodes_are_shown_with_advice():
     text = "no data on /robot_a/odom for 7 s; publishers: 0"
-    odom, pairs = told({"odom": entry(ERROR, Code.NO_PUBLISHER, text), "pairs": (WARN, "3", {})})
+    odom, pairs = printed({"odom": entry(ERROR, Code.NO_PUBLISHER, text), "pairs": (WARN, "3", {})})
     assert (odom.subject, odom.level, odom.text) == (f"{ROBOT}: odom", ERROR, text)
     assert odom.advice.startswith("start what publishes it")
     assert (pairs.level, pairs.advice) == (WARN, "")  # of a node that gives no codes
@@ -107,7 +107,7 @@ def test_reports_of_nodes_are_shown_with_advice():
     ],
 )
 def test_advice_depends_on_the_code_and_not_on_the_text(code, wanted):
-    (check,) = told({"left/image_rect": entry(ERROR, code)})
+    (check,) = printed({"left/image_rect": entry(ERROR, code)})
     assert wanted in check.advice
     assert bool(check.advice) == bool(wanted)
 
@@ -138,7 +138,7 @@ ROBOT_HAS_NO_SCAN = {
 )
 def test_consequences_of_unused_images_are_listed_under_them(subject, code):
     """They are not listed first: a planner without data, and advice on networks."""
-    (check,) = told({**ROBOT_HAS_NO_SCAN, subject: entry(ERROR, code)}, PLANNER_HEARS_NO_SCAN)
+    (check,) = printed({**ROBOT_HAS_NO_SCAN, subject: entry(ERROR, code)}, PLANNER_HEARS_NO_SCAN)
     assert (check.subject, check.level) == (f"{ROBOT}: {subject}", ERROR)
     assert set(subjects(check.follows)) == {
         *(f"{ROBOT}: {each}" for each in ROBOT_HAS_NO_SCAN),
@@ -148,7 +148,7 @@ def test_consequences_of_unused_images_are_listed_under_them(subject, code):
 
 def test_network_without_data_is_a_separate_error():
     """The robot sends scans; the missing data of the planner has no cause there."""
-    (points,) = told(planner=PLANNER_HEARS_NO_SCAN)
+    (points,) = printed(planner=PLANNER_HEARS_NO_SCAN)
     assert (points.subject, points.level) == (f"{PLANNER}: robot_a/points", ERROR)
     assert "firewall" in points.advice
     assert len(points.follows) == 2
@@ -173,7 +173,7 @@ def test_missing_pose_follows_from_odometry_and_not_from_images():
         "pose": entry(ERROR, Code.NO_POSE),
     }
     planner = {"robot_a/pose": entry(ERROR, Code.NO_DATA)}
-    images, odom = told(robot, planner)
+    images, odom = printed(robot, planner)
     assert (images.subject, images.follows) == (f"{ROBOT}: left/image_rect", ())
     assert subjects(odom.follows) == [f"{ROBOT}: pose", f"{PLANNER}: robot_a/pose"]
 
@@ -183,19 +183,19 @@ def test_images_without_calibration_follow_from_camera_info():
         "right/camera_info": entry(ERROR, Code.NO_PUBLISHER),
         "right/image_rect": entry(ERROR, Code.NO_CALIBRATION),
     }
-    (check,) = told(robot)
+    (check,) = printed(robot)
     assert check.subject == f"{ROBOT}: right/camera_info"
     assert subjects(check.follows) == [f"{ROBOT}: right/image_rect"]
 
 
 def test_completely_silent_camera_is_one_finding():
     silent = dict.fromkeys(("left/camera_info", "left/image_rect"), entry(ERROR, Code.NO_DATA))
-    (check,) = told(silent)
+    (check,) = printed(silent)
     assert check.subject == f"{ROBOT}: left/image_rect"
     assert subjects(check.follows) == [f"{ROBOT}: left/camera_info"]
     other = {**silent, "right/camera_info": entry(ERROR, Code.NO_DATA)}
-    assert len(told(other)) == 2
-    assert len(told({**silent, "left/image_rect": entry(ERROR, Code.ALL_REFUSED)})) == 2
+    assert len(printed(other)) == 2
+    assert len(printed({**silent, "left/image_rect": entry(ERROR, Code.ALL_REFUSED)})) == 2
 
 
 def test_missing_robot_is_one_finding():
@@ -204,7 +204,7 @@ def test_missing_robot_is_one_finding():
         "robot_c/pose": entry(ERROR, Code.NO_PUBLISHER),
         "robot robot_c": entry(STALE, Code.NO_SCAN),
     }
-    (check,) = told(planner=planner)
+    (check,) = printed(planner=planner)
     assert check.subject == f"{PLANNER}: robot_c/points"
     assert check.advice.startswith("there is no /robot_c/robot_node: start it")
     assert len(check.follows) == 2
@@ -217,7 +217,7 @@ def test_missing_poses_do_not_follow_from_scans_with_another_cause():
         "robot_a/points": entry(ERROR, Code.NO_DATA),
         "robot_a/pose": entry(ERROR, Code.NO_DATA),
     }
-    assert subjects(told(robot, planner)) == [
+    assert subjects(printed(robot, planner)) == [
         f"{ROBOT}: left/image_rect",
         f"{PLANNER}: robot_a/pose",
     ]
@@ -231,14 +231,14 @@ def test_no_finding_is_lost_for_any_report():
     for _ in range(200):
         levels, codes = (random.choices(of, k=12) for of in ([ERROR, STALE, WARN], list(Code)))
         bad = {name: entry(*how) for name, *how in zip(names, levels, codes, strict=True)}
-        checks = told(bad, bad)
+        checks = printed(bad, bad)
         said = [check for one in checks for check in (one, *one.follows)]
         assert len({check.subject for check in said}) == len(said) == 2 * len(names)
         assert all(one.level == ERROR for one in checks if one.follows)
 
 
 def test_errors_are_never_listed_under_lesser_findings():
-    checks = told({"scan": entry(STALE, Code.NO_SCAN)}, PLANNER_HEARS_NO_SCAN)
+    checks = printed({"scan": entry(STALE, Code.NO_SCAN)}, PLANNER_HEARS_NO_SCAN)
     assert [(check.subject, check.level) for check in checks] == [
         (f"{ROBOT}: scan", STALE),
         (f"{PLANNER}: robot_a/points", ERROR),
@@ -298,7 +298,7 @@ def test_second_planner_of_any_name_is_reported():
     (check,) = trouble(facts(people_from={"/people": ["/planner_node", "/planner_two"]}))
     assert (check.subject, check.level) == ("/people", ERROR)
     assert check.text == "2 nodes publish it: /planner_node, /planner_two"
-    (said_once,) = told(
+    (said_once,) = printed(
         planner={"people": (ERROR, "2 publishers on /people", {})},
         people_from={"/people": ["/planner_node", "/planner_two"]},
     )
@@ -378,6 +378,6 @@ def test_hanging_robot_is_not_reported_missing():
 
 def test_findings_that_wait_for_the_clock_follow_from_it():
     waits = {"robot robot_a": entry("waiting", Code.NO_CLOCK)}
-    (check,) = told(planner=waits, sim_time={ROBOT: True, PLANNER: True})
+    (check,) = printed(planner=waits, sim_time={ROBOT: True, PLANNER: True})
     assert (check.subject, check.level) == ("/clock", ERROR)
     assert subjects(check.follows) == [f"{PLANNER}: robot robot_a"]

@@ -52,16 +52,16 @@ def test_other_findings_are_not_attributed_to_shared_memory(rates):
 
 
 @pytest.mark.parametrize(
-    ("room", "said"), [(212992, "(on this one it is 212992)"), (16777216, None), (None, None)]
+    ("room", "reported"), [(212992, "(on this one it is 212992)"), (16777216, None), (None, None)]
 )
-def test_too_small_socket_buffer_is_named(room, said, tmp_path, monkeypatch):
+def test_too_small_socket_buffer_is_named(room, reported, tmp_path, monkeypatch):
     monkeypatch.setattr(lost, "ROOM", tmp_path / "rmem_max")
     if room is not None:
         lost.ROOM.write_text(f"{room}\n")
     (check,) = of_images(report(left__camera_info=5.0, left__image_rect=0.0))
     assert "net.core.rmem_max=16777216" in check.advice
-    assert ("on this one" in check.advice) == (said is not None)
-    assert said is None or said in check.advice
+    assert ("on this one" in check.advice) == (reported is not None)
+    assert reported is None or reported in check.advice
 
 
 def test_consequences_of_lost_images_are_listed_under_them():

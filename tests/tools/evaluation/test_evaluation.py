@@ -888,10 +888,10 @@ def test_table_counts_people_found_as_the_demo_does():
         "group": {"centre_error_m": {"mean": 0.1, "p95": 0.1}},
     }
     console = Console(width=100)
-    with console.capture() as said:
+    with console.capture() as reported:
         console.print(tables._people_table({"a [b]": report}))
-    assert re.search(r"bag +frames true found recall prec\.", said.get())
-    assert re.search(r"a \[b\] +5 +9 +6 +0\.667 +0\.857", said.get())
+    assert re.search(r"bag +frames true found recall prec\.", reported.get())
+    assert re.search(r"a \[b\] +5 +9 +6 +0\.667 +0\.857", reported.get())
 
 
 def test_json_of_one_bag_has_all_keys(tmp_path, formation):

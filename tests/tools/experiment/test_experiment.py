@@ -120,7 +120,7 @@ def sent_cloud(points: Any) -> Any:
 def test_papers_method_uses_no_defaults():
     """The experiment must not change with a default."""
     document = yaml.safe_load(PAPER.read_text())
-    said = {key.rpartition("/")[2]: body["ros__parameters"] for key, body in document.items()}
+    reported = {key.rpartition("/")[2]: body["ros__parameters"] for key, body in document.items()}
     sections = {
         "robot_node": ("disparity", "zones", "noise", "quantization"),
         "planner_node": ("clustering", "human"),
@@ -130,7 +130,7 @@ def test_papers_method_uses_no_defaults():
     for node, names in sections.items():
         for name in names:
             fields = {f.name for f in dataclasses.fields(getattr(configs[node], name))}
-            assert fields == set(said[node][name]), f"{node}: {name}"
+            assert fields == set(reported[node][name]), f"{node}: {name}"
 
 
 # -------------------------------------------------------------------------------------- by hand

@@ -83,8 +83,8 @@ def test_launch_starts_the_team_with_a_trinocular_leader(ros2: str, domain: int)
     finally:
         peer.close()
         started.send_signal(signal.SIGINT)
-        said, _ = started.communicate(timeout=60)
-    assert "Traceback" not in said, said
+        reported, _ = started.communicate(timeout=60)
+    assert "Traceback" not in reported, reported
 
 
 @pytest.mark.soak  # 20 s, most of them for the animation

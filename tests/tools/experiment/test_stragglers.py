@@ -107,8 +107,8 @@ def follow(truth: Truth, *, seed: int) -> Followed:
             for who in rng.permutation(np.flatnonzero(seen[row])).tolist()
         ]
         followed = tracker.step(persons, now)
-        gathered, said = groups.step(followed, now)
-        events += [f"{now / 1e9:.1f} s: {line}" for line in said]
+        gathered, reported = groups.step(followed, now)
+        events += [f"{now / 1e9:.1f} s: {line}" for line in reported]
         estimates.append(
             Estimate(
                 stamp_ns=now,

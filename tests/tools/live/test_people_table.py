@@ -109,9 +109,9 @@ def live() -> Any:
 def shown(live: LivePeople) -> list[list[str]]:
     """The cells of all rows that hold any, and other lines as one."""
     console = Console(width=100, force_terminal=False)
-    with console.capture() as said:
+    with console.capture() as reported:
         console.print(live)
-    lines = said.get().splitlines()
+    lines = reported.get().splitlines()
     return [[c.strip() for c in re.split("[│┃]", line) if c.strip()] for line in lines]
 
 
@@ -143,8 +143,8 @@ def test_latest_events_are_shown(live):
     heard["people"](message_of(WALKS))
     for number in range(7):
         heard["events"](SimpleNamespace(data=f"person {number} joins group 1"))
-    told = [row[0] for row in shown(table) if row and "joins" in row[0]]
-    assert [re.sub(r"^\d+ s ago: ", "", line) for line in told] == [
+    printed = [row[0] for row in shown(table) if row and "joins" in row[0]]
+    assert [re.sub(r"^\d+ s ago: ", "", line) for line in printed] == [
         f"person {number} joins group 1" for number in range(2, 7)
     ]
 
@@ -187,10 +187,10 @@ def test_foreign_texts_are_escaped(live):
     heard["people"](message_of(dataclasses.replace(WALKS, robots=("a\x1b[2J[/b]",))))
     heard["events"](SimpleNamespace(data="\x1b]0;title\x07person 1 [/b]\nsecond"))
     heard["/diagnostics"](report((2, "/x\x1b[31m: [/b]", "\x9bA [/] \u202e")))
-    said = "\n".join(cell for row in shown(table) for cell in row)
+    reported = "\n".join(cell for row in shown(table) for cell in row)
     for text in (r"a\x1b[2J[/b]", r"\x1b]0;title\x07person 1 [/b]\nsecond", r"\x9bA [/] \u202e"):
-        assert text in said
-    assert not set(said) & set("\x1b\x07\x9b\u202e")
+        assert text in reported
+    assert not set(reported) & set("\x1b\x07\x9b\u202e")
 
 
 def test_time_follows_the_clock_topic_while_published():
@@ -248,5 +248,5 @@ def test_consequences_of_a_finding_are_counted_with_it(live):
     heard["/diagnostics"](message)
     rows = [row[0] for row in shown(table) if row]
     first = rows.index("health: 1 error (2 nodes report)")
-    said = "/robot_a/robot_node: left/image_rect: all 9 messages are refused"
-    assert rows[first + 1 :] == [f"{said} (and 2 that follow from it)"]
+    reported = "/robot_a/robot_node: left/image_rect: all 9 messages are refused"
+    assert rows[first + 1 :] == [f"{reported} (and 2 that follow from it)"]

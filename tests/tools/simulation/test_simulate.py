@@ -736,9 +736,9 @@ def test_team_file_places_robots_at_their_true_poses(team: tuple[Path, World]) -
         assert settings.mounting == world.stereo[name].mounting
         x0, y0, yaw0 = settings.pose.map_from_odom
         with BagReader(out) as bag:
-            _, _, said = next(bag.decoded([f"/{name}/odom"]))
+            _, _, reported = next(bag.decoded([f"/{name}/odom"]))
             _, _, true = next(bag.decoded([true_pose_topic(name)]))
-        pose = read_pose(said)
+        pose = read_pose(reported)
         at = np.array([x0, y0]) + rotation_2d(yaw0) @ [pose.x, pose.y]
         assert at == pytest.approx([true.pose.position.x, true.pose.position.y], abs=0.06)
 

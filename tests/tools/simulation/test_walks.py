@@ -446,10 +446,10 @@ def test_bag_contains_the_group_memberships(tmp_path: Path) -> None:
     world = simulate(scene, tmp_path / "walk.mcap")
     with BagReader(tmp_path / "walk.mcap") as bag:
         found = list(bag.decoded([GROUP_TOPIC]))
-        said = [message.data.tolist() for _, _, message in found]
+        reported = [message.data.tolist() for _, _, message in found]
         stamps = [ns for _, ns, _ in found]
         assert stamps == [ns for _, ns, _ in bag.decoded([PEOPLE_TOPIC])]
-    assert said == [[1, 1, 0, 0], [1, 1, 0, 0], [1, 0, 0, 0]]
+    assert reported == [[1, 1, 0, 0], [1, 1, 0, 0], [1, 0, 0, 0]]
     assert world.robot_place("robot_a", 1.0).x > 7.3  # it drives ahead of them, and looks back
     assert abs(world.robot_place("robot_a", 1.0).yaw) > 2.8
     # Where nobody is in a group there is no such topic.
@@ -514,13 +514,13 @@ def test_one_half_of_the_walks_is_rendered(tmp_path: Path, monkeypatch: pytest.M
         "   room: {length: 12.0}, head: {width: 80, height_px: 60, focal: 52.7}}\n"
         "- {name: three, half: test, tracks: zara01/obsmat.txt, robots: {robot_a: {}}}\n"
     )
-    said = CliRunner().invoke(
+    reported = CliRunner().invoke(
         app, ["simulate", "--walks", "test", "bags", "--frames", "1", "-j", "1"]
     )
-    assert said.exit_code == 0, said.output
-    assert "bags: 1 bags" in said.output
-    assert "three is left out: no recording" in " ".join(said.output.split())
+    assert reported.exit_code == 0, reported.output
+    assert "bags: 1 bags" in reported.output
+    assert "three is left out: no recording" in " ".join(reported.output.split())
     assert sorted(p.name for p in (tmp_path / "bags").iterdir()) == ["two", "two.yaml"]
     for wrong in (["--suite", "train"], ["--variants", "2"]):
-        said = CliRunner().invoke(app, ["simulate", "--walks", "test", "bags", *wrong])
-        assert said.exit_code == 2
+        reported = CliRunner().invoke(app, ["simulate", "--walks", "test", "bags", *wrong])
+        assert reported.exit_code == 2
