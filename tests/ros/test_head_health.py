@@ -106,6 +106,16 @@ def test_covered_lens_is_reported_with_its_camera(
     robot.until_finding("head", lambda f: (f.level, f.message) == (OK, "ok"))
 
 
+def test_least_share_of_disparities_takes_effect(robot: RobotPeer, views: Views) -> None:
+    robot.peer.must_set(robot.node, sight__min_valid=1.0)
+    views.send(6, apart_s=0.1)
+    finding = robot.until_finding("head", lambda f: f.level == WARN)
+    assert "of the pixels have a disparity (sight.min_valid: 100%)" in finding.message
+    robot.peer.must_set(robot.node, sight__min_valid=0.25)
+    views.send(6, apart_s=0.1)
+    robot.until_finding("head", lambda f: (f.level, f.message) == (OK, "ok"))
+
+
 def test_views_before_a_jump_back_of_stamps_do_not_count(robot: RobotPeer, views: Views) -> None:
     """As in a bag that loops: one view is enough for a head that was blind."""
     views.send(6, apart_s=0.1, black="left")

@@ -1,4 +1,4 @@
-"""What a managed node makes of its clock."""
+"""What managed nodes make of their clock, and what they forget."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from rclpy.time import Time
 
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.health.findings import WARN, Code, Finding
+from mrs_people_loc.team.poses import Pose
 from mrs_ros.managed_node import ManagedNode
+from planner_node.node import PlannerNode
 
 
 class Timed(ManagedNode):
@@ -71,3 +73,18 @@ def test_only_an_active_node_begins_anew_when_clock_is_set_back(node: Timed) -> 
     node.trigger_deactivate()
     node.at(1.0)
     assert node.jumps == 1
+
+
+def test_planner_forgets_the_poses_of_before_it_was_deactivated(domain: int) -> None:
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/paused"])
+    node = PlannerNode()
+    try:
+        node.trigger_configure()
+        node.trigger_activate()
+        node._collector.add_pose("robot_a", Pose(1, 0.0, 0.0, 0.0), 1)
+        node.trigger_deactivate()
+        node.trigger_activate()
+        assert len(node._collector.robot("robot_a").poses) == 0
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()

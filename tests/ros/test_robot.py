@@ -525,13 +525,22 @@ def test_debug_topics_are_published_only_while_subscribed(
                     break
             return set(published)
 
+        def counted() -> set[str]:
+            """Figures of what is made for debug topics only."""
+            assert node._stages is not None
+            return {"points", "points_in_zone", "points_after_noise"} & set(
+                node._figures(node._stages)
+            )
+
         peer.until(frame, "a scan")
         assert frame() == {"points"}
+        assert counted() == set()
         subscription = peer.node.create_subscription(
             PointCloud2, "/spied/debug/zones", lambda message: None, 1
         )
         peer.until(node._debug_clouds["zones"].get_subscription_count, "subscribed")
         assert frame() == {"points", "debug/zones"}
+        assert counted() == {"points", "points_in_zone"}
         peer.node.destroy_subscription(subscription)
         peer.until(lambda: not node._debug_clouds["zones"].get_subscription_count(), "unsubscribed")
         assert frame() == {"points"}

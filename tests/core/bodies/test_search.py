@@ -240,6 +240,17 @@ def test_body_cut_by_the_border_is_scored_by_its_visible_part(make_head, rectang
     assert found.bearing[0] > edge - 0.06
 
 
+def test_half_of_a_body_must_be_in_view(make_head, rectangle):
+    # At 0.4 m a person is 450 columns wide, of which the head sees 160, and 5 cm of their height.
+    head = make_head(fx=1000.0, fy=1000.0, mounting=Mounting(height=1.2))
+    wall = upright(rectangle, Mounting(height=1.2), 0.0, 0.4, width=2.0)
+    search = search_of(head, min_range=0.3, max_range=2.0)
+    seen = search.histogram(head.disparity(wall))
+    assert seen.sum() / 160 == pytest.approx(0.048, rel=0.05)
+    found = search(head.disparity(wall), min_extent=1e-3, max_count=1)
+    assert 0.0 < found.extent[0] < 0.6 * 0.048
+
+
 def test_bodies_far_apart_in_range_are_two_candidates(make_head, rectangle):
     # At 2 m and 4 m, 7.9 and 3.95 px; their windows of inverse range are three and one bin.
     mounting = Mounting(height=1.2)

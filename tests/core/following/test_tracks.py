@@ -219,6 +219,22 @@ def test_at_the_start_all_detections_are_new_people():
     assert ids(follower.step(found, 700 * MS)) == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.parametrize(("score", "people"), [(0.0, 1), (-0.1, 0)])
+def test_detection_below_doubt_score_is_nobody_even_at_the_start(score, people):
+    assert len(tracker().step([person(0, 0, at_ns=0, score=score)], 0)) == people
+
+
+def test_detection_is_of_a_person_rather_than_of_what_may_become_one():
+    """One at 0, what is no person yet at 0.6 m, and then a single detection between them."""
+    follower = tracker(start_time=0.0, birth_time=9.0)
+    for k in range(10):
+        now = k * 100 * MS
+        found = [person(0, 0, at_ns=now, score=8.0), person(0.6, 0, at_ns=now, score=2.0)]
+        assert ids(follower.step(found, now)) == [1]
+    (one,) = follower.step([person(0.4, 0, at_ns=1000 * MS, score=4.0, sigma=0.2)], 1000 * MS)
+    assert not one.coasting
+
+
 def test_flickering_detection_starts_no_track():
     follower = tracker(sure_score=3.0, doubt_time=0.1, start_time=0.0)
     for k in range(40):
