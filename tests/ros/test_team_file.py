@@ -42,6 +42,12 @@ def mrs(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "mrs_tools", *map(str, arguments)]
 
 
+def run_mrs(environment, *arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        mrs(*arguments), env=environment, capture_output=True, text=True, cwd=ROOT
+    )
+
+
 def write(path: Path, text: str) -> Path:
     path.write_text(text)
     return path
@@ -85,7 +91,7 @@ def test_launch_files_need_no_command_line_library():
 
 def test_up_reports_a_wrong_team_file(tmp_path, environment):
     file = write(tmp_path / "team.yaml", "/**/robot_node: {ros__parameters: {zones: {lo: 1}}}\n")
-    done = subprocess.run(mrs("up", file), env=environment, capture_output=True, text=True)
+    done = run_mrs(environment, "up", file)
     assert done.returncode == 1
     assert re.search(
         r"error: .*team\.yaml.* unknown parameter zones\.lo; did you mean", done.stderr
@@ -103,9 +109,7 @@ def test_up_and_people_run_until_ctrl_c(environment):
         deadline = time.monotonic() + 60
         causes = r"/robot_[abc]/robot_node: left/image_rect: no data on .* that follow from it"
         while not re.search(causes, shown, re.DOTALL) and time.monotonic() < deadline:
-            shown = subprocess.run(
-                mrs("people", "--duration", 4), env=environment, capture_output=True, text=True
-            ).stdout
+            shown = run_mrs(environment, "people", "--duration", 4).stdout
         assert "waiting for people" in shown
         assert re.search(causes, shown, re.DOTALL), shown
         assert "4 nodes report" in shown
@@ -128,13 +132,7 @@ def test_demo_finds_all_people(tmp_path, environment):
     picture = tmp_path / "demo.png"
     del environment["ROS_DOMAIN_ID"]
     for rate in (0.5, 0.2, 0.1):
-        done = subprocess.run(
-            mrs("demo", FORMATION, "--rate", rate, "--out", picture),
-            env=environment,
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-        )
+        done = run_mrs(environment, "demo", FORMATION, "--rate", rate, "--out", picture)
         assert done.returncode == 0, done.stderr
         assert re.match(
             r"in ROS domain \d+, which nobody else uses; to look into it: ROS_DOMAIN_ID=",
@@ -159,13 +157,7 @@ def test_demo_tracks_a_walking_group(tmp_path, environment):
     """One of them falls behind, and one joins."""
     picture = tmp_path / "demo.png"
     for rate in (0.5, 0.2, 0.1):
-        done = subprocess.run(
-            mrs("demo", "--rate", rate, "--out", picture),
-            env=environment,
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-        )
+        done = run_mrs(environment, "demo", "--rate", rate, "--out", picture)
         assert done.returncode == 0, done.stderr
         if "the machine was too busy" not in done.stdout:
             break
@@ -187,13 +179,7 @@ def test_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
         assert planner.stderr is not None
         while b": active" not in planner.stderr.readline():
             assert planner.poll() is None
-        done = subprocess.run(
-            mrs("demo", FORMATION, "--out", tmp_path / "demo.png"),
-            env=environment,
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-        )
+        done = run_mrs(environment, "demo", FORMATION, "--out", tmp_path / "demo.png")
     finally:
         planner.send_signal(signal.SIGINT)
         planner.communicate(timeout=50)
@@ -241,13 +227,7 @@ def test_demo_refuses_a_domain_with_publishers_of_the_bags_topics(
         assert driver.stdout is not None
         # Fast DDS may write lines of its own.
         name = next(line.strip() for line in driver.stdout if line.startswith("driver_"))
-        done = subprocess.run(
-            mrs("demo", FORMATION, "--out", tmp_path / "demo.png"),
-            env=environment,
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-        )
+        done = run_mrs(environment, "demo", FORMATION, "--out", tmp_path / "demo.png")
         driver.communicate()
     assert done.returncode == 1, done.stdout
     assert f"{topic} has 1 other publisher: /{name}. End the others" in done.stderr
@@ -277,12 +257,6 @@ def test_demo_reports_what_the_bag_lacks(tmp_path, environment):
         tmp_path / "team.yaml",
         "/**/planner_node: {ros__parameters: {robots: [robot_z]}}\n",
     )
-    done = subprocess.run(
-        mrs("demo", FORMATION, "--team", file),
-        env=environment,
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-    )
+    done = run_mrs(environment, "demo", FORMATION, "--team", file)
     assert done.returncode == 1
     assert "has no camera_info of robot_z" in done.stderr
