@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,6 +71,9 @@ class FinderTuning:
     min_contrast: float = 0.0
 
 
+FINDER_TUNING = FinderTuning()
+
+
 @dataclass(frozen=True)
 class BodyTuning:
     """Constants of the default method on a robot, beside `bodies.*` in the configuration.
@@ -87,7 +90,7 @@ class BodyTuning:
     search: SearchTuning = SEARCH_TUNING
     patches: PatchTuning = PATCH_TUNING
     votes: VotesTuning = VOTES_TUNING
-    finder: FinderTuning = field(default_factory=FinderTuning)
+    finder: FinderTuning = FINDER_TUNING
 
 
 BODY_TUNING = BodyTuning()
