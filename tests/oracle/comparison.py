@@ -266,7 +266,7 @@ def check_evidence(name: str, view: CandidateEvidence, camera: StereoCamera) -> 
         wanted = evidence_of(
             patches.difference[k], patches.inside[k], float(patches.tolerance[k]),
             float(patches.inverse_range[k]), float(view.candidates.extent[k]), vote.contrast[k],
-            float(vote.shift[k]), float(vote.sigma[k]), scale_of(camera),
+            float(vote.shift[k]), float(vote.sigma[k]), scale_of(camera), camera.fx,
         )  # fmt: skip
         for field, values in asdict(wanted).items():
             near(f"{name}: evidence.{field}", getattr(view.evidence, field)[k], values, _FLOAT32)

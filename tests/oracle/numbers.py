@@ -68,6 +68,8 @@ SHARES, UPPER_M = (0.1, 0.25, 0.5, 0.75, 0.9), 1.0
 MOMENT = 1e-3
 #: The steepest slope across a body [m/m], and the largest sigma of a vote [px], that count.
 STEEPEST, LARGEST_VOTE_SIGMA_PX = 3.0, 0.5
+#: Ranges beyond each of which what is further counts once more [m].
+KNOTS = 2.0, 3.0, 4.0
 
 # --- bodies ------------------------------------------------------------------------------------
 
