@@ -18,7 +18,7 @@ import numpy as np
 
 from mrs_people_loc.anthropometry import AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float
-from mrs_people_loc.bodies.model import RANGES, BodyModel, Layered, Linear
+from mrs_people_loc.bodies.model import RANGES, BodyModel, Layered, Linear, fitted
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.precision import BODY_SIGMA_PX
 from mrs_tools.fitting.examples import Examples
@@ -43,7 +43,7 @@ def fit(examples: Examples) -> BodyModel:
     check_enough(examples)
     people = examples.select(examples.person)
     offsets = fit_offsets(people)
-    return BodyModel(human=fit_human(examples), **offsets)
+    return BodyModel(human=fit_human(examples), **offsets, appearance=fitted().appearance)
 
 
 def check_enough(examples: Examples) -> None:
