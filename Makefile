@@ -5,6 +5,8 @@
 PYTHON ?=
 # Options for pytest.
 PYTEST_ARGS ?=
+# Folder of bags of real rooms (docs/real_rooms.md).
+RECORDINGS ?= .recordings
 # Fuzzing time per target [s].
 FUZZ_SECONDS ?= 60
 
@@ -27,7 +29,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite fit experiment colcon lock clean FORCE
+.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite real fit experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -77,6 +79,9 @@ experiment: setup ## Repeat the paper's experiment in simulation; its figures be
 
 suite: setup ## Score the published suite step by step, into docs/suite.md (half an hour)
 	$(BIN)/mrs suite .suite/test --steps --out docs/suite.md
+
+real: setup ## Score the recordings of real rooms in RECORDINGS=DIR, into docs/real_rooms.md
+	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
 
 fit: setup ## Fit the body model to the suite's train half and its variants (half an hour)
 	$(BIN)/mrs simulate --suite train .suite/train
