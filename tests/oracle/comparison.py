@@ -73,6 +73,8 @@ _CENTRED_RAD, _CENTRED_PX = 4e-3, 0.02
 #: How far votes [px], their sigmas (as a part) and contrasts may be off; more where OpenCV looks
 #: between pixels in steps, since rounding may decide for the next one.
 _VOTE_PX, _VOTE_SIGMA, _CONTRAST = (0.01, 0.02, 0.05) if STEPS else (1e-3, 1e-3, 0.01)
+#: What OpenCV's angles [log-odds] leave of a score, and where it looks between pixels in steps.
+_APPEARANCE = 0.1 if STEPS else 5e-3
 #: Part of the pixels that StereoBM may match otherwise when it does not repeat itself.
 _NOT_REPEATED = 0.005
 
@@ -139,17 +141,19 @@ def _check_bodies(
         check_votes(name, view, images, camera)
     check_evidence(name, view, camera)
     candidates = _candidates_of(view)
-    wanted = bodies_of(candidates, camera, config.bodies)
+    wanted = bodies_of(candidates, images.left, camera, config.bodies)
     same(f"{name}: number of bodies", len(stages.bodies), len(wanted))
     for field in [field.name for field in fields(Body)][1:]:
         values = [getattr(body, field) for body in wanted]
-        near(f"{name}: bodies.{field}", getattr(stages.bodies, field), values, _SUMS)
+        tolerance = _APPEARANCE if field == "score" else _SUMS
+        near(f"{name}: bodies.{field}", getattr(stages.bodies, field), values, tolerance)
     points = np.reshape(points_of(wanted, candidates), (-1, 3))
     near(f"{name}: noise", stages.noise, points, _FLOAT32)
     cells = cells_of(wanted, candidates)
     for field in [field.name for field in fields(BodyCell)]:
         values = [getattr(cell, field) for cell in cells]
-        near(f"{name}: cells.{field}", getattr(stages.scan.cells, field), values, _FLOAT32)
+        tolerance = _APPEARANCE if field == "score" else _FLOAT32
+        near(f"{name}: cells.{field}", getattr(stages.scan.cells, field), values, tolerance)
 
 
 def check_search(

@@ -177,7 +177,7 @@ def _quantile(values: Sequence[float], share: float) -> float:
 
 
 @functools.cache
-def _model() -> dict[str, dict[str, Any]]:
+def model() -> dict[str, dict[str, Any]]:
     """The numbers of the fitted model, by part and name."""
     file = resources.files("mrs_people_loc.bodies").joinpath("body_model.json")
     parts: dict[str, dict[str, Any]] = json.loads(file.read_text("utf-8"))
@@ -186,15 +186,15 @@ def _model() -> dict[str, dict[str, Any]]:
 
 def fitted(part: str, evidence: Sequence[float] | Float) -> float:
     """What a part of the model says of one patch: linear, but `human`, which has a hidden layer."""
-    model = _model()[part]
+    numbers = model()[part]
     scaled = [
         min(max((x - mean) / scale, -4.0), 4.0)
-        for x, mean, scale in zip(evidence, model["mean"], model["scale"], strict=True)
+        for x, mean, scale in zip(evidence, numbers["mean"], numbers["scale"], strict=True)
     ]
     if part != "human":
-        return float(np.dot(scaled, model["weights"]) + model["offset"])
+        return float(np.dot(scaled, numbers["weights"]) + numbers["offset"])
     hidden = [
         math.tanh(float(np.dot(scaled, weights)) + float(bias))
-        for weights, bias in zip(model["hidden"].T, model["bias"], strict=True)
+        for weights, bias in zip(numbers["hidden"].T, numbers["bias"], strict=True)
     ]
-    return float(np.dot(hidden, model["output"]) + model["offset"])
+    return float(np.dot(hidden, numbers["output"]) + numbers["offset"])

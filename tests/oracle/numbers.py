@@ -69,6 +69,22 @@ MOMENT = 1e-3
 #: The steepest slope across a body [m/m], and the largest sigma of a vote [px], that count.
 STEEPEST, LARGEST_VOTE_SIGMA_PX = 3.0, 0.5
 
+# --- appearance --------------------------------------------------------------------------------
+
+#: Windows: lower edge over the floor, upper edge, half of the width [m], rows, columns.
+DETECTOR_WINDOW = -7 / 24, 49 / 24, 7 / 12, 128, 64
+FITTED_WINDOW = -0.1, 2.1, 0.55, 64, 32
+#: Side of a cell [samples], orientations.
+CELL_SAMPLES, ORIENTATIONS = 8, 9
+#: Above so many pixels in a sample, the image is smoothed by this sigma [px].
+SMOOTHED_ABOVE = (2.5, 1.4), (1.25, 0.7)
+#: A sample of a nearer body covers as much as of one at this range [m].
+NEAREST_SAMPLED_M = 0.3
+#: Added to the norms of a block, before and after it is cut, and where it is cut.
+NORM_ADDED, CUT_AT, NORM_ADDED_AFTER = 3.6, 0.2, 1e-3
+#: The human test counts within these log-odds; least share of the blocks that divides a score.
+LEAST_HUMAN, MOST_HUMAN, LEAST_BLOCKS = -2.0, 4.0, 0.05
+
 # --- bodies ------------------------------------------------------------------------------------
 
 #: Without the fitted model: standard deviations along the line of sight [m], [px], and across [m].

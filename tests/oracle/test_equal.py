@@ -41,7 +41,8 @@ def test_papers_formation_equals_the_oracle(files):
             kinds.add(bool(view.camera.vertical_baseline))
             check_view(view.images, view.stages, view.camera, run.team.robots[robot])
         check_people(interval.scans, interval.people, run.team.planner)
-        assert len(interval.people.persons) >= 5
+        # By their appearance, not all of the bag's cylinders are people.
+        assert len(interval.people.persons) >= (3 if files == [DEFAULT] else 5)
     assert kinds == ({False} if files == [DEFAULT] else {False, True})
 
 
@@ -102,6 +103,7 @@ def test_view_of_random_images_equals_the_oracle(vertical, offset, base):
         {"bodies.vote": False, "bodies.axis": False},
         {"bodies.axis": False},
         {"bodies.human_test": False},
+        {"bodies.appearance": False},
         {"bodies.max_count": 2},
         {"bodies.max_range": 2.0},
     ],

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Float32
+from mrs_people_loc.bodies.appearance import AppearanceModel
 from mrs_people_loc.bodies.patches import (
     ACROSS,
     BANDS,
@@ -238,6 +239,7 @@ class BodyModel:
         depth: From depth evidence, how much more inverse range the axis has [px].
         across_log_sigma: From even evidence, log of the standard deviation of `across` [m].
         depth_log_sigma: From even evidence, log of the standard deviation of `depth` [px].
+        appearance: How the human test and the appearance are combined.
     """
 
     human: Layered
@@ -245,6 +247,7 @@ class BodyModel:
     depth: Linear
     across_log_sigma: Linear
     depth_log_sigma: Linear
+    appearance: AppearanceModel
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> BodyModel:
@@ -290,7 +293,11 @@ class BodyModel:
                     raise ConfigError(
                         f"body model: {name} has {key} of shape {part[key].shape}; wanted: {shape}"
                     )
-        return cls(**parts)
+        try:
+            appearance = values["appearance"]
+        except KeyError as err:
+            raise ConfigError(f"body model: appearance cannot be read ({err!r})") from err
+        return cls(**parts, appearance=AppearanceModel.from_mapping(appearance))
 
     def to_mapping(self) -> dict[str, Any]:
         """The model as plain lists and numbers."""
@@ -301,7 +308,7 @@ class BodyModel:
             result[name] = {
                 key: np.asarray(value, dtype=np.float64).tolist() for key, value in part.items()
             }
-        return result
+        return {**result, "appearance": self.appearance.to_mapping()}
 
 
 @functools.cache

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.bodies.model import BodyModel, Layered, Linear, Scaled
+from mrs_people_loc.bodies.model import BodyModel, Layered, Linear, Scaled, fitted
 from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.fitting.examples import Examples
 
@@ -39,6 +39,7 @@ def fit(examples: Examples) -> BodyModel:
         depth=depth,
         across_log_sigma=_fit_log_sigma(people.even, people.across - across(people.odd), 0.005),
         depth_log_sigma=_fit_log_sigma(people.even, people.more_px - depth(people.depth), 0.01),
+        appearance=fitted().appearance,
     )
 
 

@@ -237,7 +237,9 @@ def random_model(seed: int) -> BodyModel:
         rng.normal(size=hidden),
         float(rng.normal()),
     )
-    return BodyModel(human, linear(ODD), linear(DEPTH), linear(EVEN), linear(EVEN))
+    return BodyModel(
+        human, linear(ODD), linear(DEPTH), linear(EVEN), linear(EVEN), fitted().appearance
+    )
 
 
 def answers(model: BodyModel, seed: int) -> list[np.ndarray]:
