@@ -1,11 +1,12 @@
-"""The same pipeline on two real recordings, with only its configuration changed.
+"""The same pipeline on real recordings, with only its configuration changed.
 
 An OAK-D stereo video that looks down on people who walk by, and PCL's RGB-D frame of five people.
 Both are converted to bags with `mrs_tools.recordings`, read back, rectified, matched with
 StereoBM, filtered, clustered and judged by the project's own code. Nobody shipped ground truth:
 which frames show a person was read from the left video by eye, the torsos from the Kinect's depth.
 
-The recordings are not part of the repository.
+The recordings are not part of the repository. The labelled recordings of docs/real_rooms.md are
+scored in tests/tools/experiment/test_real_rooms.py.
 """
 
 from __future__ import annotations
@@ -32,11 +33,9 @@ from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.recordings.frames import EPOCH_NS
 from mrs_tools.recordings.oak import convert_oak
 from mrs_tools.recordings.pcl import convert_pcl, torsos_in_map
+from shared_data import shared_data
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared" / "data"
-OAK = DATA / "oak-stereo-overhead-person"
-PCL = DATA / "pcl-five-people" / "five_people.pcd"
 ROBOT = "robot_a"
 
 
@@ -129,10 +128,9 @@ SHADOWS = [(258, (22, 60), (54, 74)), (303, (75, 110), (52, 68))]
 @pytest.fixture(scope="module")
 def overhead(tmp_path_factory: pytest.TempPathFactory) -> dict[int, View]:
     """Every third frame of the overhead video, by number."""
-    if not OAK.is_dir():
-        pytest.skip(f"the OAK-D recording is not there: {OAK}")
+    recording = shared_data("oak-stereo-overhead-person")
     bag = tmp_path_factory.mktemp("overhead") / "bag"
-    assert convert_oak(OAK, bag, robot=ROBOT, frames=slice(0, 627, 3)) == 209
+    assert convert_oak(recording, bag, robot=ROBOT, frames=slice(0, 627, 3)) == 209
     return {view.frame: view for view in views(bag, "oak_overhead.yaml")}
 
 
@@ -202,10 +200,9 @@ def test_overhead_hard_shadows_lie_on_the_floor(
 def five_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten pairs that differ by their sensor noise."""
     pytest.importorskip("pypcd4", reason="reading PCD files needs pypcd4")
-    if not PCL.is_file():
-        pytest.skip(f"PCL's frame of five people is not there: {PCL}")
+    recording = shared_data("pcl-five-people", "five_people.pcd")
     bag = tmp_path_factory.mktemp("five") / "bag"
-    assert convert_pcl(PCL, bag, robot=ROBOT, repeat=10) == 10
+    assert convert_pcl(recording, bag, robot=ROBOT, repeat=10) == 10
     with BagReader(bag) as reader:
         (_, _, truth), *_ = reader.decoded(["/ground_truth/people_poses"])
     poses = [(pose.position.x, pose.position.y) for pose in truth.poses]

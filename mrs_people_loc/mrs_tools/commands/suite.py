@@ -15,8 +15,7 @@ from typing import Annotated
 
 import typer
 
-from mrs_people_loc.errors import PeopleLocError
-from mrs_tools.common import process_count, progress_bar, write_text
+from mrs_tools.common import process_count, progress_bar, replace_from
 from mrs_tools.experiment.suite_report import markdown
 from mrs_tools.experiment.suite_steps import run_suite
 from mrs_tools.installing import default_file
@@ -60,8 +59,4 @@ def command(
     text = markdown(rows, half)
     typer.echo(text, nl=False)
     if out is not None:
-        try:
-            before = out.read_text("utf-8").partition("## Results on")[0] if out.exists() else ""
-        except OSError as err:
-            raise PeopleLocError(f"{out}: cannot be read ({err.strerror or err})") from err
-        write_text(out, before + text)
+        replace_from(out, "## Results on", text)
