@@ -104,6 +104,7 @@ class Furniture(Section):
     size: tuple[float, ...] = _field(
         (), "edge lengths x, y, z; empty: as such things are [m]", kind="floats", length=3
     )
+    mesh: str = _field("", "a file of the scene's assets (docs/assets.md), instead of ours")
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,7 @@ class Person(Section):
             "point",
         ),
     )
+    mesh: str = _field("", "a file of the scene's assets (docs/assets.md), instead of our bodies")
     seed: int = _field(0, "of everything that is left to chance; 0: from the scene", low=0)
 
 
@@ -363,6 +365,7 @@ class Scene:
         tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
         tracks_window: First and last time of the recording to be used [s], and the x, y that
             become the map's origin [m].
+        assets: A folder with meshes of people and furniture (`assets.py`), or "".
     """
 
     name: str = "scene"
@@ -381,6 +384,7 @@ class Scene:
     walk: Walk = Walk()
     tracks: str = ""
     tracks_window: tuple[float, ...] = ()
+    assets: str = ""
 
 
 _SECTIONS: dict[str, type[Section]] = {
@@ -394,7 +398,7 @@ _SECTIONS: dict[str, type[Section]] = {
 }
 _OTHERS = (
     "name", "seed", "description", "half", "furniture", "people", "robots", "head", "tracks",
-    "tracks_window",
+    "tracks_window", "assets",
 )  # fmt: skip
 
 
@@ -438,6 +442,7 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             heads=heads or {"": common},
             tracks=str(document.get("tracks", "")),
             tracks_window=tuple(float(t) for t in document.get("tracks_window", ())),
+            assets=str(document.get("assets", "")),
             **sections,  # type: ignore[arg-type]
         )
         for kind, items in (("people", scene.people), ("robots", scene.robots.values())):
@@ -467,6 +472,8 @@ def load_scene(path: str | Path, *, seed: int | None = None) -> Scene:
     scene = read_scene(load_yaml(path), str(path), seed=seed)
     if scene.tracks:
         scene = dataclasses.replace(scene, tracks=str(path.parent / scene.tracks))
+    if scene.assets:
+        scene = dataclasses.replace(scene, assets=str(path.parent / scene.assets))
     heads = {
         name: dataclasses.replace(
             head, calibration=tuple(str(path.parent / file) for file in head.calibration)
