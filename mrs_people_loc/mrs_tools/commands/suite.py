@@ -19,7 +19,7 @@ from mrs_tools.common import process_count, progress_bar, replace_from
 from mrs_tools.experiment.suite_report import markdown
 from mrs_tools.experiment.suite_steps import run_suite
 from mrs_tools.installing import default_file
-from mrs_tools.simulation.suite_scenes import suite_file, suite_scenes, with_tracks
+from mrs_tools.simulation.suite_scenes import drawn_from, suite_file, suite_scenes, with_tracks
 
 
 def command(
@@ -27,6 +27,10 @@ def command(
     half: Annotated[str, typer.Option(help="train, test or all.")] = "test",
     tracks: Annotated[
         Path | None, typer.Option(help="The folder of the UCY set, for the recorded walks.")
+    ] = None,
+    assets: Annotated[
+        Path | None,
+        typer.Option(help="Folder with meshes and assets.yaml (docs/assets.md) to draw from."),
     ] = None,
     every_step: Annotated[
         bool, typer.Option("--steps", help="Every step from the paper's method to ours.")
@@ -47,7 +51,7 @@ def command(
     with progress_bar() as progress:
         task = progress.add_task("", total=1.0)
         rows = run_suite(
-            [*scenes, *walks],
+            drawn_from([*scenes, *walks], assets),
             folder,
             paper=default_file("config", "paper.yaml"),
             every_step=every_step,
