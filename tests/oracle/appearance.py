@@ -20,15 +20,17 @@ from oracle.numbers import (
     DETECTOR_WINDOW,
     FITTED_WINDOW,
     LEAST_BLOCKS,
+    LEAST_DEPTH_M,
     LEAST_HUMAN,
     MOST_HUMAN,
     NEAREST_SAMPLED_M,
     NORM_ADDED,
     NORM_ADDED_AFTER,
     ORIENTATIONS,
+    RULED_OUT,
     SMOOTHED_ABOVE,
 )
-from oracle.votes import smoothed, value_at
+from oracle.votes import STEPS, smoothed
 
 #: Lower and upper edge, half of the width [m], rows and columns.
 Window = tuple[float, float, float, int, int]
@@ -38,6 +40,8 @@ def with_appearance(
     human: float, left: Gray, camera: StereoCamera, bearing: float, away: float
 ) -> float:
     """The log-odds of a person whose axis is at this bearing [rad] and range [m]."""
+    if human < RULED_OUT:
+        return human
     of = model()["appearance"]
     numbers = resources.files("mrs_people_loc.bodies").joinpath("people_detector.npy")
     with resources.as_file(numbers) as file:
@@ -65,16 +69,17 @@ def score_of(
     """What a classifier says of a window: the sum over its blocks in the image."""
     low, high, half, rows, columns = window
     tall, wide = (high - low) / rows, 2.0 * half / columns
-    size, angle = _gradients(_grey(window, left, camera, bearing, away))
+    votes = _gradients(_grey(window, left, camera, bearing, away))
     total, inside, blocks = 0.0, 0, _blocks(rows, columns)
     for k, (row, column) in enumerate(blocks):
-        z = high - (row + CELL_SAMPLES) * tall
-        u, v = _pixel(camera, bearing, away, z, half - (column + CELL_SAMPLES) * wide)
+        middle_z = np.array(high - (row + CELL_SAMPLES) * tall)
+        middle_across = np.array(half - (column + CELL_SAMPLES) * wide)
+        u, v = _pixels(camera, bearing, away, middle_z, middle_across)
         if not (0 < u < camera.width - 1 and 0 < v < camera.height - 1):
             continue
-        part = slice(row, row + 2 * CELL_SAMPLES), slice(column, column + 2 * CELL_SAMPLES)
+        part = votes[:, row : row + 2 * CELL_SAMPLES, column : column + 2 * CELL_SAMPLES]
         inside += 1
-        total += float(np.dot(_histograms(size[part], angle[part]), weights[k]) - middle[k])
+        total += float(np.dot(_histograms(part), weights[k]) - middle[k])
     return total / math.sqrt(max(inside / len(blocks), LEAST_BLOCKS))
 
 
@@ -87,20 +92,21 @@ def _blocks(rows: int, columns: int) -> list[tuple[int, int]]:
     ]
 
 
-def _pixel(
-    camera: StereoCamera, bearing: float, away: float, z: float, across: float
-) -> tuple[float, float]:
-    """Where a point of an upright window is in the image [px]; NaN behind the lens."""
-    lens = lens_of(camera)
-    ray = (
+def _pixels(
+    camera: StereoCamera, bearing: float, away: float, z: Float, across: Float
+) -> tuple[Float, Float]:
+    """Where points of an upright window are in the image [px]; -1 where they are not ahead."""
+    rays = (
         away * math.cos(bearing) - across * math.sin(bearing),
         away * math.sin(bearing) + across * math.cos(bearing),
-        z - lens[2],
+        z - lens_of(camera)[2],
     )
-    x, y, depth = (float(np.dot(axis, ray)) for axis in axes_of(camera).T)
-    if depth < 0.1:
-        return math.nan, math.nan
-    return camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy
+    axes = axes_of(camera)
+    x, y, depth = (sum(axes[k, i] * rays[k] for k in range(3)) for i in range(3))
+    ahead = depth > LEAST_DEPTH_M
+    depth = np.where(ahead, depth, 1.0)
+    u, v = camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy
+    return np.where(ahead, u, -1.0), np.where(ahead, v, -1.0)
 
 
 def _grey(window: Window, left: Gray, camera: StereoCamera, bearing: float, away: float) -> Float:
@@ -110,31 +116,43 @@ def _grey(window: Window, left: Gray, camera: StereoCamera, bearing: float, away
     covered = camera.fx * tall / max(away, NEAREST_SAMPLED_M)
     sigma = next((sigma for above, sigma in SMOOTHED_ABOVE if covered > above), None)
     image = left.astype(np.float64) if sigma is None else smoothed(left, sigma)
-    grey = np.zeros((rows + 2, columns + 2))
-    for row, column in np.ndindex(grey.shape):
-        z, across = high - (row - 0.5) * tall, half - (column - 0.5) * wide
-        u, v = _pixel(camera, bearing, away, z, across)
-        grey[row, column] = value_at(image, u, v)
-    return grey
+    row, column = np.indices((rows + 2, columns + 2), dtype=np.float64)
+    z, across = high - (row - 0.5) * tall, half - (column - 0.5) * wide
+    return _values_at(image, *_pixels(camera, bearing, away, z, across))
 
 
-def _gradients(grey: Float) -> tuple[Float, Float]:
-    """Their sizes, and their angles in steps of the orientations, from the first one."""
+def _values_at(image: Float, u: Float, v: Float) -> Float:
+    """An image between its pixels, bilinear; beyond its border that goes on."""
+    if STEPS:
+        u, v = np.round(u * STEPS) / STEPS, np.round(v * STEPS) / STEPS
+    left, top = np.floor(u).astype(int), np.floor(v).astype(int)
+    result = np.zeros(u.shape)
+    for row, of_row in ((top, 1.0 - (v - top)), (top + 1, v - top)):
+        for column, of_column in ((left, 1.0 - (u - left)), (left + 1, u - left)):
+            inside = np.clip(row, 0, len(image) - 1), np.clip(column, 0, image.shape[1] - 1)
+            result += of_row * of_column * image[inside]
+    return result
+
+
+def _gradients(grey: Float) -> Float:
+    """Their sizes, shared by orientations: shape (orientations, rows, columns)."""
     root = np.sqrt(grey)
     right, down = root[1:-1, 2:] - root[1:-1, :-2], root[2:, 1:-1] - root[:-2, 1:-1]
     angle = np.arctan2(down, right) * (ORIENTATIONS / math.pi) - 0.5
-    return np.hypot(right, down), angle % ORIENTATIONS
+    apart = np.abs(angle % ORIENTATIONS - np.arange(ORIENTATIONS)[:, np.newaxis, np.newaxis])
+    share = 1.0 - np.minimum(apart, ORIENTATIONS - apart)
+    return np.hypot(right, down) * np.maximum(share, 0.0)
 
 
-def _histograms(size: Float, angle: Float) -> Float:
+def _histograms(votes: Float) -> Float:
     """The histograms of a block's four cells, normalized."""
-    values = []
-    for weight in _weights():
-        for orientation in range(ORIENTATIONS):
-            apart = np.abs(angle - orientation)
-            share = 1.0 - np.minimum(apart, ORIENTATIONS - apart)
-            values.append(float(np.sum(weight * size * np.maximum(share, 0.0))))
-    block = np.array(values)
+    block = np.array(
+        [
+            float(np.sum(weight * of_orientation))
+            for weight in _weights()
+            for of_orientation in votes
+        ]
+    )
     block = np.minimum(block / (math.sqrt(float(block @ block)) + NORM_ADDED), CUT_AT)
     return block / (math.sqrt(float(block @ block)) + NORM_ADDED_AFTER)
 

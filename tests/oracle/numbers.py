@@ -80,8 +80,12 @@ CELL_SAMPLES, ORIENTATIONS = 8, 9
 SMOOTHED_ABOVE = (2.5, 1.4), (1.25, 0.7)
 #: A sample of a nearer body covers as much as of one at this range [m].
 NEAREST_SAMPLED_M = 0.3
+#: Points nearer to the plane of the lens are not looked at [m].
+LEAST_DEPTH_M = 0.1
 #: Added to the norms of a block, before and after it is cut, and where it is cut.
 NORM_ADDED, CUT_AT, NORM_ADDED_AFTER = 3.6, 0.2, 1e-3
+#: What has less by the human test is not looked at [log-odds].
+RULED_OUT = -6.0
 #: The human test counts within these log-odds; least share of the blocks that divides a score.
 LEAST_HUMAN, MOST_HUMAN, LEAST_BLOCKS = -2.0, 4.0, 0.05
 

@@ -8,8 +8,17 @@ import pytest
 pytest.importorskip("rosbags", reason="reading bags needs rosbags")
 
 from mrs_people_loc import planner as planner_module
+from mrs_people_loc.bodies import (
+    appearance,
+    finder,
+    gradients,
+    model,
+    patches,
+    scanner,
+    search,
+    votes,
+)
 from mrs_people_loc.bodies import detector as body_detector
-from mrs_people_loc.bodies import finder, model, patches, scanner, search, votes
 from mrs_people_loc.cells import detector as cell_detector
 from mrs_people_loc.cells import filters
 from mrs_people_loc.config import PlannerConfig
@@ -88,6 +97,12 @@ def turned(right):
     return wrong
 
 
+def all_but_one(inside):
+    inside = inside.copy()
+    inside[:, 0] = False
+    return inside
+
+
 OF_BOTH = {
     "disparity": (disparity.StereoMatcher, "__call__", then(one_pixel_more), "disparity"),
     "cloud": (cloud.CloudMaker, "__call__", then(lambda points: points + F32(0.001)), "cloud"),
@@ -141,7 +156,23 @@ OF_BODIES = {
     "even evidence": (finder, "gather_evidence", change(even=1e-3), r"evidence\.even"),
     "odd evidence": (finder, "gather_evidence", change(odd=1e-3), r"evidence\.odd"),
     "depth evidence": (finder, "gather_evidence", change(depth=1e-3), r"evidence\.depth"),
-    "score": (model.Layered, "__call__", then(lambda score: score + 1e-3), r"bodies\.score"),
+    "human test": (model.Layered, "__call__", then(lambda score: score + 0.1), r"bodies\.score"),
+    "appearance": (
+        appearance.Appearance, "__call__", then(lambda score: score + 0.01), r"bodies\.score",
+    ),
+    "classifiers": (appearance, "block_score", then(lambda score: score + 0.01), r"bodies\.score"),
+    "blocks in the image": (
+        gradients.GradientSampler, "__call__",
+        then(lambda found: dataclasses.replace(found, inside=all_but_one(found.inside))),
+        r"bodies\.score",
+    ),
+    "gradients": (gradients, "histograms_of", then(lambda h: h * F32(1.02)), r"bodies\.score"),
+    "windows": (
+        gradients.GradientSampler, "homographies",
+        then(lambda pixels: pixels + [[0.0, 0.0, 0.2], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        r"bodies\.score",
+    ),
+    "smoothing": (gradients, "_SMOOTHING", instead(((0.0, 0.7),)), r"bodies"),
     "axis": (model.Linear, "__call__", then(lambda place: place + 1e-3), r"bodies\.(x|y)"),
     "selection": (finder.BodyFinder, "_alone", then(lambda kept: kept[:-1]), "number of bodies"),
     "all selected": (

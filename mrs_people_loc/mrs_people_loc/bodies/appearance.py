@@ -33,6 +33,8 @@ FITTED_WINDOW = Window(low=-0.1, high=2.1, width=1.1, rows=64, columns=32)
 #: The human test says much less than the lower one of people behind desks and in doorways, and
 #: hardly ever more than the upper one of anything but people [log-odds].
 HUMAN_LIMITS = (-2.0, 4.0)
+#: What has less by the human test is not looked at; its log-odds remain.
+RULED_OUT = -6.0
 #: Fewer blocks in the image than this share of them count as this share.
 _LEAST_SHARE = 0.05
 
@@ -120,21 +122,21 @@ class Appearance:
             ranges: Likewise, horizontal [m].
             human: Log-odds by the human test, shape (n,).
         """
-        low, high = HUMAN_LIMITS
+        look = human >= RULED_OUT
+        at = left, bearing[look], ranges[look]
         weights = detector_weights()[:-1].reshape(-1, BLOCK)
-        detector = block_score(
-            self._detector(left, bearing, ranges), weights, model.detector_middle
-        )
-        fitted = block_score(
-            self._fitted(left, bearing, ranges), model.fitted_weights, model.fitted_middle
-        )
-        return (
-            model.human * np.clip(human, low, high)
-            + model.above * np.maximum(human - high, 0.0)
+        detector = block_score(self._detector(*at), weights, model.detector_middle)
+        fitted = block_score(self._fitted(*at), model.fitted_weights, model.fitted_middle)
+        low, high = HUMAN_LIMITS
+        result = human.copy()
+        result[look] = (
+            model.human * np.clip(human[look], low, high)
+            + model.above * np.maximum(human[look] - high, 0.0)
             + model.detector * detector
             + model.fitted * fitted
             + model.offset
         )
+        return result
 
 
 def block_score(histograms: Histograms, weights: Any, middle: Float) -> Float:

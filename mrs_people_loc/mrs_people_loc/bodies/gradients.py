@@ -9,14 +9,15 @@ Gaussian within a block; L2-Hys normalization.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
-from mrs_people_loc.arrays import Bool, Float, Float32
-from mrs_people_loc.bodies.patches import optical_from_upright
+from mrs_people_loc.arrays import Bool, Float, Float32, Int
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
 
@@ -28,8 +29,9 @@ _FIRST_ADDED, _THEN_ADDED, _CLIP = np.float32(0.1 * BLOCK), np.float32(1e-3), np
 #: Where a sample covers more pixels than the first number, the image is smoothed by the second one
 #: (sigma) before [px].
 _SMOOTHING = ((0.0, 0.0), (1.25, 0.7), (2.5, 1.4))
-#: No window is nearer than this [m].
-_LEAST_RANGE = 0.3
+#: No window is nearer than this [m], and no point of one that is looked at nearer than this along
+#: the optical axis [m].
+_LEAST_RANGE, _LEAST_DEPTH = 0.3, 0.1
 
 
 @dataclass(frozen=True)
@@ -81,15 +83,9 @@ class GradientSampler:
     def __init__(self, camera: StereoCamera, window: Window) -> None:
         self.camera = camera
         self.window = window
-        self._step = (window.high - window.low) / window.rows
-        across = window.width / window.columns
-        row, column = np.arange(-1, window.rows + 1), np.arange(-1, window.columns + 1)
-        # With a border of one sample, for the gradients at the edges.
-        self._heights = (window.high - (row + 0.5) * self._step).astype(np.float32)
-        self._across = (0.5 * window.width - (column + 0.5) * across).astype(np.float32)
-        row, column = (np.arange(1, n // CELL) * CELL for n in (window.rows, window.columns))
-        self._block_heights = (window.high - row * self._step).astype(np.float32)
-        self._block_across = (0.5 * window.width - column * across).astype(np.float32)
+        middles = [np.arange(1, n // CELL) * CELL + 0.5 for n in (window.columns, window.rows)]
+        column, row = np.meshgrid(*middles, indexing="ij")
+        self._middles = np.stack([column.ravel(), row.ravel(), np.ones(column.size)])
 
     def __call__(self, left: Gray, bearing: Float, ranges: Float) -> Histograms:
         """Histograms at some places.
@@ -99,108 +95,149 @@ class GradientSampler:
             bearing: From the lens [rad], shape (n,).
             ranges: Horizontal, from the lens [m], shape (n,).
         """
-        return Histograms(
-            values=histograms_of(self.grey(left, bearing, ranges)),
-            inside=self.inside(bearing, ranges),
-        )
+        camera, window = self.camera, self.window
+        pixels = self.homographies(bearing, ranges)
+        u, v, depth = np.moveaxis(pixels @ self._middles, 1, 0)
+        ahead = depth > _LEAST_DEPTH
+        depth = np.where(ahead, depth, 1.0)
+        u, v = u / depth, v / depth
+        inside = ahead & (u > 0) & (u < camera.width - 1) & (v > 0) & (v < camera.height - 1)
+        values = np.empty((len(ranges), window.blocks, BLOCK), dtype=np.float32)
+        for k, grey in enumerate(self._grey(left, pixels, ranges)):
+            values[k] = histograms_of(grey)
+        return Histograms(values, inside)
 
-    def grey(self, left: Gray, bearing: Float, ranges: Float) -> Float32:
-        """Grey values with a border of one sample, shape (n, rows + 2, columns + 2).
+    def homographies(self, bearing: Float, ranges: Float) -> Float:
+        """From (column, row, 1) of a sample, counted from its border, to the image.
 
-        Beyond the image its border is repeated. Args: as those of a call.
+        Args: as those of a call.
+
+        Returns:
+            Shape (n, 3, 3); the third of the homogeneous coordinates is the depth [m].
         """
-        u, v, _ = self._pixels(bearing, ranges, self._heights, self._across)
-        covered = self.camera.fx * self._step / np.maximum(ranges, _LEAST_RANGE)
-        level = sum((covered > px).astype(int) for px, _ in _SMOOTHING[1:])
-        values = np.empty(u.shape, dtype=np.float32)
-        image: Any = left.astype(np.float32)
-        for k in np.unique(level):
-            sigma = _SMOOTHING[k][1]
-            smooth = cv2.GaussianBlur(image, (0, 0), sigma) if sigma else image
-            mine = level == k
-            flat = (-1, u.shape[2])
-            seen: Any = cv2.remap(
-                smooth, u[mine].reshape(flat), v[mine].reshape(flat), cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
+        camera, window = self.camera, self.window
+        rotation, translation = camera.robot_from_optical
+        across, down = window.width / window.columns, (window.high - window.low) / window.rows
+        cos, sin = np.cos(bearing), np.sin(bearing)
+        zeros = np.zeros_like(cos)
+        left = np.stack([-sin, cos, zeros], axis=1)
+        up = np.array([0.0, 0.0, 1.0])
+        corner = ranges[:, np.newaxis] * np.stack([cos, sin, zeros], axis=1)
+        corner = corner + 0.5 * (window.width + across) * left
+        corner = corner + (window.high + 0.5 * down - translation[2]) * up
+        axes = np.stack([-across * left, np.broadcast_to(-down * up, left.shape), corner], axis=2)
+        return np.asarray(_intrinsics(camera) @ rotation.T @ axes)
+
+    def _grey(self, left: Gray, pixels: Float, ranges: Float) -> Iterator[Float32]:
+        """Grey values of each window with a border of one sample, shape (rows + 2, columns + 2).
+
+        Beyond the image its border is repeated.
+        """
+        window = self.window
+        step = (window.high - window.low) / window.rows
+        covered = self.camera.fx * step / np.maximum(ranges, _LEAST_RANGE)
+        size = window.columns + 2, window.rows + 2
+        smooth = functools.cache(lambda sigma: _smoothed(left, sigma))
+        for homography, px in zip(pixels, covered, strict=True):
+            sigma = [sigma for least, sigma in _SMOOTHING if px > least][-1]
+            yield np.asarray(
+                cv2.warpPerspective(
+                    smooth(sigma), homography, size,
+                    flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                    borderMode=cv2.BORDER_REPLICATE,
+                )
             )  # fmt: skip
-            values[mine] = seen.reshape(-1, *u.shape[1:])
-        return values
 
-    def inside(self, bearing: Float, ranges: Float) -> Bool:
-        """Blocks whose middle is in the image, shape (n, blocks)."""
-        camera = self.camera
-        u, v, z = self._pixels(bearing, ranges, self._block_heights, self._block_across)
-        inside = (z > 0.1) & (u > 0) & (u < camera.width - 1) & (v > 0) & (v < camera.height - 1)
-        return np.asarray(inside.transpose(0, 2, 1).reshape(len(u), self.window.blocks))
 
-    def _pixels(
-        self, bearing: Float, ranges: Float, heights: Float32, across: Float32
-    ) -> tuple[Any, Any, Any]:
-        """Columns, rows [px] and depths [m], shape (n, heights, across) each."""
-        camera = self.camera
-        x, y, z = optical_from_upright(camera, bearing, ranges, heights, across)
-        inverse = 1.0 / np.maximum(z, np.float32(0.05))
-        u = x * inverse * np.float32(camera.fx) + np.float32(camera.cx)
-        v = y * inverse * np.float32(camera.fy) + np.float32(camera.cy)
-        return u, v, z
+def _intrinsics(camera: StereoCamera) -> Float:
+    return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+
+
+def _smoothed(image: Gray, sigma_px: float) -> Float32:
+    values: Any = image.astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma_px) if sigma_px else values)
 
 
 def histograms_of(grey: Float32) -> Float32:
-    """Histograms of windows.
+    """Histograms of one window.
 
     Args:
-        grey: Grey values with a border of one sample, shape (n, rows + 2, columns + 2), float32.
+        grey: Grey values with a border of one sample, shape (rows + 2, columns + 2), float32.
 
     Returns:
-        As `Histograms.values`.
+        Shape (blocks, `BLOCK`), as `Histograms.values`.
     """
-    count, rows, columns = len(grey), grey.shape[1] - 2, grey.shape[2] - 2
-    down, right = rows // CELL - 1, columns // CELL - 1
-    if not count:
-        return np.zeros((0, down * right, BLOCK), dtype=np.float32)
-    cells: Any = _weights(rows) @ _votes(grey) @ _weights(columns).T
-    blocks = cells.reshape(count, BINS, down, 2, right, 2).transpose(0, 4, 2, 5, 3, 1)
-    blocks = blocks.reshape(count, right * down, BLOCK)
-    blocks = blocks / (_norm(blocks) + _FIRST_ADDED)
-    blocks = np.minimum(blocks, _CLIP)
-    return np.asarray(blocks / (_norm(blocks) + _THEN_ADDED))
+    down, right = (grey.shape[0] - 2) // CELL, (grey.shape[1] - 2) // CELL
+    # A cell's samples are in one half of a block, and count for the cells of both halves.
+    halves: Any = _weights() @ _votes(grey).reshape(CELL, -1)
+    halves = halves.reshape(2, 2, CELL, down, right * BINS)
+    rows = halves[0, :, :, :-1] + halves[1, :, :, 1:]
+    halves = _weights() @ rows.reshape(2, CELL, -1)
+    halves = halves.reshape(2, 2, 2, down - 1, right, BINS)
+    cells = halves[:, 0, :, :, :-1] + halves[:, 1, :, :, 1:]
+    blocks = cells.transpose(3, 2, 1, 0, 4).reshape(-1, BLOCK)
+    blocks = np.minimum(blocks / (_norms(blocks) + _FIRST_ADDED), _CLIP)
+    return np.asarray(blocks / (_norms(blocks) + _THEN_ADDED))
 
 
-def _norm(blocks: Any) -> Any:
-    return np.sqrt((blocks * blocks).sum(axis=2, keepdims=True))
+def _norms(blocks: Any) -> Any:
+    return np.sqrt(np.einsum("bk,bk->b", blocks, blocks))[:, np.newaxis]
 
 
 def _votes(grey: Float32) -> Float32:
-    """Magnitude of the gradients by orientation, shape (n, `BINS`, rows, columns)."""
-    root = np.sqrt(grey)
-    right: Any = root[:, 1:-1, 2:] - root[:, 1:-1, :-2]
-    down: Any = root[:, 2:, 1:-1] - root[:, :-2, 1:-1]
-    count, rows, columns = right.shape
-    size, angle = cv2.cartToPolar(right.reshape(-1, columns), down.reshape(-1, columns))
-    angle = angle * np.float32(BINS / np.pi) - np.float32(0.5)
-    low = np.floor(angle)
-    above = (size * (angle - low)).reshape(count, 1, -1)
-    below = size.reshape(count, 1, -1) - above
-    first = low.astype(np.intp).reshape(count, 1, -1) % BINS
-    votes = np.zeros((count, BINS, rows * columns), dtype=np.float32)
-    np.put_along_axis(votes, first, below, axis=1)
-    np.put_along_axis(votes, (first + 1) % BINS, above, axis=1)
-    return votes.reshape(count, BINS, rows, columns)
+    """Magnitudes of the gradients, each shared by two orientations.
 
-
-def _weights(samples: int) -> Float32:
-    """Weights of the samples along one side of a window, a row for each half of each block.
-
-    Linear between the middles of cells, times a Gaussian whose sigma is a quarter of a block.
+    Returns:
+        A value for each sample and orientation, in the order of `_Layout.place`.
     """
-    side = 2 * CELL
-    place = np.arange(side)
-    gauss = np.exp(-0.5 * ((place - 0.5 * side) / (0.25 * side)) ** 2)
-    halves = [
-        gauss * np.clip(1.0 - np.abs((place + 0.5) / CELL - 0.5 - half), 0.0, None)
-        for half in (0, 1)
-    ]
-    weights = np.zeros((samples // CELL - 1, 2, samples), dtype=np.float32)
-    for block, rows in enumerate(weights):
-        rows[:, block * CELL : block * CELL + side] = halves
-    return weights.reshape(-1, samples)
+    root = np.sqrt(grey)
+    right: Any = root[1:-1, 2:] - root[1:-1, :-2]
+    down: Any = root[2:, 1:-1] - root[:-2, 1:-1]
+    size, angle = cv2.cartToPolar(right, down)
+    angle = angle * np.float32(BINS / np.pi) + np.float32(0.5)
+    above = angle.astype(np.intp)
+    share = angle - above.astype(np.float32)
+    layout = _layout(*right.shape)
+    votes = np.zeros(size.size * BINS, dtype=np.float32)
+    votes[layout.below[above] + layout.place] = size * (1.0 - share)
+    votes[layout.above[above] + layout.place] = size * share
+    return votes
+
+
+class _Layout(NamedTuple):
+    """Where votes are put, so that two products of matrices sum them up.
+
+    Attributes:
+        place: Of the first orientation of a sample, shape (rows, columns): by row and column within
+            its cell, then by cell.
+        below: The lower orientation by the whole part of an angle.
+        above: The upper one.
+    """
+
+    place: Int
+    below: Int
+    above: Int
+
+
+@functools.cache
+def _layout(rows: int, columns: int) -> _Layout:
+    row, column = np.ogrid[:rows, :columns]
+    place = row % CELL * CELL + column % CELL
+    place = place * (rows // CELL) + row // CELL
+    place = place * (columns // CELL) + column // CELL
+    orientation = np.arange(2 * BINS + 2)
+    return _Layout(place * BINS, (orientation - 1) % BINS, orientation % BINS)
+
+
+@functools.cache
+def _weights() -> Float32:
+    """Weights of a cell's samples along one side, shape (4, `CELL`).
+
+    First in the upper half of a block for its upper and its lower cell, then in the lower half:
+    linear between the middles of the cells, times a Gaussian whose sigma is a quarter of the block.
+    """
+    place = np.arange(2 * CELL)
+    gauss = np.exp(-0.5 * ((place - CELL) / (0.5 * CELL)) ** 2)
+    cell = np.array([[0], [1]])
+    weights = gauss * np.maximum(1.0 - np.abs((place + 0.5) / CELL - 0.5 - cell), 0.0)
+    return np.concatenate([weights[:, :CELL], weights[:, CELL:]]).astype(np.float32)

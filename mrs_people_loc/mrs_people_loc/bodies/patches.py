@@ -112,6 +112,10 @@ class PatchSampler:
     def __init__(self, camera: StereoCamera, tuning: PatchTuning = PATCH_TUNING) -> None:
         self.camera = camera
         self.tuning = tuning
+        rotation, translation = camera.robot_from_optical
+        self._optical_from_robot = rotation.T
+        self._up: Any = rotation[2].astype(np.float32)  # the vertical in the optical frame
+        self._lens_height = np.float32(translation[2])
 
     def __call__(self, disparity: Float32, bearing: Float, inverse_range: Float) -> Patches:
         """Patches at some places.
@@ -122,8 +126,7 @@ class PatchSampler:
             inverse_range: [px], shape (n,).
         """
         camera = self.camera
-        ranges = camera.depth_disparity / inverse_range
-        x, y, z = optical_from_upright(camera, bearing, ranges, HEIGHTS, ACROSS)
+        x, y, z = self._optical(bearing, camera.depth_disparity / inverse_range)
         inverse = 1.0 / np.maximum(z, np.float32(0.05))
         u = x * inverse * np.float32(camera.fx) + np.float32(camera.cx)
         v = y * inverse * np.float32(camera.fy) + np.float32(camera.cy)
@@ -152,6 +155,17 @@ class PatchSampler:
             tolerance=tolerance_px(inverse_range, camera.depth_disparity) * ratio,
         )
 
+    def _optical(self, bearing: Float, ranges: Float) -> tuple[Any, Any, Any]:
+        """Samples in the optical frame [m], three arrays of shape (n, heights, across)."""
+        cos, sin = np.cos(bearing), np.sin(bearing)
+        away: Any = np.stack([ranges * cos, ranges * sin, np.zeros_like(cos)], axis=1)
+        left: Any = np.stack([-sin, cos, np.zeros_like(cos)], axis=1)
+        away = (away @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
+        left = (left @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
+        up: Any = (HEIGHTS - self._lens_height)[:, np.newaxis]
+        x, y, z = (away[:, k] + up * self._up[k] + left[:, k] * ACROSS for k in range(3))
+        return x, y, z
+
     def centred(self, disparity: Float32, bearing: Float, inverse_range: Float) -> Patches:
         """Patches moved to the median range and the centroid of the body at their places.
 
@@ -178,33 +192,6 @@ class PatchSampler:
             )
             inverse_range = np.maximum(inverse_range + nearer, 0.5 * inverse_range)
         return self(disparity, bearing, inverse_range)
-
-
-def optical_from_upright(
-    camera: StereoCamera, bearing: Float, ranges: Float, heights: Float32, across: Float32
-) -> tuple[Any, Any, Any]:
-    """Samples of vertical rectangles that face the lens, in the optical frame [m].
-
-    Args:
-        camera: The head.
-        bearing: Of the rectangles' middles, from the lens [rad], shape (n,).
-        ranges: Likewise, horizontal [m].
-        heights: Of the rows over the floor [m].
-        across: Of the columns, to the left [m].
-
-    Returns:
-        x, y and z, float32, shape (n, heights, across) each.
-    """
-    rotation, translation = camera.robot_from_optical
-    cos, sin = np.cos(bearing), np.sin(bearing)
-    away: Any = np.stack([ranges * cos, ranges * sin, np.zeros_like(cos)], axis=1)
-    left: Any = np.stack([-sin, cos, np.zeros_like(cos)], axis=1)
-    away = (away @ rotation).astype(np.float32)[:, :, np.newaxis, np.newaxis]
-    left = (left @ rotation).astype(np.float32)[:, :, np.newaxis, np.newaxis]
-    vertical = rotation[2].astype(np.float32)
-    up: Any = (heights - np.float32(translation[2]))[:, np.newaxis]
-    x, y, z = (away[:, k] + up * vertical[k] + left[:, k] * across for k in range(3))
-    return x, y, z
 
 
 def in_rows(values: NDArray[Any]) -> NDArray[Any]:
