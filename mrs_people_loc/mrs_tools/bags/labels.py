@@ -1,4 +1,4 @@
-"""Hand labels of a recording: who is where in each frame, read from a JSON file.
+"""Hand labels of a recording: positions of the people in each frame, read from a JSON file.
 
 `recordings/README.md` describes the format and how the labels of this repository were made.
 """
@@ -58,7 +58,7 @@ class Label:
         id: The person's number from 1, the same in all frames; 0: unknown.
         head: Place of the head in `map` [m].
         trunk: Axis of the trunk in `map` [m]; None: not known.
-        must: Whether the person has to be found; otherwise they may be.
+        must: Whether the person must be found; otherwise they may be found.
         posture: One of `POSTURES`.
         source: What the place of the head was read from.
     """
@@ -78,7 +78,7 @@ class Label:
 
 @dataclass(frozen=True)
 class Labels:
-    """Everybody in a recording.
+    """The labels of a recording.
 
     Attributes:
         path: The file.
@@ -86,7 +86,7 @@ class Labels:
         step_ns: From one frame to the next [ns].
         frames: Number of frames.
         follow: Whether people can be followed from frame to frame: not where the stamps are wrong.
-        people: The labels.
+        people: One label per person and frame.
     """
 
     path: Path
@@ -107,7 +107,7 @@ class Labels:
         unknown = sum(not label.id for label in self.people)
         positions = np.full((self.frames, len(known) + unknown, 2), np.nan)
         visible = np.zeros(positions.shape[:2], dtype=bool)
-        # Nobody knows who is who among the unknown; each is a person of one frame.
+        # Unknown people are not matched across frames: each has a column of their own.
         others = iter(range(len(known), len(known) + unknown))
         for label in self.people:
             index = column[label.id] if label.id else next(others)

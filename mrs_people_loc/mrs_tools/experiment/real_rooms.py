@@ -32,7 +32,7 @@ _HEAD = (
 
 @dataclass(frozen=True)
 class Recording:
-    """A bag, and who is in it.
+    """A bag with its labels.
 
     Attributes:
         name: Name of the bag.
