@@ -104,11 +104,11 @@ class Furniture(Section):
     y: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
     z: float = _field(0.0, "what it stands on, over the floor [m]", low=0.0, high=5.0)
     yaw: float = _field(0.0, "turned to the left [rad]", low=-_TAU, high=_TAU)
-    size: tuple[float, ...] = _field(
-        (), "edge lengths x, y, z; empty: as such things are [m]", kind="floats", length=3
-    )
     open: float = _field(
         0.0, "how far the leaf of a door or doorway stands open [rad]", low=0.0, high=2.8
+    )
+    size: tuple[float, ...] = _field(
+        (), "edge lengths x, y, z; empty: as such things are [m]", kind="floats", length=3
     )
 
 
