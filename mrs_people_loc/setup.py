@@ -19,10 +19,10 @@ setup(
     name="mrs_people_loc",
     version="0.1.0",
     packages=find_packages(),
-    package_data={"mrs_people_loc.bodies": ["*.json"]},
+    package_data={"mrs_people_loc.bodies": ["*.json", "*.npy"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
-        ("share/mrs_people_loc", ["package.xml"]),
+        ("share/mrs_people_loc", ["package.xml", "../NOTICE"]),
         ("share/mrs_people_loc/config", glob("../config/*.yaml") + glob("../config/*.rviz")),
         ("share/mrs_people_loc/config/fastdds", glob("../config/fastdds/*.xml")),
         ("share/mrs_people_loc/config/sros2", glob("../config/sros2/*.xml")),

@@ -32,7 +32,7 @@ PERSON = {
 }  # fmt: skip
 STAGES = ["disparity", "cloud", "zones", "noise", "cells", "tops"]
 STAGES_OF_BODIES = [
-    "disparity", "search", "patches", "vote", "evidence", "judge", "cells",
+    "disparity", "search", "patches", "vote", "evidence", "judge", "appearance", "select", "cells",
 ]  # fmt: skip
 
 
@@ -101,7 +101,12 @@ UPRIGHT = {"bodies.min_score": -20.0, "disparity.pre_filter_cap": 31}
 
 @pytest.mark.parametrize(
     "switches",
-    [{}, {"bodies.axis": False, "bodies.vote": False}, {"bodies.human_test": False}],
+    [
+        {},
+        {"bodies.axis": False, "bodies.vote": False},
+        {"bodies.human_test": False},
+        {"bodies.appearance": False},
+    ],
     ids=str,
 )
 def test_stages_of_the_body_scanner_are_complete(view, switches):
@@ -132,6 +137,8 @@ def test_stages_of_the_body_scanner_are_complete(view, switches):
         assert (x, y) == pytest.approx((found.x[number - 1], found.y[number - 1]), abs=1e-4)
     assert sorted(set(cells.body)) == list(range(1, len(found) + 1))
     unused = {"vote"} if "bodies.vote" in switches else set()
+    if {"bodies.human_test", "bodies.appearance"} & switches.keys():
+        unused.add("appearance")
     assert list(got.times_ms) == [name for name in STAGES_OF_BODIES if name not in unused]
     again = pipeline.step(images)  # no state is left from view to view
     np.testing.assert_array_equal(again.cells.to_records(), expected)
@@ -211,7 +218,9 @@ class Bag:
         self.prepare: dict[str, dict[str, ImagePreparer]] = {}
         self.pairers: dict[str, Pairer] = {}
         self.pipelines: dict[str, RobotPipeline] = {}
-        for robot, config in self.team.robots.items():
+        for robot, of_team in self.team.robots.items():
+            # The bag's people are cylinders with the texture of noise: they look like nobody.
+            config = RobotConfig.from_mapping({"bodies.appearance": False}, base=of_team)
             cameras = ("left", "right", "top") if config.images.top else ("left", "right")
             size = {"width": config.images.working_width, "height": config.images.working_height}
             prepare = {

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from mrs_people_loc.config import Bodies as Config
 from mrs_people_loc.sensing.camera import StereoCamera
+from mrs_people_loc.sensing.images import Gray
+from oracle.appearance import with_appearance
 from oracle.arrays import Float
 from oracle.evidence import fitted
 from oracle.head import lens_of, scale_of
@@ -74,7 +76,7 @@ class Candidate:
     depth: Float
 
 
-def body_of(number: int, of: Candidate, camera: StereoCamera, config: Config) -> Body:
+def body_of(number: int, of: Candidate, left: Gray, camera: StereoCamera, config: Config) -> Body:
     """A candidate as a body: its axis, and what the model says of it."""
     scale, lens = scale_of(camera), lens_of(camera)
     least = scale / (FARTHEST_RANGES * config.max_range)
@@ -90,22 +92,27 @@ def body_of(number: int, of: Candidate, camera: StereoCamera, config: Config) ->
         sigma_across = SIGMA_ACROSS_M
     bearing = of.bearing + math.atan2(aside, away)
     away = math.hypot(away, aside)
+    score = fitted("human", of.even) if config.human_test else of.extent
+    if config.human_test and config.appearance:
+        score = with_appearance(score, left, camera, bearing, away)
     return Body(
         candidate=number,
         x=lens[0] + away * math.cos(bearing),
         y=lens[1] + away * math.sin(bearing),
         bearing=bearing,
         range=away,
-        score=fitted("human", of.even) if config.human_test else of.extent,
+        score=score,
         sigma_range=sigma_range,
         sigma_across=sigma_across,
         top=top_of(of.difference, of.tolerance, of.contrast),
     )
 
 
-def bodies_of(candidates: Sequence[Candidate], camera: StereoCamera, config: Config) -> list[Body]:
+def bodies_of(
+    candidates: Sequence[Candidate], left: Gray, camera: StereoCamera, config: Config
+) -> list[Body]:
     """Those that are likely enough, likeliest first, none of them where a likelier one is."""
-    every = [body_of(k, of, camera, config) for k, of in enumerate(candidates)]
+    every = [body_of(k, of, left, camera, config) for k, of in enumerate(candidates)]
     kept: list[Body] = []
     for body in sorted(every, key=lambda body: -body.score):
         likely = body.score >= config.min_score

@@ -68,6 +68,28 @@ SHARES, UPPER_M = (0.1, 0.25, 0.5, 0.75, 0.9), 1.0
 MOMENT = 1e-3
 #: The steepest slope across a body [m/m], and the largest sigma of a vote [px], that count.
 STEEPEST, LARGEST_VOTE_SIGMA_PX = 3.0, 0.5
+#: Ranges beyond each of which what is further counts once more [m].
+KNOTS = 2.0, 3.0, 4.0
+
+# --- appearance --------------------------------------------------------------------------------
+
+#: Windows: lower edge over the floor, upper edge, half of the width [m], rows, columns.
+DETECTOR_WINDOW = -7 / 24, 49 / 24, 7 / 12, 128, 64
+FITTED_WINDOW = -0.1, 2.1, 0.55, 64, 32
+#: Side of a cell [samples], orientations.
+CELL_SAMPLES, ORIENTATIONS = 8, 9
+#: Above so many pixels in a sample, the image is smoothed by this sigma [px].
+SMOOTHED_ABOVE = (2.5, 1.4), (1.25, 0.7)
+#: A sample of a nearer body covers as much as of one at this range [m].
+NEAREST_SAMPLED_M = 0.3
+#: Points nearer to the plane of the lens are not looked at [m].
+LEAST_DEPTH_M = 0.1
+#: Added to the norms of a block, before and after it is cut, and where it is cut.
+NORM_ADDED, CUT_AT, NORM_ADDED_AFTER = 3.6, 0.2, 1e-3
+#: What has less by the human test is not looked at [log-odds].
+RULED_OUT = -6.0
+#: The human test counts within these log-odds; least share of the blocks that divides a score.
+LEAST_HUMAN, MOST_HUMAN, LEAST_BLOCKS = -2.0, 4.0, 0.05
 
 # --- bodies ------------------------------------------------------------------------------------
 
@@ -112,3 +134,17 @@ PLAIN_SCORE = 6.0
 LEAST_SCORE = -2.0
 #: In a square of this side [m] so many bodies take part in the joining.
 SQUARE_M, MOST_IN_SQUARE = 0.5, 100
+#: Published standard deviations over those of the filter; what a head leads its trunk by [m], from
+#: which speed on [m/s].
+PUBLISHED, LEAD_M, LEAD_SPEED = 0.9, 0.05, 0.4
+
+# --- places ------------------------------------------------------------------------------------
+
+#: Log-odds that are lost per unit of ln(1 + T / tau), tau [s].
+LOST_PER_LOG, LOST_TAU_S = 2.5, 0.5
+#: A look of a person; so many are averaged, none counts for more; share of the present one.
+SURE_LOOK, BEST_OF, LARGEST_LOOK, PRESENT_SHARE = 1.5, 3, 2.25, 0.5
+#: Bodies within this distance [m] plus so many sigmas, but no more than this [m], are in one place.
+PLACE_M, PLACE_SIGMAS, PLACE_MOST_M = 0.15, 1.5, 0.45
+#: Places age by no more than this at once [s], and are forgotten after this [s]; so many are kept.
+LONGEST_GAP_S, FORGET_S, MOST_PLACES = 0.5, 30.0, 1000

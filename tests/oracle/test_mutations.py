@@ -8,8 +8,18 @@ import pytest
 pytest.importorskip("rosbags", reason="reading bags needs rosbags")
 
 from mrs_people_loc import planner as planner_module
+from mrs_people_loc.bodies import (
+    appearance,
+    finder,
+    gradients,
+    model,
+    patches,
+    places,
+    scanner,
+    search,
+    votes,
+)
 from mrs_people_loc.bodies import detector as body_detector
-from mrs_people_loc.bodies import finder, model, patches, scanner, search, votes
 from mrs_people_loc.cells import detector as cell_detector
 from mrs_people_loc.cells import filters
 from mrs_people_loc.config import PlannerConfig
@@ -22,8 +32,8 @@ from mrs_tools.bench.differs import DiffersError
 from mrs_tools.bench.scenes import INTERVAL_NS, drawn_scans
 from mrs_tools.bench.tracking import found_people
 from oracle.cells import cells_of
-from oracle.comparison import check_cells, check_people, check_tracks, check_view
-from oracle.scenes import BAG, BODIES, CELLS, PAPER, mixed_team, random_cloud
+from oracle.comparison import check_cells, check_people, check_places, check_tracks, check_view
+from oracle.scenes import BAG, BODIES, CELLS, PAPER, furnished_room, mixed_team, random_cloud
 
 F32 = np.float32
 
@@ -88,6 +98,12 @@ def turned(right):
     return wrong
 
 
+def all_but_one(inside):
+    inside = inside.copy()
+    inside[:, 0] = False
+    return inside
+
+
 OF_BOTH = {
     "disparity": (disparity.StereoMatcher, "__call__", then(one_pixel_more), "disparity"),
     "cloud": (cloud.CloudMaker, "__call__", then(lambda points: points + F32(0.001)), "cloud"),
@@ -141,7 +157,23 @@ OF_BODIES = {
     "even evidence": (finder, "gather_evidence", change(even=1e-3), r"evidence\.even"),
     "odd evidence": (finder, "gather_evidence", change(odd=1e-3), r"evidence\.odd"),
     "depth evidence": (finder, "gather_evidence", change(depth=1e-3), r"evidence\.depth"),
-    "score": (model.Layered, "__call__", then(lambda score: score + 1e-3), r"bodies\.score"),
+    "human test": (model.Layered, "__call__", then(lambda score: score + 0.1), r"bodies\.score"),
+    "appearance": (
+        appearance.Appearance, "__call__", then(lambda score: score + 0.01), r"bodies\.score",
+    ),
+    "classifiers": (appearance, "block_score", then(lambda score: score + 0.01), r"bodies\.score"),
+    "blocks in the image": (
+        gradients.GradientSampler, "__call__",
+        then(lambda found: dataclasses.replace(found, inside=all_but_one(found.inside))),
+        r"bodies\.score",
+    ),
+    "gradients": (gradients, "histograms_of", then(lambda h: h * F32(1.02)), r"bodies\.score"),
+    "windows": (
+        gradients.GradientSampler, "homographies",
+        then(lambda pixels: pixels + [[0.0, 0.0, 0.2], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        r"bodies\.score",
+    ),
+    "smoothing": (gradients, "_SMOOTHING", instead(((0.0, 0.7),)), r"bodies"),
     "axis": (model.Linear, "__call__", then(lambda place: place + 1e-3), r"bodies\.(x|y)"),
     "selection": (finder.BodyFinder, "_alone", then(lambda kept: kept[:-1]), "number of bodies"),
     "all selected": (
@@ -330,6 +362,52 @@ def test_wrong_person_is_detected(wrong, what, base):
     check_people(scans, people, config)
     with pytest.raises(DiffersError, match=what):
         check_people(scans, wrong(people), config)
+
+
+# ---------------------------------------------------------------------------------------- places
+
+
+def constants(**changes):
+    return lambda right: dataclasses.replace(right, **changes)
+
+
+def without_exemption(right):
+    def wrong(of, expected, tuning):
+        right(of, expected, tuning)
+        of.came[:] = False
+
+    return wrong
+
+
+OF_PLACES = {
+    "body of another place": (places, "_place_of", then(lambda of: of[::-1].copy())),
+    "every body is new": (places, "_place_of", then(lambda of: np.full_like(of, -1))),
+    "nearest": (places, "_nearest", then(lambda of: np.roll(of, 1))),
+    "look": (places, "_best_look", then(lambda look: look + 0.01)),
+    "nobody is welcomed": (places, "_welcome", instead(lambda *_: None)),
+    "nobody is exempt": (places, "_welcome", without_exemption),
+    "sum of robots": (
+        places, "_best_look", instead(lambda joined, bodies: joined.score.copy()),
+    ),
+    **{
+        f"tuning: {name}": (places, "PLACES_TUNING", constants(**{name: value}))
+        for name, value in {
+            "gain": 2.4, "tau": 0.6, "sure": 1.6, "present": 0.6, "max_look": 2.0, "looks": 2,
+            "reach": 0.1, "reach_sigmas": 1.0, "max_reach": 0.4, "max_gap_s": 0.4, "forget_s": 2.0,
+            "max_places": 4,
+        }.items()
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("module", "name", "wrong"), OF_PLACES.values(), ids=OF_PLACES.keys())
+def test_wrong_step_of_the_place_memory_is_detected(monkeypatch, module, name, wrong):
+    changed = wrong(getattr(module, name))
+    monkeypatch.setattr(module, name, changed)
+    if name == "PLACES_TUNING":
+        monkeypatch.setattr(places.PlaceMemory.__init__, "__defaults__", (changed,))
+    with pytest.raises(DiffersError, match="places: log-odds lost"):
+        check_places(*furnished_room(0), PlannerConfig())
 
 
 # ---------------------------------------------------------------------------------------- tracks

@@ -31,12 +31,13 @@ from oracle.numbers import (
 STEPS = 32 if int(cv2.__version__.partition(".")[0]) < 5 else 0
 
 
-def smoothed(image: Gray) -> Float:
-    """An image, blurred by a Gaussian of 7 x 7 pixels; beyond its border it is mirrored."""
-    kernel = [math.exp(-0.5 * (k / BLUR_PX) ** 2) for k in range(-3, 4)]
+def smoothed(image: Gray, sigma: float = BLUR_PX) -> Float:
+    """An image, blurred by a Gaussian of four sigmas to each side; beyond its border mirrored."""
+    reach = round(4.0 * sigma)
+    kernel = [math.exp(-0.5 * (k / sigma) ** 2) for k in range(-reach, reach + 1)]
     result = np.asarray(image, dtype=np.float64)
     for _ in range(2):  # along the rows, then along the columns
-        padded = np.pad(result, ((0, 0), (3, 3)), mode="reflect")
+        padded = np.pad(result, ((0, 0), (reach, reach)), mode="reflect")
         width = result.shape[1]
         parts = [w * padded[:, k : k + width] for k, w in enumerate(kernel)]
         result = np.sum(parts, axis=0).T / sum(kernel)

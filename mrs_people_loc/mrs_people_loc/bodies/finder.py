@@ -1,6 +1,6 @@
 """Bodies in one view of a robot.
 
-    search -> patches -> vote -> evidence -> score and axis by the model -> cells
+    search -> patches -> vote -> evidence -> score and axis by the model -> appearance -> cells
 
 `bodies.*` in the configuration switches the steps on and off.
 """
@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mrs_people_loc.anthropometry import APART_ACROSS, APART_IN_VIEW, AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.bodies import model as body_model
 from mrs_people_loc.bodies import votes as voting
+from mrs_people_loc.bodies.appearance import Appearance
 from mrs_people_loc.bodies.model import BodyModel, Evidence, gather_evidence
 from mrs_people_loc.bodies.patches import (
     ACROSS,
@@ -35,7 +36,7 @@ from mrs_people_loc.bodies.votes import VOTES_TUNING, VotesTuning
 from mrs_people_loc.precision import BODY_SIGMA_PX
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.sensing.images import StereoImages
+from mrs_people_loc.sensing.images import Gray, StereoImages
 from mrs_people_loc.timing import StageTimes
 
 
@@ -189,6 +190,7 @@ class BodyFinder:
             camera, min_range=min_range, max_range=config.max_range, tuning=tuning.search
         )
         self._sample = PatchSampler(camera, tuning.patches)
+        self._appearance = Appearance(camera)
 
     def __call__(self, disparity: Float32, images: StereoImages, times: StageTimes) -> Bodies:
         """The bodies of one view.
@@ -198,9 +200,7 @@ class BodyFinder:
             images: The images that it was made of.
             times: Marked after each step.
         """
-        found = self.judge(self.look(disparity, images, times))
-        times.mark("judge")
-        return found
+        return self.judge(self.look(disparity, images, times), images.left, times)
 
     def look(
         self, disparity: Float32, images: StereoImages, times: StageTimes
@@ -224,13 +224,37 @@ class BodyFinder:
             )
             times.mark("vote")
         evidence = gather_evidence(
-            patches, candidates.extent, vote, depth_disparity=camera.depth_disparity
+            patches,
+            candidates.extent,
+            vote,
+            depth_disparity=camera.depth_disparity,
+            focal=camera.fx,
         )
         times.mark("evidence")
         return CandidateEvidence(candidates, patches, vote, evidence)
 
-    def judge(self, view: CandidateEvidence) -> Bodies:
-        """The candidates that may be people, at their axes, by the model."""
+    def judge(self, view: CandidateEvidence, left: Gray, times: StageTimes) -> Bodies:
+        """The candidates that may be people, at their axes.
+
+        Args:
+            view: The candidates and the evidence for them.
+            left: The left image that they were seen in.
+            times: Marked after each step.
+        """
+        config = self.config
+        bodies = self._by_model(view)
+        times.mark("judge")
+        if config.human_test and config.appearance:
+            model = (self._model or body_model.fitted()).appearance
+            score = self._appearance(model, left, bodies.bearing, bodies.range, bodies.score)
+            bodies = replace(bodies, score=score)
+            times.mark("appearance")
+        bodies = bodies.select(self._alone(bodies))
+        times.mark("select")
+        return bodies
+
+    def _by_model(self, view: CandidateEvidence) -> Bodies:
+        """All candidates at their axes, scored by the human test."""
         config, tuning, evidence = self.config, self.tuning.finder, view.evidence
         model = self._model or body_model.fitted()
         scale = self.camera.depth_disparity
@@ -251,7 +275,7 @@ class BodyFinder:
         ranges = np.hypot(ranges, across)
         score = model.human(evidence.even) if config.human_test else view.candidates.extent
         _, translation = self.camera.robot_from_optical
-        all_bodies = Bodies(
+        return Bodies(
             x=translation[0] + ranges * np.cos(bearing),
             y=translation[1] + ranges * np.sin(bearing),
             bearing=bearing,
@@ -262,7 +286,6 @@ class BodyFinder:
             top=_tops(view.patches, view.vote.contrast, tuning),
             patches=view.patches,
         )
-        return all_bodies.select(self._alone(all_bodies))
 
     def _alone(self, bodies: Bodies) -> Int:
         """Indices of those that are likely enough, without a likelier one in their place."""

@@ -190,6 +190,10 @@ class Bodies(Section):
         True, "true: a fitted model gives the log-odds that a body is a person; false: its "
         "vertical extent is used instead; fitted with bodies.vote",
     )  # fmt: skip
+    appearance: bool = field(
+        True, "true: the grey values of a body (histograms of oriented gradients) add to the "
+        "log-odds of the human test; without bodies.human_test it has no effect",
+    )  # fmt: skip
     axis: bool = field(
         True, "true: fitted offsets move a body from its visible surface to its axis; requires "
         "bodies.vote",

@@ -22,9 +22,9 @@ from typing import Annotated, Any
 import typer
 
 from mrs_tools.common import progress_bar, write_text
+from mrs_tools.fitting.body_fit import fit
 from mrs_tools.fitting.examples import Examples, examples_of
-from mrs_tools.fitting.regression import fit
-from mrs_tools.fitting.validation import cross_validate
+from mrs_tools.fitting.validation import cross_validate, figures, table
 
 
 def _read(bag: Path, number: int, **options: Any) -> Examples:
@@ -54,8 +54,10 @@ def command(
             parts.append(part)
             progress.advance(task)
     examples = Examples.concatenate(parts)
-    for name, value in cross_validate(examples).items():
+    judged = cross_validate(examples)
+    for name, value in figures(examples, judged).items():
         typer.echo(f"{name}: {value:.5g}")
+    typer.echo("\n".join(table(examples, judged)))
     text = json.dumps(fit(examples).to_mapping(), separators=(",", ":")) + "\n"
     write_text(out, text)
     typer.echo(f"{out}: {len(text) / 1000:.0f} kB")

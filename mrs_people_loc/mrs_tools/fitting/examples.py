@@ -42,6 +42,8 @@ class Examples(StructOfArrays):
         away: Distance to the nearest person in units of what counts as being there.
         across: How far that person's axis is to the left of the patch's middle [m].
         more_px: How much more inverse range that axis has [px].
+        inverse_range: Of the patch [px].
+        scale: Focal length times baseline of the head [px m].
         robot: Whether it is another robot.
         bag: Number of the bag.
     """
@@ -52,6 +54,8 @@ class Examples(StructOfArrays):
     away: Float
     across: Float
     more_px: Float
+    inverse_range: Float
+    scale: Float
     robot: Bool
     bag: Int
 
@@ -192,6 +196,8 @@ def _examples(
         away=distance[row, nearest],
         across=across[row, nearest],
         more_px=scale / (ranges + along[row, nearest]) - inverse,
+        inverse_range=inverse,
+        scale=np.full(count, scale),
         robot=np.asarray(robot.any(axis=1)),
         bag=np.full(count, number),
     )

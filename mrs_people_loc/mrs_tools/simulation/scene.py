@@ -104,12 +104,13 @@ class Furniture(Section):
     y: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
     z: float = _field(0.0, "what it stands on, over the floor [m]", low=0.0, high=5.0)
     yaw: float = _field(0.0, "turned to the left [rad]", low=-_TAU, high=_TAU)
-    open: float = _field(
-        0.0, "how far the leaf of a door or doorway stands open [rad]", low=0.0, high=2.8
-    )
     size: tuple[float, ...] = _field(
         (), "edge lengths x, y, z; empty: as such things are [m]", kind="floats", length=3
     )
+    open: float = _field(
+        0.0, "how far the leaf of a door or doorway stands open [rad]", low=0.0, high=2.8
+    )
+    mesh: str = _field("", "a file of the scene's assets (docs/assets.md), instead of ours")
 
 
 @dataclass(frozen=True)
@@ -191,6 +192,7 @@ class Person(Section):
             "raised",
         ),
     )
+    mesh: str = _field("", "a file of the scene's assets (docs/assets.md), instead of our bodies")
     seed: int = _field(0, "of everything that is left to chance; 0: from the scene", low=0)
 
 
@@ -387,6 +389,7 @@ class Scene:
         tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
         tracks_window: First and last time of the recording to be used [s], and the x, y that
             become the map's origin [m].
+        assets: A folder with meshes of people and furniture (`assets.py`), or "".
     """
 
     name: str = "scene"
@@ -405,6 +408,7 @@ class Scene:
     walk: Walk = Walk()
     tracks: str = ""
     tracks_window: tuple[float, ...] = ()
+    assets: str = ""
 
 
 _SECTIONS: dict[str, type[Section]] = {
@@ -418,7 +422,7 @@ _SECTIONS: dict[str, type[Section]] = {
 }
 _OTHERS = (
     "name", "seed", "description", "half", "furniture", "people", "robots", "head", "tracks",
-    "tracks_window",
+    "tracks_window", "assets",
 )  # fmt: skip
 
 
@@ -462,6 +466,7 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             heads=heads or {"": common},
             tracks=str(document.get("tracks", "")),
             tracks_window=tuple(float(t) for t in document.get("tracks_window", ())),
+            assets=str(document.get("assets", "")),
             **sections,  # type: ignore[arg-type]
         )
         for kind, items in (("people", scene.people), ("robots", scene.robots.values())):
@@ -491,6 +496,8 @@ def load_scene(path: str | Path, *, seed: int | None = None) -> Scene:
     scene = read_scene(load_yaml(path), str(path), seed=seed)
     if scene.tracks:
         scene = dataclasses.replace(scene, tracks=str(path.parent / scene.tracks))
+    if scene.assets:
+        scene = dataclasses.replace(scene, assets=str(path.parent / scene.assets))
     heads = {
         name: dataclasses.replace(
             head, calibration=tuple(str(path.parent / file) for file in head.calibration)

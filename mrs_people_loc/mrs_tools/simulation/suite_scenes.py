@@ -203,6 +203,13 @@ def _simulate_job(job: tuple[Scene, Path]) -> str:
     return scene.name
 
 
+def drawn_from(scenes: list[Scene], assets: Path | None) -> list[Scene]:
+    """The scenes with a folder of assets, where one is given."""
+    if assets is None:
+        return scenes
+    return [dataclasses.replace(scene, assets=str(assets)) for scene in scenes]
+
+
 def shortened(scene: Scene, frames: int | None) -> Scene:
     """The scene with so many frames, where a number is given."""
     if frames is None:

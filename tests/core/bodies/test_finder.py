@@ -17,6 +17,7 @@ from mrs_people_loc.bodies.model import (
     Layered,
     Linear,
     Scaled,
+    fitted,
 )
 from mrs_people_loc.bodies.patches import ACROSS, HEIGHTS, Patches
 from mrs_people_loc.bodies.search import Candidates
@@ -48,11 +49,17 @@ def model_of(*, score=0.0, across=0.0, depth=0.0, across_sigma=0.06, depth_sigma
         depth=linear(DEPTH, depth),
         across_log_sigma=linear(EVEN, math.log(across_sigma)),
         depth_log_sigma=linear(EVEN, math.log(depth_sigma_px)),
+        appearance=fitted().appearance,
     )
 
 
-def finder_of(head, model=None, **config) -> BodyFinder:
-    return BodyFinder(head.camera(), cfg.Bodies(**config), min_range=0.7, model=model)
+def finder_of(head, model=None, appearance=False, **config) -> BodyFinder:
+    parameters = cfg.Bodies(appearance=appearance, **config)
+    return BodyFinder(head.camera(), parameters, min_range=0.7, model=model)
+
+
+def judged(finder, view) -> Bodies:
+    return finder.judge(view, FLAT.left, StageTimes())
 
 
 @pytest.fixture
@@ -98,7 +105,7 @@ def view_of(bearing, ranges, *, score=0.0, shift=0.0, extent=1.0, top=1.7) -> Ca
 def test_axis_matches_hand_computed_values(head):
     # 2.5 m away at 30 degrees: 4 px. The model adds 1 px, that is 2 m, and 0.2 m to the left.
     model = model_of(score=1.5, across=0.2, depth=1.0, across_sigma=0.05, depth_sigma_px=0.1)
-    bodies = finder_of(head, model).judge(view_of([math.pi / 6], [2.5], score=0.25, shift=0.3))
+    bodies = judged(finder_of(head, model), view_of([math.pi / 6], [2.5], score=0.25, shift=0.3))
     assert len(bodies) == 1
     c, s = math.cos(math.pi / 6), math.sin(math.pi / 6)
     assert bodies.x == pytest.approx([2 * c - 0.2 * s])
@@ -112,9 +119,8 @@ def test_axis_matches_hand_computed_values(head):
 
 def test_without_the_model_results_match_hand_computed_values(head):
     model = model_of(score=-9.0, across=0.2, depth=1.0)
-    bodies = finder_of(head, model, axis=False, human_test=False).judge(
-        view_of([0.1], [2.5], shift=1.0, extent=1.3)
-    )
+    finder = finder_of(head, model, axis=False, human_test=False)
+    bodies = judged(finder, view_of([0.1], [2.5], shift=1.0, extent=1.3))
     assert bodies.range == pytest.approx([2.0])
     assert bodies.bearing == pytest.approx([0.1])
     assert bodies.score == pytest.approx([1.3])
@@ -125,19 +131,19 @@ def test_without_the_model_results_match_hand_computed_values(head):
 def test_sigma_along_the_line_of_sight_is_4_cm_at_least(head):
     for sigma_px, sigma in ((0.06, 0.04), (0.2, 0.08)):  # at 2 m, where a pixel is 0.4 m
         model = model_of(depth_sigma_px=sigma_px)
-        bodies = finder_of(head, model).judge(view_of([0.0], [2.0], score=1.0))
+        bodies = judged(finder_of(head, model), view_of([0.0], [2.0], score=1.0))
         assert bodies.sigma_range == pytest.approx([sigma])
 
 
 def test_lens_offset_from_the_robots_origin_is_included(make_head):
     mounting = Mounting(height=1.3, forward=0.3, left=-0.5, yaw=1.0)
     head = make_head(fx=100.0, fy=100.0, mounting=mounting)
-    bodies = finder_of(head, model_of()).judge(view_of([math.pi / 2], [2.0]))
+    bodies = judged(finder_of(head, model_of()), view_of([math.pi / 2], [2.0]))
     assert (bodies.x[0], bodies.y[0]) == pytest.approx((0.3, 1.5))
 
 
 def test_no_body_is_found_beyond_infinity(head):
-    bodies = finder_of(head, model_of(depth=-9.0)).judge(view_of([0.0], [2.0]))
+    bodies = judged(finder_of(head, model_of(depth=-9.0)), view_of([0.0], [2.0]))
     assert bodies.range == pytest.approx([1.5 * 6.0])  # half as far again as bodies.max_range
 
 
@@ -160,7 +166,7 @@ def test_of_two_bodies_in_one_place_one_is_kept(head, beside, behind, kept):
     bearing, distance = beside / 2.0, 2.0 + behind
     view = view_of([0.0, bearing], [2.0, distance], score=[1.0, 2.0])
     finder = finder_of(head, model)
-    bodies = finder.judge(view)
+    bodies = judged(finder, view)
     assert len(bodies) == kept
     assert bodies.score[0] == pytest.approx(2.0)  # the likelier one stays
     assert bodies.range[0] == pytest.approx(distance)
@@ -169,11 +175,11 @@ def test_of_two_bodies_in_one_place_one_is_kept(head, beside, behind, kept):
 def test_bodies_are_sorted_by_score_and_low_scores_are_dropped(head):
     view = view_of([-0.6, -0.2, 0.2, 0.6], [2.0, 2.5, 3.0, 3.5], score=[0.5, -3.1, 2.0, -2.9])
     finder = finder_of(head, model_of())
-    bodies = finder.judge(view)
+    bodies = judged(finder, view)
     np.testing.assert_allclose(bodies.score, [2.0, 0.5, -2.9], atol=1e-5)
     np.testing.assert_allclose(bodies.range, [3.0, 2.0, 3.5])
     np.testing.assert_allclose(bodies.patches.bearing, [0.2, -0.6, 0.6])  # each with its patch
-    assert len(finder_of(head, model_of(score=-9.0)).judge(view)) == 0
+    assert len(judged(finder_of(head, model_of(score=-9.0)), view)) == 0
 
 
 @pytest.mark.parametrize("n", [0, 1])
@@ -194,8 +200,8 @@ def test_background_match_above_a_body_is_not_its_top(head):
     view = view_of([0.0], [2.0], top=1.95)
     contrast = np.where(HEIGHTS > 1.6, -0.5, 0.5).astype(np.float32)
     vote = dataclasses.replace(view.vote, contrast=np.broadcast_to(contrast[:, None], (1, *SHAPE)))
-    above = finder_of(head, model_of()).judge(view).top[0]
-    below = finder_of(head, model_of()).judge(dataclasses.replace(view, vote=vote)).top[0]
+    above = judged(finder_of(head, model_of()), view).top[0]
+    below = judged(finder_of(head, model_of()), dataclasses.replace(view, vote=vote)).top[0]
     assert above == pytest.approx(1.95, abs=0.0376)
     assert below == pytest.approx(1.6, abs=0.0376)
 
@@ -206,7 +212,7 @@ def top_of(head, same) -> float:
     difference[same] = 0.0
     view = view_of([0.0], [2.0])
     view = CandidateEvidence(view.candidates, patches_of(difference), view.vote, view.evidence)
-    return float(finder_of(head, model_of()).judge(view).top[0])
+    return float(judged(finder_of(head, model_of()), view).top[0])
 
 
 @pytest.mark.parametrize("top", [1.0, 1.37, 1.7, 1.95])

@@ -120,7 +120,7 @@ def test_simulated_body_is_at_its_position():
 STAGES = {
     "paper.yaml": {"cloud", "zones", "noise", "cells", "tops"},
     "default.yaml": {
-        "search", "patches", "vote", "evidence", "judge", "cells",
+        "search", "patches", "vote", "evidence", "judge", "appearance", "select", "cells",
     },
 }  # fmt: skip
 
