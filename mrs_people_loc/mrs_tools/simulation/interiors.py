@@ -61,6 +61,8 @@ FULL_HEIGHT = frozenset(("doorway", "corner", "pier"))
 
 #: Clear width and height of a door, and width of its frame [m].
 _LEAF, _LEAF_HEIGHT, _FRAME = 0.86, 2.02, 0.06
+#: Width of the opening in the wall that a frame fills [m].
+OPENING = _LEAF + 2 * _FRAME
 
 
 @dataclass(frozen=True)
@@ -226,7 +228,7 @@ def _doorway(piece: Furniture, draw: Materials) -> Parts:
     """A wall across the room with a door's opening in its middle."""
     dx, dy, dz = piece.size
     skin = draw.wall()
-    gap = _LEAF / 2 + _FRAME
+    gap = OPENING / 2
     wide = dy / 2 - gap
     parts = [
         *(

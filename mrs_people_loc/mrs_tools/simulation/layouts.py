@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mrs_tools.simulation import interiors
 from mrs_tools.simulation.rooms import SIZES, footprint
-from mrs_tools.simulation.scene import Furniture, Person, Robot, Room, Scene, StereoHead
+from mrs_tools.simulation.scene import Furniture, Layout, Person, Robot, Room, Scene, StereoHead
 from mrs_tools.simulation.walks import Boxes, Way, way_of
 
 Rng = np.random.Generator
@@ -127,6 +127,11 @@ def _posts(
     turn = rng.uniform(0, 2 * math.pi)
     posts: list[tuple[float, float, float]] = []
     for k in range(count):
+        if plan.variety and spots and rng.random() < 0.65:
+            near = _near_post(size, spots, posts, rng)
+            if near is not None:
+                posts.append(near)
+                continue
         for attempt in range(400):
             spread = 2 * math.pi / max(count, 1)
             angle = turn + k * spread + rng.normal(0, 0.25 + attempt / 200)
@@ -140,6 +145,26 @@ def _posts(
         yaw = math.atan2(*(centre - place)[::-1]) + rng.normal(0, 0.12)
         posts.append((float(place[0]), float(place[1]), float(math.remainder(yaw, 2 * math.pi))))
     return posts
+
+
+def _near_post(
+    size: NDArray,
+    spots: list[tuple[float, float]],
+    posts: list[tuple[float, float, float]],
+    rng: Rng,
+) -> tuple[float, float, float] | None:
+    """Where a robot looks at one person from 1.2 to 1.8 m, if there is room."""
+    for _ in range(60):
+        spot = np.array(spots[int(rng.integers(len(spots)))])
+        angle, reach = rng.uniform(-math.pi, math.pi), rng.uniform(1.2, 1.8)
+        place = spot - reach * np.array([math.cos(angle), math.sin(angle)])
+        inside = (place > 0.35).all() and (place < size - 0.35).all()
+        apart = all(math.dist(place, other) > 1.1 for other in spots)
+        clear = all(math.dist(place, post[:2]) > 0.9 for post in posts)
+        if inside and apart and clear:
+            yaw = angle + rng.normal(0.0, 0.15)
+            return float(place[0]), float(place[1]), float(math.remainder(yaw, 2 * math.pi))
+    return None
 
 
 def _head(scene: Scene, common: StereoHead, k: int, rng: Rng) -> StereoHead:
@@ -169,7 +194,10 @@ _PX_M, _FOCAL, _BASELINE = (5.0, 25.0), (80.0, 400.0), (0.05, 0.25)
 
 
 def _varied_head(scene: Scene, common: StereoHead, rng: Rng) -> StereoHead:
-    """Three in five are about level and 1 m high, as on a robot; one in eight looks up."""
+    """A head of any kind.
+
+    Three in five are about level and 1 m high, as on a robot; one in eight looks up.
+    """
     product = math.exp(rng.uniform(*np.log(_PX_M)))
     low = max(_FOCAL[0], product / _BASELINE[1])
     high = min(_FOCAL[1], product / _BASELINE[0])
@@ -177,6 +205,9 @@ def _varied_head(scene: Scene, common: StereoHead, rng: Rng) -> StereoHead:
     mount = rng.random()
     if mount < 0.6:
         height, pitch = float(rng.normal(1.0, 0.12)), float(rng.normal(0.0, 0.03))
+        if rng.random() < 0.7:
+            # Sees a body 1.5 m away from the knees to the chest.
+            focal = float(np.clip(rng.uniform(160.0, 270.0), low, high))
     elif mount < 0.73:
         height, pitch = float(rng.uniform(0.7, 1.0)), float(rng.uniform(-0.26, -0.05))
     else:
@@ -493,6 +524,9 @@ def _furniture(
             )
             if kind in ("door", "doorway") and rng.random() < 0.6:
                 piece = dataclasses.replace(piece, open=round(float(rng.uniform(0.1, 1.7)), 3))
+            if kind == "doorway" and _beside_people(plan) and keep_clear and rng.random() < 0.5:
+                x, y = keep_clear[int(rng.integers(len(keep_clear)))]
+                piece = dataclasses.replace(piece, x=x, y=y, open=round(rng.uniform(1.3, 1.7), 3))
             if _fits(piece, radius, keep_clear, placed, scene) and not _blocks(
                 piece, radius, robots
             ):
@@ -545,18 +579,58 @@ def _fits(
     placed: list[Furniture],
     scene: Scene,
 ) -> bool:
-    if scene.layout.activity == "group" and not _beside_the_way(piece, radius, scene):
+    plan = scene.layout
+    if plan.activity == "group" and not _beside_the_way(piece, radius, scene):
         return False
-    tour = scene.layout.activity == "tour"
-    if tour and abs(piece.y - scene.room.width / 2) < 1.5 + radius:
+    if plan.activity == "tour" and abs(piece.y - scene.room.width / 2) < 1.5 + radius:
         return False
-    if any(math.dist((piece.x, piece.y), spot) < radius + 0.45 for spot in keep_clear):
+    if _beside_people(plan):
+        if _least_distance(piece, keep_clear) < _BESIDE:
+            return False
+    elif any(math.dist((piece.x, piece.y), spot) < radius + 0.45 for spot in keep_clear):
         return False
     others = [f for f in (*scene.furniture, *placed) if f.kind != "wall"]
     return all(
         math.dist((piece.x, piece.y), footprint(other)[:2]) > radius + footprint(other)[2]
         for other in others
     )
+
+
+def _beside_people(plan: Layout) -> bool:
+    """Whether people may stand right beside furniture, or in a doorway."""
+    return plan.variety and plan.activity in ("stand", "talk", "close")
+
+
+#: How near to a piece somebody may stand [m].
+_BESIDE = 0.32
+
+
+def _least_distance(piece: Furniture, spots: list[tuple[float, float]]) -> float:
+    """How near the spots come to what a piece covers of the floor [m]."""
+    if not spots:
+        return math.inf
+    cos, sin = math.cos(piece.yaw), math.sin(piece.yaw)
+    local = (np.array(spots) - [piece.x, piece.y]) @ np.array([[cos, -sin], [sin, cos]])
+    middle, half = np.split(_covered(piece), 2, axis=1)
+    outside = np.maximum(np.abs(local[:, np.newaxis] - middle) - half, 0.0)
+    return float(np.linalg.norm(outside, axis=2).min())
+
+
+def _covered(piece: Furniture) -> NDArray:
+    """Rectangles that a piece covers, in its frame: middle and half lengths, shape (n, 4) [m]."""
+    dx, dy = piece.size[0] / 2, piece.size[1] / 2
+    boxes = [(0.0, 0.0, dx, dy)]
+    if piece.kind == "doorway":
+        side = max((dy - interiors.OPENING / 2) / 2, 0.0)
+        boxes = [(0.0, s * (dy - side), dx, side) for s in (-1, 1)]
+        if piece.open < 1.2:
+            boxes.append((0.0, 0.0, dx, dy))
+    if piece.open >= 1.2:
+        # The leaf is on one of both sides.
+        boxes += [(0.5, s * interiors.OPENING / 2, 0.4, 0.1) for s in (-1, 1)]
+    elif piece.open > 0.0:
+        boxes.append((0.45, 0.0, 0.45, interiors.OPENING / 2))
+    return np.array(boxes)
 
 
 def _beside_the_way(piece: Furniture, radius: float, scene: Scene) -> bool:
