@@ -10,7 +10,7 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.errors import BagError, ConfigError
 
 pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
 pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
@@ -20,7 +20,9 @@ pytest.importorskip("trimesh", reason="meshes need trimesh, the extra sim")
 import trimesh
 from PIL import Image
 
-from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
+from mrs_tools.bags.truth import ASSETS_TOPIC
+from mrs_tools.fitting.examples import assets_of
 from mrs_tools.simulation.assets import Assets, Shape, with_assets
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.mesh_body import MeshBody
@@ -31,7 +33,7 @@ from mrs_tools.simulation.rendering import Caster, Light
 from mrs_tools.simulation.scene import Scene, read_scene
 from mrs_tools.simulation.textures import Atlas
 from mrs_tools.simulation.world import World
-from mrs_tools.simulation.writer import ASSETS_TOPIC, PEOPLE_TOPIC
+from mrs_tools.simulation.writer import PEOPLE_TOPIC
 
 #: The chest's image by quarters, as one who looks at the person sees them: sRGB values.
 UPPER_LEFT, UPPER_RIGHT, LOWER_LEFT, LOWER_RIGHT = 255, 128, 64, 0
@@ -312,6 +314,20 @@ def test_bag_has_the_same_truth_and_names_the_assets(tmp_path: Path) -> None:
             assert said == []
             assert "CC0" not in team_file(bag).read_text()
     assert truths[0] == truths[1]
+    mine = {"licence": "CC0-1.0", "origin": "made by the test"}
+    assert {"file": "person.glb", **mine} in assets_of([ours, meshes, meshes])
+    assert len(assets_of([meshes, meshes])) == len(assets_of([meshes])) <= 2
+    assert assets_of([ours]) == []
+
+
+@pytest.mark.parametrize("text", ["- person.glb", "people: 1", "- {licence: MIT}", "["])
+def test_list_of_assets_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
+    message = default_typestore().types["std_msgs/msg/String"](data=text)
+    with BagWriter(tmp_path / "bag.mcap") as bag:
+        bag.add_topic(ASSETS_TOPIC, "std_msgs/msg/String")
+        bag.write(ASSETS_TOPIC, 1, message)
+    with pytest.raises(BagError, match=r"bag\.mcap: /ground_truth/assets is no list of meshes"):
+        assets_of([tmp_path / "bag.mcap"])
 
 
 def test_robot_sees_the_mesh_where_the_truth_says(tmp_path: Path) -> None:
