@@ -7,7 +7,8 @@
 Each candidate of each view is an example: a person if somebody truly is there, none if nobody is
 near. What is in between, and what is another robot of the team (the planner knows where those
 are), is left out. Figures printed are cross-validated: each bag is judged by a model that has not
-seen it.
+seen it. Meshes of the user's own that were rendered (`mrs simulate --assets`) are listed in the
+model, with their licences.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import typer
 
 from mrs_tools.common import progress_bar, write_text
 from mrs_tools.fitting.body_fit import fit
-from mrs_tools.fitting.examples import Examples, examples_of
+from mrs_tools.fitting.examples import Examples, assets_of, examples_of
 from mrs_tools.fitting.validation import cross_validate, figures, table
 
 
@@ -58,6 +59,9 @@ def command(
     for name, value in figures(examples, judged).items():
         typer.echo(f"{name}: {value:.5g}")
     typer.echo("\n".join(table(examples, judged)))
-    text = json.dumps(fit(examples).to_mapping(), separators=(",", ":")) + "\n"
+    model = fit(examples).to_mapping()
+    if assets := assets_of(bags):
+        model["assets"] = assets
+    text = json.dumps(model, separators=(",", ":")) + "\n"
     write_text(out, text)
     typer.echo(f"{out}: {len(text) / 1000:.0f} kB")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
@@ -21,6 +22,7 @@ from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.timing import StageTimes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.truth import ASSETS_TOPIC
 
 #: A person is at a candidate if within this across the line of sight [m], and along it within a
 #: part that is fixed [m] and one in disparity [px], but no more than that [m] ...
@@ -132,6 +134,25 @@ def examples_of(
             others = np.array([at[n][:2] for n in at if n != looker.robot]).reshape(-1, 2)
             parts.append(_examples(looker.camera, view, at[looker.robot], people, others, number))
     return Examples.concatenate(parts)
+
+
+def assets_of(bags: Sequence[Path]) -> list[dict[str, str]]:
+    """Meshes that are in bags of `mrs simulate --assets`: file, licence and origin of each.
+
+    Raises:
+        BagError: A bag or its list of meshes cannot be read.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for path in bags:
+        with BagReader(path) as bag:
+            if ASSETS_TOPIC in bag.topics:
+                for _, _, message in bag.decoded([ASSETS_TOPIC]):
+                    try:
+                        items = yaml.safe_load(message.data)
+                        found.update({str(item["file"]): dict(item) for item in items})
+                    except (yaml.YAMLError, TypeError, ValueError, KeyError) as err:
+                        raise BagError(f"{path}: {ASSETS_TOPIC} is no list of meshes") from err
+    return [found[file] for file in sorted(found)]
 
 
 def _true_poses(path: Path, robots: Sequence[str]) -> dict[str, Float]:

@@ -37,6 +37,8 @@ LIST = "assets.yaml"
 PERSON_HEIGHT, FURNITURE_SIZE = (1.2, 2.2), (0.2, 6.0)
 #: Furniture is replaced by meshes whose width and depth, and height, are so much of its own.
 _LIKE_FLOOR, _LIKE_HEIGHT = (0.4, 1.2), (0.6, 1.4)
+#: How much taller than their mesh people are, at random.
+_TALLER = (0.95, 1.05)
 #: Longest side of a texture that is kept [px].
 _LONGEST_PX = 512
 #: Most triangles of a mesh: a person who walks is drawn anew at each instant.
@@ -111,16 +113,13 @@ class Assets:
             raise ConfigError(f"{folder / LIST}: names neither people nor furniture")
         self._shapes: dict[str, Shape] = {}
 
-    def source(self, file: str) -> Source:
-        """Where a file is from.
+    def _require(self, file: str, kind: dict[str, Source], name: str) -> None:
+        if file not in kind:
+            raise ConfigError(f"{self.folder}: {LIST} names no mesh {file!r} of {name}")
 
-        Raises:
-            ConfigError: There is none.
-        """
-        found = self.people.get(file) or self.furniture.get(file)
-        if found is None:
-            raise ConfigError(f"{self.folder}: {LIST} names no mesh {file!r}")
-        return found
+    def source(self, file: str) -> Source:
+        """Where a file of the list is from."""
+        return self.people.get(file) or self.furniture[file]
 
     def shape(self, file: str) -> Shape:
         """What an asset looks like; it is read once.
@@ -137,14 +136,20 @@ class Assets:
         return self._shapes[file]
 
     def draw_person(self, person: Person, rng: np.random.Generator) -> Person:
-        """The person as a mesh, unless they are one."""
-        if person.mesh or not self.people:
-            return person
-        return dataclasses.replace(person, mesh=str(rng.choice(list(self.people))))
+        """The person as a mesh of about its own height, unless they have a mesh or a height."""
+        if person.mesh:
+            self._require(person.mesh, self.people, "people")
+        elif self.people:
+            file = str(rng.choice(list(self.people)))
+            height = self.shape(file).size[2] * float(rng.uniform(*_TALLER))
+            person = dataclasses.replace(person, mesh=file, height=person.height or height)
+        return person
 
     def draw_furniture(self, piece: Furniture, rng: np.random.Generator) -> Furniture:
         """The piece as a mesh of like size, or as it is; its size becomes that of the mesh."""
-        if not piece.mesh:
+        if piece.mesh:
+            self._require(piece.mesh, self.furniture, "furniture")
+        else:
             like = [file for file in self.furniture if _alike(piece, self.shape(file).size)]
             piece = dataclasses.replace(piece, mesh=str(rng.choice([*like, ""])))
         if not piece.mesh:

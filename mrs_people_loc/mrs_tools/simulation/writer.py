@@ -22,6 +22,7 @@ from rosbags.interfaces import (
 from mrs_people_loc.geometry import quaternion_from_yaw
 from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
+from mrs_tools.bags.truth import ASSETS_TOPIC
 from mrs_tools.simulation.odometry import PoseSample
 from mrs_tools.simulation.rooms import floor_plan
 from mrs_tools.simulation.world import RenderedFrame, World
@@ -29,8 +30,6 @@ from mrs_tools.simulation.world import RenderedFrame, World
 PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
 GROUP_TOPIC = "/ground_truth/group"
-#: Meshes of the user's that were rendered.
-ASSETS_TOPIC = "/ground_truth/assets"
 MAP_TOPIC = "/map"
 #: As map_server offers it: late subscribers get the last one, too.
 _MAP_QOS = Qos(

@@ -10,17 +10,22 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.errors import BagError, ConfigError
 
 pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
+pytest.importorskip("typer", reason="the mrs command needs typer")
 pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
 pytest.importorskip("collada", reason="COLLADA needs pycollada, the extra sim")
 pytest.importorskip("trimesh", reason="meshes need trimesh, the extra sim")
 
 import trimesh
 from PIL import Image
+from typer.testing import CliRunner
 
-from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
+from mrs_tools.bags.truth import ASSETS_TOPIC
+from mrs_tools.cli import app
+from mrs_tools.fitting.examples import assets_of
 from mrs_tools.simulation.assets import Assets, Shape, with_assets
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.mesh_body import MeshBody
@@ -28,11 +33,12 @@ from mrs_tools.simulation.meshes import Mesh
 from mrs_tools.simulation.motion import Place
 from mrs_tools.simulation.render_scene import simulate, team_file
 from mrs_tools.simulation.rendering import Caster, Light
-from mrs_tools.simulation.scene import Scene, read_scene
+from mrs_tools.simulation.scene import Scene, load_scene, read_scene
 from mrs_tools.simulation.textures import Atlas
 from mrs_tools.simulation.world import World
-from mrs_tools.simulation.writer import ASSETS_TOPIC, PEOPLE_TOPIC
+from mrs_tools.simulation.writer import PEOPLE_TOPIC
 
+ROOT = Path(__file__).resolve().parents[3]
 #: The chest's image by quarters, as one who looks at the person sees them: sRGB values.
 UPPER_LEFT, UPPER_RIGHT, LOWER_LEFT, LOWER_RIGHT = 255, 128, 64, 0
 #: Their reflectance, by the definition of sRGB; black is kept at 0.01, white at 0.98.
@@ -312,6 +318,20 @@ def test_bag_has_the_same_truth_and_names_the_assets(tmp_path: Path) -> None:
             assert said == []
             assert "CC0" not in team_file(bag).read_text()
     assert truths[0] == truths[1]
+    mine = {"licence": "CC0-1.0", "origin": "made by the test"}
+    assert {"file": "person.glb", **mine} in assets_of([ours, meshes, meshes])
+    assert len(assets_of([meshes, meshes])) == len(assets_of([meshes])) <= 2
+    assert assets_of([ours]) == []
+
+
+@pytest.mark.parametrize("text", ["- person.glb", "people: 1", "- {licence: MIT}", "["])
+def test_list_of_assets_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
+    message = default_typestore().types["std_msgs/msg/String"](data=text)
+    with BagWriter(tmp_path / "bag.mcap") as bag:
+        bag.add_topic(ASSETS_TOPIC, "std_msgs/msg/String")
+        bag.write(ASSETS_TOPIC, 1, message)
+    with pytest.raises(BagError, match=r"bag\.mcap: /ground_truth/assets is no list of meshes"):
+        assets_of([tmp_path / "bag.mcap"])
 
 
 def test_robot_sees_the_mesh_where_the_truth_says(tmp_path: Path) -> None:
@@ -426,7 +446,43 @@ def test_mesh_without_a_folder_is_refused() -> None:
         with_assets(scene)
 
 
-def test_mesh_that_the_list_does_not_name_is_refused(tmp_path: Path) -> None:
-    scene = scene_with(folder_of(tmp_path), people=[{"x": 4.0, "y": 3.0, "mesh": "nobody.glb"}])
-    with pytest.raises(ConfigError, match=r"names no mesh 'nobody.glb'"):
-        World(with_assets(scene))
+@pytest.mark.parametrize(
+    ("section", "file"),
+    [("people", "nobody.glb"), ("people", "crate.ply"), ("furniture", "person.glb")],
+)
+def test_mesh_that_the_list_does_not_name_is_refused(
+    tmp_path: Path, section: str, file: str
+) -> None:
+    scene = scene_with(folder_of(tmp_path), **{section: [{"x": 4.0, "y": 3.0, "mesh": file}]})
+    with pytest.raises(ConfigError, match=rf"names no mesh '{file}' of {section}"):
+        with_assets(scene)
+
+
+# ------------------------------------------------------------------------------ commands ----
+
+
+def test_command_renders_with_the_assets(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / "assets")
+    scene = ROOT / "scenes" / "single_person.yaml"
+    arguments = ["simulate", str(scene), str(tmp_path / "out"), "--frames", "1", "-j", "1"]
+    result = CliRunner().invoke(app, [*arguments, "--assets", str(folder)])
+    assert result.exit_code == 0, result.output
+    assert [item["file"] for item in assets_of([tmp_path / "out"])] == ["person.glb"]
+
+
+def test_command_reports_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    scene = ROOT / "scenes" / "single_person.yaml"
+    nowhere = tmp_path / "nowhere"
+    arguments = ["simulate", str(scene), str(tmp_path / "out"), "--assets", str(nowhere)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 1
+    assert "is not a folder with assets" in " ".join((result.output + result.stderr).split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_scene_file_names_the_folder_relative_to_itself(tmp_path: Path) -> None:
+    folder_of(tmp_path / "assets")
+    (tmp_path / "scene.yaml").write_text("assets: assets\npeople: [{x: 3.0, y: 3.0}]\n")
+    (person,) = with_assets(load_scene(tmp_path / "scene.yaml")).people
+    assert person.mesh == "person.glb"
+    assert person.height == pytest.approx(1.75, rel=0.051)
