@@ -140,20 +140,25 @@ class PlaceMemory:
             self.begin_anew()
         self._time_ns = time_ns if self._time_ns is None else max(self._time_ns, time_ns)
         tuning, places = self.tuning, self._places
-        forget_ns = int(tuning.forget_s * 1e9)
-        places = places.select(self._time_ns - places.last_ns <= forget_ns)
+        forgotten = self._time_ns - places.last_ns > tuning.forget_s * 1e9
+        if forgotten.any():
+            places = places.select(~forgotten)
         of_body = _place_of(joined, places, tuning)
         new = np.flatnonzero(of_body < 0)
         of_body[new] = len(places) + np.arange(len(new))
-        places = _Places.concatenate([places, _begun(joined.xy[new], self._time_ns, tuning)])
+        if len(new):
+            places = _Places.concatenate([places, _begun(joined.xy[new], self._time_ns, tuning)])
         _welcome(places, expected, tuning)
         look = _best_look(joined, bodies)
         _look(places, of_body, joined.xy, look, self._time_ns, tuning)
-        lost = np.minimum(static_score, tuning.gain * np.log1p(places.seen_s / tuning.tau))
-        latest = np.argsort(-places.last_ns, kind="stable")[: tuning.max_places]
-        self._places = places.select(np.sort(latest))
+        lost = tuning.gain * np.log1p(places.seen_s[of_body] / tuning.tau)
         best = np.maximum(places.best[of_body], tuning.present * look)
-        return np.asarray(lost[of_body] * np.clip(1.0 - best / tuning.sure, 0.0, 1.0))
+        if len(places) > tuning.max_places:
+            latest = np.argsort(-places.last_ns, kind="stable")[: tuning.max_places]
+            places = places.select(np.sort(latest))
+        self._places = places
+        doubt = np.clip(1.0 - best / tuning.sure, 0.0, 1.0)
+        return np.asarray(np.minimum(static_score, lost) * doubt)
 
 
 def _begun(xy: Float, time_ns: int, tuning: PlacesTuning) -> _Places:
