@@ -243,7 +243,7 @@ def test_detection_below_birth_score_is_nobody_even_at_the_start(score, people):
 
 def test_detection_is_of_a_person_rather_than_of_what_may_become_one():
     """One at 0, what is no person yet at 0.6 m, and then a single detection between them."""
-    follower = tracker(start_time=0.0, birth_time=9.0)
+    follower = tracker(start_time=0.0, birth_time=9.0, sure_score=6.0)
     for k in range(10):
         now = k * 100 * MS
         found = [person(0, 0, at_ns=now, score=8.0), person(0.6, 0, at_ns=now, score=2.0)]
