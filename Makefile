@@ -83,7 +83,7 @@ suite: setup ## Score the published suite step by step, into docs/suite.md (half
 real: setup ## Score the recordings of real rooms in RECORDINGS=DIR, into docs/real_rooms.md
 	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
 
-fit: setup ## Fit the body model to the suite's train half and its variants (half an hour)
+fit: setup ## Fit the body model to the suite's train half and its variants (ten minutes)
 	$(BIN)/mrs simulate --suite train .suite/train
 	$(BIN)/mrs simulate --suite train --variants 20 .suite/more
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
