@@ -295,9 +295,9 @@ def _upright(path: Path, source: Source) -> tuple[Mesh, list[Texture]]:
     return mesh.placed(0.0, 0.0, source.yaw, -float(mesh.vertices[:, 2].min())), textures
 
 
-#: Surfaces of one colour: its reflectance is the place on this texture, which is so large that the
-#: mean over what a pixel covers never reaches to other places.
-_RAMP = Texture(np.tile((np.arange(256, dtype=np.float32) + 0.5) / 256, (2, 1)), (1e4, 1e4))
+#: Surfaces without an image: their reflectance is the place on this texture. It is two rows high, so
+#: the atlas keeps no coarser ones, which would be means of it.
+_RAMP = Texture(np.tile((np.arange(256, dtype=np.float32) + 0.5) / 256, (2, 1)), (1.0, 1.0))
 
 
 def _tile(parts: list[Part]) -> float:
