@@ -43,7 +43,9 @@ class TracksTuning:
             distance: two standard deviations.
         max_delay_s: Upper bound of a detection's age [s].
         max_variance: Upper bound of the variance of a place [m^2] and a velocity [m^2/s^2].
-        published: Standard deviations of published positions over those of the filter.
+        published: Standard deviations of published positions over those of the filter; with `lead`,
+            90 to 98 % of the true positions lie in 95 % ellipses of the training suite, of
+            textured meshes and of recordings of real people.
         lead: Standard deviation along the velocity [m] that is added to published positions: of
             a person who walks, the head leads the trunk. It is proportional to the speed up to ...
         lead_speed: ... this speed [m/s].
@@ -58,7 +60,7 @@ class TracksTuning:
     max_delay_s: float = 1.0
     max_variance: float = 25.0
     lost_reach: float = 0.5
-    published: float = 0.9
+    published: float = 0.87
     lead: float = 0.05
     lead_speed: float = 0.4
     travelled: float = 0.4

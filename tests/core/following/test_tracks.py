@@ -114,7 +114,7 @@ def test_lasting_share_of_the_variance_is_not_filtered():
     still = lambda t: [(1.0, 1.0)]  # noqa: E731
     sure = follow(tracker(lasting_share=0.0), still, steps=50)[-1][0].covariance
     lasting = follow(tracker(lasting_share=0.5), still, steps=50)[-1][0].covariance
-    np.testing.assert_allclose(lasting - sure, 0.9**2 * 0.5 * SIGMA**2 * np.eye(2), rtol=1e-6)
+    np.testing.assert_allclose(lasting - sure, 0.87**2 * 0.5 * SIGMA**2 * np.eye(2), rtol=1e-6)
 
 
 @pytest.mark.parametrize(("speed", "lead"), [(0.0, 0.0), (0.1, 0.0125), (0.4, 0.05), (1.2, 0.05)])
