@@ -246,6 +246,8 @@ class Tracker:
             free = np.setdiff1d(free, other)
         # No track coasts, or is remembered, for longer than it was seen.
         coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
+        # Too fast for a person: the detections were of several people, or of nobody.
+        coast_s[np.hypot(*tracks.state[:, 2:].T) > config.max_speed] = 0.0
         limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
         ended = ~tracks.seen & (tracks.unseen_s > limit)
         ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)

@@ -252,6 +252,14 @@ def test_detection_is_of_a_person_rather_than_of_what_may_become_one():
     assert not one.coasting
 
 
+@pytest.mark.parametrize(("speed", "coasting"), [(1.8, 1), (2.2, 0)])
+def test_track_that_is_too_fast_for_a_person_does_not_coast(speed, coasting):
+    """Detections of several people in turn, as where images come once a second."""
+    follower = tracker(max_speed=2.0)
+    follow(follower, lambda t: [(speed * t, 0.0)], steps=30, noise=0.0)
+    assert len(follower.step([], 3000 * MS)) == coasting
+
+
 def test_flickering_detection_starts_no_track():
     follower = tracker(sure_score=3.0, doubt_time=0.1, start_time=0.0)
     for k in range(40):
