@@ -57,7 +57,7 @@ def read_parts(path: Path, up: str = "") -> list[Part]:
 
     Args:
         path: The file.
-        up: The axis that is up in it, y or z; empty: as it says, or as such files have it.
+        up: The axis that is up in it, y or z; empty: as the file states, or by its format.
 
     Raises:
         ConfigError: It cannot be read, or has neither textures nor colours.
@@ -73,7 +73,7 @@ def read_parts(path: Path, up: str = "") -> list[Part]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of both libraries, about their own code and the file
-            parts, said = read(path)
+            parts, stated = read(path)
     except ConfigError:
         raise
     except Exception as err:  # both libraries raise whatever their parsers do
@@ -83,7 +83,7 @@ def read_parts(path: Path, up: str = "") -> list[Part]:
         raise ConfigError(f"{path}: has no triangles")
     if not all(np.isfinite(part.vertices).all() and np.isfinite(part.uv).all() for part in parts):
         raise ConfigError(f"{path}: has coordinates that are not finite")
-    if (up or said or UP[path.suffix.lower()]) == "y":
+    if (up or stated or UP[path.suffix.lower()]) == "y":
         return [_turned_up(part) for part in parts]
     return parts
 
