@@ -153,19 +153,15 @@ def _primitives(document: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _texture_file(mesh: Path, name: str) -> Path:
-    """A texture that a mesh names: there, or of that name in the folders of its model.
+    """A texture that a mesh names, relative to the mesh.
 
     Raises:
         ConfigError: There is none.
     """
-    relative = Path(unquote(urlparse(name).path).replace("\\", "/"))
-    if (mesh.parent / relative).is_file():
-        return mesh.parent / relative
-    for folder in (mesh.parent, mesh.parent.parent):
-        for found in sorted(folder.rglob("*")):
-            if found.name.lower() == relative.name.lower() and found.is_file():
-                return found
-    raise ConfigError(f"{mesh}: its texture {name} is missing")
+    path = mesh.parent / unquote(urlparse(name).path).replace("\\", "/")
+    if not path.is_file():
+        raise ConfigError(f"{mesh}: its texture {name} is missing")
+    return path
 
 
 def _read_image(path: Path) -> NDArray:
