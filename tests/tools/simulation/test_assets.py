@@ -40,7 +40,7 @@ from mrs_tools.simulation.world import World
 from mrs_tools.simulation.writer import PEOPLE_TOPIC
 
 ROOT = Path(__file__).resolve().parents[3]
-#: The chest's image by quarters, as one who looks at the person sees them: sRGB values.
+#: The chest's image by quarters, as seen by an observer in front of the person: sRGB values.
 UPPER_LEFT, UPPER_RIGHT, LOWER_LEFT, LOWER_RIGHT = 255, 128, 64, 0
 #: Their reflectance, by the definition of sRGB; black is kept at 0.01, white at 0.98.
 REFLECTANCE = {255: 0.98, 128: 0.2159, 64: 0.0513, 0: 0.01}
@@ -111,7 +111,7 @@ def shape_of(folder: Path, file: str) -> Shape:
 def seen(
     mesh: Mesh, atlas: Atlas, origin: tuple, points: NDArray, pixel_angle: float = 1e-4
 ) -> NDArray:
-    """Reflectance that somebody at a place sees at points, in light from everywhere."""
+    """Reflectance at points as seen from `origin`, in light from everywhere."""
     caster = Caster(mesh, atlas, Light(np.zeros((0, 3)), np.zeros(0), 1.0))
     directions = (points - np.array(origin)).astype(np.float32)
     light, _, _ = caster.look(np.array(origin), directions, pixel_angle)
@@ -135,7 +135,7 @@ def test_texture_lies_where_the_file_puts_it(tmp_path: Path) -> None:
     atlas = Atlas()
     mesh = shape_of(folder_of(tmp_path), "person.glb").drawn_from(atlas)
     front = float(mesh.vertices[np.abs(mesh.vertices[:, 2] - 1.48) < 0.01, 0].max())
-    # Who looks at a person has the person's left side on the right.
+    # The person's left side is on the right of an observer in front.
     points = np.array([(front, y, z) for z in (1.4, 1.0) for y in (-0.1, 0.1)])
     light = seen(mesh, atlas, (3.0, 0.0, 1.2), points)
     wanted = [UPPER_LEFT, UPPER_RIGHT, LOWER_LEFT, LOWER_RIGHT]
@@ -266,7 +266,7 @@ def body_of(folder: Path, height: float = 0.0) -> MeshBody:
     return MeshBody(shape_of(folder, "person.glb").drawn_from(Atlas()), height)
 
 
-def test_legs_of_one_who_walks_take_turns(tmp_path: Path) -> None:
+def test_legs_alternate_while_walking(tmp_path: Path) -> None:
     body = body_of(folder_of(tmp_path))
     speed = 1.0
     stride = (0.55 + 0.48 * speed) * 1.75 / 1.7
@@ -354,7 +354,7 @@ def test_robot_sees_the_mesh_where_the_truth_says(tmp_path: Path) -> None:
     world = World(with_assets(scene_with(folder_of(tmp_path))))
     owner, depth = world.look("robot_a", 0.0)
     middle = depth[owner == 0]
-    # Who faces the robot at 3 m has the chest a tenth of a metre in front of the axis.
+    # The person faces the robot from 3 m; the surface is some centimetres in front of the axis.
     assert len(middle) > 50
     assert np.median(middle) == pytest.approx(3.0 - 0.05, abs=0.08)
 
