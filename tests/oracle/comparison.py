@@ -10,7 +10,7 @@ nothing but itself. What is compared, and how closely:
 
 - disparities, zones, noise windows and cells of the paper's method: bit for bit (disparities where
   StereoBM repeats itself; else all but one in 200);
-- points, maps, clusters, people, groups and tracks: to rounding;
+- points, maps, clusters, people, groups, places and tracks: to rounding;
 - the default method's histogram, candidates, patches, votes, evidence, bodies, tops and cells: to
   what float32 leaves; a sample that rounding may put into another pixel is left out. Its candidates
   are held to their definition: each is the best that those before it leave, since several may be

@@ -384,8 +384,8 @@ OF_PLACES = {
     "every body is new": (places, "_place_of", then(lambda of: np.full_like(of, -1))),
     "nearest": (places, "_nearest", then(lambda of: np.roll(of, 1))),
     "look": (places, "_best_look", then(lambda look: look + 0.01)),
-    "nobody is welcomed": (places, "_welcome", instead(lambda *_: None)),
-    "nobody is exempt": (places, "_welcome", without_exemption),
+    "no visitors": (places, "_update_visitors", instead(lambda *_: None)),
+    "nobody is exempt": (places, "_update_visitors", without_exemption),
     "sum of robots": (
         places, "_best_look", instead(lambda joined, bodies: joined.score.copy()),
     ),

@@ -148,9 +148,9 @@ class PlaceMemory:
         of_body[new] = len(places) + np.arange(len(new))
         if len(new):
             places = _Places.concatenate([places, _begun(joined.xy[new], self._time_ns, tuning)])
-        _welcome(places, expected, tuning)
+        _update_visitors(places, expected, tuning)
         look = _best_look(joined, bodies)
-        _look(places, of_body, joined.xy, look, self._time_ns, tuning)
+        _add_looks(places, of_body, joined.xy, look, self._time_ns, tuning)
         lost = tuning.gain * np.log1p(places.seen_s[of_body] / tuning.tau)
         best = np.maximum(places.best[of_body], tuning.present * look)
         if len(places) > tuning.max_places:
@@ -202,7 +202,7 @@ def _best_look(joined: Joined, bodies: BodiesOnMap) -> Float:
     return look
 
 
-def _welcome(places: _Places, expected: Expected, tuning: PlacesTuning) -> None:
+def _update_visitors(places: _Places, expected: Expected, tuning: PlacesTuning) -> None:
     """Who stands at which place by now, and who has left; changes the places."""
     place, person, away = pairs_between(places.xy, expected.xy, tuning.max_reach)
     ids = expected.id
@@ -223,7 +223,7 @@ def _welcome(places: _Places, expected: Expected, tuning: PlacesTuning) -> None:
     places.came[known[mine]] |= expected.travelled[nearest[known[mine]]]
 
 
-def _look(
+def _add_looks(
     places: _Places, of_body: Int, xy: Float, look: Float, time_ns: int, tuning: PlacesTuning
 ) -> None:
     """Adds an interval's looks to the places that are seen, each the best of its bodies."""
