@@ -83,10 +83,11 @@ suite: setup ## Score the published suite step by step, into docs/suite.md (half
 real: setup ## Score the recordings of real rooms in RECORDINGS=DIR, into docs/real_rooms.md
 	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
 
-fit: setup ## Fit the body model to the suite's train half and its variants (ten minutes)
+fit: setup ## Fit the body model to the suite's train half and its variants, and RECORDINGS=DIR
 	$(BIN)/mrs simulate --suite train .suite/train
 	$(BIN)/mrs simulate --suite train --variants 20 .suite/more
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
+	    $(if $(wildcard $(RECORDINGS)),--real "$(RECORDINGS)") \
 	    --out mrs_people_loc/mrs_people_loc/bodies/body_model.json
 
 # --- checks ---------------------------------------------------------------------------------------

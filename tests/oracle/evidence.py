@@ -182,7 +182,12 @@ def model() -> dict[str, dict[str, Any]]:
     """The numbers of the fitted model, by part and name."""
     file = resources.files("mrs_people_loc.bodies").joinpath("body_model.json")
     parts: dict[str, dict[str, Any]] = json.loads(file.read_text("utf-8"))
-    return {name: {k: np.array(v) for k, v in part.items()} for name, part in parts.items()}
+    # Beside the numbers there is what they were fitted to.
+    return {
+        name: {k: np.array(v) for k, v in part.items()}
+        for name, part in parts.items()
+        if name not in ("assets", "fitted_to")
+    }
 
 
 def fitted(part: str, evidence: Sequence[float] | Float) -> float:

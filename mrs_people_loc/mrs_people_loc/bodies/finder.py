@@ -242,7 +242,7 @@ class BodyFinder:
             times: Marked after each step.
         """
         config = self.config
-        bodies = self._by_model(view)
+        bodies = self.all_bodies(view)
         times.mark("judge")
         if config.human_test and config.appearance:
             model = (self._model or body_model.fitted()).appearance
@@ -253,7 +253,7 @@ class BodyFinder:
         times.mark("select")
         return bodies
 
-    def _by_model(self, view: CandidateEvidence) -> Bodies:
+    def all_bodies(self, view: CandidateEvidence) -> Bodies:
         """All candidates at their axes, scored by the human test."""
         config, tuning, evidence = self.config, self.tuning.finder, view.evidence
         model = self._model or body_model.fitted()

@@ -9,11 +9,17 @@ near. What is in between, and what is another robot of the team (the planner kno
 are), is left out. Figures printed are cross-validated: each bag is judged by a model that has not
 seen it. Meshes of the user's own that were rendered (`mrs simulate --assets`) are listed in the
 model, with their licences.
+
+    mrs fit OUT_DIR/*/*/ --real RECORDINGS --out ...
+
+adds labelled recordings of real rooms (as of `mrs real`) to the fit of the weights by which the
+human test and the appearance count; the rest of the model is fitted to renderings alone.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -22,10 +28,14 @@ from typing import Annotated, Any
 
 import typer
 
+from mrs_people_loc.arrays import Float
 from mrs_tools.common import progress_bar, write_text
-from mrs_tools.fitting.body_fit import fit
-from mrs_tools.fitting.examples import Examples, assets_of, examples_of
-from mrs_tools.fitting.validation import cross_validate, figures, table
+from mrs_tools.experiment.real_rooms import Recording, find_recordings
+from mrs_tools.fitting.appearance_fit import Scores
+from mrs_tools.fitting.body_fit import Parts, check_enough, combination
+from mrs_tools.fitting.examples import Examples, assets_of, examples_of, labelled_examples
+from mrs_tools.fitting.validation import cross_validate, figures, real_rooms, table
+from mrs_tools.installing import default_file
 
 
 def _read(bag: Path, number: int, **options: Any) -> Examples:
@@ -45,6 +55,13 @@ def command(
         int, typer.Option(help="Views of each robot and bag that are used, at most.", min=1)
     ] = 8,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
+    real: Annotated[
+        Path | None,
+        typer.Option(help="Folder of labelled bags of real rooms, as of `mrs real`."),
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option(help="Folder of their label files.", show_default="recordings")
+    ] = None,
 ) -> None:
     """Fit the body model to bags with ground truth."""
     read = functools.partial(_read, configs=config or [], views=views)
@@ -55,13 +72,46 @@ def command(
             parts.append(part)
             progress.advance(task)
     examples = Examples.concatenate(parts)
-    judged = cross_validate(examples)
+    check_enough(examples)
+    judged, scores = cross_validate(examples)
     for name, value in figures(examples, judged).items():
         typer.echo(f"{name}: {value:.5g}")
     typer.echo("\n".join(table(examples, judged)))
-    model = fit(examples).to_mapping()
+    fitted = Parts.fit(examples)
+    recordings: list[Recording] = []
+    if real is not None:
+        recordings, missing = find_recordings(real, labels or default_file("recordings"))
+        for line in missing:
+            typer.echo(line, err=True)
+    weights = _combination(examples, scores, fitted, recordings)
+    model = fitted.model(weights).to_mapping()
+    model["fitted_to"] = {
+        "bags": len(bags),
+        "px_m": [round(float(examples.scale.min()), 1), round(float(examples.scale.max()), 1)],
+        "people": int(examples.person.sum()),
+        "others": int((examples.clear & ~examples.person).sum()),
+        "recordings": [one.name for one in recordings],
+    }
     if assets := assets_of(bags):
         model["assets"] = assets
     text = json.dumps(model, separators=(",", ":")) + "\n"
     write_text(out, text)
     typer.echo(f"{out}: {len(text) / 1000:.0f} kB")
+
+
+def _combination(
+    examples: Examples, scores: Scores, fitted: Parts, recordings: list[Recording]
+) -> Float:
+    """Weights of the combination; prints them, and figures of the real rooms."""
+    real = None
+    if recordings:
+        parts = [labelled_examples(one.bag, one.labels, k) for k, one in enumerate(recordings)]
+        real = Examples.concatenate(parts)
+        # lab1_c1 and lab2_c2 are of one room: the letters that a name begins with.
+        rooms = ["".join(itertools.takewhile(str.isalpha, one.name)) for one in recordings]
+        if len(set(rooms)) > 1:
+            typer.echo("\n".join(real_rooms(examples, scores, real, rooms, fitted)))
+    weights = combination(examples, scores, real, fitted)
+    names = ("human", "above", "detector", "fitted", "constant")
+    typer.echo(", ".join(f"{n} {w:.3g}" for n, w in zip(names, weights, strict=True)))
+    return weights

@@ -12,15 +12,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mrs_people_loc.anthropometry import AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float
-from mrs_people_loc.bodies.model import RANGES, BodyModel, Layered, Linear, fitted
+from mrs_people_loc.bodies.model import RANGES, BodyModel, Layered, Linear
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.precision import BODY_SIGMA_PX
+from mrs_tools.fitting.appearance_fit import (
+    Scores,
+    appearance_model,
+    detector_middles,
+    detector_score,
+    fit_combination,
+    fit_gradients,
+    gradient_score,
+    shared_weights,
+)
 from mrs_tools.fitting.examples import Examples
 from mrs_tools.fitting.regression import fit_layered, fit_linear, fit_quantile, rounded
 from mrs_tools.scoring.positions import CHI2_95
@@ -34,32 +46,117 @@ _RANGE_KNOTS, _WORTH_KNOTS = np.arange(1.0, 5.6, 0.5), np.arange(-2.5, 4.1, 0.5)
 _FLOOR = 0.05
 
 
-def fit(examples: Examples) -> BodyModel:
+@dataclass(frozen=True)
+class Parts:
+    """The model without the combination of its scores.
+
+    Attributes:
+        human: The human test.
+        offsets: Offsets to the axis and their standard deviations, by their names in `BodyModel`.
+        gradients: Weights and middles of the classifier of gradients.
+        detector: Middles of the people detector.
+    """
+
+    human: Layered
+    offsets: Mapping[str, Linear]
+    gradients: tuple[Float, Float]
+    detector: Float
+
+    @classmethod
+    def fit(cls, examples: Examples) -> Parts:
+        """Fits the parts."""
+        clear = examples.select(examples.clear)
+        return cls(
+            human=fit_layered(clear.even, clear.person.astype(np.float64)),
+            offsets=fit_offsets(examples.select(examples.person)),
+            gradients=fit_gradients(clear.looks, clear.person),
+            detector=detector_middles(clear.looks, clear.person),
+        )
+
+    def scores(self, examples: Examples) -> Scores:
+        """What the parts of the combination say of examples."""
+        return Scores(
+            human=self.human(examples.even),
+            detector=detector_score(examples.looks, self.detector),
+            fitted=gradient_score(examples.looks, *self.gradients),
+        )
+
+    def model(self, weights: Float) -> BodyModel:
+        """The model with the weights of the combination."""
+        appearance = appearance_model(weights, self.detector, self.gradients)
+        return BodyModel(human=self.human, **self.offsets, appearance=appearance)
+
+
+def held_out(examples: Examples) -> list[tuple[Bool, Parts]]:
+    """By fifth of the bags, its examples, and parts fitted to the others."""
+    return [(held, Parts.fit(examples.select(~held))) for held in folds(examples.bag)]
+
+
+def held_out_scores(examples: Examples, parts: Sequence[tuple[Bool, Parts]]) -> Scores:
+    """What parts say that have not seen the bags that they judge.
+
+    Args:
+        examples: The examples.
+        parts: As of `held_out`.
+    """
+    scores = Scores(*(np.zeros(len(examples)) for _ in dataclasses.fields(Scores)))
+    for held, mine in parts:
+        for name, values in vars(mine.scores(examples.select(held))).items():
+            getattr(scores, name)[held] = values
+    return scores
+
+
+def combination(
+    examples: Examples, scores: Scores, real: Examples | None = None, parts: Parts | None = None
+) -> Float:
+    """Weights of the combination.
+
+    Args:
+        examples: Of renderings.
+        scores: Theirs, of parts that have not seen their bags.
+        real: Of real rooms.
+        parts: Judge the real ones.
+    """
+    scores, person = scores.select(examples.clear), examples.person[examples.clear]
+    known = np.zeros(len(scores), dtype=bool)
+    if real is not None and parts is not None:
+        clear = real.select(real.clear)
+        scores = Scores.concatenate([scores, parts.scores(clear)])
+        person = np.concatenate([person, clear.person])
+        known = np.arange(len(scores)) >= len(known)
+    return fit_combination(scores, person, shared_weights(known))
+
+
+def fit(examples: Examples, real: Examples | None = None) -> BodyModel:
     """Fits the model.
+
+    Args:
+        examples: Of renderings.
+        real: Of labelled recordings of real rooms, for the combination of the scores.
 
     Raises:
         PeopleLocError: There are too few examples of either kind.
     """
     check_enough(examples)
-    people = examples.select(examples.person)
-    offsets = fit_offsets(people)
-    return BodyModel(human=fit_human(examples), **offsets, appearance=fitted().appearance)
+    parts = Parts.fit(examples)
+    scores = held_out_scores(examples, held_out(examples))
+    return parts.model(combination(examples, scores, real, parts))
 
 
 def check_enough(examples: Examples) -> None:
-    """Raises PeopleLocError if there are too few examples of either kind."""
+    """Checks that there is something to fit to.
+
+    Raises:
+        PeopleLocError: There are too few examples of either kind, or they are of one bag.
+    """
     people = int(examples.person.sum())
     others = int(examples.clear.sum()) - people
     if people < 100 or others < 100:
         raise PeopleLocError(
             f"{people} examples of people and {others} of other things; wanted: 100 of each"
         )
-
-
-def fit_human(examples: Examples) -> Layered:
-    """The human test."""
-    clear = examples.select(examples.clear)
-    return fit_layered(clear.even, clear.person.astype(np.float64))
+    if len(folds(examples.bag)) < 2:
+        raise PeopleLocError("all examples are of one bag; wanted: several bags")
 
 
 def fit_offsets(people: Examples) -> dict[str, Linear]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import yaml
 
-from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
+from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
+from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, FITTED_WINDOW, detector_weights
 from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
+from mrs_people_loc.bodies.gradients import BLOCK, GradientSampler
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
@@ -18,8 +22,10 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.scan import Cells, Scan, ScanStages
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import StereoMatcher
-from mrs_people_loc.sensing.images import StereoImages
+from mrs_people_loc.sensing.images import Gray, StereoImages
+from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
+from mrs_tools.bags.labels import Labels
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.truth import ASSETS_TOPIC
@@ -31,6 +37,26 @@ _ACROSS, _ALONG, _ALONG_PX, _ALONG_MOST = 0.2, 0.2, 0.7, 0.8
 _NOBODY = 2.0
 #: Another robot is at a candidate likewise, within these.
 _ROBOT_ACROSS, _ROBOT_ALONG, _ROBOT_ALONG_PX = 0.35, 0.3, 0.3
+#: Augmentation of every second image: largest sigma of blur [px] and of noise [grey levels], and
+#: contrast, at least and at most.
+_BLUR, _NOISE, _CONTRAST = 1.2, 6.0, (0.5, 1.3)
+
+
+@dataclass(frozen=True)
+class Looks(StructOfArrays):
+    """Appearance of candidates at their axes, a struct of arrays of one length (n,).
+
+    Attributes:
+        fitted: Histograms of `FITTED_WINDOW`, float32, shape (n, blocks, `BLOCK`).
+        fitted_inside: Blocks in the image, shape (n, blocks).
+        detector: What the people detector says of each block of its window, float32, likewise.
+        detector_inside: Likewise.
+    """
+
+    fitted: Float32
+    fitted_inside: Bool
+    detector: Float32
+    detector_inside: Bool
 
 
 @dataclass(frozen=True)
@@ -48,6 +74,7 @@ class Examples(StructOfArrays):
         scale: Focal length times baseline of the head [px m].
         robot: Whether it is another robot.
         bag: Number of the bag.
+        looks: Appearance.
     """
 
     even: Float
@@ -60,6 +87,7 @@ class Examples(StructOfArrays):
     scale: Float
     robot: Bool
     bag: Int
+    looks: Looks
 
     @property
     def person(self) -> Bool:
@@ -82,13 +110,35 @@ class _Looker:
         self._match = StereoMatcher(camera, config.disparity)
         min_range = config.disparity.min_range
         self._find = BodyFinder(camera, config.bodies, min_range=min_range, tuning=tuning)
-        self.views: list[tuple[int, CandidateEvidence]] = []
+        self._samplers = (
+            GradientSampler(camera, FITTED_WINDOW),
+            GradientSampler(camera, DETECTOR_WINDOW),
+        )
+        self.views: list[tuple[int, CandidateEvidence, Gray]] = []
 
     def stages(self, images: StereoImages) -> ScanStages:
         disparity = self._match(images)
         view = self._find.look(disparity, images, StageTimes())
-        self.views.append((images.stamp_ns, view))
+        self.views.append((images.stamp_ns, view, images.left))
         return ScanStages(disparity, Scan(self.robot, images.stamp_ns, Cells.empty()), {})
+
+    def looks(self, view: CandidateEvidence, left: Gray) -> Looks:
+        """Appearance of the candidates at the axes that the present model gives."""
+        bodies = self._find.all_bodies(view)
+        fitted, detector = (sample(left, bodies.bearing, bodies.range) for sample in self._samplers)
+        weights = detector_weights()[:-1].reshape(-1, BLOCK)
+        blocks = np.einsum("nbk,bk->nb", detector.values, weights)
+        return Looks(fitted.values, fitted.inside, blocks.astype(np.float32), detector.inside)
+
+
+class _PoseCollector:
+    """Stands in for the planner of a run; keeps the last pose of each robot."""
+
+    def __init__(self) -> None:
+        self.poses: dict[str, Pose] = {}
+
+    def step(self, _scans: object, poses: Mapping[str, Pose], _time_ns: int) -> None:
+        self.poses.update(poses)
 
 
 def examples_of(
@@ -126,13 +176,19 @@ def examples_of(
     poses = _true_poses(path, [looker.robot for looker in lookers])
     parts = []
     for looker in lookers:
-        count = len(looker.views)
-        for index in np.unique(np.linspace(0, count - 1, min(count, views)).round().astype(int)):
-            stamp_ns, view = looker.views[index]
+        for index in _spread(len(looker.views), views):
+            stamp_ns, view, left = looker.views[index]
             people, _ = truth.at(stamp_ns)
             at = {name: _at(track, stamp_ns) for name, track in poses.items()}
             others = np.array([at[n][:2] for n in at if n != looker.robot]).reshape(-1, 2)
-            parts.append(_examples(looker.camera, view, at[looker.robot], people, others, number))
+            if index % 2:
+                left = _augmented(left, np.random.default_rng([number, index]))
+            parts.append(
+                _examples(
+                    looker.camera, view, at[looker.robot], people, others, number,
+                    looker.looks(view, left),
+                )
+            )  # fmt: skip
     return Examples.concatenate(parts)
 
 
@@ -153,6 +209,66 @@ def assets_of(bags: Sequence[Path]) -> list[dict[str, str]]:
                     except (yaml.YAMLError, TypeError, ValueError, KeyError) as err:
                         raise BagError(f"{path}: {ASSETS_TOPIC} is no list of meshes") from err
     return [found[file] for file in sorted(found)]
+
+
+def labelled_examples(
+    path: Path,
+    labels: Labels,
+    number: int,
+    *,
+    configs: Sequence[Path] = (),
+    tuning: BodyTuning = BODY_TUNING,
+) -> Examples:
+    """The examples of a recording with hand labels, whose robots stand.
+
+    Candidates near somebody who may be found but need not are left out.
+
+    Args:
+        path: The bag.
+        labels: Its labels.
+        number: What `Examples.bag` shall say.
+        configs: Parameter files of the team.
+        tuning: Constants of the search, patches and votes.
+
+    Raises:
+        PeopleLocError: The bag cannot be used.
+    """
+    lookers: list[_Looker] = []
+
+    def make(robot: str, camera: StereoCamera, config: RobotConfig) -> _Looker:
+        lookers.append(_Looker(robot, camera, config, tuning))
+        return lookers[-1]
+
+    collector = _PoseCollector()
+    run = BagRun(path, configs, pipeline=make, planner=lambda _: collector)
+    for _ in run.intervals():
+        pass
+    truth, nobody, parts = labels.truth(trunk=True), np.empty((0, 2)), []
+    for looker in lookers:
+        pose = collector.poses[looker.robot]
+        at = np.array([pose.x, pose.y, pose.yaw])
+        for stamp_ns, view, left in looker.views:
+            people, must = truth.at(stamp_ns)
+            looks = looker.looks(view, left)
+            common = looker.camera, view, at
+            some = _examples(*common, people[must], nobody, number, looks)
+            others = _examples(*common, people[~must], nobody, number, looks)
+            parts.append(some.select(some.person | (others.away >= _NOBODY)))
+    return Examples.concatenate(parts)
+
+
+def _spread(count: int, most: int) -> Int:
+    """So many indices at most, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def _augmented(left: Gray, rng: np.random.Generator) -> Gray:
+    """The image of a worse camera: blurred, of another contrast, noisy."""
+    image: Any = left.astype(np.float32)
+    image = cv2.GaussianBlur(image, (0, 0), max(float(rng.uniform(0.0, _BLUR)), 0.1))
+    image = (image - image.mean()) * float(rng.uniform(*_CONTRAST)) + image.mean()
+    image += rng.normal(0.0, rng.uniform(0.0, _NOISE), image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def _true_poses(path: Path, robots: Sequence[str]) -> dict[str, Float]:
@@ -185,6 +301,7 @@ def _examples(
     people: Float,
     others: Float,
     number: int,
+    looks: Looks,
 ) -> Examples:
     """Compares the candidates of a view with the truth, as seen from the lens."""
     scale = camera.depth_disparity
@@ -221,4 +338,5 @@ def _examples(
         scale=np.full(count, scale),
         robot=np.asarray(robot.any(axis=1)),
         bag=np.full(count, number),
+        looks=looks,
     )

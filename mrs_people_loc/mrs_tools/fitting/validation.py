@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
-from mrs_people_loc.bodies.model import BodyModel
-from mrs_tools.fitting.body_fit import FOLDS, fit, true_range
+from mrs_tools.fitting.appearance_fit import Scores, combined
+from mrs_tools.fitting.body_fit import Parts, combination, held_out, held_out_scores, true_range
 from mrs_tools.fitting.examples import Examples
 from mrs_tools.scoring.positions import CHI2_95
 
@@ -26,13 +27,15 @@ class Judged(StructOfArrays):
     """What a model says of candidates, and by how much it is wrong; arrays of shape (n,).
 
     Attributes:
-        score: Log-odds of a person.
+        human: Log-odds of a person by the human test.
+        score: Likewise with the appearance.
         across: Error across the line of sight [m].
         along: Error along it [m], positive: too far.
         sigma_across: Standard deviation [m].
         sigma_along: Likewise.
     """
 
+    human: Float
     score: Float
     across: Float
     along: Float
@@ -40,16 +43,18 @@ class Judged(StructOfArrays):
     sigma_along: Float
 
     @classmethod
-    def of_model(cls, model: BodyModel, examples: Examples) -> Judged:
-        """Applies a model to examples."""
-        scale, inverse = examples.scale, examples.inverse_range
-        found = scale / np.maximum(inverse + model.depth(examples.depth), 0.5 * inverse)
+    def of_parts(cls, parts: Parts, weights: Float, examples: Examples) -> Judged:
+        """Applies parts, and weights of their combination, to examples."""
+        scale, inverse, offsets = examples.scale, examples.inverse_range, parts.offsets
+        found = scale / np.maximum(inverse + offsets["depth"](examples.depth), 0.5 * inverse)
+        scores = parts.scores(examples)
         return cls(
-            score=model.human(examples.even),
-            across=model.across(examples.odd) - examples.across,
+            human=scores.human,
+            score=combined(scores, weights),
+            across=offsets["across"](examples.odd) - examples.across,
             along=found - true_range(examples),
-            sigma_across=np.exp(model.across_log_sigma(examples.even)),
-            sigma_along=found**2 / scale * np.exp(model.depth_log_sigma(examples.even)),
+            sigma_across=np.exp(offsets["across_log_sigma"](examples.even)),
+            sigma_along=found**2 / scale * np.exp(offsets["depth_log_sigma"](examples.even)),
         )
 
     @property
@@ -59,18 +64,44 @@ class Judged(StructOfArrays):
         return square < CHI2_95
 
 
-def cross_validate(examples: Examples) -> Judged:
-    """What models say that have not seen the bags that they judge."""
+def cross_validate(examples: Examples) -> tuple[Judged, Scores]:
+    """What models say that have not seen the bags that they judge, and the scores behind it."""
     count = len(examples)
+    parts = held_out(examples)
+    scores = held_out_scores(examples, parts)
     result = Judged(*(np.zeros(count) for _ in dataclasses.fields(Judged)))
-    for fold in range(FOLDS):
-        held = examples.bag % FOLDS == fold
-        if not held.any():
-            continue
-        part = Judged.of_model(fit(examples.select(~held)), examples.select(held))
+    for held, mine in parts:
+        weights = combination(examples.select(~held), scores.select(~held))
+        part = Judged.of_parts(mine, weights, examples.select(held))
         for name, values in vars(part).items():
             getattr(result, name)[held] = values
-    return result
+    return result, scores
+
+
+def real_rooms(
+    examples: Examples, scores: Scores, real: Examples, rooms: Sequence[str], parts: Parts
+) -> list[str]:
+    """Lines of figures of real rooms, each judged by weights that have not seen that room.
+
+    Args:
+        examples: Of renderings.
+        scores: Theirs, as of `cross_validate`.
+        real: Of the real rooms.
+        rooms: Room of each recording, by the number of its bag.
+        parts: Fitted to the renderings.
+    """
+    room = np.array(rooms)[real.bag]
+    lines = ["room, left out   people  others  found  false (log-odds above 0.5)"]
+    for name in sorted(set(rooms)):
+        weights = combination(examples, scores, real.select(room != name), parts)
+        part = real.select((room == name) & real.clear)
+        found = combined(parts.scores(part), weights) > 0.5
+        person = part.person
+        lines.append(
+            f"{name:16s} {person.sum():6d}  {(~person).sum():6d}  {(found & person).sum():5d}  "
+            f"{(found & ~person).sum():5d}"
+        )
+    return lines
 
 
 def figures(examples: Examples, judged: Judged) -> dict[str, float]:
@@ -80,16 +111,20 @@ def figures(examples: Examples, judged: Judged) -> dict[str, float]:
     hits = np.cumsum(person[order])
     precision = hits / np.arange(1, len(order) + 1)
     at = np.searchsorted(hits, 0.95 * hits[-1])
-    loss = np.logaddexp(0.0, score[clear]) - person[clear] * score[clear]
     return {
         "examples": float(len(examples)),
         "people": float(person.sum()),
-        "log loss": float(loss.mean()),
+        "log loss": _log_loss(score[clear], person[clear]),
+        "log loss of the human test": _log_loss(judged.human[clear], person[clear]),
         "precision at recall 0.95": float(precision[at]),
         "error across, mean [cm]": float(100 * np.abs(judged.across[person]).mean()),
         "error along, mean [cm]": float(100 * np.abs(judged.along[person]).mean()),
         "in the 95 % ellipse": float(judged.inside[person].mean()),
     }
+
+
+def _log_loss(score: Float, person: Bool) -> float:
+    return float(np.mean(np.logaddexp(0.0, score) - person * score))
 
 
 def table(examples: Examples, judged: Judged) -> list[str]:

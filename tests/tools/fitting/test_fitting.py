@@ -23,17 +23,33 @@ pytest.importorskip("scipy", reason="fitting needs scipy")
 
 from typer.testing import CliRunner
 
+from mrs_people_loc.arrays import Bool
+from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, FITTED_WINDOW
 from mrs_people_loc.bodies.finder import BodyTuning, CandidateEvidence
+from mrs_people_loc.bodies.gradients import BLOCK
 from mrs_people_loc.bodies.patches import PatchSampler
 from mrs_people_loc.bodies.search import Candidates, SearchTuning
+from mrs_tools.bags.labels import Label, Labels
 from mrs_tools.cli import app
 from mrs_tools.fitting import examples as examples_module
-from mrs_tools.fitting import regression, validation
-from mrs_tools.fitting.body_fit import fit
-from mrs_tools.fitting.examples import Examples, examples_of
-from mrs_tools.fitting.validation import cross_validate, figures
+from mrs_tools.fitting import regression
+from mrs_tools.fitting.body_fit import Parts, fit, held_out, held_out_scores, true_range
+from mrs_tools.fitting.examples import Examples, Looks, examples_of, labelled_examples
+from mrs_tools.fitting.validation import cross_validate, figures, real_rooms, table
 
 ROOT = Path(__file__).resolve().parents[3]
+
+
+def looks_of(person: Bool, rng: np.random.Generator) -> Looks:
+    """People have more of some orientations, in the middle of the window; half is in the image."""
+    count = len(person)
+    fitted = rng.uniform(0.0, 0.2, (count, FITTED_WINDOW.blocks, BLOCK)).astype(np.float32)
+    fitted[person, 7:14, 3:6] += 0.1
+    detector = rng.normal(0.0, 0.1, (count, DETECTOR_WINDOW.blocks)).astype(np.float32)
+    detector[person] += 0.01
+    inside = rng.uniform(size=(count, 1)) < 0.5
+    lower = [np.arange(window.blocks) % 7 < 4 for window in (FITTED_WINDOW, DETECTOR_WINDOW)]
+    return Looks(fitted, inside | lower[0], detector, inside | lower[1])
 
 
 def examples(count: int, *, bags: int = 10, noise: float = 0.0, seed: int = 0) -> Examples:
@@ -52,6 +68,7 @@ def examples(count: int, *, bags: int = 10, noise: float = 0.0, seed: int = 0) -
         scale=np.full(count, 10.0),
         robot=np.zeros(count, dtype=bool),
         bag=np.arange(count) % bags,
+        looks=looks_of(even[:, 0] > 0, rng),
     )
 
 
@@ -112,7 +129,8 @@ def test_labels_of_candidates_match_hand_computed_values() -> None:
     view = view_of(camera, [0.0, math.pi / 4, -math.pi / 4, math.pi / 2], [2.0, 2.0, 2.0, 4.0])
     people = np.array([(0.9, 5.0), (math.nan, math.nan), (-3.0, 9.0)])
     others = np.array([(1.0 + math.sqrt(2), 2.5 + math.sqrt(2) + 0.2)])
-    got = examples_module._examples(camera, view, pose, people, others, 7)
+    looks = looks_of(np.zeros(4, dtype=bool), np.random.default_rng(0))
+    got = examples_module._examples(camera, view, pose, people, others, 7, looks)
     far = math.hypot(0.1, 2.5)
     allowed = 0.2 + 0.7 * far**2 / 10
     assert got.away[0] == pytest.approx(math.hypot(0.1 / 0.2, 0.5 / allowed))
@@ -127,13 +145,20 @@ def test_labels_of_candidates_match_hand_computed_values() -> None:
 def test_candidates_without_truth_are_clear_negatives() -> None:
     camera = StereoCamera(width=160, height=120, fx=100, fy=100, cx=79.5, cy=59.5, baseline=0.1)
     nobody = np.empty((0, 2))
+    looks = looks_of(np.zeros(1, dtype=bool), np.random.default_rng(0))
     got = examples_module._examples(
-        camera, view_of(camera, [0.1], [2.0]), np.zeros(3), nobody, nobody, 0
+        camera, view_of(camera, [0.1], [2.0]), np.zeros(3), nobody, nobody, 0, looks
     )
     assert not got.person.any()
     assert got.clear.all()
     none = examples_module._examples(
-        camera, view_of(camera, [], []), np.zeros(3), np.ones((2, 2)), nobody, 0
+        camera,
+        view_of(camera, [], []),
+        np.zeros(3),
+        np.ones((2, 2)),
+        nobody,
+        0,
+        looks.select(looks.detector_inside[:, 0] & False),
     )
     assert len(none) == 0
     assert none.robot.shape == (0,)
@@ -202,7 +227,7 @@ def test_too_few_examples_are_refused(people: int, others: int, enough: bool) ->
 
 def test_figures_of_separable_examples_are_good() -> None:
     some = examples(2000, noise=0.02)
-    got = figures(some, cross_validate(some))
+    got = figures(some, cross_validate(some)[0])
     assert got["examples"] == 2000
     assert got["people"] == some.person.sum()
     assert 0 < got["log loss"] < 0.08  # 0.056
@@ -217,7 +242,7 @@ def test_figures_of_inseparable_examples_are_at_chance() -> None:
     some = examples(600)
     people = np.random.default_rng(5).uniform(size=len(some)) < 0.5
     some = dataclasses.replace(some, away=np.where(people, 0.0, 9.0))
-    got = figures(some, cross_validate(some))
+    got = figures(some, cross_validate(some)[0])
     assert got["log loss"] > 0.6
     assert got["precision at recall 0.95"] == pytest.approx(people.mean(), abs=0.08)
 
@@ -225,17 +250,46 @@ def test_figures_of_inseparable_examples_are_at_chance() -> None:
 def test_cross_validation_never_scores_bags_of_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     some = examples(2400, bags=12)
     seen: list[set[int]] = []
-    model = fit(some)
+    parts = Parts.fit(some)
 
-    def watched(part: Examples) -> BodyModel:
+    def watched(part: Examples) -> Parts:
         seen.append(set(part.bag.tolist()))
-        return model
+        return parts
 
-    monkeypatch.setattr(validation, "fit", watched)
+    monkeypatch.setattr(Parts, "fit", watched)
     cross_validate(some)
     held = [set(range(12)) - bags for bags in seen]
     assert all(held)
     assert sorted(bag for bags in held for bag in bags) == list(range(12))  # each just once
+
+
+def test_table_has_a_row_for_each_range_and_head() -> None:
+    some = examples(2000, noise=0.02)
+    other = dataclasses.replace(
+        some, scale=2.0 * some.scale, inverse_range=2.0 * some.inverse_range
+    )
+    both = Examples.concatenate([some, other])
+    lines = table(both, cross_validate(both)[0])
+    far = (true_range(some) > 2.0) & (true_range(some) < 3.0) & some.person
+    for scale in ("10.0", "20.0"):
+        (row,) = (line for line in lines if line.startswith(f"{scale}   2.0-3.0"))
+        assert int(row.split()[2]) == pytest.approx(far.sum(), abs=0.1 * far.sum())
+        assert 0.85 < float(row.split()[-1]) <= 1.0
+
+
+def test_real_rooms_are_judged_by_the_others() -> None:
+    some = examples(1500, noise=0.02)
+    real = dataclasses.replace(examples(300, seed=4), bag=np.repeat([0, 1, 2], 100))
+    parts = Parts.fit(some)
+    scores = held_out_scores(some, held_out(some))
+    lines = real_rooms(some, scores, real, ["lab", "hall", "lab"], parts)
+    assert [line.split()[0] for line in lines[1:]] == ["hall", "lab"]
+    people = [int(line.split()[1]) for line in lines[1:]]
+    assert people == [int(real.person[100:200].sum()), int(real.person.sum() - people[0])]
+    for line in lines[1:]:
+        _, of_people, of_others, found, false = line.split()
+        assert int(found) > 0.9 * int(of_people)
+        assert int(false) < 0.1 * int(of_others)
 
 
 # ---------------------------------------------------------------------------------- bags ----
@@ -275,6 +329,20 @@ def test_examples_of_a_bag_are_labelled(bag: Path) -> None:
     assert 0 < len(fewer) < len(got)
     one_a_view = examples_of(bag, 4, tuning=BodyTuning(search=SearchTuning(apart=9.0)))
     assert 0 < len(one_a_view) < len(got)
+
+
+def test_examples_of_a_labelled_bag_leave_out_whoever_need_not_be_found(bag: Path) -> None:
+    def label(x: float, y: float, must: bool) -> Label:
+        return Label(0, 0, (x, y), None, must, "stands", "map")
+
+    stamp = 10**9
+    labels = Labels(bag, stamp, 10**9, 1, False, [label(3.0, 2.2, True), label(3.2, 3.2, False)])
+    got = labelled_examples(bag, labels, 4)
+    all_found = dataclasses.replace(labels, people=[label(3.0, 2.2, True), label(3.2, 3.2, True)])
+    both = labelled_examples(bag, all_found, 4)
+    assert 0 < got.person.sum() < both.person.sum()
+    assert len(got) <= len(both)
+    assert (got.clear & ~got.person).any()
 
 
 def test_true_poses_are_required() -> None:
