@@ -5,6 +5,8 @@
 PYTHON ?=
 # Options for pytest.
 PYTEST_ARGS ?=
+# Folder of bags of real rooms (docs/real_rooms.md).
+RECORDINGS ?= .recordings
 # Fuzzing time per target [s].
 FUZZ_SECONDS ?= 60
 
@@ -27,7 +29,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite fit experiment colcon lock clean FORCE
+.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite real fit experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -78,9 +80,12 @@ experiment: setup ## Repeat the paper's experiment in simulation; its figures be
 suite: setup ## Score the published suite step by step, into docs/suite.md (half an hour)
 	$(BIN)/mrs suite .suite/test --steps --out docs/suite.md
 
-fit: setup ## Fit the body model to the suite's train half and its variants (half an hour)
+real: setup ## Score the recordings of real rooms in RECORDINGS=DIR, into docs/real_rooms.md
+	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
+
+fit: setup ## Fit the body model to the suite's train half and its variants (ten minutes)
 	$(BIN)/mrs simulate --suite train .suite/train
-	$(BIN)/mrs simulate --suite train --variants 32 .suite/more
+	$(BIN)/mrs simulate --suite train --variants 20 .suite/more
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
 	    --out mrs_people_loc/mrs_people_loc/bodies/body_model.json
 
@@ -102,7 +107,7 @@ format: setup ## Fix the style as far as ruff can
 soak: setup ## Run the long tests: a full team for ten minutes, and others of that length
 	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
 
-fuzz: setup ## Fuzz all inputs (18 targets, FUZZ_SECONDS=60 for each)
+fuzz: setup ## Fuzz all inputs (19 targets, FUZZ_SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
 test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported versions of its dependencies

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("scenes/*.md")])
+FOLDERS = (".", "docs", "recordings", "scenes")
+PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 LINK = re.compile(r"\[[^][]*\]\(([^()\s]+)\)")
 FILE = re.compile(
     r"`(?:pytest )?((?:bags|config|docs|mrs_people_loc|msgs|requirements|scenes|setup|tests)/"

@@ -77,6 +77,11 @@ def _a_little_more(reach: float) -> float:
 
 
 def _near(xy: Float, others: Float, one: Int, other: Int, reach: float) -> tuple[Int, Int, Float]:
+    # Most pairs are far apart; the square around a point is cheaper than the circle.
+    side = _a_little_more(reach)
+    near = np.flatnonzero(np.abs(xy[one, 0] - others[other, 0]) <= side)
+    near = near[np.abs(xy[one[near], 1] - others[other[near], 1]) <= side]
+    one, other = one[near], other[near]
     offset = xy[one] - others[other]
     away = np.hypot(offset[:, 0], offset[:, 1])
     near = np.flatnonzero(away <= reach)

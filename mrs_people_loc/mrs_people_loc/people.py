@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mrs_people_loc.arrays import Float, Int, StructOfArrays
+from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.clusters import Clusters
 from mrs_people_loc.geometry import squared_mahalanobis
 from mrs_people_loc.neighbours import pairs_between
@@ -116,10 +116,14 @@ class Expected(StructOfArrays):
     Attributes:
         xy: Predicted places [m], shape (n, 2).
         covariance: Of the places [m^2], shape (n, 2, 2).
+        id: Of their tracks.
+        travelled: Whether they are elsewhere than where they were first seen.
     """
 
     xy: Float
     covariance: Float
+    id: Int
+    travelled: Bool
 
     def near(self, xy: Float, covariance: Float, *, gate: float, reach: float) -> Int:
         """Of each place, which expected person may be there, the nearest in sigmas; -1: none.
@@ -145,7 +149,9 @@ class Expected(StructOfArrays):
         return nearest
 
 
-NOBODY = Expected(np.empty((0, 2)), np.empty((0, 2, 2)))
+NOBODY = Expected(
+    np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0, dtype=np.intp), np.empty(0, dtype=bool)
+)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from mrs_people_loc.bodies import detector as bodies
 from mrs_people_loc.bodies.joining import JOINING_TUNING, JoiningTuning
+from mrs_people_loc.bodies.places import PLACES_TUNING, PlaceMemory, PlacesTuning
 from mrs_people_loc.cells import detector as cells
 from mrs_people_loc.cells.splitting import SPLITTING_TUNING, SplittingTuning
 from mrs_people_loc.clusters import Clusters
@@ -34,6 +35,7 @@ class PlannerTuning:
 
     masking: MaskingTuning = MASKING_TUNING
     joining: JoiningTuning = JOINING_TUNING
+    places: PlacesTuning = PLACES_TUNING
     splitting: SplittingTuning = SPLITTING_TUNING
     tracks: TracksTuning = TRACKS_TUNING
     groups: GroupsTuning = GROUPS_TUNING
@@ -85,6 +87,7 @@ class Planner:
     Attributes:
         config: Likewise.
         tuning: Its constants.
+        places: Remembers what stands where.
         tracker: Follows people.
         groups: Follows their groups.
     """
@@ -92,12 +95,14 @@ class Planner:
     def __init__(self, config: PlannerConfig, tuning: PlannerTuning = PLANNER_TUNING) -> None:
         self.config = config
         self.tuning = tuning
+        self.places = PlaceMemory(tuning.places)
         self.tracker = Tracker(config.tracking, tuning.tracks)
         self.groups = Groups(config.groups, tuning.groups)
         self._walls: Walls | None = None
 
     def begin_anew(self) -> None:
-        """Forgets all people: the time jumped back. Ids of people and groups go on."""
+        """Forgets all people and places: the time jumped back. Ids of people and groups go on."""
+        self.places.begin_anew()
         self.tracker.begin_anew()
         self.groups.begin_anew()
 
@@ -139,8 +144,9 @@ class Planner:
         times.mark("masking")
         # The default method detects in bodies, the paper's in cells that belong to no body.
         of_bodies = bodies.detect(
-            fused, seen, masked, self._walls, expected, config, tuning.joining
-        )
+            fused, seen, masked, self._walls, expected, config, tuning.joining,
+            places=self.places if config.tracking.enabled else None, time_ns=time_ns,
+        )  # fmt: skip
         times.mark("joining")
         of_cells = cells.detect(fused, masked, placed, expected, config, tuning.splitting)
         found = combine(of_cells, of_bodies, min_distance=config.joining.apart)

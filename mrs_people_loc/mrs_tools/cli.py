@@ -45,6 +45,10 @@ COMMANDS = {
         "mrs_tools.commands.experiment:command",
         "Repeat the paper's experiment, simulated.",
     ),
+    "real": (
+        "mrs_tools.commands.real:command",
+        "Score the labelled recordings of real rooms.",
+    ),
     "suite": ("mrs_tools.commands.suite:command", "Score the published suite, step by step."),
     "fit": ("mrs_tools.commands.fit:command", "Fit the body model to bags with ground truth."),
     "calibrate": (

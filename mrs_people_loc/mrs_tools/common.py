@@ -98,6 +98,24 @@ def write_text(path: Path, text: str) -> None:
         raise PeopleLocError(f"{path}: cannot be written ({err.strerror or err})") from err
 
 
+def replace_from(path: Path, heading: str, text: str) -> None:
+    """Replaces a file from a heading to its end; a file that is not there is made.
+
+    Args:
+        path: The file.
+        heading: The beginning of the heading's line, such as "## Results".
+        text: What follows in its place, heading included.
+
+    Raises:
+        PeopleLocError: The file cannot be read or written.
+    """
+    try:
+        before = path.read_text("utf-8").partition(heading)[0] if path.exists() else ""
+    except OSError as err:
+        raise PeopleLocError(f"{path}: cannot be read ({err.strerror or err})") from err
+    write_text(path, before + text)
+
+
 def write_json(path: Path, report: Mapping[str, Any]) -> None:
     """Writes a report as indented JSON.
 

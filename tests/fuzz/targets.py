@@ -31,6 +31,7 @@ from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector
 from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseIntake
 from mrs_tools.bags.estimates import read_estimate
+from mrs_tools.bags.labels import read_labels
 from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
 from mrs_tools.bags.sources import robots_of
 from mrs_tools.bags.truth import read_truth
@@ -503,6 +504,26 @@ def _sequences() -> list[bytes]:
 # ---------------------------------------------------------------------------------------- files
 
 
+def take_labels(data: bytes) -> None:
+    """The hand labels of a recording."""
+    path = _folder() / "bag.labels.json"
+    path.write_bytes(data)
+    labels = read_labels(path)
+    labels.check_span(STAMP_NS, STAMP_NS + 10**9)
+    labels.truth(trunk=True)
+
+
+def _labels() -> list[bytes]:
+    """Two people in one of three frames; and nobody."""
+    person = {
+        "frame": 1, "id": 1, "head": [1.5, -2], "trunk": [1.4, -2.0], "must": True,
+        "posture": "walks", "source": "head",
+    }  # fmt: skip
+    people = [person, {**person, "id": 0, "trunk": None, "must": False, "posture": "sits"}]
+    room = {"first_ns": STAMP_NS, "step_ns": 200_000_000, "frames": 3, "follow": True}
+    return [json.dumps({**room, "people": each}).encode() for each in (people, [])]
+
+
 def take_oak(data: bytes) -> None:
     """The calibration of an OAK-D."""
     path = _folder() / "calib.json"
@@ -722,6 +743,7 @@ TARGETS: Mapping[str, Target] = {
     "diagnosed": Target(take_diagnosed, lambda: [_diagnostics()], 3_000, 3_000),
     "full_scan": Target(take_full_scan, _full_scans, 600, 20),
     "sequence": Target(take_sequence, _sequences, 1_100, 40),
+    "labels": Target(take_labels, _labels, 1_000, 500),
     "oak": Target(take_oak, _oak, 3_000, 500),
     "pcd": Target(take_pcd, _pcds, 2_000, 1_000),
     "scene": Target(take_scene, lambda: [text.encode() for text in _SCENES], 2_000, 100),

@@ -2,6 +2,7 @@
 
     check_view(images, stages, camera, config)
     check_people(scans, people, config)
+    check_places(intervals, times_ns, config)
     check_tracks(found, people, stamps_ns, config)
 
 Each stage is computed from the packages' own result of the stage before, so that a rounding changes
@@ -23,25 +24,28 @@ compared without memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 
 import numpy as np
 
 from mrs_people_loc.bodies.finder import BodyFinder, CandidateEvidence
+from mrs_people_loc.bodies.joining import Joined
 from mrs_people_loc.bodies.patches import Patches
+from mrs_people_loc.bodies.places import PlaceMemory
 from mrs_people_loc.bodies.scanner import BodyStages
 from mrs_people_loc.bodies.search import BodySearch, Candidates
 from mrs_people_loc.clusters import Clusters
 from mrs_people_loc.config import Disparity, PlannerConfig, RobotConfig
-from mrs_people_loc.people import Person
-from mrs_people_loc.planner import People
+from mrs_people_loc.people import Expected, Person
+from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.scan import CELL_DTYPE, Cells, Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
-from mrs_people_loc.team.fusion import ShortTermMap
+from mrs_people_loc.team.fusion import BodiesOnMap, ShortTermMap
 from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
 from mrs_tools.bench.differs import TOLERANCE, DiffersError, near, same
 from oracle.arrays import Float, Float32
@@ -58,8 +62,9 @@ from oracle.masking import Walls
 from oracle.numbers import HIGHEST_M, LOWEST_M
 from oracle.patches import centred, patch_at
 from oracle.people import group_of, people_on
+from oracle.places import Guest, Look, lost_by
 from oracle.search import Bins, cross_out, extents_of, histogram_of
-from oracle.tracks import filtered
+from oracle.tracks import filtered, published
 from oracle.votes import STEPS, smoothed, vote_of
 
 #: float32 has 24 bits: 5 m to half a micrometre, and some roundings on the way.
@@ -270,7 +275,7 @@ def check_evidence(name: str, view: CandidateEvidence, camera: StereoCamera) -> 
         wanted = evidence_of(
             patches.difference[k], patches.inside[k], float(patches.tolerance[k]),
             float(patches.inverse_range[k]), float(view.candidates.extent[k]), vote.contrast[k],
-            float(vote.shift[k]), float(vote.sigma[k]), scale_of(camera),
+            float(vote.shift[k]), float(vote.sigma[k]), scale_of(camera), camera.fx,
         )  # fmt: skip
         for field, values in asdict(wanted).items():
             near(f"{name}: evidence.{field}", getattr(view.evidence, field)[k], values, _FLOAT32)
@@ -371,6 +376,62 @@ def _check_clusters(
 # -------------------------------------------------------------------------------- several of them
 
 
+class _Recorded(PlaceMemory):
+    """A place memory that keeps what goes in and comes out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.looks: list[list[Look]] = []
+        self.guests: list[list[Guest]] = []
+        self.times_ns: list[int] = []
+        self.lost: list[Float] = []
+
+    def step(
+        self, joined: Joined, bodies: BodiesOnMap, expected: Expected, time_ns: int, most: float
+    ) -> Float:
+        of = joined.of_body.tolist()
+        self.looks.append([
+            Look((x, y), 0.5 * (c[0][0] + c[1][1]), tuple(bodies.score[np.equal(of, number)]))
+            for number, ((x, y), c) in enumerate(
+                zip(joined.xy.tolist(), joined.covariance.tolist(), strict=True))
+        ])  # fmt: skip
+        rows = zip(expected.id.tolist(), expected.xy.tolist(), expected.travelled, strict=True)
+        self.guests.append([Guest(number, (x, y), bool(far)) for number, (x, y), far in rows])
+        self.times_ns.append(time_ns)
+        self.lost.append(super().step(joined, bodies, expected, time_ns, most))
+        return self.lost[-1]
+
+
+def check_places(
+    intervals: Sequence[tuple[Sequence[Scan], Mapping[str, Pose]]],
+    times_ns: Sequence[int],
+    config: PlannerConfig,
+) -> list[Float]:
+    """Compares the log-odds that bodies lose by their places.
+
+    Args:
+        intervals: Scans and poses, in each of which there is a body.
+        times_ns: Times of the intervals [ns].
+        config: The planner's configuration.
+
+    Returns:
+        These log-odds, by interval.
+
+    Raises:
+        DiffersError: Naming what differs.
+    """
+    planner, places = Planner(config), _Recorded()
+    planner.places = places
+    for (scans, poses), time_ns in zip(intervals, times_ns, strict=True):
+        planner.step(scans, poses, time_ns)
+    same("places: intervals", places.times_ns, list(times_ns))
+    most = config.tracking.static_score
+    wanted = lost_by(places.looks, places.guests, times_ns, most)
+    for k, (got, want) in enumerate(zip(places.lost, wanted, strict=True)):
+        near(f"places: log-odds lost in interval {k}", got, np.array(want))
+    return places.lost
+
+
 def check_tracks(
     found: Sequence[Sequence[Person]],
     people: Sequence[Person],
@@ -407,4 +468,4 @@ def check_tracks(
         near(f"covariance of person {who}'s velocity", unsure, p[2:, 2:])
         lasting = config.tracking.lasting_share
         if not lasting:
-            near(f"covariance of person {who}'s place", person.covariance, p[:2, :2])
+            near(f"covariance of person {who}'s place", person.covariance, published(x, p))

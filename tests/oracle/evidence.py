@@ -19,9 +19,13 @@ from oracle.numbers import (
     BANDS,
     BODY_ROWS,
     HEIGHTS,
+    KNOTS,
     LARGEST_VOTE_SIGMA_PX,
     MOMENT,
     SHARES,
+    SIGMA_ACROSS_M,
+    SIGMA_M,
+    SIGMA_PX,
     SILHOUETTE,
     SLICES,
     STEEPEST,
@@ -57,6 +61,7 @@ def evidence_of(
     shift: float,
     sigma: float,
     scale: float,
+    focal: float,
 ) -> Numbers:
     """Reads one patch.
 
@@ -71,6 +76,7 @@ def evidence_of(
         shift: Of the vote [px].
         sigma: Of the vote [px].
         scale: Inverse range times range [px m].
+        focal: Focal length [px].
     """
     same, behind, front, depth, outside = (np.zeros(difference.shape) for _ in range(5))
     for at in np.ndindex(difference.shape):
@@ -96,19 +102,14 @@ def evidence_of(
     metres = away / inverse_range  # that a pixel of disparity is worth
     even += [away, 1.0 / away, extent, tolerance * metres]
     even += [fit.deviation * metres, min(abs(fit.slope) * metres, STEEPEST)]
+    even.append(math.log(math.sqrt(SIGMA_PX**2 + (SIGMA_M / metres) ** 2)))
+    even.append(math.log(math.sqrt(SIGMA_ACROSS_M**2 + (away / focal) ** 2)))
+    even += [max(away - knot, 0.0) for knot in KNOTS]
     odd = [*_centroids(same), fit.slope * metres, *odd]
     seen = [*fit.spread, fit.mean, fit.upper, shift, min(sigma, LARGEST_VOTE_SIGMA_PX)]
-    return Numbers(
-        even,
-        odd,
-        [
-            *seen,
-            inverse_range,
-            *(x * 3.0 / inverse_range for x in seen),
-            *(x * inverse_range / 5.0 for x in (*seen, inverse_range)),
-            1.0 / inverse_range,
-        ],
-    )
+    worth = math.sqrt(inverse_range / away)  # of the pixels that a metre of depth is worth
+    depths = [*seen, *(x / worth for x in seen), *(x * worth for x in seen)]
+    return Numbers(even, odd, [*depths, worth, worth**2, 1.0 / worth])
 
 
 def _shares(part: Float, side: int) -> dict[Any, float]:

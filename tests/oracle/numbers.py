@@ -68,6 +68,8 @@ SHARES, UPPER_M = (0.1, 0.25, 0.5, 0.75, 0.9), 1.0
 MOMENT = 1e-3
 #: The steepest slope across a body [m/m], and the largest sigma of a vote [px], that count.
 STEEPEST, LARGEST_VOTE_SIGMA_PX = 3.0, 0.5
+#: Ranges beyond each of which what is further counts once more [m].
+KNOTS = 2.0, 3.0, 4.0
 
 # --- appearance --------------------------------------------------------------------------------
 
@@ -135,3 +137,17 @@ PLAIN_SCORE = 6.0
 LEAST_SCORE = -2.0
 #: In a square of this side [m] so many bodies take part in the joining.
 SQUARE_M, MOST_IN_SQUARE = 0.5, 100
+#: Published standard deviations over those of the filter; what a head leads its trunk by [m], from
+#: which speed on [m/s].
+PUBLISHED, LEAD_M, LEAD_SPEED = 0.87, 0.05, 0.4
+
+# --- places ------------------------------------------------------------------------------------
+
+#: Log-odds that are lost per unit of ln(1 + T / tau), tau [s].
+LOST_PER_LOG, LOST_TAU_S = 2.5, 0.5
+#: A look of a person; so many are averaged, none counts for more; share of the present one.
+SURE_LOOK, BEST_OF, LARGEST_LOOK, PRESENT_SHARE = 1.5, 3, 2.25, 0.5
+#: Bodies within this distance [m] plus so many sigmas, but no more than this [m], are in one place.
+PLACE_M, PLACE_SIGMAS, PLACE_MOST_M = 0.15, 1.5, 0.45
+#: Places age by no more than this at once [s], and are forgotten after this [s]; so many are kept.
+LONGEST_GAP_S, FORGET_S, MOST_PLACES = 0.5, 30.0, 1000

@@ -149,3 +149,34 @@ def mixed_team() -> tuple[Scene, OccupancyGrid]:
     data[:, 51] = 100
     data[:, 52:] = -1
     return (scans, poses), OccupancyGrid(0.1, -0.1, -0.5, 0.0, data)
+
+
+def furnished_room(seed: int, steps: int = 60) -> tuple[list[Scene], list[int]]:
+    """Two robots, one of which drives and is gone for a while, in a room with furniture.
+
+    There are: furniture that looks doubtful from most sides, a person who stands, one who walks up
+    to a piece of furniture, stays, and leaves, and one who walks past. Times pause and go back.
+
+    Returns:
+        Scans and poses of each interval, and their times [ns].
+    """
+    rng = np.random.default_rng(seed)
+    scenes, times_ns, now_ms = [], [], 0
+    for step in range(steps):
+        now_ms += -150 if step == 21 else 2_500 if step == 40 else int(rng.integers(60, 160))
+        walker = (3.0, 4.0 - 0.12 * min(step, 20) + 0.15 * max(step - 45, 0))
+        places = [
+            (2.0, -1.0, 0.4), (3.0, 1.5, 0.8), (4.0, -0.5, -0.5), (2.5, 0.3, 2.0),
+            (*walker, 3.5), (5.0, 3.0 - 0.1 * step, 3.0),
+        ]  # fmt: skip
+        poses = {"a": Pose(0, 0.02 * step, 0.0, 0.0), "b": Pose(0, 0.0, 2.0, -0.1)}
+        scans = []
+        for name in list(poses)[: 1 if 25 < step < 35 else 2]:
+            noisy = [
+                (*rng.normal((x, y), 0.06), 0.3, rng.normal(score, 0.7)) for x, y, score in places
+            ]
+            seen = [body for body in noisy if rng.random() < 0.85] or noisy
+            scans.append(_scan(name, now_ms, poses[name], seen))
+        scenes.append((scans, poses))
+        times_ns.append(now_ms * 1_000_000)
+    return scenes, times_ns

@@ -13,7 +13,7 @@ from mrs_people_loc.timing import StageTimes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bench.differs import DiffersError
 from oracle.cells import cells_of
-from oracle.comparison import check_cells, check_people, check_view
+from oracle.comparison import check_cells, check_people, check_places, check_view
 from oracle.disparity import is_repeatable
 from oracle.scenes import (
     BAG,
@@ -22,6 +22,7 @@ from oracle.scenes import (
     DEFAULT,
     PAPER,
     TEAM,
+    furnished_room,
     mixed_team,
     random_cloud,
     random_scans,
@@ -170,6 +171,12 @@ def test_mixed_team_equals_the_oracle(with_walls):
     if with_walls:
         with pytest.raises(DiffersError):
             check_people(scans, people, planner.config)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_places_of_a_furnished_room_equal_the_oracle(seed):
+    lost = check_places(*furnished_room(seed), PlannerConfig())
+    assert max(of.max() for of in lost) > 2.0
 
 
 def test_only_the_known_share_of_nondeterministic_pixels_is_allowed():

@@ -14,6 +14,7 @@ from mrs_people_loc.bodies import (
     gradients,
     model,
     patches,
+    places,
     scanner,
     search,
     votes,
@@ -31,8 +32,8 @@ from mrs_tools.bench.differs import DiffersError
 from mrs_tools.bench.scenes import INTERVAL_NS, drawn_scans
 from mrs_tools.bench.tracking import found_people
 from oracle.cells import cells_of
-from oracle.comparison import check_cells, check_people, check_tracks, check_view
-from oracle.scenes import BAG, BODIES, CELLS, PAPER, mixed_team, random_cloud
+from oracle.comparison import check_cells, check_people, check_places, check_tracks, check_view
+from oracle.scenes import BAG, BODIES, CELLS, PAPER, furnished_room, mixed_team, random_cloud
 
 F32 = np.float32
 
@@ -368,6 +369,52 @@ def test_wrong_person_is_detected(wrong, what, base):
     check_people(scans, people, config)
     with pytest.raises(DiffersError, match=what):
         check_people(scans, wrong(people), config)
+
+
+# ---------------------------------------------------------------------------------------- places
+
+
+def constants(**changes):
+    return lambda right: dataclasses.replace(right, **changes)
+
+
+def without_exemption(right):
+    def wrong(of, expected, tuning):
+        right(of, expected, tuning)
+        of.came[:] = False
+
+    return wrong
+
+
+OF_PLACES = {
+    "body of another place": (places, "_place_of", then(lambda of: of[::-1].copy())),
+    "every body is new": (places, "_place_of", then(lambda of: np.full_like(of, -1))),
+    "nearest": (places, "_nearest", then(lambda of: np.roll(of, 1))),
+    "look": (places, "_best_look", then(lambda look: look + 0.01)),
+    "nobody is welcomed": (places, "_welcome", instead(lambda *_: None)),
+    "nobody is exempt": (places, "_welcome", without_exemption),
+    "sum of robots": (
+        places, "_best_look", instead(lambda joined, bodies: joined.score.copy()),
+    ),
+    **{
+        f"tuning: {name}": (places, "PLACES_TUNING", constants(**{name: value}))
+        for name, value in {
+            "gain": 2.4, "tau": 0.6, "sure": 1.6, "present": 0.6, "max_look": 2.0, "looks": 2,
+            "reach": 0.1, "reach_sigmas": 1.0, "max_reach": 0.4, "max_gap_s": 0.4, "forget_s": 2.0,
+            "max_places": 4,
+        }.items()
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("module", "name", "wrong"), OF_PLACES.values(), ids=OF_PLACES.keys())
+def test_wrong_step_of_the_place_memory_is_detected(monkeypatch, module, name, wrong):
+    changed = wrong(getattr(module, name))
+    monkeypatch.setattr(module, name, changed)
+    if name == "PLACES_TUNING":
+        monkeypatch.setattr(places.PlaceMemory.__init__, "__defaults__", (changed,))
+    with pytest.raises(DiffersError, match="places: log-odds lost"):
+        check_places(*furnished_room(0), PlannerConfig())
 
 
 # ---------------------------------------------------------------------------------------- tracks

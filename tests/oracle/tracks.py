@@ -6,12 +6,14 @@ section 6.2. One matrix at a time; there is no gate and nobody else.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from mrs_people_loc.config import Tracking
 from oracle.arrays import Float
+from oracle.numbers import LEAD_M, LEAD_SPEED, PUBLISHED
 
 
 def filtered(
@@ -46,3 +48,11 @@ def filtered(
         x, p = x + gain @ (found[k] - h @ x), (np.eye(4) - gain @ h) @ p
         out.append((x, p))
     return out
+
+
+def published(x: Float, p: Float) -> Float:
+    """Covariance of a person's position as it is published, without a share that lasts [m^2]."""
+    vx, vy = x[2:]
+    along = LEAD_M / max(math.hypot(vx, vy), LEAD_SPEED)
+    lead = np.array([[vx * vx, vx * vy], [vx * vy, vy * vy]]) * along**2
+    return np.asarray(PUBLISHED**2 * p[:2, :2] + lead)

@@ -19,11 +19,10 @@ from mrs_people_loc.errors import BagError, FloorError
 from mrs_people_loc.health.floor import Floor
 from mrs_tools.calibration import Calibration, from_bag, how_sure, snippet
 from mrs_tools.cli import app
+from shared_data import shared_data
 
 ROOT = Path(__file__).resolve().parents[2]
 FORMATION = ROOT / "bags" / "paper_formation"
-OAK = ROOT.parent / "shared" / "data" / "oak-stereo-overhead-person"
-FIVE = ROOT.parent / "shared" / "data" / "pcl-five-people"
 
 #: Nobody in a room with a carpet; the heads look at it from different heights.
 SCENE = """
@@ -156,9 +155,8 @@ def test_snippet_matches_hand_computed_values() -> None:
 @pytest.mark.slow
 def test_real_head_looking_down_is_calibrated(tmp_path: Path) -> None:
     """OAK-D over a patio: `config/oak_overhead.yaml` was fitted to its floor by other means."""
-    if not OAK.is_dir():
-        pytest.skip("needs ../shared/data/oak-stereo-overhead-person")
-    assert run_convert("oak", OAK, tmp_path / "oak.mcap") == 0
+    oak = shared_data("oak-stereo-overhead-person")
+    assert run_convert("oak", oak, tmp_path / "oak.mcap") == 0
     file = tmp_path / "down.yaml"
     file.write_text(
         "/**/robot_node: {ros__parameters: {mounting: {height: 2.0, pitch: 1.4}}}", "utf-8"

@@ -15,6 +15,7 @@ from mrs_people_loc.bodies.joining import (
     are_people,
     join,
 )
+from mrs_people_loc.bodies.places import PlaceMemory
 from mrs_people_loc.clusters import Clusters, mean_stamp, measure
 from mrs_people_loc.people import Detections, Expected, Person
 from mrs_people_loc.team.fusion import BodiesOnMap, ShortTermMap
@@ -29,6 +30,9 @@ def detect(
     expected: Expected,
     config: cfg.PlannerConfig,
     tuning: JoiningTuning = JOINING_TUNING,
+    *,
+    places: PlaceMemory | None = None,
+    time_ns: int = 0,
 ) -> Detections:
     """People among the bodies of a map.
 
@@ -40,6 +44,8 @@ def detect(
         expected: Where people are expected: there, less evidence is enough.
         config: Parameters.
         tuning: Its constants.
+        places: What earlier intervals saw; None: nothing is remembered.
+        time_ns: Time of the interval [ns].
 
     Returns:
         Clusters of the bodies' cells. Those of robots, and of bodies that did not take part, come
@@ -52,6 +58,9 @@ def detect(
     if walls is not None:
         log_odds = walls.log_odds(joined.xy, joined.covariance, config.masking)
         joined = dataclasses.replace(joined, score=joined.score + log_odds)
+    if places is not None:
+        lost = places.step(joined, bodies, expected, time_ns, tracking.static_score)
+        joined = dataclasses.replace(joined, score=joined.score - lost)
     near = expected.near(
         joined.xy, joined.covariance, gate=tracking.gate, reach=tracking.max_distance
     )

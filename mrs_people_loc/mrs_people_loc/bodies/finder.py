@@ -224,7 +224,11 @@ class BodyFinder:
             )
             times.mark("vote")
         evidence = gather_evidence(
-            patches, candidates.extent, vote, depth_disparity=camera.depth_disparity
+            patches,
+            candidates.extent,
+            vote,
+            depth_disparity=camera.depth_disparity,
+            focal=camera.fx,
         )
         times.mark("evidence")
         return CandidateEvidence(candidates, patches, vote, evidence)

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mrs_people_loc.anthropometry import AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float, Float32
 from mrs_people_loc.bodies.appearance import AppearanceModel
 from mrs_people_loc.bodies.patches import (
@@ -33,9 +34,12 @@ from mrs_people_loc.bodies.patches import (
 )
 from mrs_people_loc.bodies.votes import Vote
 from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.precision import BODY_SIGMA_PX
 
 #: Quantiles of the disparities of a body.
 _SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
+#: Ranges from which on something may depend on the range in another way [m].
+_KNOTS = (2.0, 3.0, 4.0)
 
 
 def _between(values: Float32, low: float, high: float) -> Bool:
@@ -72,15 +76,20 @@ class Evidence:
 
 
 def gather_evidence(
-    patches: Patches, extent: Float, vote: Vote, *, depth_disparity: float
+    patches: Patches, extent: Float, vote: Vote, *, depth_disparity: float, focal: float
 ) -> Evidence:
     """Evidence of patches.
+
+    Matching errs in pixels, bodies have sizes in metres: each column has the unit of its cause, and
+    how many pixels of disparity a metre of depth makes at the body puts both in proportion. So one
+    fitted model serves heads of any focal length and baseline.
 
     Args:
         patches: Patches, centred on bodies.
         extent: Vertical extent that the search saw [m], shape (n,).
         vote: Their disparities, voted.
         depth_disparity: Focal length times baseline [px m].
+        focal: Focal length [px].
     """
     even, odd, same = _shares(patches, vote)
     surface = _surface(patches)
@@ -95,19 +104,18 @@ def gather_evidence(
         patches.tolerance * metres,
         surface.deviation * metres,
         np.minimum(np.abs(slope), 3.0),
+        np.log(np.hypot(BODY_SIGMA_PX, AXIS_ERROR / metres)),
+        np.log(np.hypot(AXIS_ERROR, ranges / focal)),
+        *(np.maximum(ranges - knot, 0.0) for knot in _KNOTS),
     ]
-    depth = np.column_stack([*surface.middles, vote.shift, np.minimum(vote.sigma, 0.5), inverse])
+    depth = np.column_stack([*surface.middles, vote.shift, np.minimum(vote.sigma, 0.5)])
+    worth = 1.0 / np.sqrt(metres)[:, np.newaxis]
     return Evidence(
         even=np.column_stack(even).astype(np.float64),
         odd=np.column_stack([_centroids(same), slope, *odd]).astype(np.float64),
-        depth=np.column_stack(
-            [
-                depth,
-                depth[:, :-1] * (3.0 / inverse)[:, np.newaxis],
-                depth * (inverse / 5.0)[:, np.newaxis],
-                1.0 / inverse,
-            ]
-        ),
+        depth=np.hstack(
+            [depth, depth / worth, depth * worth, worth, worth * worth, 1.0 / worth]
+        ).astype(np.float64),
     )
 
 
@@ -182,7 +190,9 @@ def _surface(patches: Patches) -> _Surface:
 
 
 #: Widths of the evidence.
-EVEN = 5 * len(BANDS) * (len(STRIPES) + 2) + 6
+EVEN = 5 * len(BANDS) * (len(STRIPES) + 2) + 8 + len(_KNOTS)
+#: Columns of even evidence that say how far away a body is, and how well a head measures there.
+RANGES = slice(EVEN - 2 - len(_KNOTS), EVEN)
 ODD = len(SLICES) + 1 + 6 * len(BANDS) * len(STRIPES)
 DEPTH = 3 * 10
 

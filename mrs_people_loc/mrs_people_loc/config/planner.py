@@ -190,15 +190,15 @@ class Tracking(Section):
         low=0.01, high=60.0,
     )  # fmt: skip
     sure_score: float = field(
-        6.0, "log-odds from which a new track is a person at once", low=-20.0, high=8.0
+        2.0, "log-odds from which a new track is a person at once", low=-20.0, high=8.0
     )
     birth_score: float = field(
         1.0, "... and from which a track is a person after tracking.birth_time", low=-20.0, high=8.0
     )
     birth_time: float = field(0.2, "see tracking.birth_score [s]", low=0.0, high=10.0)
     start_time: float = field(
-        0.35, "time after the start in which every detection from tracking.doubt_score on is a "
-        "person [s]",
+        0.35, "time after the start in which every detection from tracking.birth_score on is a "
+        "person at once [s]",
         low=0.0, high=60.0,
     )  # fmt: skip
     doubt_score: float = field(
@@ -214,6 +214,11 @@ class Tracking(Section):
     expected_points: float = field(
         0.5, "share of human.min_points that a plain cluster needs where a person is expected",
         low=0.0, high=1.0,
+    )  # fmt: skip
+    static_score: float = field(
+        7.5, "maximum log-odds that a body loses where something has been standing that never "
+        "looked like more than a doubtful person; 0: off",
+        low=0.0, high=50.0,
     )  # fmt: skip
     keep_score: float = field(
         -1.0, "a person remains one down to these log-odds", low=-20.0, high=8.0

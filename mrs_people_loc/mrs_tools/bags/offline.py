@@ -154,6 +154,7 @@ class BagRun:
             (rectified or raw), whether there is a top camera, where the pose is.
         beside: Whether the bag's own parameter file is read, after the others (`file_beside`).
         use_map: Whether the bag's `/map` masks walls and furniture, whatever the files say.
+        tracking: Whether people are followed, whatever the files say; None: as they say.
         pipeline: What makes scans: takes robot, camera and configuration, has `stages(images)`.
         planner: What makes people: takes the configuration, has `step(scans, poses, time_ns)`.
 
@@ -174,6 +175,7 @@ class BagRun:
         *,
         beside: bool = True,
         use_map: bool = False,
+        tracking: bool | None = None,
         pipeline: Callable[[str, StereoCamera, RobotConfig], Any] = RobotPipeline,
         planner: Callable[[PlannerConfig], Any] = Planner,
     ) -> None:
@@ -194,11 +196,14 @@ class BagRun:
             configs = [*configs, own]
             self.notes.append(f"{own.name}, which lies beside the bag, was read, too")
         self.team = self._load(configs)
+        planner_config = self.team.planner
         if use_map:
-            planner_config = self.team.planner
             masking = dataclasses.replace(planner_config.masking, occupancy_grid=True)
             planner_config = dataclasses.replace(planner_config, masking=masking)
-            self.team = Team(planner_config, self.team.robots)
+        if tracking is not None:
+            followed = dataclasses.replace(planner_config.tracking, enabled=tracking)
+            planner_config = dataclasses.replace(planner_config, tracking=followed)
+        self.team = Team(planner_config, self.team.robots)
 
     def _load(self, configs: Sequence[str | Path]) -> Team:
         has = self._has

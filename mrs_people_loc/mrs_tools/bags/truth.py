@@ -16,6 +16,8 @@ from mrs_tools.scoring.records import Truth
 TRUTH_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
 GROUP_TOPIC = "/ground_truth/group"
+#: Meshes of the user's that were rendered.
+ASSETS_TOPIC = "/ground_truth/assets"
 #: std_msgs' arrays of whole numbers.
 _INTEGER_ARRAYS = tuple(
     f"std_msgs/msg/{sign}Int{bits}MultiArray" for sign in ("", "U") for bits in (8, 16, 32, 64)

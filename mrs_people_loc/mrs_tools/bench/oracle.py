@@ -9,10 +9,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, cast
 
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import PlannerConfig, RobotConfig
 from mrs_people_loc.people import Person
 from mrs_people_loc.planner import People
@@ -20,6 +21,7 @@ from mrs_people_loc.robot import Stages
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
+from mrs_people_loc.team.poses import Pose
 
 #: The line that `mrs bench` prints where the oracle is not found.
 WHY_NOT = (
@@ -39,6 +41,14 @@ class Oracle(Protocol):
 
     def check_people(self, scans: Sequence[Scan], people: People, config: PlannerConfig) -> None:
         """Compares an interval of a planner without memory."""
+
+    def check_places(
+        self,
+        intervals: Sequence[tuple[Sequence[Scan], Mapping[str, Pose]]],
+        times_ns: Sequence[int],
+        config: PlannerConfig,
+    ) -> list[Float]:
+        """Compares what bodies lose by their places, over intervals."""
 
     def check_tracks(
         self,

@@ -47,6 +47,9 @@ def time_planner(
         found[name] = Planner(team.planner.memoryless()).step(scans, poses, 0)
         if oracle is not None:
             oracle.check_people(scans, found[name], team.planner)
+            if found[name].fused.cells.body.any() and team.planner.tracking.enabled:
+                times_ns = [turn * INTERVAL_NS for turn in range(_DRAWN)]
+                oracle.check_places(scenes[name], times_ns, team.planner)
     on_step(f"timing {frames} intervals")
     samples = _time(planners, scenes, frames)
     return {

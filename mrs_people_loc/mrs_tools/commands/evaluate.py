@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from mrs_people_loc import timing
+from mrs_tools.bags.labels import labels_at
 from mrs_tools.common import progress_bar, write_json
 from mrs_tools.evaluation.results import Result, as_json, evaluate_bag, names_of
 from mrs_tools.evaluation.tables import show
@@ -40,6 +41,17 @@ def command(
     use_map: Annotated[
         bool, typer.Option("--map", help="Mask walls and furniture by the bag's /map.")
     ] = False,
+    labels: Annotated[
+        Path | None,
+        typer.Option(help="Hand labels: a file, or a folder of NAME.labels.json of each bag."),
+    ] = None,
+    tracking: Annotated[
+        bool | None,
+        typer.Option(
+            "--tracking/--no-tracking",
+            help="Follow people, or take each interval by itself, whatever the files say.",
+        ),
+    ] = None,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
 ) -> None:
     """Run bags through the pipeline, as fast as it goes, and score them against their truth.
@@ -57,6 +69,8 @@ def command(
         "recorded": recorded,
         "beside": own_config,
         "use_map": use_map,
+        "labels": labels,
+        "tracking": tracking,
     }
     results = dict(zip(names, _evaluate(bags, options, jobs), strict=True))
     show(results, console)
@@ -106,5 +120,6 @@ def _one(
 
     # Times are those of one core, whatever else the machine does.
     cv2.setNumThreads(1)
+    labels = None if options["labels"] is None else labels_at(options["labels"], bag)
     with timing.processor_time():
-        return evaluate_bag(bag, **options, on_progress=on_progress)
+        return evaluate_bag(bag, **{**options, "labels": labels}, on_progress=on_progress)

@@ -1,13 +1,14 @@
 """`mrs fit`: fits the body model to bags with ground truth.
 
     mrs simulate --suite train OUT_DIR/train
-    mrs simulate --suite train --variants 32 OUT_DIR/more
+    mrs simulate --suite train --variants 20 OUT_DIR/more
     mrs fit OUT_DIR/*/*/ --out mrs_people_loc/mrs_people_loc/body_model.json
 
 Each candidate of each view is an example: a person if somebody truly is there, none if nobody is
 near. What is in between, and what is another robot of the team (the planner knows where those
 are), is left out. Figures printed are cross-validated: each bag is judged by a model that has not
-seen it.
+seen it. Meshes of the user's own that were rendered (`mrs simulate --assets`) are listed in the
+model, with their licences.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from typing import Annotated, Any
 import typer
 
 from mrs_tools.common import progress_bar, write_text
-from mrs_tools.fitting.examples import Examples, examples_of
-from mrs_tools.fitting.regression import fit
-from mrs_tools.fitting.validation import cross_validate
+from mrs_tools.fitting.body_fit import fit
+from mrs_tools.fitting.examples import Examples, assets_of, examples_of
+from mrs_tools.fitting.validation import cross_validate, figures, table
 
 
 def _read(bag: Path, number: int, **options: Any) -> Examples:
@@ -54,8 +55,13 @@ def command(
             parts.append(part)
             progress.advance(task)
     examples = Examples.concatenate(parts)
-    for name, value in cross_validate(examples).items():
+    judged = cross_validate(examples)
+    for name, value in figures(examples, judged).items():
         typer.echo(f"{name}: {value:.5g}")
-    text = json.dumps(fit(examples).to_mapping(), separators=(",", ":")) + "\n"
+    typer.echo("\n".join(table(examples, judged)))
+    model = fit(examples).to_mapping()
+    if assets := assets_of(bags):
+        model["assets"] = assets
+    text = json.dumps(model, separators=(",", ":")) + "\n"
     write_text(out, text)
     typer.echo(f"{out}: {len(text) / 1000:.0f} kB")

@@ -24,6 +24,7 @@ from mrs_tools.common import counting_bar, process_count
 from mrs_tools.simulation.render_scene import simulate, team_file
 from mrs_tools.simulation.scene import Scene, load_scene
 from mrs_tools.simulation.suite_scenes import (
+    drawn_from,
     shortened,
     simulate_suite,
     suite_file,
@@ -45,6 +46,13 @@ def command(
         typer.Option(
             help="Recorded pedestrians (obsmat.txt) who walk there, too; with --walks: the folder "
             "of the UCY set."
+        ),
+    ] = None,
+    assets: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder with meshes and assets.yaml (docs/assets.md): people, and furniture where "
+            "there is some of like size, are drawn from it."
         ),
     ] = None,
     jobs: Annotated[
@@ -90,6 +98,7 @@ def command(
         if more and walks:
             raise typer.BadParameter("--variants goes with --suite")
         scenes = _suite(suite, more) if suite else _walks(walks, tracks)
+        scenes = drawn_from(scenes, assets)
         _render_all([shortened(one, frames) for one in scenes], scene, process_count(jobs))
         return
     if more:
@@ -99,6 +108,7 @@ def command(
     if live:
         given_domain()
     what = shortened(load_scene(scene, seed=seed), frames)
+    (what,) = drawn_from([what], assets)
     if tracks is not None:
         what = dataclasses.replace(what, tracks=str(tracks))
     with tempfile.TemporaryDirectory() as folder:

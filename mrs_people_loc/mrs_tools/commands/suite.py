@@ -15,12 +15,11 @@ from typing import Annotated
 
 import typer
 
-from mrs_people_loc.errors import PeopleLocError
-from mrs_tools.common import process_count, progress_bar, write_text
+from mrs_tools.common import process_count, progress_bar, replace_from
 from mrs_tools.experiment.suite_report import markdown
 from mrs_tools.experiment.suite_steps import run_suite
 from mrs_tools.installing import default_file
-from mrs_tools.simulation.suite_scenes import suite_file, suite_scenes, with_tracks
+from mrs_tools.simulation.suite_scenes import drawn_from, suite_file, suite_scenes, with_tracks
 
 
 def command(
@@ -28,6 +27,10 @@ def command(
     half: Annotated[str, typer.Option(help="train, test or all.")] = "test",
     tracks: Annotated[
         Path | None, typer.Option(help="The folder of the UCY set, for the recorded walks.")
+    ] = None,
+    assets: Annotated[
+        Path | None,
+        typer.Option(help="Folder with meshes and assets.yaml (docs/assets.md) to draw from."),
     ] = None,
     every_step: Annotated[
         bool, typer.Option("--steps", help="Every step from the paper's method to ours.")
@@ -48,7 +51,7 @@ def command(
     with progress_bar() as progress:
         task = progress.add_task("", total=1.0)
         rows = run_suite(
-            [*scenes, *walks],
+            drawn_from([*scenes, *walks], assets),
             folder,
             paper=default_file("config", "paper.yaml"),
             every_step=every_step,
@@ -60,8 +63,4 @@ def command(
     text = markdown(rows, half)
     typer.echo(text, nl=False)
     if out is not None:
-        try:
-            before = out.read_text("utf-8").partition("## Results on")[0] if out.exists() else ""
-        except OSError as err:
-            raise PeopleLocError(f"{out}: cannot be read ({err.strerror or err})") from err
-        write_text(out, before + text)
+        replace_from(out, "## Results on", text)

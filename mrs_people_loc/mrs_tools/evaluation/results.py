@@ -22,10 +22,12 @@ import numpy as np
 from mrs_people_loc.config import Groups, PlannerConfig
 from mrs_people_loc.errors import BagError
 from mrs_tools.bags.estimates import estimate_of, has_people, read_recorded
+from mrs_tools.bags.labels import Labels, labels_beside
 from mrs_tools.bags.offline import BagRun, Interval
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.sources import RobotView, robots_of
 from mrs_tools.bags.truth import TRUTH_TOPIC, read_truth
+from mrs_tools.scoring.detections import DetectionScores, score_detections
 from mrs_tools.scoring.positions import Frame, percentile, ratio, score, summary
 from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.stragglers import StragglerScores, score_centres, score_stragglers
@@ -41,6 +43,7 @@ class Result:
 
     Attributes:
         frames: One per ground-truth message.
+        detections: What MODA and MODP are made of.
         tracks: What the scores of identities and velocities are made of.
         stragglers: What the scores of stragglers are made of.
         duration_s: From the first to the last message of the bag [s].
@@ -53,6 +56,7 @@ class Result:
     """
 
     frames: list[Frame] = field(default_factory=list)
+    detections: DetectionScores = field(default_factory=DetectionScores)
     tracks: TrackScores = field(default_factory=TrackScores)
     stragglers: StragglerScores = field(default_factory=StragglerScores)
     duration_s: float = 0.0
@@ -71,6 +75,7 @@ class Result:
         total = cls()
         for result in results:
             total.frames += result.frames
+            total.detections += result.detections
             total.tracks += result.tracks
             total.stragglers += result.stragglers
             total.duration_s += result.duration_s
@@ -86,7 +91,7 @@ class Result:
         return {
             "frames": scores["frames"],
             "duration_s": self.duration_s,
-            "people": scores["people"],
+            "people": {**scores["people"], **self.detections.report()},
             "group": scores["group"],
             "tracks": self.tracks.report(),
             "stragglers": self.stragglers.report(),
@@ -114,6 +119,8 @@ def evaluate_bag(
     recorded: bool = False,
     beside: bool = True,
     use_map: bool = False,
+    labels: Labels | None = None,
+    tracking: bool | None = None,
     on_interval: Callable[[Interval], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
@@ -126,24 +133,48 @@ def evaluate_bag(
             `points` is scored so anyway.
         beside: Whether the bag's own parameter file is read, see `BagRun`.
         use_map: Whether its `/map` masks walls and furniture, likewise.
+        labels: Hand labels, which are the truth in place of the bag's; None: those that lie beside
+            the bag, if there are any and `beside` is true.
+        tracking: Whether people are followed, likewise; None: as the files say, but never where
+            the labels say that it is not possible.
         on_interval: Called with each interval that is run.
         on_progress: Called with how much of the bag is done, 0 to 1.
 
     Raises:
         PeopleLocError: The bag or a file cannot be used.
     """
+    if labels is None and beside:
+        labels = labels_beside(bag.path if isinstance(bag, BagRun) else bag)
     if isinstance(bag, BagRun):
-        result = Result(truth=bag.truth(), duration_s=bag.duration_s)
+        result = _unscored(labels, bag)
         _run(bag, result, on_interval, on_progress)
         return _scored(result, bag.team.planner.groups)
     with BagReader(bag) as reader:
         if recorded or (not robots_of(reader) and has_people(reader)):
-            result = Result(truth=read_truth(reader), duration_s=reader.duration_s)
+            result = _unscored(labels, reader)
             topic, result.estimates = read_recorded(reader)
             result.notes.append(f"scored as recorded on {topic}")
             return _scored(result, PlannerConfig().groups)
-    run = BagRun(bag, configs, beside=beside, use_map=use_map)
-    return evaluate_bag(run, on_interval=on_interval, on_progress=on_progress)
+    if tracking is None and labels is not None and not labels.follow:
+        tracking = False
+    run = BagRun(bag, configs, beside=beside, use_map=use_map, tracking=tracking)
+    return evaluate_bag(
+        run, labels=labels, beside=False, on_interval=on_interval, on_progress=on_progress
+    )
+
+
+def _unscored(labels: Labels | None, bag: BagReader | BagRun) -> Result:
+    """The truth of a bag, nothing found yet.
+
+    Raises:
+        BagError: The truth is wrong, or the labels are of another recording.
+    """
+    if labels is None:
+        truth = read_truth(bag) if isinstance(bag, BagReader) else bag.truth()
+        return Result(truth=truth, duration_s=bag.duration_s)
+    labels.check_span(bag.start_ns, bag.end_ns)
+    notes = [f"the truth is that of {labels.path.name}"]
+    return Result(truth=labels.truth(), duration_s=bag.duration_s, notes=notes)
 
 
 def _scored(result: Result, groups: Groups) -> Result:
@@ -151,6 +182,7 @@ def _scored(result: Result, groups: Groups) -> Result:
     if not len(result.truth):
         result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
     frames = score(result.truth, result.estimates)
+    result.detections = score_detections(result.truth, result.estimates)
     result.frames = score_centres(result.truth, frames, result.estimates, config=groups)
     result.tracks = score_tracks(result.truth, result.frames, result.estimates)
     result.stragglers = score_stragglers(

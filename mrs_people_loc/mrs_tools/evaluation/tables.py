@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from mrs_tools.common import make_table, number
 from mrs_tools.evaluation.results import Result
 from mrs_tools.plain import plain
+from mrs_tools.scoring.detections import MODA_DISTANCE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,6 +23,7 @@ def show(results: Mapping[str, Result], console: Console) -> None:
         rows["total"] = Result.pooled(list(results.values()))
     reports = {name: result.report() for name, result in rows.items()}
     console.print(_people_table(reports))
+    console.print(_detections_table(reports))
     if any(result.tracks.tracks for result in rows.values()):
         console.print(_tracks_table(reports))
     if any(result.stragglers.observed_s for result in rows.values()):
@@ -54,6 +56,26 @@ def _people_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
             *(number(error[key], 100, 1) for key in ("mean", "p95", "max")),
             number(people["coverage_95"], 1, 3),
             number(report["group"]["centre_error_m"]["mean"], 100, 1),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def _detections_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
+    table = make_table(
+        f"detections (MODA, MODP at {MODA_DISTANCE:.2f} m; clean: frames without a false person)"
+    )
+    table.add_column("bag", overflow="fold", min_width=8)
+    for column in ("MODA", "MODP", "frames", "clean"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, report in reports.items():
+        people = report["people"]
+        table.add_row(
+            Text(plain(name)),
+            *(number(people[key], 1, 3) for key in ("moda", "modp")),
+            *(str(n) for n in (report["frames"], people["frames_without_false"])),
             style="bold" if name == "total" else None,
         )
     return table

@@ -81,7 +81,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
             "",
             "Each step keeps those above it. Without the walking groups.",
             "",
-            *_table(("step", *_HEAD), [[row.name, *_figures(row.report())] for row in rows]),
+            *table(("step", *_HEAD), [[row.name, *_figures(row.report())] for row in rows]),
         ]
     lines += [
         "",
@@ -96,7 +96,7 @@ def markdown(rows: Sequence[Row], half: str) -> str:
 
 def _people_of_kinds(first: Row, last: Row, kinds: Sequence[str]) -> list[str]:
     """People with paper.yaml and default.yaml, over all short scenes and over each kind."""
-    return _table(
+    return table(
         ("", "people", *_HEAD),
         [
             [f"{file}{label}", str(report["true"]), *_figures(report)]
@@ -108,7 +108,7 @@ def _people_of_kinds(first: Row, last: Row, kinds: Sequence[str]) -> list[str]:
 
 
 def _tracks_of_kinds(last: Row, kinds: Sequence[str]) -> list[str]:
-    return _table(
+    return table(
         ("", *_TRACKS_HEAD, "centre [cm]"),
         [
             [label, *_track_figures(last.tracks(*chosen)), number(last.centre(*chosen), 100, 1)]
@@ -126,9 +126,10 @@ def _scenes(first: Row, last: Row) -> list[str]:
         figures = [f"{new} ({old})" for new, old in both]
         tracks = _track_figures(result.tracks.report())[:-1]
         lines.append([name, str(people["true"]), *figures, *tracks])
-    return _table(("scene", "people", *_HEAD, *_TRACKS_HEAD[:-1]), lines)
+    return table(("scene", "people", *_HEAD, *_TRACKS_HEAD[:-1]), lines)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table in Markdown; all columns but the first are numbers."""
     bar = "|---" + "|---:" * (len(head) - 1) + "|"
     return [f"| {' | '.join(head)} |", bar, *(f"| {' | '.join(row)} |" for row in rows)]

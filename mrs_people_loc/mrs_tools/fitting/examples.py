@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
@@ -21,6 +22,7 @@ from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.timing import StageTimes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.truth import ASSETS_TOPIC
 
 #: A person is at a candidate if within this across the line of sight [m], and along it within a
 #: part that is fixed [m] and one in disparity [px], but no more than that [m] ...
@@ -42,6 +44,8 @@ class Examples(StructOfArrays):
         away: Distance to the nearest person in units of what counts as being there.
         across: How far that person's axis is to the left of the patch's middle [m].
         more_px: How much more inverse range that axis has [px].
+        inverse_range: Of the patch [px].
+        scale: Focal length times baseline of the head [px m].
         robot: Whether it is another robot.
         bag: Number of the bag.
     """
@@ -52,6 +56,8 @@ class Examples(StructOfArrays):
     away: Float
     across: Float
     more_px: Float
+    inverse_range: Float
+    scale: Float
     robot: Bool
     bag: Int
 
@@ -130,6 +136,25 @@ def examples_of(
     return Examples.concatenate(parts)
 
 
+def assets_of(bags: Sequence[Path]) -> list[dict[str, str]]:
+    """Meshes that are in bags of `mrs simulate --assets`: file, licence and origin of each.
+
+    Raises:
+        BagError: A bag or its list of meshes cannot be read.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for path in bags:
+        with BagReader(path) as bag:
+            if ASSETS_TOPIC in bag.topics:
+                for _, _, message in bag.decoded([ASSETS_TOPIC]):
+                    try:
+                        items = yaml.safe_load(message.data)
+                        found.update({str(item["file"]): dict(item) for item in items})
+                    except (yaml.YAMLError, TypeError, ValueError, KeyError) as err:
+                        raise BagError(f"{path}: {ASSETS_TOPIC} is no list of meshes") from err
+    return [found[file] for file in sorted(found)]
+
+
 def _true_poses(path: Path, robots: Sequence[str]) -> dict[str, Float]:
     """By robot, stamps [ns], x, y [m] and unwrapped yaw [rad], shape (n, 4)."""
     topics = {f"/ground_truth/{robot}/pose": robot for robot in robots}
@@ -192,6 +217,8 @@ def _examples(
         away=distance[row, nearest],
         across=across[row, nearest],
         more_px=scale / (ranges + along[row, nearest]) - inverse,
+        inverse_range=inverse,
+        scale=np.full(count, scale),
         robot=np.asarray(robot.any(axis=1)),
         bag=np.full(count, number),
     )

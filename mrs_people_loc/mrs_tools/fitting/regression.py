@@ -1,4 +1,4 @@
-"""Fits the body model to examples."""
+"""Regressions on columns of evidence: linear, of quantiles, logistic, and with a hidden layer."""
 
 from __future__ import annotations
 
@@ -9,70 +9,131 @@ import numpy as np
 from scipy.optimize import minimize
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.bodies.model import BodyModel, Layered, Linear, Scaled, fitted
-from mrs_people_loc.errors import PeopleLocError
-from mrs_tools.fitting.examples import Examples
+from mrs_people_loc.bodies.model import Layered, Linear, Scaled
 
 #: Width of the hidden layer, and what large weights cost.
 _HIDDEN, _HIDDEN_COST, _LINEAR_COST = 16, 40.0, 30.0
+#: How much more the mean residual of a group of examples counts than their scatter.
+_UNBIASED = 30.0
+#: Scaled columns are cut at 4; this share of the examples is within, at each end.
+_UNCUT = 0.001
+#: Rounding of the corner of the loss of quantiles.
+_CORNER = 0.02
 
 
-def fit(examples: Examples) -> BodyModel:
-    """Fits the model.
+def fit_scaled(values: Float, *, odd: bool = False, uncut: bool = False) -> Scaled:
+    """Means and sizes of columns.
 
-    Raises:
-        PeopleLocError: There are too few examples of either kind.
+    Args:
+        values: Shape (n, width).
+        odd: Means are 0.
+        uncut: Columns with rare large values get a larger scale, so that those are not cut.
     """
-    people = examples.select(examples.person)
-    clear = examples.select(examples.clear)
-    others = int(len(clear) - clear.person.sum())
-    if len(people) < 100 or others < 100:
-        raise PeopleLocError(
-            f"{len(people)} examples of people and {others} of other things; wanted: 100 of each"
-        )
-    human = _fit_layered(clear.even, clear.person.astype(np.float64))
-    across = _fit_linear(people.odd, people.across, width=0.05, odd=True)
-    depth = _fit_linear(people.depth, people.more_px, width=0.1)
-    return BodyModel(
-        human=human,
-        across=across,
-        depth=depth,
-        across_log_sigma=_fit_log_sigma(people.even, people.across - across(people.odd), 0.005),
-        depth_log_sigma=_fit_log_sigma(people.even, people.more_px - depth(people.depth), 0.01),
-        appearance=fitted().appearance,
-    )
-
-
-def _scaled(values: Float, *, odd: bool = False) -> Scaled:
     mean = np.zeros(values.shape[1]) if odd else values.mean(axis=0)
-    scale = np.sqrt(np.mean((values - mean) ** 2, axis=0)) + 0.02
-    return Scaled(_rounded(mean), _rounded(scale))
+    size = np.sqrt(np.mean((values - mean) ** 2, axis=0))
+    if uncut:
+        low, high = np.quantile(values - mean, (_UNCUT, 1.0 - _UNCUT), axis=0)
+        size = np.maximum(size, np.maximum(high, -low) / 4.0)
+    return Scaled(rounded(mean), rounded(size + 0.02))
 
 
-def _fit_linear(values: Float, target: Float, *, width: float, odd: bool = False) -> Linear:
-    """Huber's regression by reweighting, with a ridge; residuals above `width` count linearly."""
-    scaled = _scaled(values, odd=odd)
+def fit_linear(
+    values: Float,
+    target: Float,
+    *,
+    size: Float,
+    weight: Float,
+    odd: bool = False,
+    uncut: bool = False,
+    groups: Float | None = None,
+) -> Linear:
+    """Huber's regression by reweighting, with a ridge.
+
+    Args:
+        values: Shape (n, width).
+        target: Shape (n,).
+        size: Usual size of the residuals, shape (n,); larger ones count linearly.
+        weight: Of the examples, shape (n,), mean 1.
+        odd: There is no constant.
+        uncut: As of `fit_scaled`.
+        groups: How far each example is of each of some groups, shape (n, groups): in none shall
+            the mean residual differ from 0, at the cost of larger ones.
+    """
+    scaled = fit_scaled(values, odd=odd, uncut=uncut)
     x = np.column_stack([scaled(values), np.full(len(values), 0.0 if odd else 1.0)])
     ridge = np.diag([_LINEAR_COST] * values.shape[1] + [1e-6])
-    weight = np.ones(len(x))
+    least = weight / size**2
+    least /= least.mean()
+    robust = least
     for _ in range(20):
-        weighted = x * weight[:, np.newaxis]
-        solution = np.linalg.solve(weighted.T @ x + ridge, weighted.T @ target)
-        weight = np.minimum(1.0, width / np.maximum(np.abs(x @ solution - target), 1e-9))
-    return Linear(scaled, _rounded(solution[:-1]), float(_rounded(solution[-1:])[0]))
+        weighted = x * robust[:, np.newaxis]
+        normal, right_side = weighted.T @ x + ridge, weighted.T @ target
+        if groups is not None:
+            members = groups * robust[:, np.newaxis]
+            members *= np.sqrt(_UNBIASED / np.maximum(members.sum(axis=0), 1e-9))
+            means = members.T @ x
+            normal += means.T @ means
+            right_side += means.T @ (members.T @ target)
+        solution = np.linalg.solve(normal, right_side)
+        robust = least * np.minimum(1.0, size / np.maximum(np.abs(x @ solution - target), 1e-9))
+    return Linear(scaled, rounded(solution[:-1]), float(rounded(solution[-1:])[0]))
 
 
-def _fit_log_sigma(values: Float, residual: Float, floor: float) -> Linear:
-    """Log of the residuals' size, raised so that 95 % of them are within 1.96 sigma."""
-    model = _fit_linear(values, np.log(np.abs(residual) + floor), width=1.0)
-    ratios = np.abs(residual) / np.exp(model(values))
-    raised = model.offset + math.log(float(np.percentile(ratios, 95)) / 1.96)
-    return Linear(model.scaled, model.weights, raised)
+def fit_quantile(values: Float, target: Float, share: float, *, weight: Float) -> Float:
+    """Weights of columns whose sum is above the target for a share of the examples.
+
+    The loss of quantile regression (Koenker & Bassett 1978), its corner rounded. Of examples in
+    which a column is 1, and 0 in others, that share is right in each of the two groups.
+
+    Args:
+        values: Shape (n, width), among them a constant.
+        target: Shape (n,).
+        share: From 0 to 1.
+        weight: Of the examples, shape (n,), mean 1.
+
+    Returns:
+        Shape (width,).
+    """
+
+    def loss(p: Float) -> tuple[float, Float]:
+        over = (target - values @ p) / _CORNER
+        cost = _CORNER * (np.logaddexp(0.0, over) - (1.0 - share) * over)
+        slope = _logistic(over) - (1.0 - share)
+        return float((weight * cost).mean()), -(weight * slope) @ values / len(target)
+
+    start = np.zeros(values.shape[1])
+    found: Any = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 500})
+    return np.asarray(found.x)
 
 
-def _fit_layered(values: Float, target: Float) -> Layered:
+def fit_logistic(values: Float, target: Float, *, weight: Float, cost: float) -> Float:
+    """Logistic regression with a ridge on all but the constant, which is the last weight.
+
+    Args:
+        values: Shape (n, width), float32 or float64.
+        target: 0 or 1, shape (n,).
+        weight: Of the examples, shape (n,), mean 1.
+        cost: Of the squares of the weights.
+
+    Returns:
+        Shape (width + 1,).
+    """
+
+    def loss(p: Float) -> tuple[float, Float]:
+        z = values @ p[:-1].astype(values.dtype) + p[-1]
+        error = (weight * (_logistic(z) - target)).astype(values.dtype)
+        gradient = np.append(values.T @ error + cost * p[:-1], error.sum())
+        total = np.sum(weight * (np.logaddexp(0.0, z) - target * z))
+        return float(total + 0.5 * cost * np.sum(p[:-1] ** 2)), gradient.astype(np.float64)
+
+    start = np.zeros(values.shape[1] + 1)
+    found: Any = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 300})
+    return np.asarray(found.x)
+
+
+def fit_layered(values: Float, target: Float) -> Layered:
     """Logistic loss over a hidden layer of tanh, with a ridge, by L-BFGS from a fixed start."""
-    scaled = _scaled(values)
+    scaled = fit_scaled(values)
     x = scaled(values)
     inputs, width = x.shape[1], _HIDDEN
     rng = np.random.default_rng(0)
@@ -94,7 +155,7 @@ def _fit_layered(values: Float, target: Float) -> Layered:
         layer = np.tanh(x @ hidden + bias)
         z = layer @ output + offset
         cost = 0.5 * _HIDDEN_COST * (np.sum(hidden**2) + np.sum(output**2))
-        error = 1.0 / (1.0 + np.exp(-z)) - target
+        error = _logistic(z) - target
         back = np.outer(error, output) * (1.0 - layer**2)
         gradient = [
             (x.T @ back + _HIDDEN_COST * hidden).ravel(),
@@ -105,10 +166,14 @@ def _fit_layered(values: Float, target: Float) -> Layered:
         return float(np.sum(np.logaddexp(0.0, z) - target * z) + cost), np.concatenate(gradient)
 
     found: Any = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 250})
-    hidden, bias, output, offset = unpack(_rounded(found.x))
+    hidden, bias, output, offset = unpack(rounded(found.x))
     return Layered(scaled, hidden, bias, output, float(offset))
 
 
-def _rounded(values: Float) -> Float:
+def _logistic(z: Any) -> Any:
+    return 0.5 * (1.0 + np.tanh(0.5 * z))
+
+
+def rounded(values: Float) -> Float:
     """Five digits are plenty, and keep the file small."""
-    return np.array([float(f"{value:.5g}") for value in values])
+    return np.array([float(f"{value:.5g}") for value in np.ravel(values)]).reshape(np.shape(values))

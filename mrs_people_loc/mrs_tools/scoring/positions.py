@@ -10,6 +10,8 @@ The rules, in one place:
 - Truth without an estimate is missed. Everybody in the truth counts, except people that no robot
   sees: they are not required, and an estimate that fits one of them (and nobody who is required)
   counts neither as found nor as false.
+- Where the truth has a distance for it (`Truth.ignore_within`), an estimate that fits nobody is
+  ignored, too, if somebody who is not required is nearer than that.
 """
 
 from __future__ import annotations
@@ -70,6 +72,8 @@ class Frame:
         mahalanobis: Their squared distances in terms of the covariance, shape (k,); NaN: the
             covariance is none.
         ignored: Indices in the estimate of those that fit somebody who is not required.
+        beside: Indices in the estimate of those that fit nobody, but are ignored because somebody
+            who is not required is nearer than `Truth.ignore_within`.
         false: Indices in the estimate of those that fit nobody.
         counted: Who is required, or was found all the same, shape (m,).
         centre_error: Distance from `centre` to that of those who are counted [m]; NaN: there is no
@@ -84,6 +88,7 @@ class Frame:
     errors: Float
     mahalanobis: Float
     ignored: Int
+    beside: Int
     false: Int
     counted: Bool
     centre_error: float
@@ -164,6 +169,7 @@ def _missed(stamp_ns: int, truth: Truth) -> Frame:
         errors=np.empty(0),
         mahalanobis=np.empty(0),
         ignored=none,
+        beside=none,
         false=none,
         counted=required,
         centre_error=math.nan,
@@ -174,15 +180,17 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
     true, visible = truth.at(estimate.stamp_ns)
     required = np.isfinite(true).all(axis=1) & visible
     found = estimate.positions
+    optional = np.where(required[:, np.newaxis], np.nan, true)
     # First those who have to be found; what is left may still be somebody that no robot sees.
     one, other, errors = match(
         found, np.where(required[:, np.newaxis], true, np.nan), distance=distance
     )
     left = np.setdiff1d(np.arange(len(found)), one)
-    excused, unasked, _ = match(
-        found[left], np.where(required[:, np.newaxis], np.nan, true), distance=distance
-    )
+    excused, unasked, _ = match(found[left], optional, distance=distance)
     ignored = left[excused]
+    false = np.setdiff1d(left, ignored)
+    away = np.linalg.norm(found[false][:, np.newaxis] - optional[np.newaxis], axis=2)
+    near = (away < truth.ignore_within).any(axis=1)  # NaN compares false
     counted = required.copy()
     counted[unasked] = True
     centre_error = math.nan
@@ -197,7 +205,8 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
         errors=errors,
         mahalanobis=_mahalanobis(found[one] - true[other], estimate.covariances[one]),
         ignored=ignored,
-        false=np.setdiff1d(left, ignored),
+        beside=false[near],
+        false=false[~near],
         counted=counted,
         centre_error=centre_error,
     )
@@ -234,6 +243,7 @@ def summary(frames: Sequence[Frame]) -> dict[str, Any]:
             "matched": matched,
             "recall": ratio(matched, true),
             "precision": ratio(matched, estimates),
+            "frames_without_false": sum(not len(frame.false) for frame in frames),
             "error_m": {
                 "mean": _of(np.mean, errors),
                 "median": _of(np.median, errors),

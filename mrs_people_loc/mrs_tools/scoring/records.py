@@ -18,15 +18,18 @@ class Truth:
     Attributes:
         stamps_ns: Stamps [ns], ascending, int64, shape (n,).
         positions: Of each person at each stamp [m], shape (n, m, 2); NaN: not there.
-        visible: Whether a robot sees the person, shape (n, m).
+        visible: Whether a robot sees the person, i.e. whether they have to be found, shape (n, m).
         groups: Number of the group that each person belongs to, 0: none, shape (n, m); None: the
             truth does not say.
+        ignore_within: An estimate that fits nobody is ignored if somebody who is not visible is
+            nearer than this [m].
     """
 
     stamps_ns: NDArray[np.int64]
     positions: Float
     visible: Bool
     groups: Int | None = None
+    ignore_within: float = 0.0
 
     @classmethod
     def build(

@@ -6,6 +6,7 @@
     meshes.py     triangles with texture coordinates
     textures.py   procedural textures and the atlas they are sampled from
     rooms.py      floor, walls, furniture, clutter
+    interiors.py  furniture of lived-in rooms that detectors take for people
     human_body.py articulated people
     robots.py     the robots as solid bodies
     heads.py      cameras: rays of every pixel, and what the sensor makes of the light

@@ -3,8 +3,9 @@
 A body is made of lofts and tubes along the bones: hips, torso, neck, head, arms, hands, legs and
 feet, and what is worn or carried. Its frame: origin on the floor under the neck, x where the body
 faces, y to its left, z up; the neck's axis is x = y = 0 in every pose, so the place of a person is
-exactly the place of the frame. Proportions follow Winter, Biomechanics and Motor Control of Human
-Movement (segment lengths over stature).
+exactly the place of the frame. Of one who leans (`Person.lean`) the neck is half of that ahead of
+the frame and the hips are half of it behind. Proportions follow Winter, Biomechanics and Motor
+Control of Human Movement (segment lengths over stature).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_tools.simulation import textures
-from mrs_tools.simulation.meshes import Mesh, ellipsoid, loft, merge, tube
+from mrs_tools.simulation.meshes import Mesh, box, ellipsoid, loft, merge, tube
 from mrs_tools.simulation.motion import Place
 from mrs_tools.simulation.scene import Person
 from mrs_tools.simulation.textures import Atlas
@@ -67,6 +68,8 @@ _UPPER_ARM, _FOREARM, _HAND = 0.172, 0.150, 0.090
 _HIP, _HIP_HALF = 0.515, 0.052
 _THIGH, _SHANK, _ANKLE = 0.240, 0.235, 0.045
 _CHIN = 0.868
+#: From the hips to the neck.
+_SPINE = 0.30
 #: From under the ankle to the ends of the shoe.
 _TOE, _HEEL = 0.135, 0.035
 
@@ -119,6 +122,7 @@ class HumanBody:
         shade = person.shade or shade
         self._hair = pick(person.hair, ["short", "long", "bald", "cap"], [6, 4, 1, 1])
         self._bag = pick(person.bag, ["none", "backpack", "shoulder"], [7, 2, 1.5])
+        self._lean = person.lean
         self._pose = pick(
             person.pose, ["hang", "pockets", "crossed", "hips", "phone", "behind"],
             [5, 2, 2, 0.7, 1.5, 1],
@@ -136,6 +140,8 @@ class HumanBody:
         self._look = float(rng.uniform(-0.35, 0.35))
         self._gesture = float(rng.uniform(0.6, 1.3))
         self._swing_arms = float(rng.uniform(0.6, 1.2))
+        self._carries_with = int(math.sin(self._phase) > 0)
+        self._load = np.random.default_rng([person.seed or seed, 18]).uniform(0.0, 1.0, 3)
 
     def _make_materials(
         self, rng: np.random.Generator, atlas: Atlas, cloth: str, shade: float, contrast: float
@@ -169,8 +175,12 @@ class HumanBody:
         """
         pace = min(1.0, abs(place.speed) / 0.5)
         legs = self._stand() if pace < 0.02 else self._walk(place, pace)
-        drop = legs.pelvis[2]
-        neck = np.array([0.0, 0.0, drop])
+        neck = np.array([0.0, 0.0, legs.pelvis[2]])
+        if self._lean:
+            legs.pelvis[0] -= 0.5 * self._lean
+            # The spine keeps its length.
+            spine = _SPINE * self._h
+            neck += [0.5 * self._lean, 0.0, math.sqrt(spine**2 - self._lean**2) - spine]
         bones = [self._leg_bones(legs, k) for k in (0, 1)]
         parts = [
             self._hips(legs, bones),
@@ -391,8 +401,8 @@ class HumanBody:
         c, s = math.cos(yaw), math.sin(yaw)
         front, side = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
         table = _HEAD * tall
-        low = self._h - tall + neck[2]
-        centres = table[:, 3:4] * front + np.array([0.0, 0.0, low]) + table[:, :1] * _Z
+        low = np.array([neck[0], neck[1], self._h - tall + neck[2]])
+        centres = table[:, 3:4] * front + low + table[:, :1] * _Z
         parts.append(
             loft(
                 centres,
@@ -413,8 +423,8 @@ class HumanBody:
         )  # fmt: skip
         return [*parts, *self._hair_or_cap(front, side, low)]
 
-    def _hair_or_cap(self, front: NDArray, side: NDArray, low: float) -> list[Mesh]:
-        """On a head that faces `front`, its chin at height `low` [m]."""
+    def _hair_or_cap(self, front: NDArray, side: NDArray, low: NDArray) -> list[Mesh]:
+        """On a head that faces `front`, its chin over or under the point `low` [m]."""
         tall = self._head_height
         axes = np.array([front, side, _Z])
 
@@ -424,13 +434,29 @@ class HumanBody:
             )
 
         if self._hair == "long":
-            middle = np.array([0.0, 0.0, low + 0.30 * tall]) - 0.17 * tall * front
+            middle = low + 0.30 * tall * _Z - 0.17 * tall * front
             return [part(middle, (0.36, 0.37, 0.66), self._hair_material)]
         if self._hair == "short":
-            middle = np.array([0.0, 0.0, low + 0.69 * tall]) - 0.035 * tall * front
+            middle = low + 0.69 * tall * _Z - 0.035 * tall * front
             return [part(middle, (0.435, 0.345, 0.335), self._hair_material)]
+        if self._hair == "bun":
+            middle = low + 0.69 * tall * _Z - 0.035 * tall * front
+            knot = low + 0.86 * tall * _Z - 0.42 * tall * front
+            return [
+                part(middle, (0.435, 0.345, 0.335), self._hair_material),
+                part(knot, (0.17, 0.17, 0.17), self._hair_material),
+            ]
+        if self._hair == "hat":
+            middle = low + 0.80 * tall * _Z
+            return [
+                part(middle, (0.68, 0.62, 0.05), self._bag_material),
+                part(middle + 0.08 * tall * _Z, (0.43, 0.36, 0.34), self._bag_material),
+            ]
+        if self._hair == "hood":
+            middle = low + 0.48 * tall * _Z - 0.12 * tall * front
+            return [part(middle, (0.47, 0.46, 0.62), self._cloth)]
         if self._hair == "cap":
-            middle = np.array([0.0, 0.0, low + 0.76 * tall])
+            middle = low + 0.76 * tall * _Z
             brim = middle + 0.42 * tall * front
             return [
                 part(middle, (0.46, 0.36, 0.27), self._cloth),
@@ -515,7 +541,11 @@ class HumanBody:
                 (np.array([0.27, 0.10 * side, 0.76]) * h if k else hang),
                 (np.array([-0.1, side, -1.0]) if k else back),
             ),
+            "raised": (np.array([0.03, side * 0.17, 1.04]) * h, np.array([-0.2, side, 0.0])),
         }
+        carried = self._carrying_wrist(k)
+        if carried is not None:
+            return carried, back
         wrist, pole = poses.get(self._pose, poses["hang"])
         if talking or self._pose == "talk":
             t = self._gesture * time * 2.5 + self._phase + 1.3 * k
@@ -529,6 +559,17 @@ class HumanBody:
             wrist = wrist * (1 - pace) + self._swung_wrist(place, side) * pace
             pole = pole * (1 - pace) + back * pace
         return wrist, pole
+
+    def _carrying_wrist(self, k: int) -> NDArray | None:
+        """Where the wrist is, relative to the foot of the neck, if this arm holds something."""
+        h, side, girth = self._h, 1.0 - 2.0 * k, self._build
+        if self._bag == "box":
+            return np.array([0.17 * girth, side * 0.10, 0.60]) * h
+        if self._bag == "coat" and k == self._carries_with:
+            return np.array([0.14 * girth, side * 0.06, 0.61]) * h
+        if self._bag == "hand" and k == self._carries_with:
+            return np.array([0.0, side * 0.145 * girth**0.5, 0.470]) * h
+        return None
 
     def _swung_wrist(self, place: Place, side: float) -> NDArray:
         """Where the wrist is while walking: arms swing against the legs."""
@@ -554,7 +595,7 @@ class HumanBody:
         front, side = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
         axes = np.array([front, side, _Z])
         if self._bag == "backpack":
-            middle = neck + front * -(0.07 * b + 0.055) * h + 0.69 * h * _Z
+            middle = neck + front * (-(0.07 * b + 0.055) * h - 0.4 * self._lean) + 0.69 * h * _Z
             z = np.linspace(-0.13, 0.13, 6) * h
             return [
                 loft(
@@ -577,7 +618,34 @@ class HumanBody:
                 ellipsoid(middle, axes, (0.085 * h, 0.035 * h, 0.075 * h), self._bag_material),
                 tube(strap, np.full(3, 0.009 * h), front, self._bag_material, rings=8, segments=6),
             ]
+        if self._bag in ("hand", "box", "coat"):
+            return [self._load_mesh().placed(neck[0], neck[1], twist, neck[2])]
         return []
+
+    def _load_mesh(self) -> Mesh:
+        """What the hands hold, before or beside an upright body that faces x."""
+        h, load = self._h, self._load
+        side = 1.0 - 2.0 * self._carries_with
+        if self._bag == "box":
+            size = np.array([0.22, 0.26, 0.16]) + load * [0.14, 0.2, 0.24]
+            ahead = (0.11 * self._build + 0.02) * h + size[0] / 2
+            low = 0.575 * h
+            return box((ahead, 0.0, low + size[2] / 2), tuple(size), self._bag_material)
+        wrist = self._carrying_wrist(self._carries_with)
+        assert wrist is not None
+        if self._bag == "hand":
+            size = np.array([0.26, 0.07, 0.24]) + load * [0.16, 0.12, 0.16]
+            top = wrist[2] - 0.07 * h
+            return box((wrist[0], wrist[1], top - size[2] / 2), tuple(size), self._bag_material)
+        # Folded over the forearm, which it hides.
+        long = 0.35 + 0.3 * load[0]
+        z = wrist[2] + np.array([0.05, 0.04, 0.0, -0.5 * long, -long])
+        ahead, aside = 0.75 * wrist[0], side * 0.095 * h
+        centres = np.array([ahead, aside, 0.0]) + z[:, np.newaxis] * _Z
+        return loft(
+            centres, _Y, _X, np.array([0.09, 0.12, 0.13, 0.13, 0.14]),
+            np.array([0.03, 0.06, 0.07, 0.06, 0.055]), self._bag_material, segments=16, power=2.6,
+        )  # fmt: skip
 
 
 def _folds(rng: np.random.Generator, rings: int, segments: int, depth: float) -> NDArray:

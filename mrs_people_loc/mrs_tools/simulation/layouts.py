@@ -8,8 +8,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_tools.simulation import interiors
 from mrs_tools.simulation.rooms import SIZES, footprint
-from mrs_tools.simulation.scene import Furniture, Person, Robot, Scene, StereoHead
+from mrs_tools.simulation.scene import Furniture, Layout, Person, Robot, Room, Scene, StereoHead
 from mrs_tools.simulation.walks import Boxes, Way, way_of
 
 Rng = np.random.Generator
@@ -17,7 +18,21 @@ Rng = np.random.Generator
 _LARGE = ("table", "desk", "shelf", "cabinet", "pillar", "plant", "partition", "sofa", "board",
           "sign", "coat_stand", "chair", "desk", "chair")  # fmt: skip
 _SMALL = ("chair", "bin", "boxes", "lamp", "plant", "boxes", "coat_stand")
-_WALLED = {"shelf", "cabinet", "desk", "sofa"}
+_WALLED = {"shelf", "cabinet", "desk", "sofa", *interiors.WALLED}
+#: With `variety`: kinds and how often each is chosen.
+_VARIED = {
+    "door": 6, "workplace": 5, "office_chair": 3, "wardrobe": 3, "doorway": 3, "corner": 3,
+    "covered_table": 3, "whiteboard": 3, "chair": 2, "pier": 2, "curtain": 2, "ladder": 2,
+    "coat_hooks": 2, "rack": 2, "radiator": 2, "window": 2, "coat_on_stand": 1, "water_cooler": 1,
+    "table": 1, "desk": 1, "shelf": 1, "cabinet": 1, "pillar": 1, "plant": 1, "partition": 1,
+    "sofa": 1, "board": 1, "sign": 1, "coat_stand": 1,
+}  # fmt: skip
+_VARIED_SMALL = {
+    "office_chair": 5, "chair": 3, "boxes": 2, "coat_on_stand": 1, "ladder": 1, "water_cooler": 1,
+    "bin": 1, "lamp": 1, "plant": 1,
+}  # fmt: skip
+#: Chairs may stand right before a robot.
+_CHAIRS = ("chair", "office_chair")
 
 
 def expand(scene: Scene) -> Scene:
@@ -25,6 +40,15 @@ def expand(scene: Scene) -> Scene:
 
     The result depends on the scene and its seed alone.
     """
+    expanded = _expanded(scene)
+    if not scene.layout.variety:
+        return expanded
+    rng, named = np.random.default_rng([scene.seed, 101]), len(scene.people)
+    people = [*scene.people, *(_varied(person, rng) for person in expanded.people[named:])]
+    return dataclasses.replace(expanded, people=tuple(people))
+
+
+def _expanded(scene: Scene) -> Scene:
     plan = scene.layout
     if not (plan.people or plan.robots or plan.furniture or plan.clutter):
         return scene
@@ -103,6 +127,11 @@ def _posts(
     turn = rng.uniform(0, 2 * math.pi)
     posts: list[tuple[float, float, float]] = []
     for k in range(count):
+        if plan.variety and spots and rng.random() < 0.65:
+            near = _near_post(size, spots, posts, rng)
+            if near is not None:
+                posts.append(near)
+                continue
         for attempt in range(400):
             spread = 2 * math.pi / max(count, 1)
             angle = turn + k * spread + rng.normal(0, 0.25 + attempt / 200)
@@ -118,8 +147,30 @@ def _posts(
     return posts
 
 
+def _near_post(
+    size: NDArray,
+    spots: list[tuple[float, float]],
+    posts: list[tuple[float, float, float]],
+    rng: Rng,
+) -> tuple[float, float, float] | None:
+    """Where a robot looks at one person from 1.2 to 1.8 m, if there is room."""
+    for _ in range(60):
+        spot = np.array(spots[int(rng.integers(len(spots)))])
+        angle, reach = rng.uniform(-math.pi, math.pi), rng.uniform(1.2, 1.8)
+        place = spot - reach * np.array([math.cos(angle), math.sin(angle)])
+        inside = (place > 0.35).all() and (place < size - 0.35).all()
+        apart = all(math.dist(place, other) > 1.1 for other in spots)
+        clear = all(math.dist(place, post[:2]) > 0.9 for post in posts)
+        if inside and apart and clear:
+            yaw = angle + rng.normal(0.0, 0.15)
+            return float(place[0]), float(place[1]), float(math.remainder(yaw, 2 * math.pi))
+    return None
+
+
 def _head(scene: Scene, common: StereoHead, k: int, rng: Rng) -> StereoHead:
     kind = scene.layout.heads
+    if kind == "varied":
+        return _varied_head(scene, common, rng)
     if kind == "trinocular":
         return dataclasses.replace(common, top=common.baseline) if k == 0 else common
     if kind == "tilted" or (kind == "mixed" and rng.random() < 0.6):
@@ -136,6 +187,70 @@ def _head(scene: Scene, common: StereoHead, k: int, rng: Rng) -> StereoHead:
             left=round(float(rng.uniform(-0.05, 0.1)), 3),
         )
     return common
+
+
+#: Varied heads: focal length times baseline [px m], focal length at 160 px [px], baseline [m].
+_PX_M, _FOCAL, _BASELINE = (5.0, 25.0), (80.0, 400.0), (0.05, 0.25)
+
+
+def _varied_head(scene: Scene, common: StereoHead, rng: Rng) -> StereoHead:
+    """A head of any kind.
+
+    Three in five are about level and 1 m high, as on a robot; one in eight looks up.
+    """
+    product = math.exp(rng.uniform(*np.log(_PX_M)))
+    low = max(_FOCAL[0], product / _BASELINE[1])
+    high = min(_FOCAL[1], product / _BASELINE[0])
+    focal = math.exp(rng.uniform(math.log(low), math.log(high)))
+    mount = rng.random()
+    if mount < 0.6:
+        height, pitch = float(rng.normal(1.0, 0.12)), float(rng.normal(0.0, 0.03))
+        if rng.random() < 0.7:
+            # Sees a body 1.5 m away from the knees to the chest.
+            focal = float(np.clip(rng.uniform(160.0, 270.0), low, high))
+    elif mount < 0.73:
+        height, pitch = float(rng.uniform(0.7, 1.0)), float(rng.uniform(-0.26, -0.05))
+    else:
+        height = float(rng.uniform(1.2, 2.4))
+        # At somebody's chest or hips.
+        pitch = math.atan2(height - rng.uniform(0.8, 1.2), rng.uniform(1.8, 3.6))
+    height = float(np.clip(height, 0.7, min(2.4, scene.room.height - 0.3)))
+    focal *= common.width / 160
+    return dataclasses.replace(
+        common,
+        focal=round(focal, 2),
+        baseline=round(product * common.width / 160 / focal, 4),
+        height=round(height, 3),
+        pitch=round(float(np.clip(pitch, -0.26, 0.5236)), 4),
+        roll=round(float(np.clip(rng.normal(0.0, 0.04), -0.1745, 0.1745)), 4),
+        yaw=round(float(rng.normal(0.0, 0.05)), 4),
+        forward=round(float(rng.uniform(0.0, 0.15)), 3),
+        left=round(float(rng.uniform(-0.05, 0.1)), 3),
+    )
+
+
+def _varied(person: Person, rng: Rng) -> Person:
+    """The person with looks and a posture of their own; one in twelve who stand is bent forward."""
+    moves = person.walks or person.member or bool(person.path)
+    lean = float(rng.uniform(-0.02, 0.07) if moves else rng.normal(0.0, 0.02))
+    if not moves and rng.random() < 0.08:
+        lean = float(rng.uniform(0.12, 0.32))
+
+    def pick(options: dict[str, float]) -> str:
+        weights = np.array(list(options.values()))
+        return str(rng.choice(list(options), p=weights / weights.sum()))
+
+    poses = {"random": 5.0, "crossed": 1.0, "raised": 0.5, "point": 0.5, "hips": 0.5}
+    return dataclasses.replace(
+        person,
+        height=round(float(rng.uniform(1.45, 1.95)), 3),
+        build=round(float(np.clip(rng.normal(1.0, 0.13), 0.8, 1.4)), 3),
+        lean=round(float(np.clip(lean, -0.05, 0.32)), 3),
+        cloth=pick({"random": 6.0, "plain": 2.0, "stripes": 1.0, "blocks": 2.0, "print": 1.0}),
+        hair=pick({"random": 7.0, "hat": 1.0, "hood": 1.0, "bun": 1.0}),
+        bag=pick({"random": 5.0, "hand": 1.5, "box": 1.0, "coat": 1.0, "backpack": 1.5}),
+        pose=person.pose if person.pose != "random" else pick(poses),
+    )
 
 
 def _people(
@@ -390,15 +505,13 @@ def _furniture(
     """Pieces that stand in nobody's way; the large ones mostly along the walls."""
     plan, room = scene.layout, scene.room
     placed: list[Furniture] = []
-    wishes = [(_LARGE, 0.6)] * plan.furniture + [(_SMALL, 0.2)] * plan.clutter
+    large: tuple[str, ...] = _repeated(_VARIED) if plan.variety else _LARGE
+    small: tuple[str, ...] = _repeated(_VARIED_SMALL) if plan.variety else _SMALL
+    wishes = [(large, 0.6)] * plan.furniture + [(small, 0.2)] * plan.clutter
     for kinds, at_wall in wishes:
         for _ in range(60):
             kind = str(rng.choice(kinds))
-            size = list(SIZES[kind])
-            if kind == "pillar":
-                size[2] = room.height
-            elif kind in ("shelf", "plant", "partition", "cabinet", "boxes", "sign", "coat_stand"):
-                size[2] = round(size[2] * float(rng.uniform(0.75, 1.1)), 3)
+            size = _size(kind, room, rng, varied=plan.variety)
             radius = 0.5 * math.hypot(size[0], size[1])
             if kind in _WALLED or rng.random() < at_wall:
                 x, y, yaw = _along_wall(room.length, room.width, size, rng)
@@ -406,13 +519,45 @@ def _furniture(
                 x = float(rng.uniform(0.3 + radius, max(room.length - 0.3 - radius, 0.31 + radius)))
                 y = float(rng.uniform(0.3 + radius, max(room.width - 0.3 - radius, 0.31 + radius)))
                 yaw = float(rng.uniform(-math.pi, math.pi))
-            piece = Furniture(kind=kind, x=x, y=y, yaw=yaw, size=tuple(size))
+            piece = Furniture(
+                kind=kind, x=x, y=y, z=interiors.HANGING.get(kind, 0.0), yaw=yaw, size=tuple(size)
+            )
+            if kind in ("door", "doorway") and rng.random() < 0.6:
+                piece = dataclasses.replace(piece, open=round(float(rng.uniform(0.1, 1.7)), 3))
+            if kind == "doorway" and _beside_people(plan) and keep_clear and rng.random() < 0.5:
+                x, y = keep_clear[int(rng.integers(len(keep_clear)))]
+                piece = dataclasses.replace(piece, x=x, y=y, open=round(rng.uniform(1.3, 1.7), 3))
             if _fits(piece, radius, keep_clear, placed, scene) and not _blocks(
                 piece, radius, robots
             ):
                 placed.append(piece)
                 break
     return placed
+
+
+def _repeated(kinds: dict[str, int]) -> tuple[str, ...]:
+    return tuple(kind for kind, weight in kinds.items() for _ in range(weight))
+
+
+#: Kinds of the published suite that differ in height.
+_TALL = ("shelf", "plant", "partition", "cabinet", "boxes", "sign", "coat_stand")
+#: With `variety`: least and greatest share of the usual edge lengths; of kinds that differ more.
+_SHARES = (0.85, 0.7, 0.85), (1.2, 1.3, 1.12)
+_WIDE_SHARES = (0.8, 0.35, 0.9), (1.3, 1.5, 1.05)
+
+
+def _size(kind: str, room: Room, rng: Rng, *, varied: bool) -> list[float]:
+    """Edge lengths of a piece [m]."""
+    size = np.array(SIZES[kind])
+    if varied and kind not in ("door", "doorway"):
+        wide = kind in ("curtain", "pier", "window", "corner")
+        size *= rng.uniform(*(_WIDE_SHARES if wide else _SHARES))
+        size[2] = min(size[2], room.height - interiors.HANGING.get(kind, 0.0) - 0.1)
+    elif kind in _TALL:
+        size[2] *= rng.uniform(0.75, 1.1)
+    if kind == "pillar" or kind in interiors.FULL_HEIGHT:
+        size[2] = room.height
+    return [round(float(edge), 3) for edge in size]
 
 
 def _along_wall(
@@ -434,18 +579,58 @@ def _fits(
     placed: list[Furniture],
     scene: Scene,
 ) -> bool:
-    if scene.layout.activity == "group" and not _beside_the_way(piece, radius, scene):
+    plan = scene.layout
+    if plan.activity == "group" and not _beside_the_way(piece, radius, scene):
         return False
-    tour = scene.layout.activity == "tour"
-    if tour and abs(piece.y - scene.room.width / 2) < 1.5 + radius:
+    if plan.activity == "tour" and abs(piece.y - scene.room.width / 2) < 1.5 + radius:
         return False
-    if any(math.dist((piece.x, piece.y), spot) < radius + 0.45 for spot in keep_clear):
+    if _beside_people(plan):
+        if _least_distance(piece, keep_clear) < _BESIDE:
+            return False
+    elif any(math.dist((piece.x, piece.y), spot) < radius + 0.45 for spot in keep_clear):
         return False
     others = [f for f in (*scene.furniture, *placed) if f.kind != "wall"]
     return all(
         math.dist((piece.x, piece.y), footprint(other)[:2]) > radius + footprint(other)[2]
         for other in others
     )
+
+
+def _beside_people(plan: Layout) -> bool:
+    """Whether people may stand right beside furniture, or in a doorway."""
+    return plan.variety and plan.activity in ("stand", "talk", "close")
+
+
+#: How near to a piece somebody may stand [m].
+_BESIDE = 0.32
+
+
+def _least_distance(piece: Furniture, spots: list[tuple[float, float]]) -> float:
+    """How near the spots come to what a piece covers of the floor [m]."""
+    if not spots:
+        return math.inf
+    cos, sin = math.cos(piece.yaw), math.sin(piece.yaw)
+    local = (np.array(spots) - [piece.x, piece.y]) @ np.array([[cos, -sin], [sin, cos]])
+    middle, half = np.split(_covered(piece), 2, axis=1)
+    outside = np.maximum(np.abs(local[:, np.newaxis] - middle) - half, 0.0)
+    return float(np.linalg.norm(outside, axis=2).min())
+
+
+def _covered(piece: Furniture) -> NDArray:
+    """Rectangles that a piece covers, in its frame: middle and half lengths, shape (n, 4) [m]."""
+    dx, dy = piece.size[0] / 2, piece.size[1] / 2
+    boxes = [(0.0, 0.0, dx, dy)]
+    if piece.kind == "doorway":
+        side = max((dy - interiors.OPENING / 2) / 2, 0.0)
+        boxes = [(0.0, s * (dy - side), dx, side) for s in (-1, 1)]
+        if piece.open < 1.2:
+            boxes.append((0.0, 0.0, dx, dy))
+    if piece.open >= 1.2:
+        # The leaf is on one of both sides.
+        boxes += [(0.5, s * interiors.OPENING / 2, 0.4, 0.1) for s in (-1, 1)]
+    elif piece.open > 0.0:
+        boxes.append((0.45, 0.0, 0.45, interiors.OPENING / 2))
+    return np.array(boxes)
 
 
 def _beside_the_way(piece: Furniture, radius: float, scene: Scene) -> bool:
@@ -464,6 +649,6 @@ def _blocks(piece: Furniture, radius: float, robots: dict[str, Robot]) -> bool:
         dx, dy = piece.x - robot.x, piece.y - robot.y
         ahead = dx * math.cos(robot.yaw) + dy * math.sin(robot.yaw)
         aside = abs(-dx * math.sin(robot.yaw) + dy * math.cos(robot.yaw))
-        if 0 < ahead < 1.2 + radius and aside < radius + 0.25 * ahead and piece.kind != "chair":
+        if 0 < ahead < 1.2 + radius and aside < radius + 0.25 * ahead and piece.kind not in _CHAIRS:
             return True
     return False

@@ -32,10 +32,11 @@ def simulate(scene: Scene, out: Path, *, jobs: int = 1, on_frame: Any = None) ->
         BagError: The bag exists already or cannot be written.
         ConfigError: The scene cannot be rendered.
     """
+    from mrs_tools.simulation.assets import with_assets
     from mrs_tools.simulation.world import World
     from mrs_tools.simulation.writer import write_bag, write_team
 
-    scene = expand(scene)
+    scene = with_assets(expand(scene))
     if not scene.robots:
         raise ConfigError(f"{scene.name}: there is no robot in the scene")
     world = World(scene)

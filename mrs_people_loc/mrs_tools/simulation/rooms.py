@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.team.masking import OccupancyGrid
-from mrs_tools.simulation import textures
+from mrs_tools.simulation import interiors, textures
 from mrs_tools.simulation.meshes import Mesh, box, cylinder, ellipsoid, make, merge, quad
 from mrs_tools.simulation.scene import Furniture, Room
 from mrs_tools.simulation.textures import Atlas
@@ -36,6 +37,7 @@ SIZES = {
     "board": (0.5, 1.2, 1.8),
     "block": (0.5, 0.5, 0.5),
     "wall": (0.2, 3.0, 2.8),
+    **interiors.SIZES,
 }
 
 _WALLS: dict[str, Callable[..., textures.Texture]] = {
@@ -151,7 +153,11 @@ def _on_wall(
 def furniture_mesh(piece: Furniture, rng: Rng, atlas: Atlas, contrast: float) -> Mesh:
     """A piece of furniture where it stands."""
     size = piece.size or SIZES[piece.kind]
-    parts = _MAKERS[piece.kind](size, rng, atlas, contrast)
+    if piece.kind in interiors.MAKERS:
+        draw = interiors.Materials(rng, atlas, contrast)
+        parts = interiors.MAKERS[piece.kind](dataclasses.replace(piece, size=size), draw)
+    else:
+        parts = _MAKERS[piece.kind](size, rng, atlas, contrast)
     return merge(parts).placed(piece.x, piece.y, piece.yaw, piece.z)
 
 

@@ -85,10 +85,13 @@ class Room(Section):
     )
 
 
-#: Furniture and clutter that can be placed, see `rooms.py`.
+#: Furniture and clutter that can be placed, see `rooms.py` and, from `door` on, `interiors.py`.
 FURNITURE = (
     "table", "table_on_edge", "chair", "desk", "shelf", "cabinet", "pillar", "plant", "partition",
     "bin", "boxes", "coat_stand", "sign", "sofa", "lamp", "board", "block", "wall",
+    "door", "doorway", "corner", "pier", "window", "radiator", "wardrobe", "rack", "office_chair",
+    "workplace", "covered_table", "curtain", "coat_on_stand", "coat_hooks", "ladder", "whiteboard",
+    "water_cooler",
 )  # fmt: skip
 
 
@@ -104,6 +107,10 @@ class Furniture(Section):
     size: tuple[float, ...] = _field(
         (), "edge lengths x, y, z; empty: as such things are [m]", kind="floats", length=3
     )
+    open: float = _field(
+        0.0, "how far the leaf of a door or doorway stands open [rad]", low=0.0, high=2.8
+    )
+    mesh: str = _field("", "a file of the scene's assets (docs/assets.md), instead of ours")
 
 
 @dataclass(frozen=True)
@@ -150,13 +157,25 @@ class Person(Section):
     cloth: str = _field(
         "random",
         "texture of the upper garment",
-        choices=("random", "plain", "knit", "stripes", "checks", "print", "denim"),
+        choices=("random", "plain", "knit", "stripes", "checks", "print", "denim", "blocks"),
     )
     shade: float = _field(0.0, "its reflectance, 0.05 is black; 0: at random", low=0.0, high=0.95)
-    hair: str = _field("random", "hair", choices=("random", "short", "long", "bald", "cap"))
-    bag: str = _field(
-        "random", "what is carried", choices=("random", "none", "backpack", "shoulder")
+    hair: str = _field(
+        "random",
+        "hair, or what covers it",
+        choices=("random", "short", "long", "bald", "cap", "hat", "hood", "bun"),
     )
+    bag: str = _field(
+        "random",
+        "what is carried: on the back, at the shoulder, in a hand, a box before the chest, or a "
+        "coat over the arm",
+        choices=("random", "none", "backpack", "shoulder", "hand", "box", "coat"),
+    )
+    lean: float = _field(
+        0.0, "the head is so much farther ahead of the hips than usual, and x, y are midway "
+        "between them; 0.3 is bent forward [m]",
+        low=-0.1, high=0.45,
+    )  # fmt: skip
     pose: str = _field(
         "random",
         "what one who stands does with their arms",
@@ -170,8 +189,10 @@ class Person(Section):
             "behind",
             "talk",
             "point",
+            "raised",
         ),
     )
+    mesh: str = _field("", "a file of the scene's assets (docs/assets.md), instead of our bodies")
     seed: int = _field(0, "of everything that is left to chance; 0: from the scene", low=0)
 
 
@@ -285,9 +306,10 @@ class Layout(Section):
     )
     heads: str = _field(
         "level",
-        "level at 1 m; tilted: up to 2.4 m, 30 deg and 10 deg of roll; mixed; or trinocular for "
-        "the first robot",
-        choices=("level", "tilted", "mixed", "trinocular"),
+        "level at 1 m; tilted: up to 2.4 m, 30 deg and 10 deg of roll; mixed; trinocular for the "
+        "first robot; or varied: another head for each robot, 0.7 to 2.4 m high, level, tilted up "
+        "or nose down, of 5 to 25 px m (focal length times baseline)",
+        choices=("level", "tilted", "mixed", "trinocular", "varied"),
     )
     furniture: int = _field(0, "pieces of furniture", low=0, high=60)
     clutter: int = _field(0, "small things", low=0, high=60)
@@ -296,6 +318,10 @@ class Layout(Section):
     cloth: str = _field(
         "random", "clothes: random, or dark pullovers only", choices=("random", "dark")
     )
+    variety: bool = _field(
+        False, "every kind of furniture, in various sizes, and people who carry things, lean, "
+        "raise their arms or wear hats; otherwise the usual kinds of the published suite",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -363,6 +389,7 @@ class Scene:
         tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
         tracks_window: First and last time of the recording to be used [s], and the x, y that
             become the map's origin [m].
+        assets: A folder with meshes of people and furniture (`assets.py`), or "".
     """
 
     name: str = "scene"
@@ -381,6 +408,7 @@ class Scene:
     walk: Walk = Walk()
     tracks: str = ""
     tracks_window: tuple[float, ...] = ()
+    assets: str = ""
 
 
 _SECTIONS: dict[str, type[Section]] = {
@@ -394,7 +422,7 @@ _SECTIONS: dict[str, type[Section]] = {
 }
 _OTHERS = (
     "name", "seed", "description", "half", "furniture", "people", "robots", "head", "tracks",
-    "tracks_window",
+    "tracks_window", "assets",
 )  # fmt: skip
 
 
@@ -438,6 +466,7 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             heads=heads or {"": common},
             tracks=str(document.get("tracks", "")),
             tracks_window=tuple(float(t) for t in document.get("tracks_window", ())),
+            assets=str(document.get("assets", "")),
             **sections,  # type: ignore[arg-type]
         )
         for kind, items in (("people", scene.people), ("robots", scene.robots.values())):
@@ -467,6 +496,8 @@ def load_scene(path: str | Path, *, seed: int | None = None) -> Scene:
     scene = read_scene(load_yaml(path), str(path), seed=seed)
     if scene.tracks:
         scene = dataclasses.replace(scene, tracks=str(path.parent / scene.tracks))
+    if scene.assets:
+        scene = dataclasses.replace(scene, assets=str(path.parent / scene.assets))
     heads = {
         name: dataclasses.replace(
             head, calibration=tuple(str(path.parent / file) for file in head.calibration)

@@ -57,9 +57,12 @@ def suite_scenes(file: Path, half: str, *, tracks: Path | None = None) -> list[S
 def variants(scenes: list[Scene], count: int) -> list[Scene]:
     """More scenes of the same kinds, for fitting: `count` of each.
 
-    Each has a seed, furniture and clutter of its own; heads, walls, floor, light, faults of the
-    cameras and odometry are those of other scenes of the list, drawn at random. Two frames each.
-    From the `_NARROW`th on rooms are narrower, where everybody fits in, so that walls are near.
+    Each has a seed, furniture and clutter of its own; walls, floor, light, faults of the cameras
+    and odometry are those of other scenes of the list, drawn at random. Two frames each. Every
+    third keeps the suite's kinds of furniture, people and heads (of another scene); the others
+    have all kinds that there are (`layout.variety`), varied heads, robots at other distances and
+    stronger faults of the cameras. Every second is in a narrower room, where everybody fits in, so
+    that walls are near.
     """
     result = []
     for number in range(1, count + 1):
@@ -84,14 +87,40 @@ def variants(scenes: list[Scene], count: int) -> list[Scene]:
                 imaging=scenes[imagings[k]].imaging,
                 odometry=scenes[odometries[k]].odometry,
             )
-            if number >= _NARROW:
+            if number % 3:
+                variant = _varied(variant, rng)
+            if number % 2 == 0:
                 variant = _narrowed(variant, rng)
             result.append(variant)
     return result
 
 
-#: From this one on variants are in narrower rooms.
-_NARROW = 21
+def _varied(scene: Scene, rng: np.random.Generator) -> Scene:
+    """The scene with everything that rooms, people and heads may be."""
+    near = float(rng.uniform(1.2, 2.2))
+    layout = dataclasses.replace(
+        scene.layout,
+        variety=True,
+        heads="varied",
+        furniture=int(rng.integers(2, 18)),
+        near=round(near, 3),
+        far=round(near + float(rng.uniform(0.6, 2.4)), 3),
+    )
+    imaging = dataclasses.replace(
+        scene.imaging,
+        target=round(float(rng.uniform(75.0, 140.0)), 1),
+        noise=round(float(rng.uniform(0.8, 4.0)), 2),
+        blur=round(float(rng.uniform(0.2, 1.0)), 2),
+        gain_difference=round(float(rng.uniform(0.0, 0.08)), 3),
+        brightness_difference=round(float(rng.uniform(0.0, 4.0)), 2),
+        calibration_error=round(float(rng.uniform(0.0, 0.12)), 3),
+        gamma=round(float(rng.uniform(0.6, 1.0)), 2) if rng.random() < 0.3 else 1.0,
+    )
+    contrast = scene.room.contrast * float(rng.uniform(0.4, 1.5))
+    room = dataclasses.replace(
+        scene.room, contrast=round(contrast, 3), doors=int(rng.integers(0, 4))
+    )
+    return dataclasses.replace(scene, layout=layout, imaging=imaging, room=room)
 
 
 def _narrowed(scene: Scene, rng: np.random.Generator) -> Scene:
@@ -172,6 +201,13 @@ def _simulate_job(job: tuple[Scene, Path]) -> str:
     scene, bag = job
     simulate(scene, bag)
     return scene.name
+
+
+def drawn_from(scenes: list[Scene], assets: Path | None) -> list[Scene]:
+    """The scenes with a folder of assets, where one is given."""
+    if assets is None:
+        return scenes
+    return [dataclasses.replace(scene, assets=str(assets)) for scene in scenes]
 
 
 def shortened(scene: Scene, frames: int | None) -> Scene:

@@ -341,12 +341,61 @@ def door(rng: Rng, width: float, height: float) -> Texture:
     return Texture(np.clip(image, 0.02, 0.95).astype(np.float32), (width, height))
 
 
+def beyond(rng: Rng, width: float, height: float) -> Texture:
+    """What is seen through an open door: another room, light or dark, with floor and edges."""
+    w, h = 128, 256
+    wall = float(rng.choice([rng.uniform(0.03, 0.15), rng.uniform(0.15, 0.8)]))
+    image = wall + 0.03 * noise(rng, (h, w), (1.0, 2.0), finest=0.03, coarsest=0.6)
+    for _ in range(int(rng.integers(0, 4))):
+        at = int(rng.integers(w))
+        image[:, at : at + int(rng.integers(3, 40))] = wall * rng.uniform(0.3, 1.8)
+    image[: int(rng.integers(10, 40))] = rng.uniform(0.05, 0.5)
+    return Texture(np.clip(image, 0.02, 0.95).astype(np.float32), (width, height))
+
+
+def blinds(rng: Rng, contrast: float = 1.0) -> Texture:
+    """A window: slats across or upright, bars, or daylight alone."""
+    side, size = 128, (1.0, 1.0)
+    light = rng.uniform(0.5, 0.95)
+    image = light + 0.03 * contrast * noise(rng, (side, side), size, finest=0.05, coarsest=0.5)
+    kind = str(rng.choice(["slats", "upright", "bars", "none"], p=[0.35, 0.3, 0.15, 0.2]))
+    if kind != "none":
+        pitch = {"slats": 4, "upright": int(rng.choice([8, 16])), "bars": 32}[kind]
+        gap = max(1, int(pitch * rng.uniform(0.2, 0.6)))
+        marks = np.arange(side) % pitch < gap
+        shade = light * rng.uniform(0.2, 0.8)
+        if kind == "slats":
+            image[marks] = shade
+        else:
+            image[:, marks] = shade
+    return Texture(np.clip(image, 0.02, 0.98).astype(np.float32), size)
+
+
+def writing(rng: Rng, width: float, height: float) -> Texture:
+    """A white board: empty, or with lines of writing and drawings."""
+    w, h = 256, 128
+    image = rng.uniform(0.75, 0.9) + 0.02 * noise(
+        rng, (h, w), (2.0, 1.0), finest=0.03, coarsest=0.6
+    )
+    for _ in range(int(rng.integers(0, 7))):
+        x, y, wide = rng.integers(8, 160), rng.integers(8, 110), rng.integers(20, 90)
+        ink = float(rng.uniform(0.05, 0.5))
+        if rng.random() < 0.3:
+            cv2.rectangle(image, (int(x), int(y)), (int(x + wide), int(y + 20)), ink, 1)
+            continue
+        t = np.arange(wide)
+        heights = y + 2.5 * np.sin(t * rng.uniform(0.8, 1.6)) + rng.normal(0.0, 0.8, wide)
+        rows = np.clip(np.rint(heights), 0, h - 1).astype(int)
+        image[rows, np.minimum(x + t, w - 1)] = ink
+    return Texture(np.clip(image, 0.02, 0.95).astype(np.float32), (width, height))
+
+
 def fabric(rng: Rng, kind: str, mean: float, contrast: float = 1.0) -> Texture:
     """Cloth for people.
 
     Args:
         rng: Source of randomness.
-        kind: plain, knit, stripes, checks, print or denim.
+        kind: plain, knit, stripes, checks, print, denim or blocks.
         mean: Mean reflectance; a dark pullover has 0.06.
         contrast: 1: as such cloth is.
     """
@@ -367,6 +416,9 @@ def fabric(rng: Rng, kind: str, mean: float, contrast: float = 1.0) -> Texture:
         count = int(rng.integers(6, 16))
         image += 0.28 * np.sign(np.sin(2 * np.pi * count * u))
         image += 0.28 * np.sign(np.sin(2 * np.pi * count * v))
+    elif kind == "blocks":
+        bands = np.sin(2 * np.pi * int(rng.integers(1, 4)) * v + rng.uniform(0, 2 * np.pi))
+        image += rng.uniform(0.3, 0.6) * np.sign(bands)
     elif kind == "print":
         blobs = noise(rng, shape, size, finest=0.03, coarsest=0.2, slope=0.8)
         image += 0.35 * np.clip(blobs, -1.5, 1.5)

@@ -16,9 +16,11 @@ from mrs_people_loc.geometry import rotation_from_rpy
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
 from mrs_tools.simulation import motion
+from mrs_tools.simulation.assets import Source, load_assets
 from mrs_tools.simulation.heads import Camera, camera_models, expose, is_raw, make_camera
 from mrs_tools.simulation.heads import mounting as head_mounting
 from mrs_tools.simulation.human_body import HumanBody
+from mrs_tools.simulation.mesh_body import MeshBody
 from mrs_tools.simulation.meshes import Mesh, merge
 from mrs_tools.simulation.motion import Place, Track, Walker
 from mrs_tools.simulation.odometry import Belief, believe
@@ -62,7 +64,7 @@ class World:
     """A scene with everything drawn that was left to chance.
 
     Args:
-        scene: The scene, its layout already expanded (`layouts.expand`).
+        scene: The scene, its layout already expanded (`layouts.expand`, `assets.with_assets`).
 
     Attributes:
         scene: The scene.
@@ -80,6 +82,8 @@ class World:
             [r.phase for r in scene.robots.values()], default=0.0
         )
         self._atlas = Atlas()
+        self._assets = load_assets(scene.assets) if scene.assets else None
+        self._drawn: dict[str, Mesh] = {}
         self._walked = self._walk()
         self._build_room()
         self._build_robots()
@@ -114,7 +118,11 @@ class World:
         scene, room = self.scene, self.scene.room
         parts = [room_mesh(room, self._rng(1), self._atlas)]
         for k, piece in enumerate(scene.furniture):
-            parts.append(furniture_mesh(piece, self._rng(2, k), self._atlas, room.contrast))
+            if piece.mesh:
+                shape = self._shape(piece.mesh)
+                parts.append(shape.placed(piece.x, piece.y, piece.yaw, piece.z))
+            else:
+                parts.append(furniture_mesh(piece, self._rng(2, k), self._atlas, room.contrast))
         self._room = merge(parts)
         rng = self._rng(3)
         span = (np.arange(room.lamps) + 0.5) / room.lamps
@@ -173,11 +181,15 @@ class World:
         if walkers:
             self._walk_about(walkers, recorded)
         self._tracks += recorded
-        people += [Person()] * len(recorded)
+        for k in range(len(recorded)):
+            drawn = self._assets and self._assets.draw_person(Person(), self._rng(13, k))
+            people.append(drawn or Person())
         self.people = people
         dark = scene.layout.cloth == "dark"
-        self._bodies = [
-            HumanBody(
+        self._bodies: list[HumanBody | MeshBody] = [
+            MeshBody(self._shape(person.mesh), person.height)
+            if person.mesh
+            else HumanBody(
                 person,
                 int(self._rng(8, k).integers(1, 2**31)),
                 self._atlas,
@@ -186,6 +198,18 @@ class World:
             )
             for k, person in enumerate(people)
         ]
+
+    def _shape(self, file: str) -> Mesh:
+        """An asset with its textures in the atlas."""
+        assert self._assets is not None
+        if file not in self._drawn:
+            self._drawn[file] = self._assets.shape(file).drawn_from(self._atlas)
+        return self._drawn[file]
+
+    @property
+    def assets(self) -> dict[str, Source]:
+        """Where the meshes in the scene are from, by file."""
+        return {file: self._assets.source(file) for file in self._drawn} if self._assets else {}
 
     def _recorded_tracks(self) -> list[Track]:
         """Tracks of recorded people; their groups are added to those of the scene."""

@@ -22,6 +22,7 @@ from rosbags.interfaces import (
 from mrs_people_loc.geometry import quaternion_from_yaw
 from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
+from mrs_tools.bags.truth import ASSETS_TOPIC
 from mrs_tools.simulation.odometry import PoseSample
 from mrs_tools.simulation.rooms import floor_plan
 from mrs_tools.simulation.world import RenderedFrame, World
@@ -97,6 +98,14 @@ class Messages:
         std_msgs/Int32MultiArray; one dimension, labelled `people_groups`.
         """
         return self._of_people("people_groups", world.groups(world.truth_time(index)))
+
+    def assets(self, world: World) -> Any:
+        """Files, licences and origins of the assets in a scene: std_msgs/String, a YAML list."""
+        items = [
+            {"file": file, "licence": source.licence, "origin": source.origin}
+            for file, source in world.assets.items()
+        ]
+        return self._make("std_msgs/msg/String", data=yaml.safe_dump(items, sort_keys=False))
 
     def _of_people(self, label: str, data: NDArray) -> Any:
         dimension = self._make(
@@ -175,6 +184,9 @@ def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) ->
     with BagWriter(out) as bag:
         bag.add_topic(MAP_TOPIC, "nav_msgs/msg/OccupancyGrid", [_MAP_QOS])
         bag.write(MAP_TOPIC, world.stamp_ns(0.0), messages.floor_plan(world))
+        if world.assets:
+            bag.add_topic(ASSETS_TOPIC, "std_msgs/msg/String", [_MAP_QOS])
+            bag.write(ASSETS_TOPIC, world.stamp_ns(0.0), messages.assets(world))
         recordings = {name: RobotWriter(bag, name) for name in world.names}
         pending = [
             (world.stamp_ns(sample.time), name, belief.frame, sample)
@@ -234,8 +246,10 @@ def team_parameters(world: World) -> dict[str, Any]:
 def write_team(path: Path, world: World) -> None:
     """Writes `team_parameters` as a file for the nodes and `--config`."""
     text = yaml.safe_dump(team_parameters(world), sort_keys=False, default_flow_style=None)
+    licences = sorted({f"{one.origin} ({one.licence})" for one in world.assets.values()})
+    assets = f"# With meshes of {', '.join(licences)}.\n" if licences else ""
     path.write_text(
         f"# The team of the simulated scene {world.scene.name}, seed {world.scene.seed}: what "
-        f"differs from default.yaml.\n{text}",
+        f"differs from default.yaml.\n{assets}{text}",
         encoding="utf-8",
     )

@@ -42,7 +42,9 @@ def detected(make_cells):
 
 def test_score_of_a_person_is_that_of_its_bodies_without_the_prior(detected):
     """Where a person is expected, less evidence is enough, but it is no evidence."""
-    expected = Expected(np.array([(3.0, 0.0)]), 0.01 * np.eye(2)[np.newaxis])
+    expected = Expected(
+        np.array([(3.0, 0.0)]), 0.01 * np.eye(2)[np.newaxis], np.array([1]), np.array([False])
+    )
     for where in (NOBODY, expected):
         (person,) = detected([(3.0, 0.0, 1.5)], [(3.0, 0.0, 0.75)], expected=where).persons
         assert person.score == 2.25

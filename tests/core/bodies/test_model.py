@@ -48,12 +48,18 @@ def patches_of(difference, *, inside=None, inverse_range=5.0, tolerance=0.5) -> 
 
 
 def evidence_of(
-    patches: Patches, extent=1.0, shift=0.0, shift_sigma=0.0, contrast=None
+    patches: Patches,
+    extent=1.0,
+    shift=0.0,
+    shift_sigma=0.0,
+    contrast=None,
+    scale=SCALE,
+    focal=100.0,
 ) -> Evidence:
     n = len(patches)
     contrast = Vote.nothing(n).contrast if contrast is None else contrast
     vote = Vote(np.full(n, shift), np.full(n, shift_sigma), contrast)
-    return gather_evidence(patches, np.full(n, extent), vote, depth_disparity=SCALE)
+    return gather_evidence(patches, np.full(n, extent), vote, depth_disparity=scale, focal=focal)
 
 
 def random_patches(seed: int, n: int = 3) -> Patches:
@@ -165,7 +171,13 @@ def test_scalars_match_hand_computed_values():
     difference = np.full(SHAPE, 0.1)
     difference[::2] = -0.1
     even = evidence_of(patches_of(difference), extent=1.3).even[0]
-    assert even[-6:] == pytest.approx([2.0, 0.5, 1.3, 0.5 * 0.4, 0.1 * 0.4, 0.0], abs=1e-3)
+    assert even[-11:-5] == pytest.approx([2.0, 0.5, 1.3, 0.5 * 0.4, 0.1 * 0.4, 0.0], abs=1e-3)
+    # A body's 0.3 px, and 0.06 m, which are 0.15 px; 0.06 m across, and a pixel of 2 / 100 m.
+    sizes = [math.log(math.hypot(0.3, 0.15)), math.log(math.hypot(0.06, 0.02))]
+    assert even[-5:-3] == pytest.approx(sizes)
+    np.testing.assert_array_equal(even[-3:], 0.0)  # no farther than 2 m
+    farther = evidence_of(patches_of(difference), scale=17.5).even[0]  # 3.5 m
+    assert farther[-3:] == pytest.approx([1.5, 0.5, 0.0])
 
 
 def test_centroids_and_slope_match_hand_computed_values():
@@ -189,12 +201,27 @@ def test_depth_matches_hand_computed_values():
     depth = evidence_of(patches_of(difference), shift=0.25, shift_sigma=0.7).depth[0]
     rows = (HEIGHTS > 0.31) & (HEIGHTS < 1.95)
     mean = np.where(HEIGHTS > 1.0, 0.2, 0.3)[rows].mean()
-    # Quantiles, mean, that of the upper body, the vote, its sigma (at most 0.5), inverse range.
-    direct = [0.2, 0.2, 0.2, 0.3, 0.3, mean, 0.2, 0.25, 0.5, 5.0]
-    assert depth[:10] == pytest.approx(direct, abs=1e-5)
-    assert depth[10:19] == pytest.approx(np.array(direct[:9]) * 3 / 5, abs=1e-5)
-    assert depth[19:29] == pytest.approx(direct, abs=1e-5)  # times 5 / 5
-    assert depth[29] == pytest.approx(0.2)
+    # Quantiles, mean, that of the upper body, the vote, its sigma (at most 0.5).
+    direct = [0.2, 0.2, 0.2, 0.3, 0.3, mean, 0.2, 0.25, 0.5]
+    worth = math.sqrt(2.5)  # a metre of depth is 2.5 px
+    assert depth[:9] == pytest.approx(direct, abs=1e-5)
+    assert depth[9:18] == pytest.approx(np.array(direct) / worth, abs=1e-5)
+    assert depth[18:27] == pytest.approx(np.array(direct) * worth, abs=1e-5)
+    assert depth[27:] == pytest.approx([worth, 2.5, 1 / worth])
+
+
+@given(st.integers(0, 10**6), st.floats(0.5, 2.5))
+def test_heads_to_which_a_metre_of_depth_is_the_same_pixels_see_the_same_depth(seed, farther):
+    patches = random_patches(seed)
+    # So much farther away, by a head of the square of that: range over inverse range is the same.
+    away = dataclasses.replace(patches, inverse_range=patches.inverse_range * farther)
+    seen = evidence_of(patches, 1.1, 0.2, 0.04, focal=100.0)
+    other = evidence_of(away, 1.1, 0.2, 0.04, scale=SCALE * farther**2, focal=100.0 * farther)
+    np.testing.assert_allclose(other.depth, seen.depth, rtol=1e-9)
+    np.testing.assert_allclose(other.odd, seen.odd, rtol=1e-6, atol=1e-9)
+    # All but the range itself.
+    np.testing.assert_allclose(other.even[:, :-11], seen.even[:, :-11])
+    np.testing.assert_allclose(other.even[:, -9:-3], seen.even[:, -9:-3], rtol=1e-6)
 
 
 # ------------------------------------------------------------------------------- models ----

@@ -27,7 +27,9 @@ def found(make_cells, *people: tuple[float, float, int], expected=NOBODY, masked
 def test_weak_cluster_is_an_uncertain_person_only_where_one_is_expected(make_cells):
     """A person needs 150 points; 80 are enough where one is expected (half of them: 75)."""
     strong, weak, elsewhere = (3.0, 0.0, 20), (3.0, 1.5, 4), (3.0, -1.5, 4)
-    expected = Expected(np.array([(3.0, 1.5)]), 0.01 * np.eye(2)[np.newaxis])
+    expected = Expected(
+        np.array([(3.0, 1.5)]), 0.01 * np.eye(2)[np.newaxis], np.array([1]), np.array([False])
+    )
     people = strong, weak, elsewhere
     assert found(make_cells, *people) == [(3.0, 0.0, True)]
     assert found(make_cells, *people, expected=expected) == [(3.0, 0.0, True), (3.0, 1.5, False)]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.following.tracks import Tracker
+from mrs_people_loc.following.tracks import Tracker, TracksTuning
 from mrs_people_loc.people import NOBODY, Expected, Person
-from oracle.tracks import filtered
+from oracle.tracks import filtered, published
 
 MS = 1_000_000
 SIGMA = 0.04
@@ -75,7 +75,7 @@ def test_filter_equals_the_textbook_filter():
         state, covariance = wanted[k]
         np.testing.assert_allclose(got.position, state[:2], atol=1e-9)
         np.testing.assert_allclose(got.velocity, state[2:], atol=1e-9)
-        np.testing.assert_allclose(got.covariance, covariance[:2, :2], atol=1e-9)
+        np.testing.assert_allclose(got.covariance, published(*wanted[k]), atol=1e-9)
         np.testing.assert_allclose(got.velocity_covariance, covariance[2:, 2:], atol=1e-9)
         assert got.id == 1
         assert not got.coasting
@@ -114,7 +114,24 @@ def test_lasting_share_of_the_variance_is_not_filtered():
     still = lambda t: [(1.0, 1.0)]  # noqa: E731
     sure = follow(tracker(lasting_share=0.0), still, steps=50)[-1][0].covariance
     lasting = follow(tracker(lasting_share=0.5), still, steps=50)[-1][0].covariance
-    np.testing.assert_allclose(lasting - sure, 0.5 * SIGMA**2 * np.eye(2), rtol=1e-6)
+    np.testing.assert_allclose(lasting - sure, 0.87**2 * 0.5 * SIGMA**2 * np.eye(2), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("speed", "lead"), [(0.0, 0.0), (0.1, 0.0125), (0.4, 0.05), (1.2, 0.05)])
+def test_published_ellipse_is_longer_along_the_velocity_of_who_walks(speed, lead):
+    """The head leads the trunk by up to 5 cm; the filter itself does not get wider."""
+    way = lambda t: [(0.6 * speed * t, 0.8 * speed * t)]  # noqa: E731
+    out = follow(tracker(), way, steps=50, noise=0.0)
+    along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    covariance = out[-1][0].covariance
+    more = along @ covariance @ along - across @ covariance @ across
+    assert more == pytest.approx(lead**2, rel=1e-3, abs=1e-9)
+    if not speed:
+        return
+    plain = Tracker(cfg.Tracking(), TracksTuning(lead=0.0))
+    expected = [(follow(each, way, steps=50, noise=0.0), each.expect(5000 * MS))[1]
+                for each in (tracker(), plain)]  # fmt: skip
+    np.testing.assert_array_equal(expected[0].covariance, expected[1].covariance)
 
 
 # ------------------------------------------------------------------------------ who is who ----
@@ -219,20 +236,28 @@ def test_at_the_start_all_detections_are_new_people():
     assert ids(follower.step(found, 700 * MS)) == [1, 2, 3, 4, 5]
 
 
-@pytest.mark.parametrize(("score", "people"), [(0.0, 1), (-0.1, 0)])
-def test_detection_below_doubt_score_is_nobody_even_at_the_start(score, people):
+@pytest.mark.parametrize(("score", "people"), [(1.0, 1), (0.9, 0)])
+def test_detection_below_birth_score_is_nobody_even_at_the_start(score, people):
     assert len(tracker().step([person(0, 0, at_ns=0, score=score)], 0)) == people
 
 
 def test_detection_is_of_a_person_rather_than_of_what_may_become_one():
     """One at 0, what is no person yet at 0.6 m, and then a single detection between them."""
-    follower = tracker(start_time=0.0, birth_time=9.0)
+    follower = tracker(start_time=0.0, birth_time=9.0, sure_score=6.0)
     for k in range(10):
         now = k * 100 * MS
         found = [person(0, 0, at_ns=now, score=8.0), person(0.6, 0, at_ns=now, score=2.0)]
         assert ids(follower.step(found, now)) == [1]
     (one,) = follower.step([person(0.4, 0, at_ns=1000 * MS, score=4.0, sigma=0.2)], 1000 * MS)
     assert not one.coasting
+
+
+@pytest.mark.parametrize(("speed", "coasting"), [(1.8, 1), (2.2, 0)])
+def test_track_that_is_too_fast_for_a_person_does_not_coast(speed, coasting):
+    """Detections of several people in turn, as where images come once a second."""
+    follower = tracker(max_speed=2.0)
+    follow(follower, lambda t: [(speed * t, 0.0)], steps=30, noise=0.0)
+    assert len(follower.step([], 3000 * MS)) == coasting
 
 
 def test_flickering_detection_starts_no_track():
@@ -278,7 +303,8 @@ def test_occluded_person_coasts_at_constant_velocity():
 
 
 def test_long_occlusion_ends_a_track_and_return_restores_its_id():
-    out = follow(tracker(coast_time=1.0, memory=5.0), hidden_between(3.0, 5.5), steps=80)
+    follower = tracker(coast_time=1.0, memory=5.0, sure_score=6.0)
+    out = follow(follower, hidden_between(3.0, 5.5), steps=80)
     assert [len(people) for people in out[30:58]] == [1] * 10 + [0] * 17 + [1]
     assert {one.id for people in out for one in people} == {1}
     assert out[-1][0].age_s == pytest.approx(7.9)
@@ -299,7 +325,7 @@ def test_person_hidden_again_after_a_return_is_remembered():
         hidden = 3.0 <= t < 5.45 or 5.75 < t < 6.45
         return [(np.nan, np.nan) if hidden else (0.4 * t, 0.0)]
 
-    out = follow(tracker(coast_time=1.0, memory=5.0), ways, steps=80)
+    out = follow(tracker(coast_time=1.0, memory=5.0, sure_score=6.0), ways, steps=80)
     assert [len(people) for people in out[55:68]] == [0, 0, 1, *[1] * 7, 1, 1, 1]
     assert {one.id for people in out for one in people} == {1}
 
@@ -525,7 +551,10 @@ def test_expected_positions_are_extrapolated():
 
 
 def test_nearest_expected_person_within_gate_and_reach_is_found():
-    expected = Expected(np.array([(0.0, 0.0), (1.0, 0.0)]), np.tile(0.01 * np.eye(2), (2, 1, 1)))
+    expected = Expected(
+        np.array([(0.0, 0.0), (1.0, 0.0)]), np.tile(0.01 * np.eye(2), (2, 1, 1)),
+        np.array([1, 2]), np.array([False, False]),
+    )  # fmt: skip
     xy = np.array([(0.1, 0.0), (0.9, 0.1), (0.5, 3.0), (0.45, 0.0)])
     covariance = np.tile(0.01 * np.eye(2), (4, 1, 1))
     assert expected.near(xy, covariance, gate=4.0, reach=1.0).tolist() == [0, 1, -1, 0]

@@ -196,6 +196,7 @@ def test_recorded_people_are_scored_unchanged(make_bag, tmp_path):
             "matched": 6,
             "recall": pytest.approx(6 / 9),
             "precision": pytest.approx(6 / 7),
+            "frames_without_false": 4,
             "error_m": {
                 "mean": pytest.approx((0.1 + 0 + 0.2 + 0.3 + 0 + 0.02) / 6),
                 "median": pytest.approx(0.06),  # of 0, 0, 0.02, 0.1, 0.2, 0.3
@@ -203,6 +204,8 @@ def test_recorded_people_are_scored_unchanged(make_bag, tmp_path):
                 "max": pytest.approx(0.3),
             },
             "coverage_95": pytest.approx(5 / 6),  # sigma is 0.1; 0.3 is outside
+            "moda": pytest.approx(1 - (3 + 1) / 9),
+            "modp": pytest.approx(1 - (0.1 + 0 + 0.2 + 0.3 + 0 + 0.02) / 6 / 0.5),
         },
         # True centres (0.02, 1.5) and (0.12, 1.5); two groups by their sizes: (0.06, 1.7).
         "group": {"centre_error_m": {"mean": pytest.approx(0.1), "p95": pytest.approx(0.19)}},
@@ -299,10 +302,10 @@ def test_identities_are_scored(make_bag, tmp_path):
     total = json.loads(file.read_text())["total"]["tracks"]
     assert total == {**TRACKED, "id_switches": 2, "fragments": 2}
     lines = [line for line in result.output.splitlines() if "tracks (" in line or "total" in line]
-    assert len(lines) == 3
+    assert len(lines) == 4  # people, detections, and the title and total of tracks
     # MOTA, IDF1, switches, those a minute, fragments, MOTP, GOSPA, velocity: mean, p95
     figures = ["0.667", "0.778", "2", "66.67", "2", "3.8", "15.7", "12.5", "20.0"]
-    assert lines[2].split()[1:] == figures
+    assert lines[-1].split()[1:] == figures
 
 
 def with_a_straggler(bag: Bag) -> None:
@@ -866,6 +869,76 @@ def test_unsynchronized_pairs_are_reported(tmp_path):
     assert people_of(evaluate_bag(path, [apart]))["matched"] > 0
 
 
+# ---------------------------------------------------------------------------------- hand labels
+
+
+def labelled(folder: Path, name: str, **changes: Any) -> Path:
+    """Labels of `team_of_two`: only the first of the two people has to be found."""
+    people = [
+        {"frame": frame, "id": 1 + who, "head": head, "trunk": trunk, "must": who == 0,
+         "posture": "stands", "source": "head"}
+        for frame in range(4)
+        for who, (head, trunk) in enumerate((([2.0, 1.1], [2.0, 1.0]), ([4.6, -1.06], None)))
+    ]  # fmt: skip
+    document = {
+        "first_ns": START_NS, "step_ns": 100 * MS, "frames": 4, "follow": True, "people": people,
+    }  # fmt: skip
+    file = folder / name
+    file.write_text(json.dumps({**document, **changes}))
+    return file
+
+
+def test_labels_beside_a_bag_replace_its_truth(make_bag, tmp_path):
+    bag = make_bag(team_of_two)
+    labelled(tmp_path, "bag.labels.json")
+    result = evaluate_bag(bag, [PAPER])
+    people = people_of(result)
+    # The second person is 0.6 m from their label, which need not be found.
+    assert (people["true"], people["matched"], people["estimates"]) == (4, 4, 4)
+    assert people["error_m"]["mean"] == pytest.approx(0.1, abs=1e-6)
+    assert people["moda"] == 1.0
+    assert "the truth is that of bag.labels.json" in result.notes
+    unlabelled = people_of(evaluate_bag(bag, [PAPER], beside=False))
+    assert unlabelled["true"] == 8
+
+
+def test_labels_may_be_named_by_file_or_folder(make_bag, tmp_path):
+    bag = make_bag(team_of_two)
+    (tmp_path / "labels").mkdir()
+    file = labelled(tmp_path / "labels", "bag.labels.json")
+    figures = tmp_path / "figures.json"
+    for labels in (file, file.parent):
+        args = ("evaluate", bag, "-c", PAPER, "--labels", labels, "--json", figures)
+        assert run_mrs(*args).exit_code == 0
+        assert json.loads(figures.read_text())["people"]["true"] == 4
+    refused = run_mrs("evaluate", bag, "--labels", tmp_path)
+    assert refused.exit_code == 1
+    assert re.fullmatch(r"error: .*bag\.labels\.json cannot be read.*\n", refused.stderr)
+
+
+def test_labels_of_another_recording_are_refused(make_bag, tmp_path):
+    bag = make_bag(team_of_two)
+    labelled(tmp_path, "bag.labels.json", first_ns=START_NS + 900 * MS)
+    with pytest.raises(BagError, match=r"bag\.labels\.json labels .*another recording\?"):
+        evaluate_bag(bag, [PAPER])
+
+
+def test_people_are_not_followed_where_the_labels_exclude_it(make_bag, tmp_path):
+    bag = make_bag(team_of_two)
+
+    def ids(**options: Any) -> set[int]:
+        result = evaluate_bag(bag, **options)
+        return {int(one) for estimate in result.estimates for one in estimate.ids}
+
+    assert ids() != {0}
+    labelled(tmp_path, "bag.labels.json", follow=False)
+    assert ids() == {0}
+    assert ids(tracking=True) != {0}
+    labelled(tmp_path, "bag.labels.json", follow=True)
+    assert ids() != {0}
+    assert ids(tracking=False) == {0}
+
+
 # --------------------------------------------------------------------------------- command line
 
 
@@ -894,6 +967,15 @@ def test_table_counts_people_found_as_the_demo_does():
     assert re.search(r"a \[b\] +5 +9 +6 +0\.667 +0\.857", reported.get())
 
 
+def test_table_of_detections_shows_moda_modp_and_clean_frames():
+    people = {"moda": 0.52, "modp": None, "frames_without_false": 4}
+    console = Console(width=80)
+    with console.capture() as reported:
+        console.print(tables._detections_table({"one": {"frames": 5, "people": people}}))
+    assert re.search(r"bag +MODA +MODP +frames +clean", reported.get())
+    assert re.search(r"one +0\.520 +- +5 +4", reported.get())
+
+
 def test_json_of_one_bag_has_all_keys(tmp_path, formation):
     file = tmp_path / "figures.json"
     result = run_mrs("evaluate", FORMATION, "--config", PAPER, "--json", file)
@@ -906,7 +988,8 @@ def test_json_of_one_bag_has_all_keys(tmp_path, formation):
     assert figures["stragglers"] == NO_STRAGGLERS
     assert "MOTA" not in result.output
     assert list(figures["people"]) == [
-        "true", "estimates", "matched", "recall", "precision", "error_m", "coverage_95",
+        "true", "estimates", "matched", "recall", "precision", "frames_without_false", "error_m",
+        "coverage_95", "moda", "modp",
     ]  # fmt: skip
     assert list(figures["stages"]["robot_a"]) == [
         "valid_pixels", "raw", "zones", "noise", "cells", "zones_kept", "noise_kept", "cells_kept",

@@ -1,5 +1,6 @@
 """Scores that were worked out by hand."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -216,6 +217,7 @@ def test_counts_and_errors_match_hand_computed_values():
             "matched": 3,
             "recall": 0.6,
             "precision": 0.75,
+            "frames_without_false": 1,
             "error_m": {
                 "mean": pytest.approx(0.2),
                 "median": pytest.approx(0.2),
@@ -238,7 +240,7 @@ def test_undefined_figures_are_none():
     assert nothing["frames"] == 0
     assert nothing["people"] == {
         "true": 0, "estimates": 0, "matched": 0, "recall": None, "precision": None,
-        "error_m": undefined, "coverage_95": None,
+        "frames_without_false": 0, "error_m": undefined, "coverage_95": None,
     }  # fmt: skip
     assert nothing["group"] == {"centre_error_m": {"mean": None, "p95": None}}
     silent = summary(score(truth({0: [(0, 0)], 100: [(0, 0)]}), []))["people"]
@@ -276,6 +278,21 @@ def test_unseen_person_excuses_one_estimate_only():
     (frame,) = score(there, [estimate(0, (0.1, 0), (-0.1, 0))])
     assert len(frame.ignored) == 1
     assert len(frame.false) == 1
+
+
+@pytest.mark.parametrize(
+    ("away", "beside", "false"), [(0.69, [2], [1]), (0.71, [], [1, 2])], ids=["near", "far"]
+)
+def test_false_estimates_near_optional_people_are_ignored_within_their_limit(away, beside, false):
+    there = truth({0: [(0, 0), (5, 0)]}, visible=[[True, False]])
+    # The first is found, the second is beside that required person, the third beside the optional.
+    given = estimate(0, (0, 0), (0.5, 0), (5 + away, 0))
+    (frame,) = score(dataclasses.replace(there, ignore_within=0.70), [given])
+    assert (frame.beside.tolist(), frame.false.tolist()) == (beside, false)
+    assert len(frame.ignored) == 0
+    assert summary([frame])["people"]["estimates"] == 1 + len(false)
+    (unlimited,) = score(there, [given])
+    assert (unlimited.beside.tolist(), unlimited.false.tolist()) == ([], [1, 2])
 
 
 @pytest.mark.parametrize(
@@ -334,7 +351,8 @@ def test_order_of_people_does_not_matter(found, true, random):
 @given(places, places, st.lists(st.booleans(), min_size=6, max_size=6))
 def test_each_estimate_is_matched_ignored_or_false(found, true, seen):
     there = truth({0: true}, visible=[seen[: len(true)]])
+    there = dataclasses.replace(there, ignore_within=1.0)
     (frame,) = score(there, [estimate(0, *found)])
-    parts = [*frame.pairs[:, 0].tolist(), *frame.ignored.tolist(), *frame.false.tolist()]
-    assert sorted(parts) == list(range(len(found)))
+    parts = [frame.pairs[:, 0], frame.ignored, frame.beside, frame.false]
+    assert sorted(np.concatenate(parts).tolist()) == list(range(len(found)))
     assert frame.required[frame.pairs[:, 1]].all()

@@ -448,3 +448,13 @@ def test_neither_names_nor_order_matter(rng):
     for name in figures[0].keys() - {"errors", "velocity_errors"}:
         assert figures[0][name] == pytest.approx(figures[1][name]), name
     assert sorted(one.errors) == pytest.approx(sorted(other.errors))
+
+
+def test_tracks_near_optional_people_are_ignored_within_their_limit():
+    """The second person need not be found; their track is 0.6 m from them."""
+    there = truth([(A, B)] * 3, visible=[[True, False]] * 3)
+    estimates = estimated(*[{1: A, 2: (2.6, 0.0)}] * 3)
+    assert scored(there, estimates).report()["mota"] == 0.0
+    tolerant = replace(there, ignore_within=0.7)
+    report = scored(tolerant, estimates).report()
+    assert (report["mota"], report["idf1"], report["gospa"]) == (1.0, 1.0, 0.0)
