@@ -17,7 +17,7 @@ from oracle.head import axes_of, lens_of
 from oracle.numbers import (
     CELL_SAMPLES,
     CUT_AT,
-    DETECTOR_WINDOW,
+    DETECTOR_WINDOWS,
     FITTED_WINDOW,
     LEAST_BLOCKS,
     LEAST_DEPTH_M,
@@ -32,8 +32,8 @@ from oracle.numbers import (
 )
 from oracle.votes import STEPS, smoothed
 
-#: Lower and upper edge, half of the width [m], rows and columns.
-Window = tuple[float, float, float, int, int]
+#: Lower, upper, left and right edge [m], rows and columns.
+Window = tuple[float, float, float, float, int, int]
 
 
 def with_appearance(
@@ -50,7 +50,8 @@ def with_appearance(
     return (
         float(of["human"]) * min(max(human, LEAST_HUMAN), MOST_HUMAN)
         + float(of["above"]) * max(human - MOST_HUMAN, 0.0)
-        + float(of["detector"]) * score_of(DETECTOR_WINDOW, *at, detector, of["detector_middle"])
+        + float(of["detector"])
+        * max(score_of(of_it, *at, detector, of["detector_middle"]) for of_it in DETECTOR_WINDOWS)
         + float(of["fitted"])
         * score_of(FITTED_WINDOW, *at, of["fitted_weights"], of["fitted_middle"])
         + float(of["offset"])
@@ -67,13 +68,13 @@ def score_of(
     middle: Float,
 ) -> float:
     """What a classifier says of a window: the sum over its blocks in the image."""
-    low, high, half, rows, columns = window
-    tall, wide = (high - low) / rows, 2.0 * half / columns
+    low, high, leftmost, rightmost, rows, columns = window
+    tall, wide = (high - low) / rows, (leftmost - rightmost) / columns
     votes = _gradients(_grey(window, left, camera, bearing, away))
     total, inside, blocks = 0.0, 0, _blocks(rows, columns)
     for k, (row, column) in enumerate(blocks):
         middle_z = np.array(high - (row + CELL_SAMPLES) * tall)
-        middle_across = np.array(half - (column + CELL_SAMPLES) * wide)
+        middle_across = np.array(leftmost - (column + CELL_SAMPLES) * wide)
         u, v = _pixels(camera, bearing, away, middle_z, middle_across)
         if not (0 < u < camera.width - 1 and 0 < v < camera.height - 1):
             continue
@@ -111,13 +112,13 @@ def _pixels(
 
 def _grey(window: Window, left: Gray, camera: StereoCamera, bearing: float, away: float) -> Float:
     """Grey values of a window's samples, with those around them."""
-    low, high, half, rows, columns = window
-    tall, wide = (high - low) / rows, 2.0 * half / columns
+    low, high, leftmost, rightmost, rows, columns = window
+    tall, wide = (high - low) / rows, (leftmost - rightmost) / columns
     covered = camera.fx * tall / max(away, NEAREST_SAMPLED_M)
     sigma = next((sigma for above, sigma in SMOOTHED_ABOVE if covered > above), None)
     image = left.astype(np.float64) if sigma is None else smoothed(left, sigma)
     row, column = np.indices((rows + 2, columns + 2), dtype=np.float64)
-    z, across = high - (row - 0.5) * tall, half - (column - 0.5) * wide
+    z, across = high - (row - 0.5) * tall, leftmost - (column - 0.5) * wide
     return _values_at(image, *_pixels(camera, bearing, away, z, across))
 
 

@@ -11,14 +11,14 @@ from __future__ import annotations
 import functools
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 from typing import Any
 
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Float32
-from mrs_people_loc.bodies.gradients import BLOCK, GradientSampler, Histograms, Window
+from mrs_people_loc.bodies.gradients import BLOCK, CELL, GradientSampler, Histograms, Window
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
@@ -27,6 +27,11 @@ from mrs_people_loc.sensing.images import Gray
 #: 1.75 m.
 DETECTOR_WINDOW = Window(
     low=-16 * 1.75 / 96, high=112 * 1.75 / 96, width=64 * 1.75 / 96, rows=128, columns=64
+)
+#: What its windows cover that are one cell to either side: the axis is 5 to 10 cm behind the head
+#: of somebody who walks, and as uncertain as that.
+DETECTOR_VIEW = replace(
+    DETECTOR_WINDOW, width=(64 + 2 * CELL) * 1.75 / 96, columns=DETECTOR_WINDOW.columns + 2 * CELL
 )
 #: The window of the fitted classifier.
 FITTED_WINDOW = Window(low=-0.1, high=2.1, width=1.1, rows=64, columns=32)
@@ -107,7 +112,7 @@ class Appearance:
     """
 
     def __init__(self, camera: StereoCamera) -> None:
-        self._detector = GradientSampler(camera, DETECTOR_WINDOW)
+        self._detector = GradientSampler(camera, DETECTOR_VIEW)
         self._fitted = GradientSampler(camera, FITTED_WINDOW)
 
     def __call__(
@@ -124,8 +129,7 @@ class Appearance:
         """
         look = human >= RULED_OUT
         at = left, bearing[look], ranges[look]
-        weights = detector_weights()[:-1].reshape(-1, BLOCK)
-        detector = block_score(self._detector(*at), weights, model.detector_middle)
+        detector = detector_score(self._detector(*at), model.detector_middle)
         fitted = block_score(self._fitted(*at), model.fitted_weights, model.fitted_middle)
         low, high = HUMAN_LIMITS
         result = human.copy()
@@ -150,6 +154,21 @@ def block_score(histograms: Histograms, weights: Any, middle: Float) -> Float:
     blocks = np.einsum("nbk,bk->nb", histograms.values, weights.astype(np.float32)) - middle
     share = np.maximum(histograms.inside.mean(axis=1), _LEAST_SHARE)
     return np.asarray((blocks * histograms.inside).sum(axis=1) / np.sqrt(share))
+
+
+def detector_score(histograms: Histograms, middle: Float) -> Float:
+    """Score of the people detector in the best of its windows, shape (n,).
+
+    Args:
+        histograms: Histograms of n windows of `DETECTOR_VIEW`.
+        middle: As of `block_score`.
+    """
+    weights = detector_weights()[:-1].reshape(-1, BLOCK)
+    column = DETECTOR_WINDOW.rows // CELL - 1
+    windows = [slice(first, first + len(weights)) for first in (0, column, 2 * column)]
+    parts = (Histograms(histograms.values[:, k], histograms.inside[:, k]) for k in windows)
+    scores = [block_score(part, weights, middle) for part in parts]
+    return np.asarray(np.max(scores, axis=0))
 
 
 @functools.cache

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.bodies.appearance import (
+    DETECTOR_VIEW,
     DETECTOR_WINDOW,
     FITTED_WINDOW,
     Appearance,
     AppearanceModel,
     block_score,
+    detector_score,
+    detector_weights,
 )
 from mrs_people_loc.bodies.gradients import BLOCK, Histograms
 from mrs_people_loc.bodies.model import fitted
@@ -72,6 +75,18 @@ def test_block_scores_match_hand_computed_values():
     inside = np.array([[True] * 4, [True, False, False, False]])
     score = block_score(Histograms(values, inside), weights, np.array([0.5, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(score, [9.5, 0.5 / np.sqrt(0.25)])
+
+
+@pytest.mark.parametrize("cells", [0, 1, 2])
+def test_people_detector_finds_its_pattern_up_to_a_cell_aside(cells):
+    weights = detector_weights()[:-1].reshape(-1, BLOCK)
+    values = np.zeros((1, DETECTOR_VIEW.blocks, BLOCK), dtype=np.float32)
+    values[0, 15 * cells : 15 * cells + DETECTOR_WINDOW.blocks] = weights  # 15 blocks a column
+    inside = np.ones((1, DETECTOR_VIEW.blocks), dtype=bool)
+    middle = np.full(DETECTOR_WINDOW.blocks, 0.01)
+    wanted = (weights.astype(np.float64) ** 2).sum() - middle.sum()
+    score = detector_score(Histograms(values, inside), middle)
+    np.testing.assert_allclose(score, [wanted], rtol=1e-5)
 
 
 def test_nobody_has_no_score(make_head):

@@ -173,7 +173,7 @@ def test_report_has_all_documented_figures(bag, tmp_path):
     assert [row["people"] for row in report["tracking"]] == [10, 50, 200]
     assert all(row["tracker_ms"] > 0 and row["groups_ms"] > 0 for row in report["tracking"])
     targets = report["targets"]
-    limits = [1.0, 500.0, 2.0, 1.0, 1.0, 10.0, 3.0, 1.0, 1.0, 0.5, 10.0]
+    limits = [1.0, 500.0, 2.0, 1.0, 1.0, 8.0, 3.0, 1.0, 1.0, 0.5, 10.0]
     assert [t["limit"] for t in targets] == limits
     files = [t["configuration"].partition(",")[0] for t in targets]
     assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + ["10 people", "200 people"]
