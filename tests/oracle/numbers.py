@@ -136,7 +136,7 @@ LEAST_SCORE = -2.0
 SQUARE_M, MOST_IN_SQUARE = 0.5, 100
 #: Published standard deviations over those of the filter; what a head leads its trunk by [m], from
 #: which speed on [m/s].
-PUBLISHED, LEAD_M, LEAD_SPEED = 0.9, 0.05, 0.4
+PUBLISHED, LEAD_M, LEAD_SPEED = 0.87, 0.05, 0.4
 
 # --- places ------------------------------------------------------------------------------------
 

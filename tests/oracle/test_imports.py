@@ -70,7 +70,7 @@ def test_all_modules_of_the_oracle_exist():
     assert len(MODULES) > 15
 
 
-def test_comparison_runs_nothing_of_the_core_but_search_and_finder_of_bodies():
+def test_comparison_runs_nothing_of_the_core_but_bodies_and_a_planner_that_is_recorded():
     tree = ast.parse((FOLDER / "comparison.py").read_text(encoding="utf-8"))
     core = {name for module, name in imported(tree) if (module or "").startswith("mrs_people_loc")}
     called = {
@@ -78,7 +78,7 @@ def test_comparison_runs_nothing_of_the_core_but_search_and_finder_of_bodies():
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }
-    assert core & called == {"BodyFinder", "BodySearch", "StageTimes"}
+    assert core & called == {"BodyFinder", "BodySearch", "Planner", "StageTimes"}
 
 
 def test_oracle_is_not_shipped():

@@ -190,7 +190,7 @@ class Tracking(Section):
         low=0.01, high=60.0,
     )  # fmt: skip
     sure_score: float = field(
-        3.0, "log-odds from which a new track is a person at once", low=-20.0, high=8.0
+        2.0, "log-odds from which a new track is a person at once", low=-20.0, high=8.0
     )
     birth_score: float = field(
         1.0, "... and from which a track is a person after tracking.birth_time", low=-20.0, high=8.0

@@ -43,7 +43,9 @@ class TracksTuning:
             distance: two standard deviations.
         max_delay_s: Upper bound of a detection's age [s].
         max_variance: Upper bound of the variance of a place [m^2] and a velocity [m^2/s^2].
-        published: Standard deviations of published positions over those of the filter.
+        published: Standard deviations of published positions over those of the filter; with `lead`,
+            90 to 98 % of the true positions lie in 95 % ellipses of the training suite, of
+            textured meshes and of recordings of real people.
         lead: Standard deviation along the velocity [m] that is added to published positions: of
             a person who walks, the head leads the trunk. It is proportional to the speed up to ...
         lead_speed: ... this speed [m/s].
@@ -58,7 +60,7 @@ class TracksTuning:
     max_delay_s: float = 1.0
     max_variance: float = 25.0
     lost_reach: float = 0.5
-    published: float = 0.9
+    published: float = 0.87
     lead: float = 0.05
     lead_speed: float = 0.4
     travelled: float = 0.4
@@ -244,6 +246,8 @@ class Tracker:
             free = np.setdiff1d(free, other)
         # No track coasts, or is remembered, for longer than it was seen.
         coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
+        # Too fast for a person: the detections were of several people, or of nobody.
+        coast_s[np.hypot(*tracks.state[:, 2:].T) > config.max_speed] = 0.0
         limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
         ended = ~tracks.seen & (tracks.unseen_s > limit)
         ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)

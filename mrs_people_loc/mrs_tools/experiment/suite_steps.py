@@ -79,6 +79,7 @@ def steps() -> list[Step]:
             {
                 "bodies.search": True,
                 "bodies.human_test": False,
+                "bodies.appearance": False,
                 "bodies.vote": False,
                 "bodies.axis": False,
             },
@@ -95,6 +96,7 @@ def steps() -> list[Step]:
         Step("one voted disparity per body", default("bodies.vote"), {}),
         Step("human test", default("bodies.human_test"), default("joining.min_score")),
         Step("from the surface to the axis", default("bodies.axis"), {}),
+        Step("appearance", default("bodies.appearance"), {}),
         Step("fragments of a person are that person", {}, default("joining.fragment_gate")),
         Step("people are followed from interval to interval", {}, default("tracking.enabled")),
     ]

@@ -1,4 +1,4 @@
-"""Meshes of people and furniture that a user has: a folder with `assets.yaml`.
+"""Meshes of people and furniture in a folder of the user's, listed in its `assets.yaml`.
 
 ::
 
@@ -66,7 +66,7 @@ class Source(Section):
 
 @dataclass(frozen=True)
 class Shape:
-    """What an asset looks like.
+    """Geometry and textures of an asset.
 
     Attributes:
         mesh: On the floor, its front along x, in the middle (furniture: of its edges, people: of
@@ -122,7 +122,7 @@ class Assets:
         return self.people.get(file) or self.furniture[file]
 
     def shape(self, file: str) -> Shape:
-        """What an asset looks like; it is read once.
+        """Geometry and textures of an asset; each file is read once.
 
         Raises:
             ConfigError: It is not there, cannot be read, or its size is absurd.
@@ -295,9 +295,9 @@ def _upright(path: Path, source: Source) -> tuple[Mesh, list[Texture]]:
     return mesh.placed(0.0, 0.0, source.yaw, -float(mesh.vertices[:, 2].min())), textures
 
 
-#: Surfaces of one colour: its reflectance is the place on this texture, which is so large that the
-#: mean over what a pixel covers never reaches to other places.
-_RAMP = Texture(np.tile((np.arange(256, dtype=np.float32) + 0.5) / 256, (2, 1)), (1e4, 1e4))
+#: Surfaces without an image: their reflectance is the texture coordinate on this ramp. It is two
+#: rows high, so that the atlas keeps no coarser, averaged copies of it.
+_RAMP = Texture(np.tile((np.arange(256, dtype=np.float32) + 0.5) / 256, (2, 1)), (1.0, 1.0))
 
 
 def _tile(parts: list[Part]) -> float:

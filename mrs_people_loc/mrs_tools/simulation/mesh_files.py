@@ -57,7 +57,7 @@ def read_parts(path: Path, up: str = "") -> list[Part]:
 
     Args:
         path: The file.
-        up: The axis that is up in it, y or z; empty: as it says, or as such files have it.
+        up: The axis that is up in it, y or z; empty: as the file states, or by its format.
 
     Raises:
         ConfigError: It cannot be read, or has neither textures nor colours.
@@ -73,7 +73,7 @@ def read_parts(path: Path, up: str = "") -> list[Part]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of both libraries, about their own code and the file
-            parts, said = read(path)
+            parts, stated = read(path)
     except ConfigError:
         raise
     except Exception as err:  # both libraries raise whatever their parsers do
@@ -83,7 +83,7 @@ def read_parts(path: Path, up: str = "") -> list[Part]:
         raise ConfigError(f"{path}: has no triangles")
     if not all(np.isfinite(part.vertices).all() and np.isfinite(part.uv).all() for part in parts):
         raise ConfigError(f"{path}: has coordinates that are not finite")
-    if (up or said or UP[path.suffix.lower()]) == "y":
+    if (up or stated or UP[path.suffix.lower()]) == "y":
         return [_turned_up(part) for part in parts]
     return parts
 
@@ -153,19 +153,15 @@ def _primitives(document: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _texture_file(mesh: Path, name: str) -> Path:
-    """A texture that a mesh names: there, or of that name in the folders of its model.
+    """A texture that a mesh names, relative to the mesh.
 
     Raises:
         ConfigError: There is none.
     """
-    relative = Path(unquote(urlparse(name).path).replace("\\", "/"))
-    if (mesh.parent / relative).is_file():
-        return mesh.parent / relative
-    for folder in (mesh.parent, mesh.parent.parent):
-        for found in sorted(folder.rglob("*")):
-            if found.name.lower() == relative.name.lower() and found.is_file():
-                return found
-    raise ConfigError(f"{mesh}: its texture {name} is missing")
+    path = mesh.parent / unquote(urlparse(name).path).replace("\\", "/")
+    if not path.is_file():
+        raise ConfigError(f"{mesh}: its texture {name} is missing")
+    return path
 
 
 def _read_image(path: Path) -> NDArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ from mrs_tools.simulation.world import World
 from mrs_tools.simulation.writer import PEOPLE_TOPIC
 
 ROOT = Path(__file__).resolve().parents[3]
-#: The chest's image by quarters, as one who looks at the person sees them: sRGB values.
+#: The chest's image by quarters, as seen by an observer in front of the person: sRGB values.
 UPPER_LEFT, UPPER_RIGHT, LOWER_LEFT, LOWER_RIGHT = 255, 128, 64, 0
 #: Their reflectance, by the definition of sRGB; black is kept at 0.01, white at 0.98.
 REFLECTANCE = {255: 0.98, 128: 0.2159, 64: 0.0513, 0: 0.01}
@@ -92,7 +93,7 @@ def folder_of(
     (mesh or made_person()).export(folder / name)
     crate = trimesh.creation.box(extents=(0.5, 0.9, 1.1))
     crate.unmerge_vertices()
-    crate.visual.vertex_colors = [188, 188, 188, 255]
+    crate.visual.vertex_colors = [100, 100, 100, 255]
     crate.export(folder / "crate.ply")
     mine = {"licence": "CC0-1.0", "origin": "made by the test"}
     document = {
@@ -107,11 +108,13 @@ def shape_of(folder: Path, file: str) -> Shape:
     return Assets(folder).shape(file)
 
 
-def seen(mesh: Mesh, atlas: Atlas, origin: tuple, points: NDArray) -> NDArray:
-    """Reflectance that somebody at a place sees at points, in light from everywhere."""
+def seen(
+    mesh: Mesh, atlas: Atlas, origin: tuple, points: NDArray, pixel_angle: float = 1e-4
+) -> NDArray:
+    """Reflectance at points as seen from `origin`, in light from everywhere."""
     caster = Caster(mesh, atlas, Light(np.zeros((0, 3)), np.zeros(0), 1.0))
     directions = (points - np.array(origin)).astype(np.float32)
-    light, _, _ = caster.look(np.array(origin), directions, 1e-4)
+    light, _, _ = caster.look(np.array(origin), directions, pixel_angle)
     return light / 0.8  # of upright surfaces
 
 
@@ -132,18 +135,31 @@ def test_texture_lies_where_the_file_puts_it(tmp_path: Path) -> None:
     atlas = Atlas()
     mesh = shape_of(folder_of(tmp_path), "person.glb").drawn_from(atlas)
     front = float(mesh.vertices[np.abs(mesh.vertices[:, 2] - 1.48) < 0.01, 0].max())
-    # Who looks at a person has the person's left side on the right.
+    # The person's left side is on the right of an observer in front.
     points = np.array([(front, y, z) for z in (1.4, 1.0) for y in (-0.1, 0.1)])
     light = seen(mesh, atlas, (3.0, 0.0, 1.2), points)
     wanted = [UPPER_LEFT, UPPER_RIGHT, LOWER_LEFT, LOWER_RIGHT]
     assert light == pytest.approx([REFLECTANCE[value] for value in wanted], rel=0.02)
 
 
-def test_colours_without_an_image_are_seen(tmp_path: Path) -> None:
+def test_coarse_pixels_see_the_mean_of_what_they_cover(tmp_path: Path) -> None:
+    shape = shape_of(folder_of(tmp_path), "person.glb")
+    # The image covers the chest once.
+    assert shape.textures[1].size == pytest.approx([math.sqrt(0.38 * 0.58)] * 2, rel=1e-3)
+    atlas = Atlas()
+    mesh = shape.drawn_from(atlas)
+    front = float(mesh.vertices[np.abs(mesh.vertices[:, 2] - 1.48) < 0.01, 0].max())
+    light = seen(mesh, atlas, (3.0, 0.0, 1.2), np.array([(front, 0.0, 1.19)]), 0.5)
+    assert light == pytest.approx(np.mean(list(REFLECTANCE.values())), rel=0.03)
+
+
+@pytest.mark.parametrize("pixel_angle", [1e-4, 0.1])
+def test_colours_without_an_image_are_seen(tmp_path: Path, pixel_angle: float) -> None:
     atlas = Atlas()
     mesh = shape_of(folder_of(tmp_path), "crate.ply").drawn_from(atlas)
-    light = seen(mesh, atlas, (3.0, 0.0, 0.5), np.array([(0.25, 0.3, 0.7), (0.25, -0.2, 0.2)]))
-    assert light == pytest.approx(0.503, abs=0.01)  # sRGB 188
+    points = np.array([(0.25, 0.3, 0.7), (0.25, -0.2, 0.2)])
+    light = seen(mesh, atlas, (3.0, 0.0, 0.5), points, pixel_angle)
+    assert light == pytest.approx(0.1274, abs=0.001)  # sRGB 100
 
 
 COLLADA = """<?xml version="1.0"?>
@@ -250,7 +266,7 @@ def body_of(folder: Path, height: float = 0.0) -> MeshBody:
     return MeshBody(shape_of(folder, "person.glb").drawn_from(Atlas()), height)
 
 
-def test_legs_of_one_who_walks_take_turns(tmp_path: Path) -> None:
+def test_legs_alternate_while_walking(tmp_path: Path) -> None:
     body = body_of(folder_of(tmp_path))
     speed = 1.0
     stride = (0.55 + 0.48 * speed) * 1.75 / 1.7
@@ -338,9 +354,20 @@ def test_robot_sees_the_mesh_where_the_truth_says(tmp_path: Path) -> None:
     world = World(with_assets(scene_with(folder_of(tmp_path))))
     owner, depth = world.look("robot_a", 0.0)
     middle = depth[owner == 0]
-    # Who faces the robot at 3 m has the chest a tenth of a metre in front of the axis.
+    # The person faces the robot from 3 m; the surface is some centimetres in front of the axis.
     assert len(middle) > 50
     assert np.median(middle) == pytest.approx(3.0 - 0.05, abs=0.08)
+
+
+def test_height_in_the_scene_counts(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path)
+    pixels = []
+    for height in (1.3, 1.9):
+        person = {"x": 5.0, "y": 3.5, "height": height}
+        world = World(with_assets(scene_with(folder, people=[person], furniture=[])))
+        owner, _ = world.look("robot_a", 0.0)
+        pixels.append((owner == 0).sum())
+    assert pixels[1] / pixels[0] == pytest.approx((1.9 / 1.3) ** 2, rel=0.15)
 
 
 def test_layout_draws_meshes_by_its_seed(tmp_path: Path) -> None:

@@ -54,6 +54,11 @@ def test_unknown_kind_of_furniture_is_refused_with_the_allowed_ones() -> None:
     assert set(MAKERS) < set(FURNITURE)
 
 
+def test_every_kind_of_furniture_is_documented() -> None:
+    text = (SUITE.parent / "README.md").read_text()
+    assert [kind for kind in FURNITURE if f"`{kind}`" not in text] == []
+
+
 @pytest.mark.parametrize("kind", list(MAKERS))
 @pytest.mark.parametrize("scale", [1.0, 0.7])
 def test_a_piece_has_its_size(kind: str, scale: float) -> None:
