@@ -61,9 +61,8 @@ def detect(
     if places is not None:
         lost = places.step(joined, bodies, expected, time_ns, tracking.static_score)
         joined = dataclasses.replace(joined, score=joined.score - lost)
-    near = expected.near(
-        joined.xy, joined.covariance, gate=tracking.gate, reach=tracking.max_distance
-    )
+    gate, reach = tracking.gate, tracking.max_distance
+    near = expected.near(joined.xy, joined.covariance, gate=gate, reach=reach)
     prior = np.where(near >= 0, tracking.expected_score, 0.0)
     likely = dataclasses.replace(joined, score=joined.score + prior)
     people = are_people(likely, bodies, config.joining, expected=near)

@@ -2,7 +2,7 @@
 
     mrs simulate --suite train OUT_DIR/train
     mrs simulate --suite train --variants 20 OUT_DIR/more
-    mrs fit OUT_DIR/*/*/ --out mrs_people_loc/mrs_people_loc/body_model.json
+    mrs fit OUT_DIR/*/*/ --out body_model.json
 
 Each candidate of each view is an example: a person if somebody truly is there, none if nobody is
 near. What is in between, and what is another robot of the team (the planner knows where those
