@@ -18,11 +18,13 @@ _EXTRAS = {
     **dict.fromkeys(["typer", "rosbags", "lz4", "backports", "rich"], "[tools]"),
     **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
     "pypcd4": "[convert]",
-    "embreex": "[sim]",
+    **dict.fromkeys(["embreex", "trimesh", "collada"], "[sim]"),
     **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),
     **dict.fromkeys(["diagnostic_msgs", "stereo_msgs", "visualization_msgs"], "[ros]"),
     **dict.fromkeys(["builtin_interfaces", "lifecycle_msgs", "rosgraph_msgs"], "[ros]"),
 }
+#: Names on PyPI that are not those of the modules.
+_PYPI = {"collada": "pycollada"}
 #: Ubuntu's packages; what is not among them is on PyPI alone.
 _UBUNTU = {
     "typer": "python3-typer",
@@ -69,8 +71,8 @@ def how_to_install(module: str) -> str | None:
     if module in _UBUNTU:
         return f"sudo apt install {_UBUNTU[module]}"
     return (
-        f"python3 -m venv --system-site-packages ~/mrs && ~/mrs/bin/pip install {module}, then "
-        "`~/mrs/bin/python -m mrs_tools` in place of `mrs`"
+        "python3 -m venv --system-site-packages ~/mrs && ~/mrs/bin/pip install "
+        f"{_PYPI.get(module, module)}, then `~/mrs/bin/python -m mrs_tools` in place of `mrs`"
     )
 
 

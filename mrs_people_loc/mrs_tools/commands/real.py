@@ -20,11 +20,14 @@ from mrs_tools.plain import plain
 def command(
     folder: Annotated[Path, typer.Argument(help="Bags, with the parameter file of each.")],
     labels: Annotated[
-        Path | None, typer.Option(help="Folder of label files; of this project: recordings.")
+        Path | None,
+        typer.Option(
+            help="Label files of bags that have none beside them.", show_default="recordings"
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Replace what follows the first table's heading in this file."),
+        typer.Option(help="Replace the results in this file: all from its `## Results` on."),
     ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the figures to this file.")

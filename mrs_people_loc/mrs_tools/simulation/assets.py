@@ -208,7 +208,7 @@ def _listed(folder: Path, kind: str, items: object) -> dict[str, Source]:
             if not getattr(source, key):
                 raise ConfigError(f"{where}[{number}] has no {key}")
         for pattern in source.files:
-            if Path(pattern).is_absolute():
+            if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
                 raise ConfigError(f"{where}[{number}]: {pattern} is not below the folder")
             files = sorted(path for path in folder.glob(pattern) if path.is_file())
             if not files:

@@ -61,14 +61,13 @@ def read_parts(path: Path, up: str = "") -> list[Part]:
 
     Raises:
         ConfigError: It cannot be read, or has neither textures nor colours.
+        ImportError: trimesh or pycollada is not installed.
     """
     if path.suffix.lower() not in UP:
         raise ConfigError(f"{path}: is no mesh that can be read; allowed: {', '.join(UP)}")
-    try:
-        import collada  # noqa: F401
-        import trimesh  # noqa: F401
-    except ImportError as err:
-        raise ConfigError(f"{path}: needs {err.name} (the extra sim)") from err
+    import collada  # noqa: F401
+    import trimesh  # noqa: F401
+
     read = _collada if path.suffix.lower() == ".dae" else _other
     try:
         with warnings.catch_warnings():

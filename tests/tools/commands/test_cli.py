@@ -52,6 +52,12 @@ def test_typer_0_9_understands_each_command(name: str) -> None:
             "`~/mrs/bin/python -m mrs_tools` in place of `mrs`",
         ),
         (
+            "collada",
+            "pip install 'mrs-people-loc[sim]'",
+            "python3 -m venv --system-site-packages ~/mrs && ~/mrs/bin/pip install pycollada, then "
+            "`~/mrs/bin/python -m mrs_tools` in place of `mrs`",
+        ),
+        (
             "rclpy",
             "source your ROS 2 installation, or pip install 'mrs-people-loc[ros]'",
             "source your ROS 2 installation, or run `make setup`",

@@ -415,6 +415,7 @@ def test_named_mesh_stays(tmp_path: Path) -> None:
     [
         ({"files": ["nobody*.glb"]}, "no file nobody*.glb"),
         ({"files": ["/etc/passwd"]}, "is not below the folder"),
+        ({"files": ["../*/person.glb"]}, "is not below the folder"),
         ({"files": []}, "has no files"),
         ({"licence": ""}, "has no licence"),
         ({"origin": ""}, "has no origin"),
