@@ -3,9 +3,8 @@
 Offsets to the axis are regressions whose residuals count in proportion to what they usually are: a
 part in pixels of disparity, from matching, and a part in metres, from the shape of bodies. All
 ranges count alike, and at no true range may the mean differ from the truth: the least squares alone
-would draw far bodies to where most are, at 2 m. Standard deviations and
-the combination of the scores are fitted to predictions for bags that the predicting model has not
-seen.
+would draw far bodies to where most are, at 2 m. Standard deviations and the combination of the
+scores are fitted to predictions for bags that the predicting model has not seen.
 """
 
 from __future__ import annotations

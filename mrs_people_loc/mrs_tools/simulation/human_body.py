@@ -3,9 +3,9 @@
 A body is made of lofts and tubes along the bones: hips, torso, neck, head, arms, hands, legs and
 feet, and what is worn or carried. Its frame: origin on the floor under the neck, x where the body
 faces, y to its left, z up; the neck's axis is x = y = 0 in every pose, so the place of a person is
-exactly the place of the frame. Of one who leans (`Person.lean`) the neck is half of that ahead of
-the frame and the hips are half of it behind. Proportions follow Winter, Biomechanics and Motor
-Control of Human Movement (segment lengths over stature).
+exactly the place of the frame. When a person leans (`Person.lean`), the neck is ahead of the frame
+by half of that and the hips are behind it by the other half. Proportions follow Winter,
+Biomechanics and Motor Control of Human Movement (segment lengths over stature).
 """
 
 from __future__ import annotations

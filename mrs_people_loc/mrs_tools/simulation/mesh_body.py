@@ -18,7 +18,7 @@ _CROSSED, _APART = 0.1, 0.015
 
 
 class MeshBody:
-    """One person, whose looks are a mesh.
+    """One person, drawn as a mesh.
 
     The person's place is the mean of the middles of head and trunk. A person who walks swings their
     legs from the hips, unless the legs cross in the mesh; arms stay as they are.

@@ -322,16 +322,16 @@ def test_bag_has_the_same_truth_and_names_the_assets(tmp_path: Path) -> None:
     for bag in (meshes, ours):
         with BagReader(bag) as reader:
             truths.append([raw.data for raw in reader.messages([PEOPLE_TOPIC])])
-            said = [message.data for _, _, message in reader.decoded([ASSETS_TOPIC])] \
+            lists = [message.data for _, _, message in reader.decoded([ASSETS_TOPIC])] \
                 if ASSETS_TOPIC in reader.topics else []  # fmt: skip
         if bag is meshes:
-            (text,) = said
+            (text,) = lists
             assert {"file": "person.glb", "licence": "CC0-1.0", "origin": "made by the test"} in (
                 yaml.safe_load(text)
             )
             assert "made by the test (CC0-1.0)" in team_file(bag).read_text()
         else:
-            assert said == []
+            assert lists == []
             assert "CC0" not in team_file(bag).read_text()
     assert truths[0] == truths[1]
     mine = {"licence": "CC0-1.0", "origin": "made by the test"}
