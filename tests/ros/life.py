@@ -31,9 +31,14 @@ class Life:
     due_s: float = 0.0
 
     def start(self, robot: str) -> None:
-        """Starts a robot_node."""
-        files = [ROOT / "config" / "team.yaml"]
-        self.robots[robot] = self.team.start("robot_node", namespace=f"/{robot}", files=files)
+        """Starts a robot_node.
+
+        Without appearance: the recorded people are cylinders with the texture of noise.
+        """
+        files, params = [ROOT / "config" / "team.yaml"], {"bodies.appearance": "false"}
+        self.robots[robot] = self.team.start(
+            "robot_node", namespace=f"/{robot}", files=files, params=params
+        )
 
     def feed(self) -> None:
         """Sends the next frame of what every robot sees, stamped now, five times a second."""
