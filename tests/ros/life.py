@@ -12,7 +12,7 @@ from mrs_people_msgs.msg import People
 
 from ros.harness import ROOT, NodeProcess, Peer, Team
 from ros.planner_peer import robots_in
-from ros.recording import Recording, set_stamp, stamp_of
+from ros.recording import DRAWN_PEOPLE, Recording, set_stamp, stamp_of
 
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 
@@ -31,14 +31,9 @@ class Life:
     due_s: float = 0.0
 
     def start(self, robot: str) -> None:
-        """Starts a robot_node.
-
-        Without appearance: the recorded people are cylinders with the texture of noise.
-        """
-        files, params = [ROOT / "config" / "team.yaml"], {"bodies.appearance": "false"}
-        self.robots[robot] = self.team.start(
-            "robot_node", namespace=f"/{robot}", files=files, params=params
-        )
+        """Starts a robot_node."""
+        files = [ROOT / "config" / "team.yaml", DRAWN_PEOPLE]
+        self.robots[robot] = self.team.start("robot_node", namespace=f"/{robot}", files=files)
 
     def feed(self) -> None:
         """Sends the next frame of what every robot sees, stamped now, five times a second."""

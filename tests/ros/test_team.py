@@ -32,7 +32,15 @@ from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.poses import Pose, PoseBuffer
 from mrs_tools.scoring.positions import match
 from ros.harness import ERROR, OK, ROOT, NodeProcess, Peer, Team
-from ros.recording import DEFAULTS, Recording, records_of, stages_of, stamp_of, stamped
+from ros.recording import (
+    DEFAULTS,
+    DRAWN_PEOPLE,
+    Recording,
+    records_of,
+    stages_of,
+    stamp_of,
+    stamped,
+)
 
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 PLANNER = "/planner_node"
@@ -40,7 +48,7 @@ CONFIG = ROOT / "config"
 #: With what is said for StereoBM's sake in `ros.recording`.
 REPEATABLE = Path(__file__).with_name("repeatable.yaml")
 CONFIGS = {
-    "team": [CONFIG / "team.yaml", REPEATABLE],
+    "team": [CONFIG / "team.yaml", REPEATABLE, DRAWN_PEOPLE],
     "paper": [CONFIG / "paper.yaml", CONFIG / "team.yaml"],
 }
 #: Robots that send nothing in a frame: then the interval closes without them.
