@@ -261,7 +261,7 @@ class BodyModel:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> BodyModel:
-        """Reads the model as `to_mapping` gives it.
+        """Reads the model as `to_mapping` gives it; other keys, such as `fitted_to`, do not count.
 
         Raises:
             ConfigError: Something is missing, not finite, or does not fit the evidence.

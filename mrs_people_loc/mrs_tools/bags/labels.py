@@ -167,7 +167,9 @@ def read_labels(path: Path) -> Labels:
     """
     try:
         document = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as err:
+    except OSError as err:
+        raise BagError(f"{path} cannot be read: {err.strerror or err}") from err
+    except (ValueError, RecursionError) as err:
         raise BagError(f"{path} cannot be read: {err}") from err
     try:
         given = _values(document, _FILE)
