@@ -46,7 +46,7 @@ def test_scores_equal_the_oracle():
         ("_HEIGHTS", network._HEIGHTS + np.float32(0.05)),
         ("_ACROSS", -network._ACROSS),
         ("_SMOOTHING", ((1.25, 0.0001), (2.5, 0.7))),
-        ("_LEAST_CONTRAST", np.float32(0.6)),
+        ("_LEAST_CONTRAST", np.float32(5.0)),
     ],
 )
 def test_wrong_windows_are_noticed(monkeypatch, name, wrong):
