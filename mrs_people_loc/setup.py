@@ -19,7 +19,7 @@ setup(
     name="mrs_people_loc",
     version="0.1.0",
     packages=find_packages(),
-    package_data={"mrs_people_loc.bodies": ["*.json", "*.npy"]},
+    package_data={"mrs_people_loc.bodies": ["*.json", "*.npy", "*.onnx"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
         ("share/mrs_people_loc", ["package.xml", "../NOTICE"]),

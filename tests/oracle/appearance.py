@@ -14,11 +14,11 @@ from mrs_people_loc.sensing.images import Gray
 from oracle.arrays import Float
 from oracle.evidence import model
 from oracle.head import axes_of, lens_of
+from oracle.network import log_odds_of, window_of
 from oracle.numbers import (
     CELL_SAMPLES,
     CUT_AT,
     DETECTOR_WINDOWS,
-    FITTED_WINDOW,
     LEAST_BLOCKS,
     LEAST_DEPTH_M,
     LEAST_HUMAN,
@@ -52,8 +52,7 @@ def with_appearance(
         + float(of["above"]) * max(human - MOST_HUMAN, 0.0)
         + float(of["detector"])
         * max(score_of(of_it, *at, detector, of["detector_middle"]) for of_it in DETECTOR_WINDOWS)
-        + float(of["fitted"])
-        * score_of(FITTED_WINDOW, *at, of["fitted_weights"], of["fitted_middle"])
+        + float(of["network"]) * log_odds_of(*window_of(*at))
         + float(of["offset"])
     )
 

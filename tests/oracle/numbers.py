@@ -78,7 +78,6 @@ KNOTS = 2.0, 3.0, 4.0
 DETECTOR_WINDOWS = [
     (-7 / 24, 49 / 24, 7 / 12 + aside, -7 / 12 + aside, 128, 64) for aside in (7 / 48, 0, -7 / 48)
 ]
-FITTED_WINDOW = -0.1, 2.1, 0.55, -0.55, 64, 32
 #: Side of a cell [samples], orientations.
 CELL_SAMPLES, ORIENTATIONS = 8, 9
 #: Above so many pixels in a sample, the image is smoothed by this sigma [px].

@@ -13,6 +13,7 @@ from mrs_people_loc.bodies import (
     finder,
     gradients,
     model,
+    network,
     patches,
     places,
     scanner,
@@ -161,7 +162,10 @@ OF_BODIES = {
     "appearance": (
         appearance.Appearance, "__call__", then(lambda score: score + 0.01), r"bodies",
     ),
-    "classifiers": (appearance, "block_score", then(lambda score: score + 0.01), r"bodies"),
+    "detector": (appearance, "block_score", then(lambda score: score + 0.01), r"bodies"),
+    "network": (
+        network.PersonNetwork, "__call__", then(lambda score: score + 0.05), r"bodies",
+    ),
     "one window": (
         appearance, "detector_score",
         instead(lambda found, middle: appearance.block_score(

@@ -1,9 +1,9 @@
 """Appearance: how a body's image speaks for a person, beside its shape in the disparities.
 
-Two linear classifiers on histograms of oriented gradients, both of which judge block by block, so
-that what is outside the image says nothing: OpenCV's people detector (its 3781 numbers are in
-`people_detector.npy`; see NOTICE), and one that `mrs fit` fits. A logistic model combines them with
-the human test.
+OpenCV's people detector, a linear classifier on histograms of oriented gradients (its 3781 numbers
+are in `people_detector.npy`; see NOTICE), judges block by block, so that what is outside the image
+says nothing. A small network is trained on simulated rooms (`network`). A logistic model combines
+both with the human test.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.bodies.gradients import BLOCK, CELL, GradientSampler, Histograms, Window
+from mrs_people_loc.bodies.network import PersonNetwork
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
@@ -33,8 +34,6 @@ DETECTOR_WINDOW = Window(
 DETECTOR_VIEW = replace(
     DETECTOR_WINDOW, width=(64 + 2 * CELL) * 1.75 / 96, columns=DETECTOR_WINDOW.columns + 2 * CELL
 )
-#: The window of the fitted classifier.
-FITTED_WINDOW = Window(low=-0.1, high=2.1, width=1.1, rows=64, columns=32)
 #: The human test says much less than the lower one of people behind desks and in doorways, and
 #: hardly ever more than the upper one of anything but people [log-odds].
 HUMAN_LIMITS = (-2.0, 4.0)
@@ -49,28 +48,24 @@ class AppearanceModel:
     """Numbers of the combination, fitted.
 
     Log-odds of a person are a weighted sum of the log-odds of the human test, the score of the
-    people detector and that of the fitted classifier, plus a constant.
+    people detector and the log-odds of the network, plus a constant.
 
     Attributes:
         human: Weight of the human test within `HUMAN_LIMITS`; less counts as the lower limit.
         above: Weight of what exceeds the upper limit.
         detector: Weight of OpenCV's people detector.
-        fitted: Weight of the fitted classifier.
+        network: Weight of the network.
         offset: Constant [log-odds].
         detector_middle: By block of `DETECTOR_WINDOW`, the middle between what people and other
             things have there.
-        fitted_middle: By block of `FITTED_WINDOW`, likewise.
-        fitted_weights: Weights of the fitted classifier, shape (blocks, `BLOCK`).
     """
 
     human: float
     above: float
     detector: float
-    fitted: float
+    network: float
     offset: float
     detector_middle: Float
-    fitted_middle: Float
-    fitted_weights: Float
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> AppearanceModel:
@@ -79,11 +74,7 @@ class AppearanceModel:
         Raises:
             ConfigError: Something is missing, not finite, or does not fit the windows.
         """
-        shapes = {
-            "detector_middle": (DETECTOR_WINDOW.blocks,),
-            "fitted_middle": (FITTED_WINDOW.blocks,),
-            "fitted_weights": (FITTED_WINDOW.blocks, BLOCK),
-        }
+        shapes = {"detector_middle": (DETECTOR_WINDOW.blocks,)}
         parts: dict[str, Any] = {}
         for name in [field.name for field in fields(cls)]:
             try:
@@ -109,11 +100,14 @@ class Appearance:
 
     Args:
         camera: The head.
+
+    Raises:
+        ConfigError: The network cannot be read.
     """
 
     def __init__(self, camera: StereoCamera) -> None:
         self._detector = GradientSampler(camera, DETECTOR_VIEW)
-        self._fitted = GradientSampler(camera, FITTED_WINDOW)
+        self._network = PersonNetwork(camera)
 
     def __call__(
         self, model: AppearanceModel, left: Gray, bearing: Float, ranges: Float, human: Float
@@ -130,14 +124,13 @@ class Appearance:
         look = human >= RULED_OUT
         at = left, bearing[look], ranges[look]
         detector = detector_score(self._detector(*at), model.detector_middle)
-        fitted = block_score(self._fitted(*at), model.fitted_weights, model.fitted_middle)
         low, high = HUMAN_LIMITS
         result = human.copy()
         result[look] = (
             model.human * np.clip(human[look], low, high)
             + model.above * np.maximum(human[look] - high, 0.0)
             + model.detector * detector
-            + model.fitted * fitted
+            + model.network * self._network(*at)
             + model.offset
         )
         return result

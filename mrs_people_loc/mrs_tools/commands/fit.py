@@ -8,7 +8,8 @@ Each candidate of each view is an example: a person if somebody truly is there, 
 near. What is in between, and what is another robot of the team (the planner knows where those
 are), is left out. Figures printed are cross-validated: each bag is judged by a model that has not
 seen it. Meshes of the user's own that were rendered (`mrs simulate --assets`) are listed in the
-model, with their licences.
+model, with their licences. The network of the appearance is trained beforehand
+(`setup/train_network.py`); only its weight is fitted.
 
     mrs fit OUT_DIR/*/*/ --real RECORDINGS --out ...
 
@@ -112,6 +113,6 @@ def _combination(
         if len(set(rooms)) > 1:
             typer.echo("\n".join(real_rooms(examples, scores, real, rooms, fitted)))
     weights = combination(examples, scores, real, fitted)
-    names = ("human", "above", "detector", "fitted", "constant")
+    names = ("human", "above", "detector", "network", "constant")
     typer.echo(", ".join(f"{n} {w:.3g}" for n, w in zip(names, weights, strict=True)))
     return weights

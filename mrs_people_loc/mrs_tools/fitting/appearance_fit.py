@@ -1,7 +1,7 @@
 """Fits how the appearance of bodies, and the human test, count.
 
-The classifier of gradients is fitted to renderings, whose images are partly made worse. The weights
-of the combination are fitted to scores of models that have not seen the bags that they judge.
+The weights of the combination are fitted to scores of models that have not seen the bags that they
+judge; the network is trained beforehand (`setup/train_network.py`), on the suite's train half.
 Renderings overrate the human test, which was fitted to them: where labelled recordings of real
 rooms are given, they count more than all renderings together.
 """
@@ -10,30 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
-from mrs_people_loc.bodies.appearance import (
-    FITTED_WINDOW,
-    HUMAN_LIMITS,
-    RULED_OUT,
-    AppearanceModel,
-    block_score,
-)
-from mrs_people_loc.bodies.gradients import BINS, BLOCK, CELL, Histograms
+from mrs_people_loc.bodies.appearance import HUMAN_LIMITS, RULED_OUT, AppearanceModel
 from mrs_tools.fitting.examples import Looks
-from mrs_tools.fitting.regression import fit_logistic, rounded
+from mrs_tools.fitting.regression import rounded
 
-#: What large weights of gradients cost.
-_COST = 300.0
 #: Share of the real examples in the fit of the combination. More of it finds fewer people of the
 #: suite, less of it takes more furniture of a room that the fit has not seen for people.
 _REAL = 0.6
-#: Columns and rows of blocks of the fitted window.
-_RIGHT, _DOWN = (n // CELL - 1 for n in (FITTED_WINDOW.columns, FITTED_WINDOW.rows))
 
 
 @dataclass(frozen=True)
@@ -43,66 +31,34 @@ class Scores(StructOfArrays):
     Attributes:
         human: Log-odds by the human test.
         detector: Score of the people detector.
-        fitted: Score of the fitted classifier.
+        network: Log-odds by the network.
     """
 
     human: Float
     detector: Float
-    fitted: Float
+    network: Float
 
     @property
     def columns(self) -> Float:
         """What the weights of the combination multiply, shape (n, 4)."""
         low, high = HUMAN_LIMITS
         above = np.maximum(self.human - high, 0.0)
-        return np.column_stack([np.clip(self.human, low, high), above, self.detector, self.fitted])
-
-
-def mirrored(values: Any) -> Any:
-    """Histograms of mirrored windows, shape (n, blocks, `BLOCK`)."""
-    cells = values.reshape(-1, _RIGHT, _DOWN, 2, 2, BINS)
-    # Columns of blocks, columns of cells and orientations in the opposite order.
-    return cells[:, ::-1, :, ::-1, :, ::-1].reshape(values.shape)
-
-
-def fit_gradients(looks: Looks, person: Bool) -> tuple[Float, Float]:
-    """The classifier of gradients: weights, shape (blocks, `BLOCK`), and middles, (blocks,).
-
-    People and other things count alike, and so do left and right.
-    """
-    values = 0.5 * (looks.fitted + mirrored(looks.fitted))
-    inside = looks.fitted_inside[:, :, np.newaxis]
-    mean = (values * inside).sum(axis=0) / np.maximum(inside.sum(axis=0), 1)
-    share = np.maximum(looks.fitted_inside.mean(axis=1), 0.05)
-    values = (values - mean) * inside / np.sqrt(share)[:, np.newaxis, np.newaxis]
-    scale = np.sqrt((values**2).mean(axis=0)) + 0.02
-    columns = (values / scale).reshape(len(values), -1).astype(np.float32)
-    people = max(int(person.sum()), 1)
-    weight = np.where(person, 0.5 / people, 0.5 / max(len(person) - people, 1)) * len(person)
-    found = fit_logistic(columns, person.astype(np.float64), weight=weight, cost=_COST)
-    weights = found[:-1].reshape(scale.shape) / scale
-    weights = rounded(0.5 * (weights + mirrored(weights[np.newaxis])[0]))
-    return weights, rounded((weights * mean).sum(axis=1) - found[-1] / len(weights))
+        return np.column_stack([np.clip(self.human, low, high), above, self.detector, self.network])
 
 
 def detector_middles(looks: Looks, person: Bool) -> Float:
     """By block, the middle between what people and other things have there, shape (blocks,)."""
     means = []
     for chosen in (person, ~person):
-        inside = looks.detector_inside[chosen]
+        inside = looks.inside[chosen]
         means.append((looks.detector[chosen] * inside).sum(axis=0) / np.maximum(inside.sum(0), 1))
     return rounded(0.5 * (means[0] + means[1]))
 
 
-def gradient_score(looks: Looks, weights: Float, middles: Float) -> Float:
-    """Score of the fitted classifier, shape (n,)."""
-    return block_score(Histograms(looks.fitted, looks.fitted_inside), weights, middles)
-
-
 def detector_score(looks: Looks, middles: Float) -> Float:
     """Score of the people detector, shape (n,)."""
-    share = np.maximum(looks.detector_inside.mean(axis=1), 0.05)
-    blocks = (looks.detector - middles) * looks.detector_inside
+    share = np.maximum(looks.inside.mean(axis=1), 0.05)
+    blocks = (looks.detector - middles) * looks.inside
     return np.asarray(blocks.sum(axis=1) / np.sqrt(share), dtype=np.float64)
 
 
@@ -152,18 +108,14 @@ def combined(scores: Scores, weights: Float) -> Float:
     return np.where(scores.human >= RULED_OUT, result, scores.human)
 
 
-def appearance_model(
-    weights: Float, detector: Float, gradients: tuple[Float, Float]
-) -> AppearanceModel:
+def appearance_model(weights: Float, detector: Float) -> AppearanceModel:
     """The fitted numbers as the model."""
-    human, above, of_detector, fitted, offset = (float(value) for value in weights)
+    human, above, of_detector, network, offset = (float(value) for value in weights)
     return AppearanceModel(
         human=human,
         above=above,
         detector=of_detector,
-        fitted=fitted,
+        network=network,
         offset=offset,
         detector_middle=detector,
-        fitted_middle=gradients[1],
-        fitted_weights=gradients[0].reshape(-1, BLOCK),
     )

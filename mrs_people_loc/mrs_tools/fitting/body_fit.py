@@ -28,8 +28,6 @@ from mrs_tools.fitting.appearance_fit import (
     detector_middles,
     detector_score,
     fit_combination,
-    fit_gradients,
-    gradient_score,
     shared_weights,
 )
 from mrs_tools.fitting.examples import Examples
@@ -52,13 +50,11 @@ class Parts:
     Attributes:
         human: The human test.
         offsets: Offsets to the axis and their standard deviations, by their names in `BodyModel`.
-        gradients: Weights and middles of the classifier of gradients.
         detector: Middles of the people detector.
     """
 
     human: Layered
     offsets: Mapping[str, Linear]
-    gradients: tuple[Float, Float]
     detector: Float
 
     @classmethod
@@ -68,7 +64,6 @@ class Parts:
         return cls(
             human=fit_layered(clear.even, clear.person.astype(np.float64)),
             offsets=fit_offsets(examples.select(examples.person)),
-            gradients=fit_gradients(clear.looks, clear.person),
             detector=detector_middles(clear.looks, clear.person),
         )
 
@@ -77,12 +72,12 @@ class Parts:
         return Scores(
             human=self.human(examples.even),
             detector=detector_score(examples.looks, self.detector),
-            fitted=gradient_score(examples.looks, *self.gradients),
+            network=examples.looks.network,
         )
 
     def model(self, weights: Float) -> BodyModel:
         """The model with the weights of the combination."""
-        appearance = appearance_model(weights, self.detector, self.gradients)
+        appearance = appearance_model(weights, self.detector)
         return BodyModel(human=self.human, **self.offsets, appearance=appearance)
 
 

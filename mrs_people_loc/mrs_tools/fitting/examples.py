@@ -12,9 +12,10 @@ import numpy as np
 import yaml
 
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
-from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, FITTED_WINDOW, detector_weights
+from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, detector_weights
 from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
 from mrs_people_loc.bodies.gradients import BLOCK, GradientSampler
+from mrs_people_loc.bodies.network import PersonNetwork
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
@@ -47,16 +48,15 @@ class Looks(StructOfArrays):
     """Appearance of candidates at their axes, a struct of arrays of one length (n,).
 
     Attributes:
-        fitted: Histograms of `FITTED_WINDOW`, float32, shape (n, blocks, `BLOCK`).
-        fitted_inside: Blocks in the image, shape (n, blocks).
-        detector: What the people detector says of each block of its window, float32, likewise.
-        detector_inside: Likewise.
+        detector: What the people detector says of each block of its window, float32, shape
+            (n, blocks).
+        inside: Blocks in the image, likewise.
+        network: Log-odds by the network, shape (n,).
     """
 
-    fitted: Float32
-    fitted_inside: Bool
     detector: Float32
-    detector_inside: Bool
+    inside: Bool
+    network: Float
 
 
 @dataclass(frozen=True)
@@ -110,10 +110,8 @@ class _Looker:
         self._match = StereoMatcher(camera, config.disparity)
         min_range = config.disparity.min_range
         self._find = BodyFinder(camera, config.bodies, min_range=min_range, tuning=tuning)
-        self._samplers = (
-            GradientSampler(camera, FITTED_WINDOW),
-            GradientSampler(camera, DETECTOR_WINDOW),
-        )
+        self._detector = GradientSampler(camera, DETECTOR_WINDOW)
+        self._network = PersonNetwork(camera)
         self.views: list[tuple[int, CandidateEvidence, Gray]] = []
 
     def stages(self, images: StereoImages) -> ScanStages:
@@ -125,10 +123,11 @@ class _Looker:
     def looks(self, view: CandidateEvidence, left: Gray) -> Looks:
         """Appearance of the candidates at the axes that the present model gives."""
         bodies = self._find.all_bodies(view)
-        fitted, detector = (sample(left, bodies.bearing, bodies.range) for sample in self._samplers)
+        at = left, bodies.bearing, bodies.range
+        detector = self._detector(*at)
         weights = detector_weights()[:-1].reshape(-1, BLOCK)
         blocks = np.einsum("nbk,bk->nb", detector.values, weights)
-        return Looks(fitted.values, fitted.inside, blocks.astype(np.float32), detector.inside)
+        return Looks(blocks.astype(np.float32), detector.inside, self._network(*at))
 
 
 class _PoseCollector:

@@ -6,7 +6,6 @@ import pytest
 from mrs_people_loc.bodies.appearance import (
     DETECTOR_VIEW,
     DETECTOR_WINDOW,
-    FITTED_WINDOW,
     Appearance,
     AppearanceModel,
     block_score,
@@ -15,6 +14,7 @@ from mrs_people_loc.bodies.appearance import (
 )
 from mrs_people_loc.bodies.gradients import BLOCK, Histograms
 from mrs_people_loc.bodies.model import fitted
+from mrs_people_loc.bodies.network import PersonNetwork
 from mrs_people_loc.errors import ConfigError
 
 NOISE = np.random.default_rng(3).integers(0, 256, (120, 160), dtype=np.uint8)
@@ -26,11 +26,9 @@ def model_of(**changes) -> AppearanceModel:
         human=0.0,
         above=0.0,
         detector=0.0,
-        fitted=0.0,
+        network=0.0,
         offset=0.0,
         detector_middle=np.zeros(DETECTOR_WINDOW.blocks),
-        fitted_middle=np.zeros(FITTED_WINDOW.blocks),
-        fitted_weights=np.zeros((FITTED_WINDOW.blocks, BLOCK)),
     )
     return dataclasses.replace(nothing, **changes)
 
@@ -52,19 +50,25 @@ def test_what_the_human_test_rules_out_is_not_looked_at(make_head):
     np.testing.assert_allclose(found, [-6.1, -20.0, 9.0])
 
 
-def test_classifiers_are_weighted(make_head):
-    middle = np.full(FITTED_WINDOW.blocks, -1.0)
-    one = scores(make_head(), model_of(fitted=1.0, fitted_middle=middle), [0.0])
-    assert one == pytest.approx(FITTED_WINDOW.blocks)  # all of it is in the image
-    assert scores(make_head(), model_of(fitted=0.5, fitted_middle=middle), [0.0]) == 0.5 * one
+def test_network_and_detector_are_weighted(make_head):
+    at = np.array([0.1]), np.array([2.0])
+    own = PersonNetwork(make_head().camera())(NOISE, *at)
+    seen = scores(make_head(), model_of(network=0.5), [0.0], bearing=0.1)
+    assert seen == pytest.approx(0.5 * own)
+    assert abs(own) > 0.1
     detector = scores(make_head(), model_of(detector=1.0), [0.0])
     assert abs(detector) > 0.1
     assert scores(make_head(), model_of(detector=-2.0), [0.0]) == pytest.approx(-2.0 * detector)
 
 
 def test_what_is_not_in_the_image_says_nothing(make_head):
-    model = model_of(detector=1.0, fitted=1.0, fitted_middle=np.ones(FITTED_WINDOW.blocks))
+    model = model_of(detector=1.0)
     assert scores(make_head(), model, [0.0], bearing=1.5) == 0.0
+    network = [
+        scores(make_head(), model_of(network=1.0), [0.0], bearing=1.5, image=image)
+        for image in (NOISE, 255 - NOISE)
+    ]
+    assert network[0] == pytest.approx(network[1])
 
 
 def test_block_scores_match_hand_computed_values():
@@ -106,9 +110,8 @@ def test_model_is_read_as_it_is_written():
         ("offset", None, "appearance cannot be read"),
         ("human", "much", "appearance cannot be read"),
         ("detector", float("nan"), "appearance holds NaN"),
-        ("fitted", [1.0], r"fitted of shape \(1,\); wanted: \(\)"),
+        ("network", [1.0], r"network of shape \(1,\); wanted: \(\)"),
         ("detector_middle", [1.0], r"detector_middle of shape \(1,\); wanted: \(105,\)"),
-        ("fitted_weights", [[1.0]], r"fitted_weights of shape \(1, 1\); wanted: \(21, 36\)"),
     ],
 )
 def test_wrong_model_is_refused(name, value, match):

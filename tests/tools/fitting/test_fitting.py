@@ -24,9 +24,8 @@ pytest.importorskip("scipy", reason="fitting needs scipy")
 from typer.testing import CliRunner
 
 from mrs_people_loc.arrays import Bool
-from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, FITTED_WINDOW
+from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW
 from mrs_people_loc.bodies.finder import BodyTuning, CandidateEvidence
-from mrs_people_loc.bodies.gradients import BLOCK
 from mrs_people_loc.bodies.patches import PatchSampler
 from mrs_people_loc.bodies.search import Candidates, SearchTuning
 from mrs_tools.bags.labels import Label, Labels
@@ -41,15 +40,13 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def looks_of(person: Bool, rng: np.random.Generator) -> Looks:
-    """People have more of some orientations, in the middle of the window; half is in the image."""
+    """People have higher scores; half of their windows are in the image."""
     count = len(person)
-    fitted = rng.uniform(0.0, 0.2, (count, FITTED_WINDOW.blocks, BLOCK)).astype(np.float32)
-    fitted[person, 7:14, 3:6] += 0.1
     detector = rng.normal(0.0, 0.1, (count, DETECTOR_WINDOW.blocks)).astype(np.float32)
     detector[person] += 0.01
     inside = rng.uniform(size=(count, 1)) < 0.5
-    lower = [np.arange(window.blocks) % 7 < 4 for window in (FITTED_WINDOW, DETECTOR_WINDOW)]
-    return Looks(fitted, inside | lower[0], detector, inside | lower[1])
+    lower = np.arange(DETECTOR_WINDOW.blocks) % 7 < 4
+    return Looks(detector, inside | lower, rng.normal(0.0, 1.0, count) + 2.0 * person)
 
 
 def examples(count: int, *, bags: int = 10, noise: float = 0.0, seed: int = 0) -> Examples:
@@ -158,7 +155,7 @@ def test_candidates_without_truth_are_clear_negatives() -> None:
         np.ones((2, 2)),
         nobody,
         0,
-        looks.select(looks.detector_inside[:, 0] & False),
+        looks.select(looks.inside[:, 0] & False),
     )
     assert len(none) == 0
     assert none.robot.shape == (0,)

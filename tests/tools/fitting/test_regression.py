@@ -9,21 +9,14 @@ import pytest
 
 pytest.importorskip("scipy", reason="fitting needs scipy")
 
-from mrs_people_loc.bodies.appearance import (
-    DETECTOR_WINDOW,
-    FITTED_WINDOW,
-    block_score,
-)
-from mrs_people_loc.bodies.gradients import BLOCK, Histograms, histograms_of
+from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, block_score
+from mrs_people_loc.bodies.gradients import BLOCK, Histograms
 from mrs_people_loc.bodies.model import DEPTH, EVEN, ODD
 from mrs_tools.fitting.appearance_fit import (
     Scores,
     combined,
     detector_score,
     fit_combination,
-    fit_gradients,
-    gradient_score,
-    mirrored,
     shared_weights,
 )
 from mrs_tools.fitting.body_fit import fit_offsets, range_weights, true_range
@@ -32,11 +25,8 @@ from mrs_tools.fitting.regression import fit_linear, fit_logistic, fit_quantile
 
 
 def no_looks(count: int) -> Looks:
-    inside = [np.ones((count, w.blocks), dtype=bool) for w in (FITTED_WINDOW, DETECTOR_WINDOW)]
-    return Looks(
-        np.zeros((count, FITTED_WINDOW.blocks, BLOCK), dtype=np.float32), inside[0],
-        np.zeros((count, DETECTOR_WINDOW.blocks), dtype=np.float32), inside[1],
-    )  # fmt: skip
+    shape = (count, DETECTOR_WINDOW.blocks)
+    return Looks(np.zeros(shape, dtype=np.float32), np.ones(shape, dtype=bool), np.zeros(count))
 
 
 def test_quantile_is_right_in_each_group() -> None:
@@ -139,39 +129,6 @@ def test_all_ranges_weigh_alike() -> None:
     assert weight[:900].sum() < 3.0 * weight[900:].sum()
 
 
-def test_mirrored_histograms_are_those_of_the_mirrored_image() -> None:
-    rng = np.random.default_rng(3)
-    grey = rng.uniform(0.0, 255.0, (2, 66, 34)).astype(np.float32)
-    seen = np.stack([histograms_of(one) for one in grey])
-    turned = np.stack([histograms_of(np.ascontiguousarray(one[:, ::-1])) for one in grey])
-    # Not quite: the weights of samples within a block have their middle half a sample aside.
-    np.testing.assert_allclose(mirrored(seen), turned, atol=0.06)
-    alike = np.corrcoef([mirrored(seen).ravel(), turned.ravel(), seen.ravel()])
-    assert alike[0, 1] > 0.8 > 0.5 > alike[2, 1]
-
-
-def gradients(count: int, seed: int) -> tuple[Looks, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    person = rng.uniform(size=count) < 0.3
-    looks = no_looks(count)
-    values = rng.uniform(0.0, 0.2, looks.fitted.shape).astype(np.float32)
-    values[person, 8, 3:9] += 0.1
-    inside = looks.fitted_inside & (rng.uniform(size=looks.fitted_inside.shape) < 0.9)
-    detector = rng.normal(size=looks.detector.shape).astype(np.float32)
-    return Looks(values, inside, detector, looks.detector_inside), person
-
-
-def test_gradients_of_people_are_found() -> None:
-    looks, person = gradients(2000, 0)
-    weights, middles = fit_gradients(looks, person)
-    np.testing.assert_allclose(mirrored(weights[np.newaxis])[0], weights, rtol=1e-3, atol=1e-5)
-    new, true = gradients(1000, 1)
-    score = gradient_score(new, weights, middles)
-    known = new.fitted_inside[:, 8]
-    assert ((score > 0) == true)[known].mean() > 0.75
-    assert score[true & known].mean() > 0.5 > -0.2 > score[~true].mean()
-
-
 def test_detector_score_is_that_of_the_finder() -> None:
     rng = np.random.default_rng(4)
     shape = (5, DETECTOR_WINDOW.blocks)
@@ -179,7 +136,7 @@ def test_detector_score_is_that_of_the_finder() -> None:
     weights, middle = rng.normal(size=(shape[1], BLOCK)), rng.normal(size=shape[1])
     inside = rng.uniform(size=shape) < 0.6
     blocks = np.einsum("nbk,bk->nb", values, weights.astype(np.float32))
-    looks = dataclasses.replace(no_looks(5), detector=blocks, detector_inside=inside)
+    looks = dataclasses.replace(no_looks(5), detector=blocks, inside=inside)
     want = block_score(Histograms(values, inside), weights, middle)
     np.testing.assert_allclose(detector_score(looks, middle), want, rtol=1e-4, atol=1e-3)
 
@@ -194,7 +151,7 @@ def test_combination_recovers_its_weights() -> None:
     np.testing.assert_allclose(found, wanted, atol=0.15)
     # What speaks against people is no evidence for them.
     against = fit_combination(
-        dataclasses.replace(scores, fitted=-scores.fitted), person, np.ones(len(z))
+        dataclasses.replace(scores, network=-scores.network), person, np.ones(len(z))
     )
     assert against[3] == 0.0
 
