@@ -85,7 +85,7 @@ real: setup ## Score the recordings of real rooms in RECORDINGS=DIR, into docs/r
 
 fit: setup ## Fit the body model to the suite's train half and its variants, and RECORDINGS=DIR
 	$(BIN)/mrs simulate --suite train .suite/train
-	$(BIN)/mrs simulate --suite train --variants 20 .suite/more
+	$(BIN)/mrs simulate --suite train --variants 12 .suite/more
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
 	    $(if $(wildcard $(RECORDINGS)),--real "$(RECORDINGS)") \
 	    --out mrs_people_loc/mrs_people_loc/bodies/body_model.json

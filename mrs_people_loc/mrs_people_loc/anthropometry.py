@@ -36,10 +36,9 @@ AXIS_ERROR: Final = 0.06
 #: Two estimates nearer than this across the line of sight, or an estimate this near to a predicted
 #: place, are of one person.
 APART_ACROSS: Final = CLOSEST + ACROSS_ERROR
-#: Likewise two places that are each the mean of what several robots saw (`joining.apart`).
-APART_JOINED: Final = APART_ACROSS + AXIS_ERROR
-#: Likewise two estimates of one robot in one view, in any direction.
-APART_IN_VIEW: Final = APART_ACROSS + 2.0 * AXIS_ERROR
+#: Likewise two estimates of one robot in one view, or places that are each the mean of what several
+#: robots saw (`joining.apart`), in any direction.
+APART: Final = APART_ACROSS + AXIS_ERROR
 #: Likewise single estimates of two robots, where their poses are compared: each errs across its
 #: line of sight.
 APART_AMONG_ROBOTS: Final = APART_ACROSS + ACROSS_ERROR

@@ -14,16 +14,15 @@ def test_distances_are_the_documented_ones():
     assert people.CLOSEST == 0.25
     assert people.APART_ACROSS == 0.30
     assert people.APART_AMONG_ROBOTS == 0.35
-    assert people.APART_JOINED == 0.36  # docs/masking.md
-    assert people.APART_IN_VIEW == 0.42  # docs/masking.md, docs/limits.md
+    assert people.APART == 0.36  # docs/masking.md, docs/limits.md
 
 
 def test_stages_take_them_from_one_place():
     config = PlannerConfig()
-    assert config.joining.apart == people.APART_JOINED
+    assert config.joining.apart == people.APART
     assert config.tracking.body == people.APART_ACROSS
     assert BODY_TUNING.search.apart == BODY_TUNING.finder.apart_across == people.APART_ACROSS
-    assert BODY_TUNING.finder.apart == people.APART_IN_VIEW
+    assert BODY_TUNING.finder.apart == people.APART
 
 
 def test_matching_errs_by_one_fact():

@@ -24,6 +24,7 @@ from oracle.numbers import (
     SIGMA_M,
     SIGMA_PX,
     SILHOUETTE,
+    SURE_SCORE,
     TOP_COLUMNS,
     TOP_FROM,
     TOP_GAP,
@@ -115,10 +116,22 @@ def bodies_of(
     every = [body_of(k, of, left, camera, config) for k, of in enumerate(candidates)]
     kept: list[Body] = []
     for body in sorted(every, key=lambda body: -body.score):
-        likely = body.score >= config.min_score
-        if likely and not any(_are_one(body, other) for other in kept):
+        free = [one for one in every if not any(_are_one(one, other) for other in kept)]
+        if body.score >= config.min_score and body in free and not _is_two(body, free):
             kept.append(body)
     return kept
+
+
+def _is_two(body: Body, every: Sequence[Body]) -> bool:
+    """Whether it is what two people have in common who stand to its left and right."""
+    rivals = [one for one in every if one is not body and _are_one(one, body)]
+    sure = [one for one in rivals if one.score > SURE_SCORE]
+    return any(
+        left.score + right.score > body.score and not _are_one(left, right)
+        for left in sure
+        for right in sure
+        if left.bearing > body.bearing > right.bearing
+    )
 
 
 def _are_one(one: Body, other: Body) -> bool:

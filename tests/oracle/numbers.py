@@ -102,7 +102,9 @@ LEAST_SIGMA_RANGE_M = 0.04
 #: Nobody is farther than so many times the range in which bodies are sought.
 FARTHEST_RANGES = 1.5
 #: Two bodies of one view are no closer across and in all [m].
-APART_ACROSS_M, APART_M = 0.30, 0.42
+APART_ACROSS_M, APART_M = 0.30, 0.36
+#: Two who have more log-odds than this, and together more than one between them, take its place.
+SURE_SCORE = 2.0
 #: Tops: the trunk's columns, the first row that may be one, the share of a row that must be of the
 #: body, and rows without a body that end it.
 TOP_COLUMNS = [k for k, left in enumerate(ACROSS) if abs(left) < 0.13]

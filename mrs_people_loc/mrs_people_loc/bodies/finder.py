@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.anthropometry import APART_ACROSS, APART_IN_VIEW, AXIS_ERROR
+from mrs_people_loc.anthropometry import APART, APART_ACROSS, AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.bodies import model as body_model
 from mrs_people_loc.bodies import votes as voting
@@ -53,6 +53,8 @@ class FinderTuning:
         apart: Two bodies of one view are no closer than this [m].
         apart_across: Nor closer than this across the line of sight [m] ...
         apart_sigmas: ... where their ranges agree within so many standard deviations.
+        sure: Two bodies of more than these log-odds take the place of one between them that is
+            less likely than both together.
         beyond: The model moves no body beyond so many times `bodies.max_range`.
         lowest_top: Tops of bodies are this high at least [m].
         filled: A row belongs to a body if at least this share of the trunk's samples does ...
@@ -65,8 +67,9 @@ class FinderTuning:
     min_sigma: float = 0.04
     apart_across: float = APART_ACROSS
     apart_sigmas: float = 2.0
-    apart: float = APART_IN_VIEW
+    apart: float = APART
     beyond: float = 1.5
+    sure: float = 2.0
     lowest_top: float = 0.85
     filled: float = 0.4
     min_contrast: float = 0.0
@@ -288,23 +291,41 @@ class BodyFinder:
         )
 
     def _alone(self, bodies: Bodies) -> Int:
-        """Indices of those that are likely enough, without a likelier one in their place."""
-        tuning = self.tuning.finder
+        """Indices of those that are likely enough, without a likelier one in their place.
+
+        Between two people who stand side by side there often is a third place, as likely as each
+        of them, that covers half of both: it gives way to the two.
+        """
+        same, score, sure = self._same(bodies), bodies.score, self.tuning.finder.sure
         kept: list[int] = []
-        for i in np.argsort(-bodies.score, kind="stable"):
-            if bodies.score[i] < self.config.min_score:
+        for i in np.argsort(-score, kind="stable").tolist():
+            if score[i] < self.config.min_score:
                 break
-            others = np.array(kept, dtype=np.intp)
-            nearer = np.minimum(bodies.range[i], bodies.range[others])
-            across = np.abs(bodies.bearing[i] - bodies.bearing[others]) * nearer
-            along = np.abs(bodies.range[i] - bodies.range[others])
-            sigma = np.hypot(bodies.sigma_range[i], bodies.sigma_range[others])
-            away = np.hypot(bodies.x[i] - bodies.x[others], bodies.y[i] - bodies.y[others])
-            deep = np.maximum(tuning.apart, tuning.apart_sigmas * sigma)
-            same = (across < tuning.apart_across) & (along < deep)
-            if not (same | (away < tuning.apart)).any():
-                kept.append(int(i))
+            if same[i, kept].any():
+                continue
+            rivals = np.flatnonzero(same[i] & (score > sure) & ~same[:, kept].any(axis=1))
+            left = rivals[bodies.bearing[rivals] > bodies.bearing[i]]
+            right = rivals[bodies.bearing[rivals] < bodies.bearing[i]]
+            two = ~same[np.ix_(left, right)]
+            if not (two & (np.add.outer(score[left], score[right]) > score[i])).any():
+                kept.append(i)
         return np.array(kept, dtype=np.intp)
+
+    def _same(self, bodies: Bodies) -> Bool:
+        """Which of the bodies are in one place, shape (n, n)."""
+        tuning = self.tuning.finder
+
+        def differences(values: Float) -> Float:
+            return np.abs(np.subtract.outer(values, values))
+
+        across = differences(bodies.bearing) * np.minimum.outer(bodies.range, bodies.range)
+        sigma = np.hypot.outer(bodies.sigma_range, bodies.sigma_range)
+        deep = np.maximum(tuning.apart, tuning.apart_sigmas * sigma)
+        same = (across < tuning.apart_across) & (differences(bodies.range) < deep)
+        away = np.hypot(differences(bodies.x), differences(bodies.y))
+        same |= away < tuning.apart
+        np.fill_diagonal(same, False)
+        return np.asarray(same)
 
 
 def _tops(patches: Patches, contrast: Float32, tuning: FinderTuning) -> Float:

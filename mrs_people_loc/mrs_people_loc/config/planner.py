@@ -6,7 +6,7 @@ import dataclasses
 import re
 from dataclasses import dataclass
 
-from mrs_people_loc.anthropometry import APART_ACROSS, APART_JOINED
+from mrs_people_loc.anthropometry import APART, APART_ACROSS
 from mrs_people_loc.config.parameters import Section, field
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.precision import PIXEL_SIGMA_PX
@@ -108,7 +108,7 @@ class Joining(Section):
     )
     max_distance: float = field(0.7, "... and within this distance [m]", low=0.05, high=5.0)
     min_score: float = field(0.5, "log-odds from which a body is a person", low=-20.0, high=50.0)
-    apart: float = field(APART_JOINED, "minimum distance of two people [m]", low=0.0, high=2.0)
+    apart: float = field(APART, "minimum distance of two people [m]", low=0.0, high=2.0)
     fragment_gate: float = field(
         5.0, "a body within this number of sigmas of a likelier person, whom its robots did not "
         "see, belongs to that person; 0: off",

@@ -35,6 +35,9 @@ from mrs_tools.fitting.regression import fit_layered, fit_linear, fit_quantile, 
 from mrs_tools.scoring.positions import CHI2_95
 
 FOLDS = 5
+#: Added to the log-odds of a person: candidates are mostly things, and a person who is missed costs
+#: more than a thing that is taken for one, which the planner's places and tracks may still remove.
+IN_FAVOUR = 0.5
 #: Width of the bins of range in which examples count alike [m], and how much one may count.
 _BIN, _MOST = 0.5, 4.0
 #: Knots of the groups that are fitted without bias: ranges [m], log2 of pixels for a metre.
@@ -103,7 +106,7 @@ def held_out_scores(examples: Examples, parts: Sequence[tuple[Bool, Parts]]) -> 
 def combination(
     examples: Examples, scores: Scores, real: Examples | None = None, parts: Parts | None = None
 ) -> Float:
-    """Weights of the combination.
+    """Weights of the combination, `IN_FAVOUR` included.
 
     Args:
         examples: Of renderings.
@@ -118,7 +121,9 @@ def combination(
         scores = Scores.concatenate([scores, parts.scores(clear)])
         person = np.concatenate([person, clear.person])
         known = np.arange(len(scores)) >= len(known)
-    return fit_combination(scores, person, shared_weights(known))
+    weights = fit_combination(scores, person, shared_weights(known))
+    weights[-1] += IN_FAVOUR
+    return weights
 
 
 def fit(examples: Examples, real: Examples | None = None) -> BodyModel:

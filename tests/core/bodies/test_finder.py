@@ -152,8 +152,8 @@ def test_no_body_is_found_beyond_infinity(head):
     [
         (0.0, 0.0, 1),
         (0.25, 0.0, 1),
-        (0.35, 0.0, 1),  # nearer than 0.42 m
-        (0.5, 0.0, 2),
+        (0.35, 0.0, 1),  # nearer than 0.36 m
+        (0.38, 0.0, 2),
         (0.0, 0.3, 1),
         (0.25, 0.6, 1),  # within 2 sigma along the line of sight
         (0.25, 0.8, 2),
@@ -170,6 +170,29 @@ def test_of_two_bodies_in_one_place_one_is_kept(head, beside, behind, kept):
     assert len(bodies) == kept
     assert bodies.score[0] == pytest.approx(2.0)  # the likelier one stays
     assert bodies.range[0] == pytest.approx(distance)
+
+
+@pytest.mark.parametrize(
+    ("scores", "kept"),
+    [
+        ([5.0, 8.0, 4.0], [5.0, 4.0]),  # together more than what lies between them
+        ([3.0, 8.0, 4.0], [8.0]),
+        ([7.0, 8.0, 1.9], [8.0]),  # one of the two is doubtful
+        ([7.9, 7.0, 1.9], [7.9, 1.9]),
+    ],
+)
+def test_two_people_side_by_side_take_the_place_of_what_lies_between_them(head, scores, kept):
+    scores = np.array(scores) - 4.0
+    view = view_of([-0.1, 0.0, 0.1], [2.0] * 3, score=scores)  # 0.2 m and 0.4 m from each other
+    bodies = judged(finder_of(head, model_of(score=4.0)), view)
+    np.testing.assert_allclose(sorted(bodies.score, reverse=True), kept, atol=1e-5)
+
+
+def test_two_on_one_side_of_a_likelier_body_do_not_take_its_place(head):
+    # Both are on its left, one behind the other.
+    view = view_of([0.0, 0.1, 0.1], [2.0, 1.8, 2.25], score=[3.0, 2.5, 2.5])
+    bodies = judged(finder_of(head, model_of(depth_sigma_px=0.01)), view)
+    np.testing.assert_allclose(bodies.score, [3.0], atol=1e-5)
 
 
 def test_bodies_are_sorted_by_score_and_low_scores_are_dropped(head):
