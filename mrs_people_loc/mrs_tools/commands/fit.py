@@ -1,7 +1,7 @@
 """`mrs fit`: fits the body model to bags with ground truth.
 
     mrs simulate --suite train OUT_DIR/train
-    mrs simulate --suite train --variants 20 OUT_DIR/more
+    mrs simulate --suite train --variants 12 OUT_DIR/more
     mrs fit OUT_DIR/*/*/ --out body_model.json
 
 Each candidate of each view is an example: a person if somebody truly is there, none if nobody is

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -130,6 +130,19 @@ class _Looker:
         return Looks(blocks.astype(np.float32), detector.inside, self._network(*at))
 
 
+def _collected_lookers(
+    tuning: BodyTuning,
+) -> tuple[list[_Looker], Callable[[str, StereoCamera, RobotConfig], _Looker]]:
+    """What makes the pipelines of a run, and the list of those that it has made."""
+    lookers: list[_Looker] = []
+
+    def make(robot: str, camera: StereoCamera, config: RobotConfig) -> _Looker:
+        lookers.append(_Looker(robot, camera, config, tuning))
+        return lookers[-1]
+
+    return lookers, make
+
+
 class _PoseCollector:
     """Stands in for the planner of a run; keeps the last pose of each robot."""
 
@@ -160,12 +173,7 @@ def examples_of(
     Raises:
         PeopleLocError: The bag cannot be used.
     """
-    lookers: list[_Looker] = []
-
-    def make(robot: str, camera: StereoCamera, config: RobotConfig) -> _Looker:
-        lookers.append(_Looker(robot, camera, config, tuning))
-        return lookers[-1]
-
+    lookers, make = _collected_lookers(tuning)
     run = BagRun(path, configs, pipeline=make)
     truth = run.truth()
     if not len(truth):
@@ -232,12 +240,7 @@ def labelled_examples(
     Raises:
         PeopleLocError: The bag cannot be used.
     """
-    lookers: list[_Looker] = []
-
-    def make(robot: str, camera: StereoCamera, config: RobotConfig) -> _Looker:
-        lookers.append(_Looker(robot, camera, config, tuning))
-        return lookers[-1]
-
+    lookers, make = _collected_lookers(tuning)
     collector = _PoseCollector()
     run = BagRun(path, configs, pipeline=make, planner=lambda _: collector)
     for _ in run.intervals():
