@@ -47,7 +47,19 @@ from mrs_people_loc.config import load_yaml
 from mrs_people_loc.errors import BagError, ConfigError
 from mrs_tools.bags.checks import CheckedReader, CheckedWriter, check_definitions
 
-OUR_MESSAGES = tuple(f"mrs_people_msgs/msg/{n}" for n in ("People", "Person", "Group", "RobotScan"))
+OUR_MESSAGES = tuple(
+    f"mrs_people_msgs/msg/{n}"
+    for n in (
+        "People",
+        "Person",
+        "Group",
+        "RobotScan",
+        "TeamPose",
+        "Wall",
+        "RelativePose",
+        "RelativePoses",
+    )
+)
 
 
 class RawMessage(NamedTuple):
