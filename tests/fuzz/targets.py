@@ -326,6 +326,76 @@ def _people(stragglers: int = 0, words: str = "") -> bytes:
     return _encoded(PEOPLE, reported)
 
 
+TEAM_POSE = "mrs_people_msgs/msg/TeamPose"
+RELATIVE_POSES = "mrs_people_msgs/msg/RelativePoses"
+
+
+def take_team_pose(data: bytes) -> None:
+    """What a team-mate says of where it is."""
+    message = _decoded(TEAM_POSE, data)
+    if message is not None:
+        messages.read_team_pose(message, "map")
+
+
+def _team_pose() -> bytes:
+    stamp = _header().stamp
+    walls = [
+        _make(
+            "mrs_people_msgs/msg/Wall", stamp=stamp, distance=distance, bearing=1.0,
+            covariance=np.array([0.01, 0.001, 0.002]), from_m=-1.0, to_m=2.0, ends_at_from=False,
+            ends_at_to=True,
+        )
+        for distance in (0.5, 3.0)
+    ]  # fmt: skip
+    told = _make(
+        TEAM_POSE, header=_header(), robot="robot_b", pose=_pose(), odometry_x=1.0, odometry_y=2.0,
+        odometry_yaw=0.5, position_variance=0.01, heading_variance=0.01, walls=walls,
+        absolute=[_make(POSE, header=_header(), pose=_pose())],
+    )  # fmt: skip
+    return _encoded(TEAM_POSE, told)
+
+
+def take_relative_poses(data: bytes) -> None:
+    """Where robots are to each other, as the planner says."""
+    message = _decoded(RELATIVE_POSES, data)
+    if message is not None:
+        messages.read_relative_poses(message)
+
+
+def _relative_poses() -> bytes:
+    stamp = _header().stamp
+    pose = _make(
+        "mrs_people_msgs/msg/RelativePose", stamp=stamp, robot="robot_a", other_stamp=stamp,
+        other="robot_b", x=1.0, y=2.0, yaw=0.5, covariance=0.01 * np.eye(3).reshape(-1),
+    )  # fmt: skip
+    return _encoded(RELATIVE_POSES, _make(RELATIVE_POSES, header=_header(), poses=[pose, pose]))
+
+
+LASER, RANGE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Range"
+
+
+def take_ranges(data: bytes) -> None:
+    """A laser's scan or a sonar's range (by the first byte)."""
+    message = _decoded(LASER if data[:1] == b"l" else RANGE, data[1:])
+    if message is not None and data[:1] == b"l":
+        messages.read_laser_scan(message)
+    elif message is not None:
+        messages.read_range(message)
+
+
+def _ranges() -> list[bytes]:
+    laser = _make(
+        LASER, header=_header("laser"), angle_min=-1.5, angle_max=1.5, angle_increment=0.1,
+        time_increment=0.0, scan_time=0.1, range_min=0.1, range_max=10.0,
+        ranges=np.linspace(1.0, 12.0, 31, dtype=np.float32), intensities=np.zeros(0, np.float32),
+    )  # fmt: skip
+    sonar = _make(
+        RANGE, header=_header("sonar"), radiation_type=0, field_of_view=0.4, min_range=0.2,
+        max_range=4.0, range=1.5, variance=0.0,
+    )  # fmt: skip
+    return [b"l" + _encoded(LASER, laser), b"s" + _encoded(RANGE, sonar)]
+
+
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
@@ -737,6 +807,9 @@ TARGETS: Mapping[str, Target] = {
     ),
     "grid": Target(take_grid, lambda: [_grid()], 3_000, 300),
     "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
+    "team_pose": Target(take_team_pose, lambda: [_team_pose()], 1_500, 3_000),
+    "relative_poses": Target(take_relative_poses, lambda: [_relative_poses()], 600, 3_000),
+    "ranges": Target(take_ranges, _ranges, 600, 3_000),
     "shown": Target(
         take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
     ),
