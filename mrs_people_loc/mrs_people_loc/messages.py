@@ -531,12 +531,12 @@ def _relative_pose(message: Message, of_message_ns: int) -> RelativePose:
     return RelativePose(robot, stamps[0], other, stamps[1], values, covariance)
 
 
-def read_laser_scan(message: Message) -> tuple[int, Float, Float]:
+def read_laser_scan(message: Message) -> tuple[int, Float, Float, float]:
     """Reads sensor_msgs/LaserScan.
 
     Returns:
-        Time [ns]; ranges [m], shape (n,), NaN where nothing was met; their bearings in the
-        sensor's frame [rad], shape (n,).
+        Time [ns]; ranges [m], shape (n,), infinite where nothing was met and NaN where that is not
+        known; their bearings in the sensor's frame [rad], ascending, shape (n,); its range [m].
 
     Raises:
         RangeError: A value cannot be used.
@@ -555,10 +555,12 @@ def read_laser_scan(message: Message) -> tuple[int, Float, Float]:
         )
     if ranges.size * abs(step) > 4.0 * math.pi:
         raise RangeError(f"scan covers {ranges.size * abs(step):g} rad; allowed: two turns")
-    with np.errstate(invalid="ignore"):
-        ranges[~((ranges >= least) & (ranges <= greatest))] = np.nan
+    ranges[~(ranges >= least)] = np.nan
+    ranges[ranges > greatest] = np.inf
     bearings = first + step * np.arange(ranges.size, dtype=np.float64)
-    return stamp_ns, ranges, bearings
+    if step < 0.0:
+        ranges, bearings = ranges[::-1], bearings[::-1]
+    return stamp_ns, ranges, bearings, greatest
 
 
 def read_range(message: Message) -> tuple[int, float, float]:

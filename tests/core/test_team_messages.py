@@ -199,10 +199,16 @@ def laser(**changes: Any) -> SimpleNamespace:
     return SimpleNamespace(**values | changes)
 
 
-def test_laser_scan_has_ranges_at_bearings_and_nan_where_nothing_was_met():
-    stamp_ns, ranges, bearings = messages.read_laser_scan(laser())
-    assert stamp_ns == STAMP_NS
-    np.testing.assert_array_equal(ranges, [1.0, NAN, NAN, 8.0, NAN, NAN])
+def test_laser_scan_has_ranges_at_ascending_bearings():
+    stamp_ns, ranges, bearings, limit = messages.read_laser_scan(laser())
+    assert (stamp_ns, limit) == (STAMP_NS, 8.0)
+    np.testing.assert_array_equal(ranges, [1.0, INF, NAN, 8.0, NAN, INF])
+    np.testing.assert_allclose(bearings, [-1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
+    # The same, turned the other way.
+    ranges_back = list(reversed(laser().ranges))
+    turned = laser(angle_min=1.5, angle_increment=-0.5, ranges=ranges_back)
+    _, ranges, bearings, _ = messages.read_laser_scan(turned)
+    np.testing.assert_array_equal(ranges, [1.0, INF, NAN, 8.0, NAN, INF])
     np.testing.assert_allclose(bearings, [-1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
 
 
