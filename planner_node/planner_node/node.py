@@ -9,7 +9,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 from sensor_msgs.msg import PointCloud2
 
@@ -32,15 +31,10 @@ from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
+from mrs_ros.qos import MAP
 from planner_node.outputs import Outputs
 from planner_node.roster import Roster
 
-#: As map_server publishes: the last map, also for subscribers that come later.
-MAP_QOS = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 #: Periods of checking `max_wait`, and the graph for new robots [s].
 _TICK_S, _DISCOVERY_S = 0.01, 0.2
 #: What is counted of a robot's poses, beside the scans that were left out (`LEFT_OUT`).
@@ -86,7 +80,7 @@ class PlannerNode(ManagedNode):
     def start(self) -> None:
         """Subscribes to the robots, and looks for more."""
         if self.config.masking.occupancy_grid:
-            self.listen(OccupancyGrid, "map", self._on_map, MAP_QOS, once=True)
+            self.listen(OccupancyGrid, "map", self._on_map, MAP, once=True)
         for robot in self.config.robots:
             self._roster.add(robot)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

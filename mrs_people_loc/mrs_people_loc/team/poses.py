@@ -99,6 +99,21 @@ class Pose:
         )
 
 
+def frame_of(pose: Pose, local: Pose) -> Pose:
+    """Where a frame is, in which something has the pose `local`.
+
+    Args:
+        pose: Its pose in the frame that the result is given in.
+        local: Its pose in the frame that is asked for.
+
+    Returns:
+        The exact frame F with F @ local = pose, at the stamp of `pose`.
+    """
+    yaw = wrap_angle(pose.yaw - local.yaw)
+    dx, dy = rotation_2d(yaw) @ (local.x, local.y)
+    return Pose(pose.stamp_ns, pose.x - float(dx), pose.y - float(dy), yaw)
+
+
 @dataclass
 class PoseBuffer:
     """The last poses of one robot, to be read at any time between them.
