@@ -176,11 +176,12 @@ class RobotNode(ManagedNode):
     # ---- diagnostics ----
 
     def observe(self) -> None:
-        """Counts images without a pair."""
+        """Counts images without a pair, and what localization refuses."""
+        self._pose.localization.observe()
         self._unpaired.update(self._head.pairer.unpaired)
 
     def findings(self) -> list[Finding]:
-        """The pairs of images, the head, its mounting, the scan and the pose."""
+        """The pairs of images, the head, its mounting, the scan, the pose and the localization."""
         pairer = self._head.pairer
         pairing = PairingState(
             unpaired=pairer.unpaired,
@@ -202,6 +203,7 @@ class RobotNode(ManagedNode):
             of_mounting(self._mounting(), watched=self.config.floor.watch),
             of_scan(scan),
             self._pose.finding(),
+            *self._pose.localization.findings(),
         ]
 
     def _mounting(self) -> MountingState | None:

@@ -17,10 +17,11 @@ from mrs_people_loc.errors import PoseError
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.robot import PoseState, of_pose
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
+from mrs_people_loc.team.poses import Pose, PoseIntake, frame_of, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import POSES
+from robot_node.localization import RobotLocalization, localizes
 
 #: Period of looking the pose up in TF [s].
 TF_PERIOD_S = 0.02
@@ -50,6 +51,9 @@ class PoseSource:
     Args:
         node: The robot's node.
         base_frame: Its base_link.
+
+    Attributes:
+        localization: Corrects odometry.
     """
 
     def __init__(self, node: ManagedNode, base_frame: str) -> None:
@@ -67,6 +71,7 @@ class PoseSource:
         self._scan_at_s = 0.0
         self._error = ""
         self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
+        self.localization = RobotLocalization(node, base_frame)
         tells = self._config.pose.publish_tf != "never" and tf.installed("tf2_msgs")
         self._frames_out = tf.FramePublisher(node.offer) if tells else None
         self._odom_frame = ""
@@ -83,6 +88,7 @@ class PoseSource:
         else:
             kind = Odometry if source == "odom" else PoseWithCovarianceStamped
             self._node.listen(kind, source, self._on_pose, POSES)
+            self.localization.start()
         self._tell_fixed_frames()
 
     def stop(self) -> None:
@@ -99,6 +105,7 @@ class PoseSource:
         """Forgets what came last: the time was set back."""
         self._intake.begin_anew()
         self._last, self._asked_ns = None, 0
+        self.localization.begin_anew()
         if self._listener is not None:
             self._listener.clear()
 
@@ -106,6 +113,7 @@ class PoseSource:
         """Takes new parameters, which `check` let pass."""
         self._config = config
         self._intake.config = config.pose
+        self.localization.changed(config)
         if self._node.is_active:
             self._tell_fixed_frames()
 
@@ -135,10 +143,18 @@ class PoseSource:
         return of_pose(state)
 
     def _on_pose(self, message: Any) -> None:
-        frame_id = message.header.frame_id
-        pose = self._intake(messages.read_pose(message, self._base_frame), frame_id)
-        if pose is not None:
-            self._send(pose, frame_id.lstrip("/"))
+        pose, frame_id = messages.read_pose(message, self._base_frame), message.header.frame_id
+        came_in = frame_id.lstrip("/")
+        if localizes(self._config, came_in):
+            placed = self._intake(
+                self.localization.take_odometry(pose), self._config.pose.map_frame
+            )
+            if placed is not None:
+                self._send_corrected(placed, pose, came_in)
+            return
+        in_map = self._intake(pose, frame_id)
+        if in_map is not None:
+            self._send(in_map, came_in)
 
     def _ask_tf(self) -> None:
         config = self._config.pose
@@ -180,6 +196,25 @@ class PoseSource:
         if last is None or abs(now_ns - last.stamp_ns) > 0.9e9 * STANDING_PERIOD_S:
             assert pose is not None
             self._send(pose)
+
+    def _send_corrected(self, pose: Pose, odometry: Pose, odom_frame: str) -> None:
+        """Publishes a pose that was corrected, and where that puts its odometry's frame.
+
+        Args:
+            pose: The pose in the map.
+            odometry: The pose in the odometry's frame.
+            odom_frame: That frame.
+        """
+        config = self._config.pose
+        self._last = pose
+        self._pose.publish(convert.pose_stamped(pose, config.map_frame))
+        if self._frames_out is None:
+            return
+        if config.publish_tf == "always" or odom_frame == config.map_frame:
+            parent, child, where = config.map_frame, self._base_frame, pose
+        else:
+            parent, child, where = config.map_frame, odom_frame, frame_of(pose, odometry)
+        self._frames_out.moving(convert.transform(pose.stamp_ns, parent, where, child))
 
     def _send(self, pose: Pose, came_in: str = "") -> None:
         """Publishes a pose, and its frames.

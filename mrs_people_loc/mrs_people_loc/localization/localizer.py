@@ -264,7 +264,10 @@ class Localizer:
         if newest is None:
             raise PoseError("no odometry has arrived")
         pose = self._own_pose(newest, self._history.newest)
-        return TeamPose(self.robot, pose, newest, tuple(self._walls), tuple(self._absolute))
+        oldest_ns = newest.stamp_ns - REPEATED_NS
+        walls = tuple(seen for seen in self._walls if seen.stamp_ns >= oldest_ns)
+        absolute = tuple(seen for seen in self._absolute if seen.stamp_ns >= oldest_ns)
+        return TeamPose(self.robot, pose, newest, walls, absolute)
 
     @property
     def state(self) -> LocalizationState:
