@@ -30,6 +30,10 @@ from mrs_people_loc.sensing.disparity import SUBPIXELS
 _ROUNDED_PX = 0.5 / SUBPIXELS
 #: Least variance of the third component of a plane [1 / m^2].
 _LEAST = 1e-12
+#: Prior distance of a wall from the lens, one standard deviation [m].
+_NEAREST = 0.1
+#: Pixels of this part of the least inverse range of a wall are behind it.
+_BEHIND = 0.5
 
 
 @dataclass(frozen=True)
@@ -38,8 +42,9 @@ class StereoWallTuning:
 
     Attributes:
         stride: Of the rows and columns one in so many is used: matching errs alike in neighbours.
-        max_range: Pixels farther away are not used [m],
-        lowest: nor those lower over the floor [m],
+        max_range: A wall is used up to this range [m],
+        least_px: and where its disparity is larger [px]: what is far is drawn to what is near.
+        lowest: Pixels lower over the floor are not used [m],
         min_level: nor those whose ray's horizontal part is shorter, per metre of depth.
         columns: Bins of bearing over the view.
         bin_px: Width of a bin of inverse range [px].
@@ -60,8 +65,7 @@ class StereoWallTuning:
         min_columns: so many columns,
         min_length: is so long [m],
         max_gap: and no more of it is hidden in one place [m].
-        max_bow_px: On a plane the mean residual of the middle half differs from that of the outer
-            quarters by less [px].
+        max_rough_px: It is flat within this: root mean square of the columns' mean residuals [px].
         max_tilt: It is upright within this angle [rad].
         max_count: So many walls at most,
         max_tries: found in so many tries.
@@ -78,6 +82,7 @@ class StereoWallTuning:
 
     stride: int = 3
     max_range: float = 6.0
+    least_px: float = 2.0
     lowest: float = 0.3
     min_level: float = 0.35
     columns: int = 48
@@ -88,8 +93,8 @@ class StereoWallTuning:
     tall: float = 1.5
     min_apart: int = 5
     max_apart: int = 24
-    max_lines: int = 400
-    tolerances_px: tuple[float, ...] = (0.6, 0.4, 0.4)
+    max_lines: int = 250
+    tolerances_px: tuple[float, ...] = (0.6, 0.4)
     behind_px: float = 0.8
     min_height: float = 1.0
     min_part: float = 0.7
@@ -98,8 +103,8 @@ class StereoWallTuning:
     min_pixels: int = 30
     min_columns: int = 7
     min_length: float = 0.8
-    max_gap: float = 0.6
-    max_bow_px: float = 0.12
+    max_gap: float = 0.8
+    max_rough_px: float = 0.09
     max_tilt: float = 0.12
     max_count: int = 4
     max_tries: int = 5
@@ -110,8 +115,8 @@ class StereoWallTuning:
     offset_px: float = 0.08
     across_px: float = 0.04
     down_px: float = 0.08
-    tile_px: int = 10
-    max_sigma: float = 0.1
+    tile_px: int = 8
+    max_sigma: float = 0.05
 
 
 STEREO_WALL_TUNING = StereoWallTuning()
@@ -196,6 +201,7 @@ class StereoWalls:
         self._bearing = self._ahead + low + (np.arange(tuning.columns) + 0.5) * self._step
         unit = np.stack([np.cos(self._bearing), np.sin(self._bearing)], axis=1)
         self._unit = self._scale * unit
+        self._least = max(self._scale / tuning.max_range, tuning.least_px)
         self._top = np.full(tuning.columns, -np.inf)
         np.maximum.at(self._top, self._pixels.column, self._pixels.slope)
         reach = np.abs(optical[:2]).max(axis=(1, 2))
@@ -238,7 +244,8 @@ class StereoWalls:
         values = disparity[self._every].reshape(-1)[self._usable]
         values = values - np.float32(self.camera.disparity_offset_px + _ROUNDED_PX)
         inverse = values / pixels.level
-        used = inverse > self._scale / tuning.max_range  # NaN compares false
+        # Not only what may be on a wall, but also what is behind. NaN compares false.
+        used = inverse > np.float32(_BEHIND * self._least)
         # The height over the lens, times inverse range, so that nothing is divided by zero.
         lowest = np.float32((tuning.lowest - self._lens[2]) / self._scale)
         used &= pixels.slope > lowest * inverse
@@ -272,6 +279,7 @@ class StereoWalls:
         for _ in range(tuning.peaks):
             row = left.argmax(axis=0)
             high = left[row, column] > tuning.min_peak
+            high &= (row + 0.5) * tuning.bin_px > self._least - tuning.tolerances_px[0]
             at_rows.append(row[high])
             at_columns.append(column[high])
             near = np.clip(row + np.arange(-2, 3)[:, np.newaxis], 0, tuning.rows - 1)
@@ -308,7 +316,8 @@ class StereoWalls:
         fit = np.append(plane, 0.0)
         for tolerance in tuning.tolerances_px:
             off = surface.disparity - surface.ray @ fit.astype(np.float32)
-            on = left & (np.abs(off) < tolerance)
+            near = self._unit @ fit[:2] > self._least
+            on = left & (np.abs(off) < tolerance) & near[surface.column]
             if np.count_nonzero(on) < tuning.min_pixels:
                 left &= ~on
                 return fit, None
@@ -332,8 +341,9 @@ class StereoWalls:
         weight = 1.0 / (PIXEL_SIGMA_PX**2 * max(1.0, tiles))
         information *= weight
         upright = tuning.sigma_tilt**2 * float(plane[:2] @ plane[:2])
-        information[2, 2] += 1.0 / max(upright, _LEAST)
-        covariance = np.asarray(np.linalg.pinv(information, hermitian=True), dtype=np.float64)
+        # No wall is nearer than 10 cm; so the matrix has an inverse, whatever the rays are.
+        information += np.diag([_NEAREST**2, _NEAREST**2, 1.0 / max(upright, _LEAST)])
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         plane = covariance @ (rays.T @ disparity.astype(np.float64)) * weight
         return plane, covariance
 
@@ -346,14 +356,16 @@ class StereoWalls:
         """
         tuning, columns = self._tuning, self._tuning.columns
         height = np.bincount(surface.column[on], surface.height[on], minlength=columns)
-        through = np.bincount(surface.column[behind], surface.height[behind], minlength=columns)
-        inverse = self._unit @ plane[:2]
-        ranges = self._scale / np.maximum(inverse, self._scale / (2.0 * tuning.max_range))
+        inverse = np.maximum(self._unit @ plane[:2], _BEHIND * self._least)
+        ranges = self._scale / inverse
+        # Where the line of sight passes the plane.
+        passed = surface.height[behind] * surface.inverse[behind]
+        through = np.bincount(surface.column[behind], passed, minlength=columns) / inverse
         shown = self._top * ranges + self._lens[2] - tuning.lowest
         wanted = np.clip(tuning.min_part * shown, tuning.least_height, tuning.min_height)
         opaque = through < tuning.max_behind * height
         is_open = ~opaque & (through > tuning.least_height)
-        seen = (height > wanted) & opaque
+        seen = (height > wanted) & opaque & (inverse > self._least)
         along = ranges * np.sin(self._bearing - math.atan2(plane[1], plane[0]))
         index = np.flatnonzero(seen)
         if not len(index):
@@ -383,10 +395,9 @@ class StereoWalls:
         distance, bearing = 1.0 / norm, math.atan2(plane[1], plane[0])
         places = along[surface.column]
         extent = float(places.min()), float(places.max())
-        middle = np.abs(places - 0.5 * sum(extent)) < 0.25 * (extent[1] - extent[0])
-        if not middle.any() or middle.all():
-            return None
-        if abs(off[middle].mean() - off[~middle].mean()) > tuning.max_bow_px:
+        count = np.bincount(surface.column, minlength=tuning.columns)
+        means = np.bincount(surface.column, off, minlength=tuning.columns) / np.maximum(count, 1)
+        if means @ means > tuning.max_rough_px**2 * np.count_nonzero(count):
             return None
         cos, sin = plane[:2] / norm
         jacobian = distance * np.array([[-distance * cos, -distance * sin], [-sin, cos]])

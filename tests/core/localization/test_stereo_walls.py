@@ -107,7 +107,7 @@ def test_both_walls_of_a_corridor(make_head, rectangle):
         ("a table on its edge", {"high": 0.75}, 0),
         ("a narrow board", {"left": -0.3, "right": 0.3}, 0),
         ("a strip under the ceiling", {"low": 1.5, "high": 2.0}, 0),
-        ("a tall, wide cupboard", {"left": -0.7, "right": 0.7, "high": 2.0}, 1),
+        ("a tall, wide cupboard", {"left": -0.9, "right": 0.9, "high": 2.0}, 1),
     ],
 )
 def test_what_is_a_wall(make_head, rectangle, name, surface, count):
