@@ -26,6 +26,8 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
+from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.localization.sonar_walls import SonarTuning, SonarWalls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector
@@ -294,6 +296,43 @@ def _grid() -> bytes:
     info = _make("nav_msgs/msg/MapMetaData", map_load_time=time, resolution=0.1, width=40,
                  height=30, origin=_pose().pose)  # fmt: skip
     return _encoded(GRID, _make(GRID, header=_header(), info=info, data=data.reshape(-1)))
+
+
+RANGE = "sensor_msgs/msg/Range"
+LASER = "sensor_msgs/msg/LaserScan"
+
+
+def take_range(data: bytes) -> None:
+    """A range of a sonar, four times, of a robot that drives past what it measures."""
+    message = _decoded(RANGE, data)
+    if message is None:
+        return
+    measured, walls = messages.read_range(message), SonarWalls(SonarTuning(least=2, period_s=0.0))
+    for k in range(4):
+        stamp_ns = measured.stamp_ns + k * 50_000_000
+        walls.take(measured, (0.1, 0.2, 1.5), Odometry(stamp_ns, 0.1 * k, 0, 0, 1e-4 * k, 1e-5 * k))
+
+
+def _range() -> bytes:
+    return _encoded(RANGE, _make(
+        RANGE, header=_header("robot_a/sonar"), radiation_type=0, field_of_view=0.5, min_range=0.1,
+        max_range=4.0, range=1.5, variance=0.0,
+    ))  # fmt: skip
+
+
+def take_laser(data: bytes) -> None:
+    """A scan of a laser scanner."""
+    message = _decoded(LASER, data)
+    if message is not None:
+        messages.read_laser_scan(message)
+
+
+def _laser() -> bytes:
+    return _encoded(LASER, _make(
+        LASER, header=_header("robot_a/laser"), angle_min=-1.0, angle_max=1.0, angle_increment=0.1,
+        time_increment=0.0, scan_time=0.1, range_min=0.1, range_max=8.0,
+        ranges=np.linspace(1, 9, 21, dtype=np.float32), intensities=np.empty(0, np.float32),
+    ))  # fmt: skip
 
 
 PEOPLE = "mrs_people_msgs/msg/People"
@@ -736,6 +775,8 @@ TARGETS: Mapping[str, Target] = {
         take_scan, lambda: [_encoded(POINTS, _points(b)) for b in (False, True)], 2_000, 2_000
     ),
     "grid": Target(take_grid, lambda: [_grid()], 3_000, 300),
+    "range": Target(take_range, lambda: [_range()], 300, 3_000),
+    "laser": Target(take_laser, lambda: [_laser()], 1_000, 3_000),
     "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
     "shown": Target(
         take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
