@@ -1,8 +1,8 @@
 """What robots of a tour without rendering (`tours`) see: walls and people, with errors.
 
 The errors have the form of a stereo head's. Those of walls come from noise in the inverse depth
-along rays of the view, to which `StereoWalls` fits lines as well, and from the calibration, which is
-off a little all the time. Those of people are long along the line of sight, and a part of their
+along rays of the view, to which `StereoWalls` fits lines as well, and from the calibration, which
+is off a little all the time. Those of people are long along the line of sight, and a part of their
 variance lasts for seconds, as long as somebody is seen from one side.
 """
 
@@ -273,7 +273,7 @@ def walls_by_sonar(
 
 
 @dataclass(frozen=True)
-class SeenPeople:
+class PeopleInView:
     """Who a robot sees at one time.
 
     Attributes:
@@ -291,7 +291,7 @@ class SeenPeople:
 
 def seen_people(
     times: NDArray, poses: NDArray, people: NDArray, rng: Rng, head: LightHead = HEAD
-) -> list[SeenPeople]:
+) -> list[PeopleInView]:
     """The people whom a robot sees at several times.
 
     Args:
@@ -319,7 +319,7 @@ def seen_people(
     cos, sin = np.cos(angle), np.sin(angle)
     xy = np.stack([cos * measured - sin * aside, sin * measured + cos * aside], axis=-1)
     return [
-        SeenPeople(np.flatnonzero(row), xy[k][row], along[k][row], across[k][row])
+        PeopleInView(np.flatnonzero(row), xy[k][row], along[k][row], across[k][row])
         for k, row in enumerate(seen)
     ]
 
@@ -335,7 +335,7 @@ def _changing(times: NDArray, count: int, lasts: float, rng: Rng) -> NDArray:
     return np.asarray(lfilter([1.0], [1.0, -kept], white, axis=0))
 
 
-def scan_of(robot: str, stamp_ns: int, seen: SeenPeople) -> Scan:
+def scan_of(robot: str, stamp_ns: int, seen: PeopleInView) -> Scan:
     """The scan of a view that shows just these people: a cell for each."""
     count = len(seen.xy)
 

@@ -57,7 +57,11 @@ class Belief:
 
 
 def believe(
-    track: Track, settings: Odometry, duration: float, rng: np.random.Generator, robot: Robot
+    track: Track,
+    settings: Odometry,
+    duration: float,
+    rng: np.random.Generator,
+    robot: Robot = Robot(),  # noqa: B008
 ) -> Belief:
     """Turns a true track into odometry with the errors of a mode (see `scene.Odometry`).
 
@@ -117,7 +121,7 @@ def _drifting(
 
 
 def seen_steps(at: NDArray, truth: NDArray, robot: Robot) -> NDArray:
-    """Motions from each time to the next, in the robot's frame at the first, as its wheels see them.
+    """Motions from each time to the next, in the robot's frame at the first, as wheels see them.
 
     Args:
         at: Times [s], shape (n,).
