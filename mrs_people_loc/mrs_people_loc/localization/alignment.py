@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -27,8 +28,9 @@ class AlignmentTuning:
         gate: A move and turn is within so many standard deviations of the expected one.
         baseline: Two people are a hypothesis if they are farther apart than this [m].
         density: People whom only one of two robots sees [1/m^2]; what a match has to beat.
-        candidates: Possible matches that are looked at, at most: the nearest.
-        hypotheses: Hypotheses that are refined, at most: the likeliest.
+        candidates: Possible matches that hypotheses are made of, at most.
+        hypotheses: Hypotheses that are scored, at most: those of people whose distance agrees best.
+        refined: Different ones that are refined, at most: the best.
         steps: Gauss-Newton steps of a refinement.
         distinct: Two hypotheses are different ones if they bring people to places that are farther
             apart than this, root mean square [m].
@@ -37,8 +39,9 @@ class AlignmentTuning:
     gate: float = 3.5
     baseline: float = 0.4
     density: float = 0.5
-    candidates: int = 300
-    hypotheses: int = 64
+    candidates: int = 120
+    hypotheses: int = 256
+    refined: int = 12
     steps: int = 4
     distinct: float = 0.25
 
@@ -84,23 +87,27 @@ class Alignment:
 
 
 def align(
-    own: Places, others: Places, prior: Float, *, tuning: AlignmentTuning = ALIGNMENT_TUNING
+    own: Places, others: Places, *priors: Float, tuning: AlignmentTuning = ALIGNMENT_TUNING
 ) -> Alignment | None:
     """Finds the move and turn with which most of a robot's people are where others see people.
 
     Args:
         own: Places of people that the robot sees.
         others: Places of people that others see, relative to the same point.
-        prior: Covariance of what its pose may be wrong by, x, y, turn [m, m, rad], shape (3, 3).
+        *priors: Covariances of what its pose may be wrong by, x, y, turn [m, m, rad], shape (3, 3),
+            one at least; each is as likely as the others, and the last is the widest.
         tuning: Constants.
 
     Returns:
         The likeliest; None: no two people match.
     """
+    prior = priors[-1]
     matches = _possible_matches(own, others, prior, tuning)
     if len(matches) < 2:
         return None
-    states = _hypotheses(matches, prior, tuning)
+    few = matches.select(slice(tuning.candidates))
+    states = _hypotheses(few, prior, tuning)
+    states = states[few.different(states, few.matched(states)[1], tuning)]
     information = np.linalg.inv(prior)
     for _ in range(tuning.steps):
         matched, _ = matches.matched(states)
@@ -108,15 +115,14 @@ def align(
         step = gradient - states @ information
         states = states + np.linalg.solve(normal + information, step[:, :, np.newaxis])[:, :, 0]
     matched, gain = matches.matched(states)
-    normal, _ = matches.normal_equations(states, matched)
-    off = np.einsum("hi,ij,hj->h", states, information, states)
-    freedom = np.linalg.slogdet(np.eye(3) + normal @ prior)[1]
-    evidence = gain - 0.5 * (off + freedom)
+    normal, gradient = matches.normal_equations(states, matched)
+    freedom = [_log_mean(states, normal, gradient, one) for one in priors]
+    evidence = gain + np.logaddexp.reduce(freedom) - math.log(len(priors))
     evidence[matched.sum(axis=1) < 2] = -np.inf
     best = int(evidence.argmax())
     if not np.isfinite(evidence[best]):
         return None
-    other = matches.distance(states, states[best]) > tuning.distinct
+    other = matches.distance(states)[best] > tuning.distinct
     margin = evidence[best] - evidence[other].max(initial=-np.inf)
     which = np.flatnonzero(matched[best])
     return Alignment(
@@ -156,7 +162,36 @@ def fit(
 
 
 @dataclass(frozen=True)
-class _Matches:
+class _Groups:
+    """Columns of a table in groups.
+
+    Attributes:
+        order: The columns, those of one group one after the other, shape (k,).
+        first: Where each group begins in that order.
+        number: Of each column, its group, shape (k,).
+    """
+
+    order: Int
+    first: Int
+    number: Int
+
+    @classmethod
+    def of(cls, key: Int) -> _Groups:
+        """Columns of one key are a group."""
+        order = np.argsort(key, kind="stable")
+        first = np.flatnonzero(np.diff(key[order], prepend=-1))
+        number = np.empty(len(key), dtype=np.intp)
+        number[order] = np.repeat(np.arange(len(first)), np.diff(first, append=len(key)))
+        return cls(order, first, number)
+
+    def largest(self, values: Float) -> Float:
+        """By row, the largest value in each column's group; shape (h, k), as the values'."""
+        largest = np.maximum.reduceat(values[:, self.order], self.first, axis=1)
+        return np.asarray(largest[:, self.number])
+
+
+@dataclass(frozen=True)
+class _Matches(StructOfArrays):
     """Possible matches, arrays of one length (k,), those of one own place one after the other.
 
     Attributes:
@@ -179,9 +214,10 @@ class _Matches:
     information: Float
     most: Float
 
-    def __len__(self) -> int:
-        """How many they are."""
-        return len(self.own)
+    @cached_property
+    def _rivals(self) -> tuple[_Groups, _Groups]:
+        """Matches of one own place, and matches of one other place: one of them at most is right."""
+        return _Groups.of(self.own), _Groups.of(self.others)
 
     def offsets(self, states: Float) -> tuple[Float, Float, Float, Float]:
         """Where own places, moved and turned, are short of the others, and the turned places.
@@ -200,8 +236,8 @@ class _Matches:
         xx, xy, yy = self.information.T
         gain = self.most - 0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy)
         matched = gain > 0.0
-        matched &= gain >= _best_of(gain, self.own)
-        matched &= gain >= _best_of(gain, self.others)
+        for groups in self._rivals:
+            matched &= gain >= groups.largest(gain)
         return matched, np.where(matched, gain, 0.0).sum(axis=1)
 
     def normal_equations(self, states: Float, matched: Bool) -> tuple[Float, Float]:
@@ -221,17 +257,42 @@ class _Matches:
         ).sum(axis=2)
         return normal, gradient
 
-    def distance(self, states: Float, state: Float) -> Float:
-        """Root mean square distance of own places, moved by each state and by one [m], (h,)."""
-        dx, dy, _, _ = self.offsets(states)
-        x, y, _, _ = self.offsets(state[np.newaxis])
-        return np.asarray(np.sqrt(((dx - x) ** 2 + (dy - y) ** 2).mean(axis=1)))
+    def distance(self, states: Float) -> Float:
+        """Distances of the own places, moved and turned by one state and another [m].
+
+        Root mean square: that of the centres of gravity, and the turn times the radius of gyration.
+
+        Args:
+            states: Shape (h, 3).
+
+        Returns:
+            Shape (h, h).
+        """
+        centre = self.here.mean(axis=0)
+        squared_radius = np.square(self.here - centre).sum(axis=1).mean()
+        c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
+        x = states[:, 0] + c * centre[0] - s * centre[1]
+        y = states[:, 1] + s * centre[0] + c * centre[1]
+        turned = 2.0 - 2.0 * np.cos(states[:, 2] - states[:, 2:])
+        squared = (x - x[:, np.newaxis]) ** 2 + (y - y[:, np.newaxis]) ** 2
+        return np.asarray(np.sqrt(squared + squared_radius * turned))
+
+    def different(self, states: Float, score: Float, tuning: AlignmentTuning) -> list[int]:
+        """Indices of states that are different from each other, the best first."""
+        near = self.distance(states) < tuning.distinct
+        left = score.copy()
+        found: list[int] = []
+        while len(found) < tuning.refined and np.isfinite(left).any():
+            best = int(left.argmax())
+            found.append(best)
+            left[near[best]] = -np.inf
+        return found
 
 
 def _possible_matches(
     own: Places, others: Places, prior: Float, tuning: AlignmentTuning
 ) -> _Matches:
-    """Places that may be of one person, the nearest in standard deviations."""
+    """Places of one time that may be of one person."""
     i, j = np.nonzero(own.sample[:, np.newaxis] == others.sample)
     here, there = own.xy[i], others.xy[j]
     total = own.covariance[i] + others.covariance[j]
@@ -239,8 +300,7 @@ def _possible_matches(
     moved[:, 0, 0] = moved[:, 1, 1] = 1.0
     moved[:, 0, 2], moved[:, 1, 2] = -here[:, 1], here[:, 0]
     squared = squared_mahalanobis(there - here, moved @ prior @ moved.transpose(0, 2, 1) + total)
-    nearest = np.argsort(squared, kind="stable")[: tuning.candidates]
-    near = np.sort(nearest[squared[nearest] < tuning.gate**2])
+    near = np.flatnonzero(squared < tuning.gate**2)
     total = total[near]
     determinant = total[:, 0, 0] * total[:, 1, 1] - total[:, 0, 1] ** 2
     inverse = np.stack([total[:, 1, 1], -total[:, 0, 1], total[:, 0, 0]], axis=1)
@@ -282,11 +342,20 @@ def _hypotheses(matches: _Matches, prior: Float, tuning: AlignmentTuning) -> Flo
     return np.vstack([np.zeros(3), state[index]])
 
 
-def _best_of(values: Float, group: Int) -> Float:
-    """Of each column, the largest value of the columns of its group, by row; shape (h, k)."""
-    order = np.argsort(group, kind="stable")
-    first = np.flatnonzero(np.diff(group[order], prepend=-1))
-    largest = np.maximum.reduceat(values[:, order], first, axis=1)
-    number = np.empty(len(group), dtype=np.intp)
-    number[order] = np.repeat(np.arange(len(first)), np.diff(first, append=len(group)))
-    return np.asarray(largest[:, number])
+def _log_mean(states: Float, normal: Float, gradient: Float, prior: Float) -> Float:
+    """Log of the mean likelihood over a prior, relative to that at a state, shape (h,).
+
+    The log-likelihood is taken for quadratic about the state.
+
+    Args:
+        states: Shape (h, 3).
+        normal: Its information there, shape (h, 3, 3).
+        gradient: Its gradient, shape (h, 3).
+        prior: Covariance of a normal distribution about zero, shape (3, 3).
+    """
+    information = np.linalg.inv(prior)
+    off = states @ information
+    slope = (gradient - off)[:, :, np.newaxis]
+    higher = (slope * np.linalg.solve(normal + information, slope)).sum(axis=(1, 2))
+    volume = np.linalg.slogdet(np.eye(3) + normal @ prior)[1]
+    return np.asarray(0.5 * (higher - (off * states).sum(axis=1) - volume))

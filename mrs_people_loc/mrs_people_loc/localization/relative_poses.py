@@ -60,11 +60,15 @@ class RelativePosesTuning:
         any_velocity: Standard deviation of a person's velocity on each axis [m/s].
         acceleration: Standard deviation of the change of a person's velocity in a second; it grows
             with the square root of time [m/s].
+        bend: Variance of the middle of a straight line fitted to a motion whose velocity changes so
+            [s^2/s^2 ...]; see `tracks_of`.
         lasting: Share of a sighting's variance that lasts over windows.
         lasting_s: For how long it lasts [s].
         least: Standard deviations of a relative pose, at least, likewise lasting: what all people
             have in common, x, y, yaw [m, m, rad].
-        expected: Standard deviations of what a pose is wrong by, at least: x, y, yaw.
+        told: Standard deviations of what a pose may be wrong by, beside its covariance, where that
+            is right: x, y, yaw [m, m, rad].
+        mistaken: Likewise, where it is not.
         farthest: Likewise, at most.
         evidence: Log-odds of a relative pose, at least.
         margin: Log-odds over the next best one, at least.
@@ -82,13 +86,15 @@ class RelativePosesTuning:
     bridged: int = 2
     any_velocity: float = 1.0
     acceleration: float = 0.5
+    bend: float = 0.01
     lasting: float = 0.35
     lasting_s: float = 2.5
     least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
-    expected: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
+    told: tuple[float, float, float] = (0.1, 0.1, math.radians(2.0))
+    mistaken: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
     farthest: tuple[float, float, float] = (1.5, 1.5, math.radians(22.0))
     evidence: float = 4.0
-    margin: float = 4.0
+    margin: float = 3.0
     stands: float = 0.05
     stands_turn: float = math.radians(2.0)
     alignment: AlignmentTuning = ALIGNMENT_TUNING
@@ -114,10 +120,31 @@ class Tracks(StructOfArrays):
 
 @dataclass
 class _Robot:
-    """What a robot saw in the window, and since when it stands."""
+    """What a robot saw in the window, and since when it stands where.
+
+    Attributes:
+        seen: By scan, the people, and its pose.
+        stands: Where it stands.
+        stands_since_ns: Since when [ns].
+    """
 
     seen: list[tuple[SeenPeople, Pose]] = field(default_factory=list)
-    stood: Pose | None = None
+    stands: Pose | None = None
+
+    @property
+    def stands_since_ns(self) -> int:
+        return 0 if self.stands is None else self.stands.stamp_ns
+
+    def take(self, people: SeenPeople, pose: Pose, tuning: RelativePosesTuning) -> None:
+        """Takes a scan."""
+        self.seen.append((people, pose))
+        at = self.stands
+        if (
+            at is None
+            or math.hypot(pose.x - at.x, pose.y - at.y) > tuning.stands
+            or abs(wrap_angle(pose.yaw - at.yaw)) > tuning.stands_turn
+        ):
+            self.stands = pose
 
 
 class RelativePoses:
@@ -156,65 +183,58 @@ class RelativePoses:
             The measurements of a window that ends with this interval; none, as a rule.
         """
         for name, people in seen.items():
-            self._take(self._robots.setdefault(name, _Robot()), people, poses[name])
+            self._robots.setdefault(name, _Robot()).take(people, poses[name], self.tuning)
         self._intervals += 1
         stamps = [people.stamp_ns for r in self._robots.values() for people, _ in r.seen]
         span_ns = max(stamps, default=0) - min(stamps, default=0)
         if span_ns < self.tuning.window_ns or self._intervals < self.tuning.intervals:
             return ()
         found = self._measure((max(stamps) + min(stamps)) // 2)
-        for name, robot in list(self._robots.items()):
-            if not robot.seen:
-                del self._robots[name]
+        self._robots = {name: robot for name, robot in self._robots.items() if robot.seen}
+        for robot in self._robots.values():
             robot.seen.clear()
         self._intervals = 0
         return found
 
-    def _take(self, robot: _Robot, people: SeenPeople, pose: Pose) -> None:
-        robot.seen.append((people, pose))
-        stood = robot.stood
-        if (
-            stood is None
-            or math.hypot(pose.x - stood.x, pose.y - stood.y) > self.tuning.stands
-            or abs(wrap_angle(pose.yaw - stood.yaw)) > self.tuning.stands_turn
-        ):
-            robot.stood = pose
-
     def _measure(self, time_ns: int) -> tuple[RelativePose, ...]:
         """Compares the robots that saw people in the window whose middle is at a time [ns]."""
-        last = {name: robot.seen[-1][1] for name, robot in self._robots.items() if robot.seen}
-        tracks = {
-            name: tracks_of(self._robots[name].seen, time_ns, self.tuning) for name in last
-        }
-        pairs = sorted(
-            itertools.combinations(sorted(name for name in last if len(tracks[name]) >= 2), 2),
-            key=lambda pair: (
-                self._compared_ns.get(pair, 0),
-                math.hypot(*(getattr(last[pair[0]], k) - getattr(last[pair[1]], k) for k in "xy")),
-            ),
-        )[: self.tuning.pairs]
+        tracks, last = {}, {}
+        for name, robot in self._robots.items():
+            people = tracks_of(robot.seen, time_ns, self.tuning)
+            if len(people) >= 2:
+                tracks[name], last[name] = people, robot.seen[-1][1]
         found = {}
-        for pair in pairs:
+        for pair in self._next_pairs(last):
             self._compared_ns[pair] = time_ns
-            one, other = (last[name] for name in pair)
-            state = self._align(one, tracks[pair[0]], other, tracks[pair[1]], self._lasts(pair, time_ns))
-            if state is not None:
-                found[pair] = one, other, state
+            (one, there), (other, own) = ((last[name], tracks[name]) for name in pair)
+            factor = self._factor(pair, time_ns)
+            wrong_by = self._align(one, there, other, own, factor)
+            if wrong_by is not None:
+                found[pair] = one, other, wrong_by
                 self._measured_ns[pair] = time_ns
         used = Counter(name for pair in found for name in pair)
         return tuple(
-            _relative(pair, *values, more=(2 + used[pair[0]] + used[pair[1]]) / 4)
-            for pair, values in found.items()
+            _relative(pair, *measured, factor=(2 + used[pair[0]] + used[pair[1]]) / 4)
+            for pair, measured in found.items()
         )
 
-    def _lasts(self, pair: tuple[str, str], time_ns: int) -> float:
+    def _next_pairs(self, poses: Mapping[str, Pose]) -> list[tuple[str, str]]:
+        """The pairs of robots that were not compared for the longest time, the nearest first."""
+
+        def order(pair: tuple[str, str]) -> tuple[int, float]:
+            one, other = poses[pair[0]], poses[pair[1]]
+            return self._compared_ns.get(pair, 0), math.hypot(one.x - other.x, one.y - other.y)
+
+        return sorted(itertools.combinations(sorted(poses), 2), key=order)[: self.tuning.pairs]
+
+    def _factor(self, pair: tuple[str, str], time_ns: int) -> float:
         """What the variance of errors that last is multiplied by, for a pair at a time [ns]."""
         if pair not in self._measured_ns:
             return 1.0
-        between_s = (time_ns - self._measured_ns[pair]) / 1e9
-        stood_ns = max(robot.stood.stamp_ns for robot in map(self._robots.get, pair) if robot and robot.stood)
-        lasts_s = max(self.tuning.lasting_s, (time_ns - stood_ns) / 1e9)
-        return 1.0 + 2.0 * lasts_s / max(between_s, 1e-3)
+        since_s = (time_ns - self._measured_ns[pair]) / 1e9
+        stand_ns = max(self._robots[name].stands_since_ns for name in pair)
+        lasts_s = max(self.tuning.lasting_s, (time_ns - stand_ns) / 1e9)
+        return 1.0 + 2.0 * lasts_s / max(since_s, 1e-3)
 
     def _align(
         self, one: Pose, there: Tracks, other: Pose, own: Tracks, factor: float
@@ -237,7 +257,10 @@ class RelativePoses:
             Places(t.xy - place, t.white + t.lasting, np.zeros(len(t), np.intp))
             for t in (own, there)
         )
-        found = align(sees, seen, _wrong_by(one, other, tuning), tuning=tuning.alignment)
+        told = one.covariance.any() and other.covariance.any()
+        least = (tuning.told, tuning.mistaken) if told else (tuning.mistaken,)
+        priors = (_wrong_by(one, other, sigmas, tuning) for sigmas in least)
+        found = align(sees, seen, *priors, tuning=tuning.alignment)
         if found is None or found.evidence < tuning.evidence or found.margin < tuning.margin:
             return None
         i, j = found.own, found.others
@@ -265,14 +288,13 @@ def tracks_of(
         tuning: Constants.
     """
     sizes = [len(people.xy) for people, _ in seen]
+    if not sum(sizes):
+        return Tracks(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2, 2)))
     scan = np.repeat(np.arange(len(seen)), sizes)
-    xy = np.concatenate([np.empty((0, 2)), *(map_from_robot(p.xy, pose) for p, pose in seen)])
-    covariance = np.concatenate(
-        [
-            np.empty((0, 2, 2)),
-            *(rotation_2d(pose.yaw) @ p.covariance @ rotation_2d(pose.yaw).T for p, pose in seen),
-        ]
-    )
+    xy = np.concatenate([map_from_robot(people.xy, pose) for people, pose in seen])
+    rotation = np.array([rotation_2d(pose.yaw) for _, pose in seen])[scan]
+    covariance = np.concatenate([people.covariance for people, _ in seen])
+    covariance = rotation @ covariance @ rotation.transpose(0, 2, 1)
     seconds = np.array([(people.stamp_ns - time_ns) / 1e9 for people, _ in seen])[scan]
     label = _linked(xy, scan, seconds, tuning)
     _, number, count = np.unique(label, return_inverse=True, return_counts=True)
@@ -294,14 +316,14 @@ def _linked(xy: Float, scan: Int, seconds: Float, tuning: RelativePosesTuning) -
     away = np.hypot(offset[..., 0], offset[..., 1])
     passed = scan - scan[:, np.newaxis]
     away[away > tuning.step + tuning.speed * (seconds - seconds[:, np.newaxis])] = np.inf
+    index = np.arange(len(xy))
     one, other = np.empty(0, np.intp), np.empty(0, np.intp)
     for scans in range(1, tuning.bridged + 2):
         table = np.where(passed == scans, away, np.inf)
         table[one], table[:, other] = np.inf, np.inf
-        i = np.arange(len(xy))
-        nearest = table.argmin(axis=1) if len(xy) else i
-        mutual = np.isfinite(table[i, nearest]) & (table.argmin(axis=0)[nearest] == i) if len(xy) else i > 0
-        one = np.concatenate([one, i[mutual]])
+        nearest = table.argmin(axis=1)
+        mutual = np.isfinite(table[index, nearest]) & (table.argmin(axis=0)[nearest] == index)
+        one = np.concatenate([one, index[mutual]])
         other = np.concatenate([other, nearest[mutual]])
     return connected(one, other, len(xy))
 
@@ -311,28 +333,30 @@ def _fitted(
 ) -> Tracks:
     """Straight motion of numbered people: where they are at second 0."""
     count = int(number.max(initial=-1)) + 1
-    white = np.linalg.inv((1.0 - tuning.lasting) * covariance)
-    seconds = seconds[:, np.newaxis, np.newaxis]
-    normal, right = np.zeros((count, 4, 4)), np.zeros((count, 4, 1))
-    shares, weighted = np.zeros((count, 2, 2)), white @ xy[:, :, np.newaxis]
-    for rows, columns, weight in ((0, 0, 1.0), (0, 2, seconds), (2, 0, seconds), (2, 2, seconds**2)):
-        block = normal[:, rows : rows + 2, columns : columns + 2]
-        np.add.at(block, number, weight * white)
-    np.add.at(right[:, :2], number, weighted)
-    np.add.at(right[:, 2:], number, seconds * weighted)
-    np.add.at(shares, number, covariance)
+    t = seconds[:, np.newaxis, np.newaxis]
+    information = np.linalg.inv((1.0 - tuning.lasting) * covariance)
+    weighted = information @ xy[:, :, np.newaxis]
+    normal, right = np.zeros((count, 4, 4)), np.zeros((count, 4, 1))  # of place and velocity
+    np.add.at(normal[:, :2, :2], number, information)
+    np.add.at(normal[:, :2, 2:], number, t * information)
+    np.add.at(normal[:, 2:, :2], number, t * information)
+    np.add.at(normal[:, 2:, 2:], number, t**2 * information)
     normal[:, (2, 3), (2, 3)] += 1.0 / tuning.any_velocity**2
-    size = np.bincount(number, minlength=count)[:, np.newaxis, np.newaxis]
-    span = np.ptp(seconds) if len(seconds) else 0.0
-    bent = (tuning.acceleration**2 * span**3 / 100.0) * np.eye(2)
+    np.add.at(right[:, :2], number, weighted)
+    np.add.at(right[:, 2:], number, t * weighted)
+    mean = np.zeros((count, 2, 2))
+    np.add.at(mean, number, covariance)
+    mean /= np.bincount(number, minlength=count)[:, np.newaxis, np.newaxis]
+    span = np.ptp(seconds) if count else 0.0
+    bend = tuning.bend * tuning.acceleration**2 * span**3 * np.eye(2)
     return Tracks(
-        np.linalg.solve(normal, right)[:, :2, 0],
-        np.linalg.inv(normal)[:, :2, :2] + bent,
-        tuning.lasting * shares / size,
+        np.asarray(np.linalg.solve(normal, right)[:, :2, 0]),
+        np.asarray(np.linalg.inv(normal)[:, :2, :2] + bend),
+        tuning.lasting * mean,
     )
 
 
-def _wrong_by(one: Pose, other: Pose, tuning: RelativePosesTuning) -> Float:
+def _wrong_by(one: Pose, other: Pose, least: Sequence[float], tuning: RelativePosesTuning) -> Float:
     """Covariance of what a pose may be wrong by relative to another's: x, y, yaw, shape (3, 3)."""
     lever = np.eye(3)
     lever[:2, 2] = one.y - other.y, other.x - one.x
@@ -341,31 +365,31 @@ def _wrong_by(one: Pose, other: Pose, tuning: RelativePosesTuning) -> Float:
     most = np.diag(np.square(tuning.farthest))
     if not (np.abs(total) < 1e6).all():  # NaN compares false
         return most
-    total = total + np.diag(np.square(tuning.expected))
+    total = total + np.diag(np.square(least))
     return np.asarray(np.linalg.inv(np.linalg.inv(total) + np.linalg.inv(most)))
 
 
 def _relative(
-    pair: tuple[str, str], one: Pose, other: Pose, state: tuple[Float, Float], *, more: float
+    pair: tuple[str, str], one: Pose, other: Pose, wrong_by: tuple[Float, Float], *, factor: float
 ) -> RelativePose:
     """The relative pose of two robots.
 
     Args:
         pair: Their names.
         one: Pose of the first.
-        other: Pose of the second, which is wrong.
-        state: What it is wrong by, x, y, yaw, and covariance.
-        more: What the variance is multiplied by.
+        other: Pose of the second.
+        wrong_by: What that is wrong by, x, y, yaw, and covariance.
+        factor: What the covariance is multiplied by.
     """
-    (x, y, yaw), covariance = state
-    turned = np.eye(3)
-    turned[:2, :2] = rotation_2d(-one.yaw)
-    offset = turned[:2, :2] @ (other.x + x - one.x, other.y + y - one.y)
+    (x, y, yaw), covariance = wrong_by
+    to_one = np.eye(3)
+    to_one[:2, :2] = rotation_2d(-one.yaw)
+    place = to_one[:2, :2] @ (other.x + x - one.x, other.y + y - one.y)
     return RelativePose(
         robot=pair[0],
         stamp_ns=one.stamp_ns,
         other=pair[1],
         other_stamp_ns=other.stamp_ns,
-        pose=np.array([*offset, wrap_angle(other.yaw + yaw - one.yaw)]),
-        covariance=more * (turned @ covariance @ turned.T),
+        pose=np.array([*place, wrap_angle(other.yaw + yaw - one.yaw)]),
+        covariance=factor * (to_one @ covariance @ to_one.T),
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import Float
+from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human
 from mrs_people_loc.clusters import measure
@@ -72,7 +72,7 @@ def people_by_robot(
 
 
 def _human_clusters(
-    fused: ShortTermMap, robot: str, cells: Float, config: cfg.PlannerConfig
+    fused: ShortTermMap, robot: str, cells: Int, config: cfg.PlannerConfig
 ) -> tuple[Float, Float]:
     """Places of human-sized clusters of some cells of a robot, and covariances, on the map."""
     seen_by = np.zeros(len(cells), np.intp)
