@@ -60,8 +60,8 @@ class Timing(Section):
 class Room(Section):
     """Floor, walls and light. One corner is the origin of `map`."""
 
-    length: float = _field(8.0, "along x [m]", low=1.0, high=100.0)
-    width: float = _field(7.0, "along y [m]", low=1.0, high=100.0)
+    length: float = _field(8.0, "along x [m]", low=1.0, high=200.0)
+    width: float = _field(7.0, "along y [m]", low=1.0, high=200.0)
     height: float = _field(2.8, "floor to ceiling [m]", low=1.8, high=20.0)
     walls: str = _field(
         "plaster",
@@ -101,8 +101,8 @@ class Furniture(Section):
     """One piece of furniture; its front looks along x before it is turned."""
 
     kind: str = _field("table", "what it is", choices=FURNITURE)
-    x: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
-    y: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
+    x: float = _field(0.0, "its middle [m]", low=-200.0, high=200.0)
+    y: float = _field(0.0, "its middle [m]", low=-200.0, high=200.0)
     z: float = _field(0.0, "what it stands on, over the floor [m]", low=0.0, high=5.0)
     yaw: float = _field(0.0, "turned to the left [rad]", low=-_TAU, high=_TAU)
     size: tuple[float, ...] = _field(
@@ -285,6 +285,16 @@ class Robot(Section):
         0.0, "its images are this much later than the frame [s]", low=0.0, high=1.0
     )
     body: str = _field("mast", "how it looks", choices=("mast", "column", "none"))
+    slip: tuple[float, ...] = _field(
+        (), "when its wheels slip [s], and how far ahead, to the left [m] and turned to the left "
+        "[rad] `drift` odometry then is at once, although the robot is not",
+        kind="floats", length=4,
+    )  # fmt: skip
+    carried: tuple[float, ...] = _field(
+        (), "when it is carried [s], and how far ahead, to the left [m] and turned to the left "
+        "[rad] it then is at once, and stays, without `drift` odometry seeing it",
+        kind="floats", length=4,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
