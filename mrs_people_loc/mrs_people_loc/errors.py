@@ -47,12 +47,12 @@ class PoseError(PeopleLocError):
     """A pose that cannot be used, or none at the time that was asked for."""
 
 
-class RangeError(PeopleLocError):
-    """Measurements of a range sensor (laser, sonar) that cannot be used."""
-
-
 class GridError(PeopleLocError):
     """An occupancy grid that cannot be used."""
+
+
+class RangeError(PeopleLocError):
+    """A range of a sonar or a laser scan that cannot be used."""
 
 
 class BagError(PeopleLocError):

@@ -26,6 +26,7 @@ from mrs_people_loc.errors import (
     StampError,
 )
 from mrs_people_loc.geometry import wrap_angle, yaw_from_quaternion
+from mrs_people_loc.localization.ranges import LaserScan, SonarRange
 from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
@@ -67,8 +68,6 @@ _MAX_CELLS = 10_000
 _MAX_WALLS, _MAX_ABSOLUTE = 200, 100
 #: What a message of the team repeats is of the seconds around its own stamp [ns].
 _MAX_REPEATED_NS = 5_000_000_000
-#: Values of a range sensor, and the farthest place that one reaches [m].
-_MAX_READINGS, _MAX_RANGE_M = 100_000, 1000.0
 #: Longest name of a robot: that of a topic in DDS.
 _MAX_NAME = 255
 #: base_link stands upright; a pose that leans by more is in some other frame [rad].
@@ -382,6 +381,54 @@ def read_occupancy_grid(message: Message, map_frame: str) -> OccupancyGrid:
     )
 
 
+def read_range(message: Message) -> SonarRange:
+    """Reads sensor_msgs/Range.
+
+    Raises:
+        RangeError: A limit of the sensor cannot be used.
+        StampError: Its stamp is 0.
+    """
+    return SonarRange(
+        stamp_ns=read_stamp(message),
+        frame_id=str(message.header.frame_id).lstrip("/"),
+        field_of_view=float(message.field_of_view),
+        min_range=float(message.min_range),
+        max_range=float(message.max_range),
+        range=float(message.range),
+        variance=float(getattr(message, "variance", 0.0)),  # not before Iron
+    )
+
+
+def read_laser_scan(message: Message) -> LaserScan:
+    """Reads sensor_msgs/LaserScan, with its rays from right to left.
+
+    Raises:
+        RangeError: A limit, an angle or the number of ranges cannot be used.
+        StampError: Its stamp is 0.
+    """
+    first, step = float(message.angle_min), float(message.angle_increment)
+    low, high = float(message.range_min), float(message.range_max)
+    if not (math.isfinite(first) and math.isfinite(step) and step != 0.0):
+        raise RangeError(
+            f"angle_min is {first} and angle_increment {step} rad; wanted: finite, and a step that "
+            "is not 0"
+        )
+    if not low >= 0.0:  # NaN compares false
+        raise RangeError(f"range_min is {low} m; wanted: at least 0")
+    ranges = np.array(message.ranges, dtype=np.float64)
+    measured = (ranges >= low) & (ranges <= high)
+    with np.errstate(over="ignore"):
+        angles: Float = first + step * np.arange(len(ranges), dtype=np.float64)
+    order = slice(None, None, 1 if step > 0 else -1)
+    return LaserScan(
+        stamp_ns=read_stamp(message),
+        frame_id=str(message.header.frame_id).lstrip("/"),
+        max_range=high,
+        angles=angles[order],
+        ranges=np.where(measured, ranges, np.nan)[order],
+    )
+
+
 def read_team_pose(message: Message, map_frame: str) -> TeamPose:
     """Reads mrs_people_msgs/TeamPose.
 
@@ -529,59 +576,3 @@ def _relative_pose(message: Message, of_message_ns: int) -> RelativePose:
     _check_covariances(covariance[None], "a relative pose", positive=True)
     values[2] = wrap_angle(values[2])
     return RelativePose(robot, stamps[0], other, stamps[1], values, covariance)
-
-
-def read_laser_scan(message: Message) -> tuple[int, Float, Float, float]:
-    """Reads sensor_msgs/LaserScan.
-
-    Returns:
-        Time [ns]; ranges [m], shape (n,), infinite where nothing was met and NaN where that is not
-        known; their bearings in the sensor's frame [rad], ascending, shape (n,); its range [m].
-
-    Raises:
-        RangeError: A value cannot be used.
-        StampError: Its stamp is 0.
-    """
-    stamp_ns = read_stamp(message)
-    first, step = float(message.angle_min), float(message.angle_increment)
-    least, greatest = _range_limits(message, "range_min", "range_max")
-    ranges = np.array(message.ranges, np.float64)
-    if ranges.size > _MAX_READINGS:
-        raise RangeError(f"scan has {ranges.size} ranges; allowed: up to {_MAX_READINGS}")
-    if not (math.isfinite(first) and math.isfinite(step)) or not 0.0 < abs(step) <= math.pi:
-        raise RangeError(
-            f"angle_min is {first:g} and angle_increment {step:g}; wanted: finite, an increment "
-            "of up to pi [rad]"
-        )
-    if ranges.size * abs(step) > 4.0 * math.pi:
-        raise RangeError(f"scan covers {ranges.size * abs(step):g} rad; allowed: two turns")
-    ranges[~(ranges >= least)] = np.nan
-    ranges[ranges > greatest] = np.inf
-    bearings = first + step * np.arange(ranges.size, dtype=np.float64)
-    if step < 0.0:
-        ranges, bearings = ranges[::-1], bearings[::-1]
-    return stamp_ns, ranges, bearings, greatest
-
-
-def read_range(message: Message) -> tuple[int, float, float]:
-    """Reads sensor_msgs/Range.
-
-    Returns:
-        Time [ns]; range [m], NaN where nothing was met; width of the cone [rad].
-
-    Raises:
-        RangeError: A value cannot be used.
-        StampError: Its stamp is 0.
-    """
-    stamp_ns, width, value = read_stamp(message), float(message.field_of_view), float(message.range)
-    least, greatest = _range_limits(message, "min_range", "max_range")
-    if not 0.0 <= width <= 2.0 * math.pi:
-        raise RangeError(f"field_of_view is {width:g}; wanted: from 0 to 2 pi [rad]")
-    return stamp_ns, value if least <= value <= greatest else math.nan, width
-
-
-def _range_limits(message: Message, low: str, high: str) -> tuple[float, float]:
-    least, greatest = float(getattr(message, low)), float(getattr(message, high))
-    if not 0.0 <= least < greatest:
-        raise RangeError(f"{low} is {least:g} and {high} {greatest:g}; wanted: 0 <= {low} < {high}")
-    return least, min(greatest, _MAX_RANGE_M)

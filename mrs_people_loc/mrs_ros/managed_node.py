@@ -148,6 +148,15 @@ class ManagedNode(LifecycleNode):
 
     # ---- life cycle ----
 
+    def destroy_node(self) -> None:
+        """Destroys the node, with its services and the topic of its transitions.
+
+        These belong to the state machine. rclpy leaves it to the garbage collector, and with it the
+        DDS participant, which others go on to see.
+        """
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Sets up; what was made until it failed is torn down again."""
         steps = [self._configure, lambda: super(ManagedNode, self).on_configure(state)]

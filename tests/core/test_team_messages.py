@@ -1,4 +1,4 @@
-"""Messages about where robots are: what they share, and measurements of range sensors."""
+"""Messages about where robots are."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc import messages
-from mrs_people_loc.errors import PeopleLocError, PoseError, RangeError, StampError
+from mrs_people_loc.errors import PeopleLocError, PoseError, StampError
 
 NAN, INF = math.nan, math.inf
 STAMP_NS = 12_500_000_000
@@ -186,80 +186,6 @@ def test_no_relative_poses_are_none():
 def test_a_bad_relative_pose_is_refused(changes, error):
     with pytest.raises(PoseError, match=error):
         messages.read_relative_poses(relatives(relative(), relative(**changes)))
-
-
-# --------------------------------------------------------------------------- range sensors ----
-
-
-def laser(**changes: Any) -> SimpleNamespace:
-    values: dict[str, Any] = {
-        "header": header("laser"), "angle_min": -1.0, "angle_increment": 0.5,
-        "range_min": 0.1, "range_max": 8.0, "ranges": [1.0, INF, 0.05, 8.0, NAN, 9.0],
-    }  # fmt: skip
-    return SimpleNamespace(**values | changes)
-
-
-def test_laser_scan_has_ranges_at_ascending_bearings():
-    stamp_ns, ranges, bearings, limit = messages.read_laser_scan(laser())
-    assert (stamp_ns, limit) == (STAMP_NS, 8.0)
-    np.testing.assert_array_equal(ranges, [1.0, INF, NAN, 8.0, NAN, INF])
-    np.testing.assert_allclose(bearings, [-1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
-    # The same, turned the other way.
-    ranges_back = list(reversed(laser().ranges))
-    turned = laser(angle_min=1.5, angle_increment=-0.5, ranges=ranges_back)
-    _, ranges, bearings, _ = messages.read_laser_scan(turned)
-    np.testing.assert_array_equal(ranges, [1.0, INF, NAN, 8.0, NAN, INF])
-    np.testing.assert_allclose(bearings, [-1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
-
-
-@pytest.mark.parametrize(
-    ("changes", "error"),
-    [
-        ({"angle_min": NAN}, "angle_min is nan"),
-        ({"angle_increment": 0.0}, "angle_increment 0; wanted"),
-        ({"ranges": [1.0] * 100}, "scan covers 50 rad; allowed: two turns"),
-        ({"ranges": np.ones(100_001)}, "scan has 100001 ranges"),
-        ({"range_min": 2.0, "range_max": 2.0}, "range_min is 2 and range_max 2; wanted"),
-        ({"range_max": NAN}, "range_max nan"),
-    ],
-)
-def test_a_bad_laser_scan_is_refused(changes, error):
-    with pytest.raises(RangeError, match=error):
-        messages.read_laser_scan(laser(**changes))
-
-
-def sonar(**changes: Any) -> SimpleNamespace:
-    values: dict[str, Any] = {
-        "header": header("sonar"), "field_of_view": 0.5, "min_range": 0.2, "max_range": 4.0,
-        "range": 1.5,
-    }  # fmt: skip
-    return SimpleNamespace(**values | changes)
-
-
-def test_range_is_nan_where_nothing_was_met():
-    assert messages.read_range(sonar()) == (STAMP_NS, 1.5, 0.5)
-    for nothing in (INF, -INF, NAN, 0.1, 4.5):  # REP 117, and out of the limits
-        assert math.isnan(messages.read_range(sonar(range=nothing))[1])
-
-
-@pytest.mark.parametrize(
-    ("changes", "error"),
-    [
-        ({"field_of_view": -0.1}, "field_of_view is -0.1; wanted: from 0 to 2 pi"),
-        ({"field_of_view": NAN}, "field_of_view is nan"),
-        ({"min_range": -1.0}, "min_range is -1"),
-        ({"max_range": 0.1}, "max_range 0.1"),
-    ],
-)
-def test_a_bad_range_is_refused(changes, error):
-    with pytest.raises(RangeError, match=error):
-        messages.read_range(sonar(**changes))
-
-
-def test_measurements_without_a_stamp_are_refused():
-    for read, message in ((messages.read_laser_scan, laser), (messages.read_range, sonar)):
-        with pytest.raises(StampError):
-            read(message(header=header(stamp_ns=0)))
 
 
 # --------------------------------------------------------------------------- any values ----

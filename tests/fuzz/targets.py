@@ -26,6 +26,8 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
+from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.localization.sonar_walls import SonarTuning, SonarWalls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector
@@ -296,6 +298,43 @@ def _grid() -> bytes:
     return _encoded(GRID, _make(GRID, header=_header(), info=info, data=data.reshape(-1)))
 
 
+RANGE = "sensor_msgs/msg/Range"
+LASER = "sensor_msgs/msg/LaserScan"
+
+
+def take_range(data: bytes) -> None:
+    """A range of a sonar, four times, of a robot that drives past what it measures."""
+    message = _decoded(RANGE, data)
+    if message is None:
+        return
+    measured, walls = messages.read_range(message), SonarWalls(SonarTuning(least=2, period_s=0.0))
+    for k in range(4):
+        stamp_ns = measured.stamp_ns + k * 50_000_000
+        walls.take(measured, (0.1, 0.2, 1.5), Odometry(stamp_ns, 0.1 * k, 0, 0, 1e-4 * k, 1e-5 * k))
+
+
+def _range() -> bytes:
+    return _encoded(RANGE, _make(
+        RANGE, header=_header("robot_a/sonar"), radiation_type=0, field_of_view=0.5, min_range=0.1,
+        max_range=4.0, range=1.5, variance=0.0,
+    ))  # fmt: skip
+
+
+def take_laser(data: bytes) -> None:
+    """A scan of a laser scanner."""
+    message = _decoded(LASER, data)
+    if message is not None:
+        messages.read_laser_scan(message)
+
+
+def _laser() -> bytes:
+    return _encoded(LASER, _make(
+        LASER, header=_header("robot_a/laser"), angle_min=-1.0, angle_max=1.0, angle_increment=0.1,
+        time_increment=0.0, scan_time=0.1, range_min=0.1, range_max=8.0,
+        ranges=np.linspace(1, 9, 21, dtype=np.float32), intensities=np.empty(0, np.float32),
+    ))  # fmt: skip
+
+
 PEOPLE = "mrs_people_msgs/msg/People"
 
 
@@ -369,31 +408,6 @@ def _relative_poses() -> bytes:
         other="robot_b", x=1.0, y=2.0, yaw=0.5, covariance=0.01 * np.eye(3).reshape(-1),
     )  # fmt: skip
     return _encoded(RELATIVE_POSES, _make(RELATIVE_POSES, header=_header(), poses=[pose, pose]))
-
-
-LASER, RANGE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Range"
-
-
-def take_ranges(data: bytes) -> None:
-    """A laser's scan or a sonar's range (by the first byte)."""
-    message = _decoded(LASER if data[:1] == b"l" else RANGE, data[1:])
-    if message is not None and data[:1] == b"l":
-        messages.read_laser_scan(message)
-    elif message is not None:
-        messages.read_range(message)
-
-
-def _ranges() -> list[bytes]:
-    laser = _make(
-        LASER, header=_header("laser"), angle_min=-1.5, angle_max=1.5, angle_increment=0.1,
-        time_increment=0.0, scan_time=0.1, range_min=0.1, range_max=10.0,
-        ranges=np.linspace(1.0, 12.0, 31, dtype=np.float32), intensities=np.zeros(0, np.float32),
-    )  # fmt: skip
-    sonar = _make(
-        RANGE, header=_header("sonar"), radiation_type=0, field_of_view=0.4, min_range=0.2,
-        max_range=4.0, range=1.5, variance=0.0,
-    )  # fmt: skip
-    return [b"l" + _encoded(LASER, laser), b"s" + _encoded(RANGE, sonar)]
 
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -806,10 +820,11 @@ TARGETS: Mapping[str, Target] = {
         take_scan, lambda: [_encoded(POINTS, _points(b)) for b in (False, True)], 2_000, 2_000
     ),
     "grid": Target(take_grid, lambda: [_grid()], 3_000, 300),
+    "range": Target(take_range, lambda: [_range()], 300, 3_000),
+    "laser": Target(take_laser, lambda: [_laser()], 1_000, 3_000),
     "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
     "team_pose": Target(take_team_pose, lambda: [_team_pose()], 1_500, 3_000),
     "relative_poses": Target(take_relative_poses, lambda: [_relative_poses()], 600, 3_000),
-    "ranges": Target(take_ranges, _ranges, 600, 3_000),
     "shown": Target(
         take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
     ),

@@ -20,6 +20,7 @@ from rosbags.interfaces import (
 )
 
 from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_tools.bags.robot_poses import true_pose_topic
 from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
 from mrs_tools.bags.truth import ASSETS_TOPIC
@@ -43,11 +44,6 @@ _MAP_QOS = Qos(
     liveliness_lease_duration=QosTime(0, 0),
     avoid_ros_namespace_conventions=False,
 )
-
-
-def true_pose_topic(robot: str) -> str:
-    """Where a robot's true pose is."""
-    return f"/ground_truth/{robot}/pose"
 
 
 class Messages:

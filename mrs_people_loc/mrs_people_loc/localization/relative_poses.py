@@ -1,0 +1,395 @@
+"""Relative poses: where robots are to each other, measured with the people whom both see.
+
+What each robot sees by itself over a window of some intervals becomes tracks of straight motion, so
+that people whom two robots see at different times are compared at one time. Tracks of two robots
+are aligned (`alignment`). Windows do not overlap: no sighting is used for two measurements of a
+pair.
+
+A robot errs alike about a person as long as it sees them from the same side. That part of the error
+is not white, and a filter that takes it for white is too sure after many windows. So its variance
+is multiplied by 1 + 2 tau / T, with tau the time that it lasts and T the time between measurements:
+white noise of that variance has the same effect on a mean over a long time (the spectral density at
+zero; Bartlett, 1946). While both robots stand, which lose nothing then, tau is that time.
+
+A sighting also enters the measurements of its robot with several others. Among m robots, where each
+is measured with each, the sum of the information is m / 2 times what there is; so much less sure is
+each measurement.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrs_people_loc.arrays import Float, Int, StructOfArrays
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
+from mrs_people_loc.localization.alignment import (
+    ALIGNMENT_TUNING,
+    AlignmentTuning,
+    Places,
+    align,
+    fit,
+)
+from mrs_people_loc.localization.seen_people import SeenPeople
+from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.neighbours import connected
+from mrs_people_loc.team.fusion import map_from_robot
+from mrs_people_loc.team.poses import Pose
+
+
+@dataclass(frozen=True)
+class RelativePosesTuning:
+    """Constants of `RelativePoses`.
+
+    The shares and times of errors were measured on the shipped bags and the suite's; the others
+    were chosen by hand, with simulated people who walk.
+
+    Attributes:
+        window_ns: Span of a window, at least [ns] ...
+        intervals: ... and intervals in it.
+        sightings: Of a person in a window, at least.
+        pairs: Pairs of robots that are compared per window, at most; the others come next.
+        step: Two sightings of a person are no farther apart than this [m] ...
+        speed: ... and this speed explains [m/s].
+        bridged: Scans that a person may be missed in, between two sightings.
+        any_velocity: Standard deviation of a person's velocity on each axis [m/s].
+        acceleration: Standard deviation of the change of a person's velocity in a second; it grows
+            with the square root of time [m/s].
+        bend: Variance of the middle of a straight line fitted to a motion whose velocity changes so
+            [s^2/s^2 ...]; see `tracks_of`.
+        lasting: Share of a sighting's variance that lasts over windows.
+        lasting_s: For how long it lasts [s].
+        least: Standard deviations of a relative pose, at least, likewise lasting: what all people
+            have in common, x, y, yaw [m, m, rad].
+        told: Standard deviations of what a pose may be wrong by, beside its covariance, where that
+            is right: x, y, yaw [m, m, rad].
+        mistaken: Likewise, where it is not.
+        farthest: Likewise, at most.
+        evidence: Log-odds of a relative pose, at least.
+        margin: Log-odds over the next best one, at least.
+        stands: A robot stands if it is no farther from where it was than this [m] ...
+        stands_turn: ... and turned by no more than this [rad].
+        alignment: Constants of the search.
+    """
+
+    window_ns: int = 700_000_000
+    intervals: int = 4
+    sightings: int = 3
+    pairs: int = 6
+    step: float = 0.15
+    speed: float = 2.0
+    bridged: int = 2
+    any_velocity: float = 1.0
+    acceleration: float = 0.5
+    bend: float = 0.01
+    lasting: float = 0.35
+    lasting_s: float = 4.0
+    least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
+    told: tuple[float, float, float] = (0.1, 0.1, math.radians(2.0))
+    mistaken: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
+    farthest: tuple[float, float, float] = (1.5, 1.5, math.radians(22.0))
+    evidence: float = 4.0
+    margin: float = 4.0
+    stands: float = 0.05
+    stands_turn: float = math.radians(2.0)
+    alignment: AlignmentTuning = ALIGNMENT_TUNING
+
+
+RELATIVE_POSES_TUNING = RelativePosesTuning()
+
+
+@dataclass(frozen=True)
+class Tracks(StructOfArrays):
+    """People that a robot saw over a window, a struct of arrays of one length (n,).
+
+    Attributes:
+        xy: Places at one time, on the map [m], shape (n, 2).
+        white: Covariance of the places by errors that differ from scan to scan, shape (n, 2, 2).
+        lasting: Likewise by errors that last [m^2], shape (n, 2, 2).
+    """
+
+    xy: Float
+    white: Float
+    lasting: Float
+
+
+@dataclass
+class _Robot:
+    """What a robot saw in the window, and since when it stands where.
+
+    Attributes:
+        seen: By scan, the people, and its pose.
+        stands: Where it stands.
+        stands_since_ns: Since when [ns].
+    """
+
+    seen: list[tuple[SeenPeople, Pose]] = field(default_factory=list)
+    stands: Pose | None = None
+
+    @property
+    def stands_since_ns(self) -> int:
+        return 0 if self.stands is None else self.stands.stamp_ns
+
+    def take(self, people: SeenPeople, pose: Pose, tuning: RelativePosesTuning) -> None:
+        """Takes a scan."""
+        self.seen.append((people, pose))
+        at = self.stands
+        if (
+            at is None
+            or math.hypot(pose.x - at.x, pose.y - at.y) > tuning.stands
+            or abs(wrap_angle(pose.yaw - at.yaw)) > tuning.stands_turn
+        ):
+            self.stands = pose
+
+
+class RelativePoses:
+    """Measures relative poses of robots, window by window.
+
+    Args:
+        tuning: Constants.
+    """
+
+    def __init__(self, tuning: RelativePosesTuning = RELATIVE_POSES_TUNING) -> None:
+        self.tuning = tuning
+        self._robots: dict[str, _Robot] = {}
+        self._compared_ns: dict[tuple[str, str], int] = {}
+        self._measured_ns: dict[tuple[str, str], int] = {}
+        self._intervals = 0
+
+    def begin_anew(self) -> None:
+        """Forgets all sightings: the time jumped back."""
+        self._robots.clear()
+        self._compared_ns.clear()
+        self._measured_ns.clear()
+        self._intervals = 0
+
+    def step(
+        self, seen: Mapping[str, SeenPeople], poses: Mapping[str, Pose]
+    ) -> tuple[RelativePose, ...]:
+        """Takes an interval.
+
+        Args:
+            seen: By robot, the people that it sees; robots may be left out.
+            poses: By robot, its pose in the map at that stamp. Over a window, what lies between two
+                poses of a robot is taken for exact; where a robot is, for as sure as the
+                covariance says, but for no surer than `expected` in the tuning.
+
+        Returns:
+            The measurements of a window that ends with this interval; none, as a rule.
+        """
+        for name, people in seen.items():
+            self._robots.setdefault(name, _Robot()).take(people, poses[name], self.tuning)
+        self._intervals += 1
+        stamps = [people.stamp_ns for r in self._robots.values() for people, _ in r.seen]
+        span_ns = max(stamps, default=0) - min(stamps, default=0)
+        if span_ns < self.tuning.window_ns or self._intervals < self.tuning.intervals:
+            return ()
+        found = self._measure((max(stamps) + min(stamps)) // 2)
+        self._robots = {name: robot for name, robot in self._robots.items() if robot.seen}
+        for robot in self._robots.values():
+            robot.seen.clear()
+        self._intervals = 0
+        return found
+
+    def _measure(self, time_ns: int) -> tuple[RelativePose, ...]:
+        """Compares the robots that saw people in the window whose middle is at a time [ns]."""
+        tracks, last = {}, {}
+        for name, robot in self._robots.items():
+            people = tracks_of(robot.seen, time_ns, self.tuning)
+            if len(people) >= 2:
+                tracks[name], last[name] = people, robot.seen[-1][1]
+        found = {}
+        for pair in self._next_pairs(last):
+            self._compared_ns[pair] = time_ns
+            (one, there), (other, own) = ((last[name], tracks[name]) for name in pair)
+            factor = self._factor(pair, time_ns)
+            wrong_by = self._align(one, there, other, own, factor)
+            if wrong_by is not None:
+                found[pair] = one, other, wrong_by
+                self._measured_ns[pair] = time_ns
+        used = Counter(name for pair in found for name in pair)
+        return tuple(
+            _relative(pair, *measured, factor=(2 + used[pair[0]] + used[pair[1]]) / 4)
+            for pair, measured in found.items()
+        )
+
+    def _next_pairs(self, poses: Mapping[str, Pose]) -> list[tuple[str, str]]:
+        """The pairs of robots that were not compared for the longest time, the nearest first."""
+
+        def order(pair: tuple[str, str]) -> tuple[int, float]:
+            one, other = poses[pair[0]], poses[pair[1]]
+            return self._compared_ns.get(pair, 0), math.hypot(one.x - other.x, one.y - other.y)
+
+        return sorted(itertools.combinations(sorted(poses), 2), key=order)[: self.tuning.pairs]
+
+    def _factor(self, pair: tuple[str, str], time_ns: int) -> float:
+        """What the variance of errors that last is multiplied by, for a pair at a time [ns]."""
+        if pair not in self._measured_ns:
+            return 1.0
+        since_s = (time_ns - self._measured_ns[pair]) / 1e9
+        stand_ns = max(self._robots[name].stands_since_ns for name in pair)
+        lasts_s = max(self.tuning.lasting_s, (time_ns - stand_ns) / 1e9)
+        return 1.0 + 2.0 * lasts_s / max(since_s, 1e-3)
+
+    def _align(
+        self, one: Pose, there: Tracks, other: Pose, own: Tracks, factor: float
+    ) -> tuple[Float, Float] | None:
+        """What the pose of a robot is wrong by, relative to another's.
+
+        Args:
+            one: Pose of a robot.
+            there: The people that it sees.
+            other: Pose of the other robot.
+            own: The people that that one sees.
+            factor: What the variance of errors that last is multiplied by.
+
+        Returns:
+            x, y, yaw on the map [m, m, rad], shape (3,), and covariance, shape (3, 3); None: not
+            known.
+        """
+        tuning, place = self.tuning, (other.x, other.y)
+        sees, seen = (
+            Places(t.xy - place, t.white + t.lasting, np.zeros(len(t), np.intp))
+            for t in (own, there)
+        )
+        told = one.covariance.any() and other.covariance.any()
+        least = (tuning.told, tuning.mistaken) if told else (tuning.mistaken,)
+        priors = (_wrong_by(one, other, sigmas, tuning) for sigmas in least)
+        found = align(sees, seen, *priors, tuning=tuning.alignment)
+        if found is None or found.evidence < tuning.evidence or found.margin < tuning.margin:
+            return None
+        i, j = found.own, found.others
+        state, covariance = fit(
+            sees.xy[i], own.white[i] + factor * own.lasting[i],
+            seen.xy[j], there.white[j] + factor * there.lasting[j],
+            found.turn,
+        )  # fmt: skip
+        return state, covariance + factor * np.diag(np.square(tuning.least))
+
+
+def tracks_of(
+    seen: Sequence[tuple[SeenPeople, Pose]],
+    time_ns: int,
+    tuning: RelativePosesTuning = RELATIVE_POSES_TUNING,
+) -> Tracks:
+    """The people that a robot saw over a window, and where they were at a time.
+
+    Sightings of successive scans that are each other's nearest are of one person. Straight motion
+    is fitted to those of each, by weighted least squares.
+
+    Args:
+        seen: By scan, in their order, the people and the robot's pose in the map.
+        time_ns: The time [ns].
+        tuning: Constants.
+    """
+    sizes = [len(people.xy) for people, _ in seen]
+    if not sum(sizes):
+        return Tracks(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2, 2)))
+    scan = np.repeat(np.arange(len(seen)), sizes)
+    xy = np.concatenate([map_from_robot(people.xy, pose) for people, pose in seen])
+    rotation = np.array([rotation_2d(pose.yaw) for _, pose in seen])[scan]
+    covariance = np.concatenate([people.covariance for people, _ in seen])
+    covariance = rotation @ covariance @ rotation.transpose(0, 2, 1)
+    seconds = np.array([(people.stamp_ns - time_ns) / 1e9 for people, _ in seen])[scan]
+    label = _linked(xy, scan, seconds, tuning)
+    _, number, count = np.unique(label, return_inverse=True, return_counts=True)
+    enough = count[number] >= tuning.sightings
+    _, number = np.unique(number[enough], return_inverse=True)
+    return _fitted(xy[enough], covariance[enough], seconds[enough], number, tuning)
+
+
+def _linked(xy: Float, scan: Int, seconds: Float, tuning: RelativePosesTuning) -> Int:
+    """Of each sighting the first one of the same person.
+
+    Args:
+        xy: Places [m], shape (n, 2).
+        scan: Number of the scan of each, ascending.
+        seconds: Time of each [s].
+        tuning: Constants.
+    """
+    offset = xy - xy[:, np.newaxis]
+    away = np.hypot(offset[..., 0], offset[..., 1])
+    passed = scan - scan[:, np.newaxis]
+    away[away > tuning.step + tuning.speed * (seconds - seconds[:, np.newaxis])] = np.inf
+    index = np.arange(len(xy))
+    one, other = np.empty(0, np.intp), np.empty(0, np.intp)
+    for scans in range(1, tuning.bridged + 2):
+        table = np.where(passed == scans, away, np.inf)
+        table[one], table[:, other] = np.inf, np.inf
+        nearest = table.argmin(axis=1)
+        mutual = np.isfinite(table[index, nearest]) & (table.argmin(axis=0)[nearest] == index)
+        one = np.concatenate([one, index[mutual]])
+        other = np.concatenate([other, nearest[mutual]])
+    return connected(one, other, len(xy))
+
+
+def _fitted(
+    xy: Float, covariance: Float, seconds: Float, number: Int, tuning: RelativePosesTuning
+) -> Tracks:
+    """Straight motion of numbered people: where they are at second 0."""
+    count = int(number.max(initial=-1)) + 1
+    t = seconds[:, np.newaxis, np.newaxis]
+    information = np.linalg.inv((1.0 - tuning.lasting) * covariance)
+    weighted = information @ xy[:, :, np.newaxis]
+    normal, right = np.zeros((count, 4, 4)), np.zeros((count, 4, 1))  # of place and velocity
+    np.add.at(normal[:, :2, :2], number, information)
+    np.add.at(normal[:, :2, 2:], number, t * information)
+    np.add.at(normal[:, 2:, :2], number, t * information)
+    np.add.at(normal[:, 2:, 2:], number, t**2 * information)
+    normal[:, (2, 3), (2, 3)] += 1.0 / tuning.any_velocity**2
+    np.add.at(right[:, :2], number, weighted)
+    np.add.at(right[:, 2:], number, t * weighted)
+    mean = np.zeros((count, 2, 2))
+    np.add.at(mean, number, covariance)
+    mean /= np.bincount(number, minlength=count)[:, np.newaxis, np.newaxis]
+    span = np.ptp(seconds) if count else 0.0
+    bend = tuning.bend * tuning.acceleration**2 * span**3 * np.eye(2)
+    return Tracks(
+        np.asarray(np.linalg.solve(normal, right)[:, :2, 0]),
+        np.asarray(np.linalg.inv(normal)[:, :2, :2] + bend),
+        tuning.lasting * mean,
+    )
+
+
+def _wrong_by(one: Pose, other: Pose, least: Sequence[float], tuning: RelativePosesTuning) -> Float:
+    """Covariance of what a pose may be wrong by relative to another's: x, y, yaw, shape (3, 3)."""
+    lever = np.eye(3)
+    lever[:2, 2] = one.y - other.y, other.x - one.x
+    with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
+        total = other.covariance + lever @ one.covariance @ lever.T
+    most = np.diag(np.square(tuning.farthest))
+    if not (np.abs(total) < 1e6).all():  # NaN compares false
+        return most
+    total = total + np.diag(np.square(least))
+    return np.asarray(np.linalg.inv(np.linalg.inv(total) + np.linalg.inv(most)))
+
+
+def _relative(
+    pair: tuple[str, str], one: Pose, other: Pose, wrong_by: tuple[Float, Float], *, factor: float
+) -> RelativePose:
+    """The relative pose of two robots.
+
+    Args:
+        pair: Their names.
+        one: Pose of the first.
+        other: Pose of the second.
+        wrong_by: What that is wrong by, x, y, yaw, and covariance.
+        factor: What the covariance is multiplied by.
+    """
+    (x, y, yaw), covariance = wrong_by
+    to_one = np.eye(3)
+    to_one[:2, :2] = rotation_2d(-one.yaw)
+    place = to_one[:2, :2] @ (other.x + x - one.x, other.y + y - one.y)
+    return RelativePose(
+        robot=pair[0],
+        stamp_ns=one.stamp_ns,
+        other=pair[1],
+        other_stamp_ns=other.stamp_ns,
+        pose=np.array([*place, wrap_angle(other.yaw + yaw - one.yaw)]),
+        covariance=factor * (to_one @ covariance @ to_one.T),
+    )
