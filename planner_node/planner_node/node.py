@@ -25,6 +25,8 @@ from mrs_people_loc.health.team import (
     of_member,
     of_people,
 )
+from mrs_people_loc.localization.relative_poses import RelativePoses
+from mrs_people_loc.localization.seen_people import people_by_robot
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.intervals import Closed, IntervalCollector
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
@@ -74,6 +76,7 @@ class PlannerNode(ManagedNode):
         self._left_out_log = Throttle(LOG_PERIOD_S)
         self._losses: dict[str, dict[str, Growth]] = {}
         self._agreement = Agreement()
+        self._relative_poses = RelativePoses()
         self._compared_ns: int | None = None
         self._outputs = Outputs(self)
 
@@ -121,6 +124,7 @@ class PlannerNode(ManagedNode):
         """Forgets what was found: the time, or the stamps of all robots, jumped back."""
         self._planner.begin_anew()
         self._agreement = Agreement()
+        self._relative_poses.begin_anew()
         self._result = None
         self._outputs.begin_anew()
 
@@ -165,6 +169,15 @@ class PlannerNode(ManagedNode):
         self._result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
         self._intervals += 1
         self._outputs.publish(self._result, self.config)
+        self._measure_robots(self._result)
+
+    def _measure_robots(self, result: People) -> None:
+        """Publishes where robots are to each other, by the people whom both see, if any listens."""
+        if self._outputs.wants_relative_poses:
+            seen = people_by_robot(result.fused, result.poses, self.config)
+            measured = self._relative_poses.step(seen, result.poses)
+            if measured:
+                self._outputs.publish_relative_poses(result.stamp_ns, measured, self.config)
 
     def _check_order(self, closed: Closed) -> None:
         back_ns = 0 if self._result is None else self._result.stamp_ns - closed.time_ns
