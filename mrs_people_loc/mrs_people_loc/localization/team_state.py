@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.observations import Point
 from mrs_people_loc.localization.odometry import carried_on, motion, turned
 from mrs_people_loc.localization.shared import Odometry
@@ -91,6 +93,9 @@ class Trust:
         disputed: Observations in a row that contradict what only one other robot has seen.
         claims_refused: Claims in a row of its pose that do not fit.
         off: How far the last refused claim or disputed wall was off [m].
+        claimed_ns: When it claimed its pose last [ns]; 0: never.
+        contact_ns: When it was heard again after its last silence [ns]; 0: it was never silent.
+        pulled: By how much its claims moved the team since then [m].
     """
 
     refused: int = 0
@@ -102,6 +107,9 @@ class Trust:
     disputed: int = 0
     claims_refused: int = 0
     off: float = 0.0
+    claimed_ns: int = 0
+    contact_ns: int = 0
+    pulled: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -250,6 +258,32 @@ class TeamState:
         covariance = self.covariance.copy()
         covariance[range(i, i + 3), range(i, i + 3)] += np.square(sigmas)
         return dataclasses.replace(self, covariance=covariance)
+
+    def moved(self, origin: Float, target: Float) -> TeamState:
+        """The state moved and turned as a whole, so that one pose becomes another.
+
+        Args:
+            origin: x, y [m], yaw [rad], shape (3,).
+            target: What it becomes, shape (3,).
+        """
+        turn = float(target[2] - origin[2])
+        rotation = rotation_2d(turn)
+        shift = target[:2] - rotation @ origin[:2]
+        robots = 3 * len(self.odometry)
+        mean, jacobian = self.mean.copy(), np.eye(len(self.mean))
+        for i in range(0, robots, 3):
+            mean[i : i + 2] = rotation @ self.mean[i : i + 2] + shift
+            mean[i + 2] += turn
+            jacobian[i : i + 2, i : i + 2] = rotation
+        for k, wall in enumerate(self.walls):
+            i = robots + 2 * k
+            bearing = float(mean[i + 1]) + turn
+            c, s = math.cos(bearing), math.sin(bearing)
+            dx, dy = rotation @ wall.anchor + shift - wall.anchor
+            mean[i : i + 2] = mean[i] + c * dx + s * dy, bearing
+            jacobian[i, i + 1] = c * dy - s * dx
+        covariance = jacobian @ self.covariance @ jacobian.T
+        return dataclasses.replace(self, mean=mean, covariance=covariance)
 
     def _without(self, indices: range) -> TeamState:
         keep = np.delete(np.arange(len(self.mean)), indices)

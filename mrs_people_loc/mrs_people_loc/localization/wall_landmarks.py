@@ -33,6 +33,7 @@ class WallTuning:
         max_gap: Parts of one line with a larger gap between are two walls [m].
         max_offset: A wall seen farther off than this, and than three sigmas, is another one [m].
         max_turn: Likewise its direction [rad].
+        max_behind: A robot that is believed to be farther behind a face does not see it [m].
         same_offset: Two walls that are closer than this and ...
         same_turn: ... this are told apart by nothing; neither is one made so close to another.
         apart: Of several walls that fit, one is taken if its squared Mahalanobis length is less by
@@ -52,6 +53,7 @@ class WallTuning:
     max_gap: float = 2.0
     max_offset: float = 1.5
     max_turn: float = 0.6
+    max_behind: float = 0.5
     same_offset: float = 0.15
     same_turn: float = 0.1
     apart: float = 9.0
@@ -162,32 +164,53 @@ class WallLandmarks:
             (c for c in candidates if c.squared <= self.gates[2]), key=lambda c: c.squared
         )
         if fits and self._is_clear(fits):
-            state, landmark = self._recognized(state, seen, fits[0])
-            shared = landmark.known >= 0 or len(landmark.sights) > 1
-            return state, dataclasses.replace(
-                verdict, fitted=verdict.fitted + 1, shared=verdict.shared or shared
-            )
+            return self._take_fit(state, seen, fits[0], candidates, verdict)
         if fits:
             return state, verdict
         against = [c for c in candidates if c.in_state]
+        strong = [c for c in against if self._contradicts(state, seen, c)]
+        close = [c for c in against if self._is_close(c)]
+        for candidate in (strong + close)[:1]:
+            kind = _kind(state.walls[candidate.index])
+            state = noted(state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns)
+            refused = verdict.refused + bool(strong)
+            return state, dataclasses.replace(verdict, refused=refused)
+        verdict = self._disputed(state, seen, against, verdict)
+        return self._added(self._misfitted(state, seen, candidates), seen), verdict
+
+    def _take_fit(
+        self,
+        state: TeamState,
+        seen: _Seen,
+        fit: _Candidate,
+        candidates: list[_Candidate],
+        verdict: Verdict,
+    ) -> tuple[TeamState, Verdict]:
+        """Takes a wall that is recognized."""
+        if fit.in_state and state.walls[fit.index].known < 0:
+            state = self._misfitted(state, seen, candidates)
+            if len(state.walls[fit.index].sights) == 1:
+                against = [c for c in candidates if c.in_state and c is not fit]
+                verdict = self._disputed(state, seen, against, verdict)
+        state, wall = self._recognized(state, seen, fit)
+        shared = verdict.shared or wall.known >= 0 or len(wall.sights) > 1
+        return state, dataclasses.replace(verdict, fitted=verdict.fitted + 1, shared=shared)
+
+    def _disputed(
+        self, state: TeamState, seen: _Seen, against: list[_Candidate], verdict: Verdict
+    ) -> Verdict:
+        """The verdict with how far a wall is from where others see it."""
         for candidate in against:
-            if self._contradicts(state, seen, candidate):
-                kind = _kind(state.walls[candidate.index])
-                state = noted(state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns)
-                return state, dataclasses.replace(verdict, refused=verdict.refused + 1)
-        tuning = self.tuning
-        for candidate in against:
-            offset, turn = abs(candidate.offset), abs(candidate.turn)
-            if offset < tuning.same_offset and turn < tuning.same_turn:
-                kind = _kind(state.walls[candidate.index])
-                return noted(
-                    state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns
-                ), verdict
-        for candidate in against:
-            if self._others(state, seen, candidate):
+            if candidate.squared > self.gates[2] and self._others(state, seen, candidate):
                 verdict = dataclasses.replace(verdict, off=abs(candidate.offset))
-        state = self._misfitted(state, seen, candidates)
-        return self._added(state, seen), verdict
+        return verdict
+
+    def _is_close(self, candidate: _Candidate) -> bool:
+        """Whether a wall there would hardly differ from this one."""
+        return (
+            abs(candidate.offset) < self.tuning.same_offset
+            and abs(candidate.turn) < self.tuning.same_turn
+        )
 
     def _is_clear(self, fits: list[_Candidate]) -> bool:
         """Whether the best of several is the one, or as good as another."""
@@ -237,6 +260,8 @@ class WallLandmarks:
         side = -1.0 if wall.known >= 0 and math.cos(turn) < 0 else 1.0
         turn = wrap_angle(turn if side > 0 else turn - math.pi)
         offset = float(seen.line[0]) - side * away
+        if side * away < -self.tuning.max_behind:
+            return None
         if abs(turn) > self.tuning.max_turn + sigmas[1]:
             return None
         if abs(offset) > self.tuning.max_offset + sigmas[0]:
@@ -346,10 +371,11 @@ class WallLandmarks:
         )
 
     def _misfitted(self, state: TeamState, seen: _Seen, candidates: list[_Candidate]) -> TeamState:
-        """Counts known walls that are seen elsewhere."""
+        """Counts known walls that are not seen where an unknown one is."""
         misfits = dict(state.misfits)
         for candidate in candidates:
-            if candidate.in_state:
+            near = abs(candidate.offset) < self.tuning.max_offset
+            if candidate.in_state or not near or abs(candidate.turn) > self.tuning.same_turn:
                 continue
             before = misfits.get(candidate.index, Misfit(0, 0.0))
             count = before.count + 1
