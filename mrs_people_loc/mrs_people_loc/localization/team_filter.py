@@ -8,7 +8,6 @@ in an unknown way and is fused by covariance intersection (Julier & Uhlmann 1997
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ from mrs_people_loc.localization.observations import (
     WallsSeen,
     pose_from,
 )
-from mrs_people_loc.localization.team_state import Meetings, Source, TeamState, Trust
+from mrs_people_loc.localization.team_state import Meetings, Source, TeamState, Trust, changed
 from mrs_people_loc.localization.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.walls import Walls
 
@@ -116,7 +115,7 @@ class TeamFilter:
         state, verdict = self.walls.take(state, seen)
         if verdict.off is not None:
             trust = state.trust.get(seen.robot, Trust())
-            trust = dataclasses.replace(trust, disputed=trust.disputed + 1, off=verdict.off)
+            trust = changed(trust, disputed=trust.disputed + 1, off=verdict.off)
             state = _with_trust(state, seen.robot, trust)
         if verdict.fitted:
             return self._fitted(state, seen.robot, seen.odometry.stamp_ns, verdict.shared)
@@ -156,29 +155,29 @@ class TeamFilter:
         state = noted(state, robot, "claim", accepted, squared, 3, stamp_ns)
         if not accepted:
             off, refused = math.hypot(offset[0], offset[1]), trust.claims_refused + 1
-            trust = dataclasses.replace(trust, claims_refused=refused, off=off)
+            trust = changed(trust, claims_refused=refused, off=off)
             return _with_trust(state, robot, trust)
-        trust = dataclasses.replace(trust, claims_refused=0)
+        trust = changed(trust, claims_refused=0)
         if not self._is_in_contact_again(trust, stamp_ns):
             return _with_trust(state, robot, trust)
         share = share_of_claim(own, claim.covariance)
         if share >= self.tuning.claim_gain:
             state = _with_trust(state, robot, trust)
-            wide = dataclasses.replace(state, covariance=state.covariance / (1.0 - share))
-            fused = dataclasses.replace(claim, covariance=claim.covariance / share)
+            wide = changed(state, covariance=state.covariance / (1.0 - share))
+            fused = changed(claim, covariance=claim.covariance / share)
             return self._with_pose(wide, fused)[0]
         precision = np.trace(np.linalg.inv(own)), np.trace(np.linalg.inv(claim.covariance))
         step = offset * precision[1] / (precision[0] + precision[1])
         pulled = trust.pulled + math.hypot(step[0], step[1])
-        trust = dataclasses.replace(trust, pulled=pulled)
+        trust = changed(trust, pulled=pulled)
         return _with_trust(state.moved(place, place + step), robot, trust)
 
     def _heard(self, trust: Trust, stamp_ns: int) -> Trust:
         """The same at the time of a further claim."""
         silent_s = (stamp_ns - trust.claimed_ns) / 1e9
         if trust.claimed_ns and silent_s > self.tuning.silence_s:
-            trust = dataclasses.replace(trust, contact_ns=stamp_ns, pulled=0.0)
-        return dataclasses.replace(trust, claimed_ns=stamp_ns)
+            trust = changed(trust, contact_ns=stamp_ns, pulled=0.0)
+        return changed(trust, claimed_ns=stamp_ns)
 
     def _is_in_contact_again(self, trust: Trust, stamp_ns: int) -> bool:
         """Whether a robot is heard again after a silence, and filters have time to agree."""
@@ -236,10 +235,10 @@ class TeamFilter:
                     state = self._fitted(state, robot, stamp_ns, True)
             return state
         since_ns = before.since_ns if before.refused else stamp_ns
-        refused = dataclasses.replace(before, refused=before.refused + 1, since_ns=since_ns)
+        refused = changed(before, refused=before.refused + 1, since_ns=since_ns)
         if not self._is_long(refused.refused, since_ns, stamp_ns):
             return _with_meetings(state, pair, refused)
-        state = _with_meetings(state, pair, dataclasses.replace(before, refused=0, since_ns=0))
+        state = _with_meetings(state, pair, changed(before, refused=0, since_ns=0))
         for robot in self._suspects(state, pair, stamp_ns):
             state = self._lost(state, robot, stamp_ns)
         return state
@@ -275,7 +274,7 @@ class TeamFilter:
     def _fitted(self, state: TeamState, robot: str, stamp_ns: int, shared: bool) -> TeamState:
         """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""
         before = state.trust.get(robot, Trust())
-        trust = dataclasses.replace(
+        trust = changed(
             before,
             refused=0,
             since_ns=0,
@@ -291,12 +290,12 @@ class TeamFilter:
         since_ns = before.since_ns if before.refused else stamp_ns
         if self._is_long(before.refused + 1, since_ns, stamp_ns):
             return self._lost(state, robot, stamp_ns)
-        trust = dataclasses.replace(before, refused=before.refused + 1, since_ns=since_ns)
+        trust = changed(before, refused=before.refused + 1, since_ns=since_ns)
         return _with_trust(state, robot, trust)
 
     def _lost(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
         before = state.trust.get(robot, Trust())
-        trust = dataclasses.replace(
+        trust = changed(
             before,
             refused=0,
             since_ns=0,
@@ -308,8 +307,8 @@ class TeamFilter:
 
 
 def _with_trust(state: TeamState, robot: str, trust: Trust) -> TeamState:
-    return dataclasses.replace(state, trust={**state.trust, robot: trust})
+    return changed(state, trust={**state.trust, robot: trust})
 
 
 def _with_meetings(state: TeamState, pair: tuple[str, str], meetings: Meetings) -> TeamState:
-    return dataclasses.replace(state, meetings={**state.meetings, pair: meetings})
+    return changed(state, meetings={**state.meetings, pair: meetings})

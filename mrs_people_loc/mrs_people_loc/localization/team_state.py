@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,16 @@ from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.observations import Point
 from mrs_people_loc.localization.odometry import carried_on, motion, turned
 from mrs_people_loc.localization.shared import Odometry
+
+_Value = TypeVar("_Value")
+
+
+def changed(value: _Value, **changes: Any) -> _Value:
+    """As `dataclasses.replace`, for values that need no check: in a tenth of the time."""
+    made = object.__new__(type(value))
+    vars(made).update(vars(value))
+    vars(made).update(changes)
+    return made
 
 
 @dataclass(frozen=True)
@@ -58,7 +68,7 @@ class Landmark:
         count = 1 if before is None else before.count + 1
         whole = min(extent[0], self.extent[0]), max(extent[1], self.extent[1])
         sights = {**self.sights, robot: Sight(count, extent, stamp_ns)}
-        return dataclasses.replace(self, extent=whole, sights=sights)
+        return changed(self, extent=whole, sights=sights)
 
 
 @dataclass(frozen=True)
@@ -204,7 +214,7 @@ class TeamState:
         covariance[block] = jacobian @ covariance[block]
         covariance[:, block] = covariance[:, block] @ jacobian.T
         covariance[block, block] += turned(noise, self.mean[i + 2])
-        return dataclasses.replace(
+        return changed(
             self,
             mean=mean,
             covariance=covariance,
@@ -216,7 +226,7 @@ class TeamState:
     ) -> TeamState:
         """The state with one more robot, whose pose is independent of the rest."""
         i = 3 * len(self.odometry)
-        return dataclasses.replace(
+        return changed(
             self,
             mean=np.insert(self.mean, i, place),
             covariance=_inserted(self.covariance, i, np.zeros((3, len(self.mean))), covariance),
@@ -233,7 +243,7 @@ class TeamState:
             covariance: Shape (2, 2).
         """
         n = len(self.mean)
-        return dataclasses.replace(
+        return changed(
             self,
             mean=np.append(self.mean, line),
             covariance=_inserted(self.covariance, n, across, covariance),
@@ -244,20 +254,20 @@ class TeamState:
         """The state without a robot."""
         i = self.at(robot)
         others = {name: value for name, value in self.odometry.items() if name != robot}
-        return dataclasses.replace(self._without(range(i, i + 3)), odometry=others)
+        return changed(self._without(range(i, i + 3)), odometry=others)
 
     def without_wall(self, index: int) -> TeamState:
         """The state without a wall."""
         i = self.wall_at(index)
         walls = self.walls[:index] + self.walls[index + 1 :]
-        return dataclasses.replace(self._without(range(i, i + 2)), walls=walls)
+        return changed(self._without(range(i, i + 2)), walls=walls)
 
     def widened(self, robot: str, sigmas: tuple[float, float, float]) -> TeamState:
         """The state with a robot's pose less sure by these, independently [m, m, rad]."""
         i = self.at(robot)
         covariance = self.covariance.copy()
         covariance[range(i, i + 3), range(i, i + 3)] += np.square(sigmas)
-        return dataclasses.replace(self, covariance=covariance)
+        return changed(self, covariance=covariance)
 
     def moved(self, origin: Float, target: Float) -> TeamState:
         """The state moved and turned as a whole, so that one pose becomes another.
@@ -283,13 +293,11 @@ class TeamState:
             mean[i : i + 2] = mean[i] + c * dx + s * dy, bearing
             jacobian[i, i + 1] = c * dy - s * dx
         covariance = jacobian @ self.covariance @ jacobian.T
-        return dataclasses.replace(self, mean=mean, covariance=covariance)
+        return changed(self, mean=mean, covariance=covariance)
 
     def _without(self, indices: range) -> TeamState:
         keep = np.delete(np.arange(len(self.mean)), indices)
-        return dataclasses.replace(
-            self, mean=self.mean[keep], covariance=self.covariance[np.ix_(keep, keep)]
-        )
+        return changed(self, mean=self.mean[keep], covariance=self.covariance[np.ix_(keep, keep)])
 
 
 def _inserted(covariance: Float, at: int, across: Float, own: Float) -> Float:

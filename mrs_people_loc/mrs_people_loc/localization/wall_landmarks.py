@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from mrs_people_loc.localization.observations import (
     wall_at,
     wall_from,
 )
-from mrs_people_loc.localization.team_state import Landmark, Misfit, TeamState
+from mrs_people_loc.localization.team_state import Landmark, Misfit, TeamState, changed
 from mrs_people_loc.localization.walls import Walls
 
 
@@ -157,8 +156,7 @@ class WallLandmarks:
         self, state: TeamState, seen: _Seen, verdict: Verdict
     ) -> tuple[TeamState, Verdict]:
         candidates = [
-            dataclasses.replace(c, squared=self._squared(state, seen, c))
-            for c in self._candidates(state, seen)
+            changed(c, squared=self._squared(state, seen, c)) for c in self._candidates(state, seen)
         ]
         fits = sorted(
             (c for c in candidates if c.squared <= self.gates[2]), key=lambda c: c.squared
@@ -174,7 +172,7 @@ class WallLandmarks:
             kind = _kind(state.walls[candidate.index])
             state = noted(state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns)
             refused = verdict.refused + bool(strong)
-            return state, dataclasses.replace(verdict, refused=refused)
+            return state, changed(verdict, refused=refused)
         verdict = self._disputed(state, seen, against, verdict)
         return self._added(self._misfitted(state, seen, candidates), seen), verdict
 
@@ -194,7 +192,7 @@ class WallLandmarks:
                 verdict = self._disputed(state, seen, against, verdict)
         state, wall = self._recognized(state, seen, fit)
         shared = verdict.shared or wall.known >= 0 or len(wall.sights) > 1
-        return state, dataclasses.replace(verdict, fitted=verdict.fitted + 1, shared=shared)
+        return state, changed(verdict, fitted=verdict.fitted + 1, shared=shared)
 
     def _disputed(
         self, state: TeamState, seen: _Seen, against: list[_Candidate], verdict: Verdict
@@ -202,7 +200,7 @@ class WallLandmarks:
         """The verdict with how far a wall is from where others see it."""
         for candidate in against:
             if candidate.squared > self.gates[2] and self._others(state, seen, candidate):
-                verdict = dataclasses.replace(verdict, off=abs(candidate.offset))
+                verdict = changed(verdict, off=abs(candidate.offset))
         return verdict
 
     def _is_close(self, candidate: _Candidate) -> bool:
@@ -308,7 +306,7 @@ class WallLandmarks:
                 self.known.landmarks[k], self.known.lines[k], across, self.known.covariances[k]
             )
             misfits = {other: m for other, m in state.misfits.items() if other != k}
-            state = dataclasses.replace(state, misfits=misfits)
+            state = changed(state, misfits=misfits)
         wall = state.walls[index]
 
         def model(part: Float) -> tuple[Float, Float]:
@@ -322,7 +320,7 @@ class WallLandmarks:
             state = self._ends(state, seen, index, side)
         landmark = wall.seen_by(seen.robot, candidate.extent, seen.stamp_ns)
         walls = (*state.walls[:index], landmark, *state.walls[index + 1 :])
-        return dataclasses.replace(state, walls=walls), landmark
+        return changed(state, walls=walls), landmark
 
     def _ends(self, state: TeamState, seen: _Seen, index: int, side: float) -> TeamState:
         """The state corrected by the ends of a known wall."""
@@ -384,7 +382,7 @@ class WallLandmarks:
             state = noted(
                 state, seen.robot, "known walls", False, candidate.squared, 2, seen.stamp_ns
             )
-        return dataclasses.replace(state, misfits=misfits)
+        return changed(state, misfits=misfits)
 
     def _added(self, state: TeamState, seen: _Seen) -> TeamState:
         """The state with the wall that is seen as a new one."""
