@@ -69,14 +69,16 @@ class RateLimit:
         """Whether a message goes through.
 
         A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next one is due a
-        period after this one was, so that the rate holds in the long run.
+        period after this one was, so that the rate holds in the long run. Where stamps jump back by
+        more than a period, it begins anew.
 
         Args:
-            stamp_ns: Its stamp, newer than those before [ns].
+            stamp_ns: Its stamp [ns].
             rate_hz: The rate [Hz].
         """
-        period_ns = round(1e9 / rate_hz)
-        due_ns = stamp_ns if self._due_ns is None else self._due_ns
+        period_ns, due_ns = round(1e9 / rate_hz), self._due_ns
+        if due_ns is None or due_ns - stamp_ns > 2 * period_ns:
+            due_ns = stamp_ns
         if due_ns - stamp_ns > period_ns // 10:
             return False
         self._due_ns = period_ns + (stamp_ns if stamp_ns - due_ns >= period_ns else due_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -21,13 +22,15 @@ from mrs_people_loc.health.localization import (
     own_sources,
 )
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.shared import SeenWalls
 from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.robot import Stages
+from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.markers import wall_markers
 from mrs_ros.qos import POSES, TEAM
+from robot_node.wall_finder import WallFinder, known_walls
 
 
 def localizes(config: RobotConfig, frame_id: str) -> bool:
@@ -53,17 +56,20 @@ class RobotLocalization:
     Args:
         node: The robot's node.
         base_frame: Its base_link.
+        look_up: Says where a frame (the second) is in another one, by TF.
     """
 
-    def __init__(self, node: ManagedNode, base_frame: str) -> None:
+    def __init__(
+        self, node: ManagedNode, base_frame: str, look_up: Callable[[str, str], Pose]
+    ) -> None:
         self._node = node
-        self._base_frame = base_frame
         self._config: RobotConfig = node.config
         self._parent, _, self._robot = str(node.get_namespace()).rstrip("/").rpartition("/")
         self._localizer: Localizer | None = None
         self._began_ns = 0
         self._refusals = RefusalWatch()
-        self._known: Walls | None = None
+        self._known = known_walls(self._config.walls)
+        self._finder = WallFinder(node, base_frame, look_up, self._take_known)
         self._listens = False
         self._rate = RateLimit()
         self._told: Any = None
@@ -81,21 +87,22 @@ class RobotLocalization:
     def begin_anew(self) -> None:
         """Forgets where the robot is: the time was set back, or its start was changed."""
         self._localizer = None
+        self._finder.begin_anew(None)
         self._refusals = RefusalWatch()
         self._rate.begin_anew()
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters."""
         old, self._config = self._config, config
+        self._finder.changed(config)
         if old.pose.map_from_odom != config.pose.map_from_odom:
             self.begin_anew()
         elif self._localizer is not None:
-            self._localizer.config = config.localization
+            self._localizer.configure(config.localization)
 
-    def take_known_walls(self, walls: Walls) -> None:
-        """Takes the walls of a map, and begins anew with them where the robot is now."""
-        self._known = walls
-        self._localizer = None
+    def take_view(self, stages: Stages, camera: StereoCamera) -> None:
+        """Takes a view of the head, after its people were found."""
+        self._finder.take_view(stages, camera)
 
     def take_odometry(self, pose: Pose) -> Pose:
         """The robot's pose in the map, from its pose in the odometry's frame.
@@ -106,26 +113,34 @@ class RobotLocalization:
         if not self._listens:
             self._listen()
         config = self._config
-        if self._localizer is None:
-            self._localizer = Localizer(self._robot, config.localization, self._known)
-            self._began_ns = pose.stamp_ns
         x, y, yaw = config.pose.map_from_odom or (0.0, 0.0, 0.0)
-        placed = self._localizer.take_odometry(Pose(pose.stamp_ns, x, y, yaw) @ pose)
+        in_map = Pose(pose.stamp_ns, x, y, yaw) @ pose
+        localizer = self._localizer or self._begin(in_map)
+        placed = localizer.take_odometry(in_map)
         if self._told is not None and self._rate.lets_through(
             pose.stamp_ns, config.localization.share_rate
         ):
-            told = convert.team_pose(self._localizer.share(), config.pose.map_frame)
+            told = convert.team_pose(localizer.share(), config.pose.map_frame)
             self._told.publish(told)
         return placed
 
-    def take_walls(self, seen: SeenWalls) -> None:
-        """Takes walls that the robot sees."""
+    def _begin(self, odometry: Pose) -> Localizer:
+        """A localizer that begins with an odometry."""
+        made = Localizer(self._robot, self._config.localization, self._known)
+        self._localizer, self._began_ns = made, odometry.stamp_ns
+        self._finder.begin_anew(made)
+        return made
+
+    def _take_known(self, walls: Walls) -> None:
+        """Takes the walls of a map, beside those of the file."""
+        self._known = walls if self._known is None else Walls.concatenate([self._known, walls])
         if self._localizer is not None:
-            self._localizer.take_walls(seen)
+            self._localizer.take_known(self._known)
 
     def _listen(self) -> None:
         """Subscribes to absolute poses and to the team."""
         self._listens, node = True, self._node
+        self._finder.start(self._parent)
         if self._config.pose.source != "pose_in":
             node.listen(
                 PoseWithCovarianceStamped, "pose_in", self._on_absolute, POSES, any_number=True

@@ -41,7 +41,7 @@ class RobotNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("robot_node", RobotConfig)
-        pose_source.check(self.config.pose)
+        pose_source.check(self.config)
         if not self.name_in_team:
             self.get_logger().warning(
                 "the node has no namespace; a robot's name is its namespace: "
@@ -109,7 +109,7 @@ class RobotNode(ManagedNode):
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters from the next frame on."""
-        pose_source.check(config.pose)
+        pose_source.check(config)
         if self.is_configured:
             try:
                 self._head.configure(config)
@@ -145,6 +145,7 @@ class RobotNode(ManagedNode):
         if view is None:
             return
         self._publish(view)
+        self._pose.localization.take_view(view.stages, self._head.pipeline.camera)
         self._stages = view.stages
         self._frames += 1
         self._scan_at_s = time.monotonic()

@@ -12,7 +12,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from mrs_people_loc import messages
-from mrs_people_loc.config import PoseInput, RobotConfig
+from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.robot import PoseState, of_pose
@@ -21,6 +21,7 @@ from mrs_people_loc.team.poses import Pose, PoseIntake, frame_of, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import POSES
+from robot_node import wall_finder
 from robot_node.localization import RobotLocalization, localizes
 
 #: Period of looking the pose up in TF [s].
@@ -31,12 +32,14 @@ STANDING_PERIOD_S = 0.1
 NO_SCAN_S = 1.0
 
 
-def check(config: PoseInput) -> None:
-    """Checks that the pose can come from its source, and go to TF.
+def check(robot: RobotConfig) -> None:
+    """Checks that the pose can come from its source, and go to TF, and what localization needs.
 
     Raises:
-        ConfigError: A parameter or a package for that is missing.
+        ConfigError: A parameter, a file or a package for that is missing.
     """
+    config = robot.pose
+    wall_finder.check(robot.walls)
     if config.source == "static":
         static_pose(config, 0)
     if config.source == "tf":
@@ -71,7 +74,7 @@ class PoseSource:
         self._scan_at_s = 0.0
         self._error = ""
         self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
-        self.localization = RobotLocalization(node, base_frame)
+        self.localization = RobotLocalization(node, base_frame, self._look_up)
         tells = self._config.pose.publish_tf != "never" and tf.installed("tf2_msgs")
         self._frames_out = tf.FramePublisher(node.offer) if tells else None
         self._odom_frame = ""
@@ -176,10 +179,14 @@ class PoseSource:
             self._standing, self._error = None, str(err)
 
     def _frame_in_map(self, frame_id: str) -> Pose:
-        """Where TF has the odometry's frame in the map; subscribes to TF the first time."""
+        """Where TF has the odometry's frame in the map."""
+        return self._look_up(self._config.pose.map_frame, frame_id)
+
+    def _look_up(self, parent: str, child: str) -> Pose:
+        """Where a frame is in another one, by TF; subscribes to TF the first time."""
         if self._listener is None:
             self._listener = tf.FrameListener(self._node)
-        return self._listener.pose(self._config.pose.map_frame, frame_id)
+        return self._listener.pose(parent, child)
 
     def _standing_at(self, stamp_ns: int) -> Pose | None:
         """The pose of a static robot with a stamp [ns]; None: it is not static."""

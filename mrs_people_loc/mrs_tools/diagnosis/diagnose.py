@@ -53,7 +53,7 @@ _ADVICE = {
     "PoseWithCovarianceStamped on its topic pose_in",
     Code.MATE_DOUBTED: "look at what that robot says of itself: its start (pose.map_from_odom, "
     "localization.start), its mounting, whatever publishes its pose_in",
-    Code.MAP_MISFIT: "correct the map or its origin, or the wall in the file that walls.map_file "
+    Code.MAP_MISFIT: "correct the map or its origin, or the wall in the file that walls.file "
     "names: docs/robots.md",
     Code.MATE_CLOCK: "synchronize the clocks of all computers (chrony or NTP)",
     Code.CORRECTIONS_REFUSED: "look at the sensor: its mounting, its stated errors, its stamps; "
