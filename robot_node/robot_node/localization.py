@@ -33,6 +33,11 @@ from mrs_ros.qos import POSES, TEAM
 from robot_node.wall_finder import WallFinder, known_walls
 
 
+def may_localize(config: RobotConfig) -> bool:
+    """Whether poses of `pose.source` may be dead reckoning, depending on their frame."""
+    return config.localization.run != "never" and config.pose.source in ("odom", "pose_in")
+
+
 def localizes(config: RobotConfig, frame_id: str) -> bool:
     """Whether poses of `pose.source` in a frame are dead reckoning, to be corrected.
 
@@ -40,11 +45,10 @@ def localizes(config: RobotConfig, frame_id: str) -> bool:
         config: The robot's configuration.
         frame_id: Frame of a pose, without a leading slash.
     """
-    run, pose = config.localization.run, config.pose
-    if run == "never" or pose.source not in ("odom", "pose_in"):
-        return False
-    starts = bool(config.localization.start or pose.map_from_odom)
-    return run == "always" or (frame_id != pose.map_frame and starts)
+    pose, localization = config.pose, config.localization
+    starts = bool(localization.start or pose.map_from_odom)
+    needed = localization.run == "always" or (frame_id != pose.map_frame and starts)
+    return needed and may_localize(config)
 
 
 class RobotLocalization:
@@ -74,7 +78,7 @@ class RobotLocalization:
         self._rate = RateLimit()
         self._told: Any = None
         self._drawn: Any = None
-        if self._robot:
+        if self._robot and may_localize(self._config):
             self._told = node.offer(TeamPoseMessage, f"{self._parent}/team_poses", TEAM)
             self._drawn = node.offer(MarkerArray, f"{self._parent}/walls", 2)
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import LaserScan, Range
+from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc.localization.shared import Odometry as OdometryValue
 from mrs_people_loc.localization.shared import RelativePose
@@ -297,3 +301,88 @@ def test_bad_messages_of_the_team_are_refused(first: Driven, peer: Peer) -> None
     assert planar(first.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
     findings = peer.next_findings(first.node)[first.node]
     assert "robot_x" not in findings["localization"].values["team"]
+
+
+# --- walls ----------------------------------------------------------------------------------------
+
+
+def ranges_to_corner(at: Pose, bearings: np.ndarray) -> list[float]:
+    """Ranges of rays from a place to the walls x = 3 and y = 2, in the map [m]."""
+    directions = bearings + at.yaw
+    with np.errstate(divide="ignore"):
+        to_x = (3.0 - at.x) / np.cos(directions)
+        to_y = (2.0 - at.y) / np.sin(directions)
+    to_x[to_x < 0], to_y[to_y < 0] = np.inf, np.inf
+    return [float(r) for r in np.minimum(to_x, to_y)]
+
+
+def test_walls_of_a_map_in_a_laser_scan_correct_the_pose(
+    make: Callable[..., Driven], peer: Peer
+) -> None:
+    """Two walls at a corner; the start is told 0.19 m and 2 degrees wrong."""
+    truth, mounting = placed(0.5, 0.3, 0.4), (0.1, 0.05, 0.2)
+    started = make(
+        "robot_d", [0.65, 0.18, 0.435], walls__laser=True, walls__laser_mounting=[*mounting],
+        walls__occupancy_grid=True,
+    )  # fmt: skip
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    grid = OccupancyGrid()
+    grid.header.frame_id = "map"
+    grid.info.resolution, grid.info.width, grid.info.height = 0.05, 100, 80
+    grid.info.origin.position.x, grid.info.origin.position.y = -1.0, -1.0
+    grid.info.origin.orientation.w = 1.0
+    cells = np.zeros((80, 100), np.int8)
+    cells[60:62], cells[:62, 80:82], cells[:, 82:], cells[62:] = 100, 100, -1, -1
+    grid.data = cells.reshape(-1).tolist()
+    peer.publisher(OccupancyGrid, f"/{TEAM}/map", latched).publish(grid)
+    drawn = peer.hear(MarkerArray, f"/{TEAM}/walls")
+    bearings = np.arange(-120, 121) * math.pi / 180
+
+    def corrected() -> bool:
+        stamp_ns = started.step()
+        scan = LaserScan(
+            angle_min=float(bearings[0]), angle_increment=math.pi / 180, range_min=0.1,
+            range_max=10.0, ranges=ranges_to_corner(truth @ placed(*mounting), bearings),
+        )  # fmt: skip
+        set_stamp(scan, stamp_ns)
+        peer.send(f"{started.space}/scan", scan)
+        x, y, yaw = planar(started.stepped().pose.pose)
+        away = math.hypot(x - truth.x, y - truth.y)
+        return away < 0.03 and abs(yaw - truth.yaw) < 0.02 and bool(drawn)
+
+    peer.until(corrected, lambda: str(peer.findings(started.node).get("localization")))
+    finding = started.localization(lambda f: f.count("known_walls.accepted") > 0)
+    assert finding.level == OK, finding
+    (marker,) = drawn[-1].markers
+    assert (marker.ns, marker.header.frame_id) == ("robot_d", "map")
+    # Lines along both walls.
+    lines = np.array([(p.x, p.y) for p in marker.points]).reshape(-1, 2, 2)
+    off = np.minimum(np.abs(lines[:, :, 0] - 3.0), np.abs(lines[:, :, 1] - 2.0))
+    assert off.max() < 0.06
+    started.process.stop()
+
+
+def test_known_wall_in_sonar_ranges_corrects_the_pose(
+    make: Callable[..., Driven], peer: Peer, tmp_path: Path
+) -> None:
+    """It drives along a wall at y = 1.5, and is 0.15 m farther from it than it is told."""
+    file = tmp_path / "walls.yaml"
+    file.write_text("walls: [[-2.0, 1.5, 12.0, 1.5]]\n")
+    driven = make(
+        "robot_e", [0.0, 0.15, 0.0], walls__file=file, walls__sonars="[sonar/front, sonar/rear]",
+        walls__sonar_mountings=[0.3, 0.1, math.pi / 2, -0.3, 0.1, math.pi / 2],
+    )  # fmt: skip
+
+    def drive() -> bool:
+        x, _, _ = driven.place
+        stamp_ns = driven.step(x + 0.02, 0.0, 0.0)
+        for sonar in ("front", "rear"):
+            measured = Range(field_of_view=0.4, min_range=0.1, max_range=4.0, range=1.4)
+            set_stamp(measured, stamp_ns)
+            peer.send(f"{driven.space}/sonar/{sonar}", measured)
+        _, y, _ = planar(driven.stepped().pose.pose)
+        return abs(y) < 0.04
+
+    peer.until(drive, lambda: f"{driven.place} {peer.findings(driven.node).get('localization')}")
+    assert driven.place[0] < 8.0
+    driven.process.stop()
