@@ -251,6 +251,54 @@ class PoseInput(Section):
 
 
 @dataclass(frozen=True)
+class Localization(Section):
+    """Where the robot is: dead reckoning, corrected by walls, absolute poses and the team."""
+
+    run: str = field(
+        "auto", "whether the robot's pose is estimated: auto (unless pose.source is static or tf, "
+        "or the poses are in the map frame already), always, never",
+        choices=("auto", "always", "never"), live=False,
+    )  # fmt: skip
+    start: tuple[float, ...] = field(
+        (), "x, y [m] and yaw [rad] of base_link in the map at the start; empty: as the odometry "
+        "says, with pose.map_from_odom",
+        kind="floats", length=3, live=False,
+    )  # fmt: skip
+    start_sigmas: tuple[float, ...] = field(
+        (0.1, 0.1, 0.05), "standard deviations of that x, y [m] and yaw [rad]",
+        kind="floats", length=3, live=False,
+    )  # fmt: skip
+    position_noise: float = field(
+        0.02, "standard deviation that a metre of way adds to the position; it grows with the "
+        "square root of the way [m]",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    heading_noise: float = field(
+        0.006, "standard deviation that a metre of way adds to the heading, likewise [rad]",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    turn_noise: float = field(
+        0.02, "standard deviation that a radian of turn adds to the heading, likewise [rad]",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    gate: float = field(
+        0.999, "observations are refused that are less likely than all but this share of the "
+        "right ones",
+        low=0.5, high=0.999999,
+    )  # fmt: skip
+    share_rate: float = field(
+        100.0, "rate at which the robot tells its team where it is [Hz]", low=1.0, high=1e3
+    )
+
+    def _check_relations(self) -> None:
+        sigmas = self.start_sigmas
+        if not sigmas or any(sigma < 0 for sigma in sigmas):
+            raise ConfigError(
+                f"localization.start_sigmas is {list(sigmas)}; allowed: 3 numbers of at least 0"
+            )
+
+
+@dataclass(frozen=True)
 class RobotConfig(Section):
     """Configuration of one robot: from its images to its scan."""
 
@@ -264,3 +312,4 @@ class RobotConfig(Section):
     quantization: Quantization = dataclasses.field(default_factory=Quantization)
     bodies: Bodies = dataclasses.field(default_factory=Bodies)
     pose: PoseInput = dataclasses.field(default_factory=PoseInput)
+    localization: Localization = dataclasses.field(default_factory=Localization)

@@ -1,0 +1,453 @@
+"""A robot's estimate of where it and its team are."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.config import Localization
+from mrs_people_loc.errors import PoseError
+from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.localization.history import History
+from mrs_people_loc.localization.observations import (
+    Claimed,
+    Joined,
+    Left,
+    Met,
+    Observation,
+    Placed,
+    Reached,
+    WallsSeen,
+)
+from mrs_people_loc.localization.odometry import DeadReckoning, OdometryTrack
+from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
+from mrs_people_loc.localization.team_filter import FilterTuning, TeamFilter
+from mrs_people_loc.localization.team_state import Landmark, Misfit, Source, TeamState, Trust
+from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.team.poses import Pose
+
+#: What a robot measured is repeated in its messages for this long [ns].
+REPEATED_NS = 300_000_000
+#: A robot's pose is carried on at least so often [ns].
+_TICK_NS = 1_000_000_000
+#: What a team-mate's filter says about its pose is compared so often [ns].
+_CLAIM_NS = 250_000_000
+#: A team-mate whose stamps differ by more from the own odometry's is not heard [ns].
+_MAX_CLOCK_NS = 1_000_000_000
+#: A team-mate that was not heard of for so long has left [ns].
+_LEFT_NS = 120_000_000_000
+#: What waits for odometry: at most so many.
+_MAX_PENDING = 200
+#: Least standard deviation of a pose that came without covariance [m, m, rad].
+_LEAST_SIGMAS = np.array([1e-4, 1e-4, 1e-4])
+
+
+@dataclass(frozen=True)
+class LocalizationState:
+    """What a robot knows about where its team is, for people and diagnostics.
+
+    Attributes:
+        stamp_ns: Of the robot's newest odometry [ns].
+        poses: Of the robots in the map, each at its newest odometry.
+        sources: How observations fit, by robot and kind: `walls`, `known walls`, `corners`,
+            `absolute`, `relative` (both robots), `claim` (what team-mates say about themselves).
+        trust: By robot: whether it was carried away, whether its claims fit.
+        doubted: Team-mates that say or see what does not fit, and by how much [m].
+        misfits: Known walls that are not where the map says, by index.
+        walls: Walls of the state in the map, with their covariances.
+        known: Index of each among the known walls; -1: it is none.
+        silent: By team-mate: for how long nothing was heard [s].
+        clocks: By team-mate whose clock is too far off: by how much [s].
+        late: Observations that came too late, or for whose time there is no odometry, so far.
+        resets: How often the clock jumped back, so far.
+    """
+
+    stamp_ns: int
+    poses: Mapping[str, Pose]
+    sources: Mapping[tuple[str, str], Source]
+    trust: Mapping[str, Trust]
+    doubted: Mapping[str, float]
+    misfits: Mapping[int, Misfit]
+    walls: Walls
+    known: tuple[int, ...]
+    silent: Mapping[str, float]
+    clocks: Mapping[str, float]
+    late: int
+    resets: int
+
+
+@dataclass
+class _Mate:
+    """What came from a team-mate."""
+
+    track: OdometryTrack = field(default_factory=OdometryTrack)
+    received_ns: int = 0
+    clock_ns: int = 0
+    seen: dict[tuple[type[Observation], int], None] = field(default_factory=dict)
+    backwards: int = 0
+
+
+class Localizer:
+    """Estimates the poses of a robot and its team from what it and they measure.
+
+    Args:
+        robot: The robot's name.
+        config: Start, noise of the odometry, gate.
+        known: Known walls, in the map.
+        tuning: Constants.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        config: Localization,
+        known: Walls | None = None,
+        tuning: FilterTuning | None = None,
+    ) -> None:
+        self.robot = robot
+        self.config = config
+        self._filter = TeamFilter(robot, config, known, *([tuning] if tuning else []))
+        self._resets = self._late = 0
+        self._reckoning = DeadReckoning(config)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._history = History(self._filter)
+        self._track = OdometryTrack()
+        self._mates: dict[str, _Mate] = {}
+        self._pending: list[tuple[type[Observation], SeenWalls | Pose | RelativePose]] = []
+        self._walls: list[SeenWalls] = []
+        self._absolute: list[Pose] = []
+        self._taken: dict[tuple[type[Observation], int], None] = {}
+
+    def begin_anew(self) -> None:
+        """Forgets everything; the next odometry is the start."""
+        self._reckoning = DeadReckoning(self.config)
+        self._begin()
+
+    # ------------------------------------------------------------------------------- what comes in
+
+    def take_odometry(self, pose: Pose) -> Pose:
+        """Takes the robot's pose in the frame of its odometry.
+
+        Where `localization.start` is empty, the first one is where the robot starts in the map.
+
+        Returns:
+            base_link in the map.
+
+        Raises:
+            PoseError: The stamp is not newer than the last one.
+        """
+        before = self._track.newest
+        odometry = self._reckoning.take(pose)
+        if before is not None and odometry.stamp_ns < before.stamp_ns:
+            self._resets += 1
+            self._begin()
+            before = None
+        self._track.add(odometry)
+        if before is None:
+            self._start(odometry)
+        else:
+            self._tick(self.robot, self._track, before.stamp_ns)
+        self._take_pending()
+        return self._own_pose(odometry, self._history.newest)
+
+    def _start(self, odometry: Odometry) -> None:
+        start = self.config.start or (odometry.x, odometry.y, odometry.yaw)
+        sigmas = np.maximum(self.config.start_sigmas, _LEAST_SIGMAS)
+        covariance = np.diag(np.square(sigmas))
+        self._history.add(Joined(self.robot, odometry, np.array(start), covariance))
+
+    def take_walls(self, seen: SeenWalls) -> None:
+        """Takes walls that the robot sees, once there is odometry for their stamp."""
+        stamp_ns = self._own_stamp(WallsSeen, seen.stamp_ns)
+        self._wait_for_odometry(WallsSeen, dataclasses.replace(seen, stamp_ns=stamp_ns))
+
+    def take_absolute(self, pose: Pose) -> None:
+        """Takes a measured pose of base_link in the map, likewise.
+
+        Raises:
+            PoseError: Its covariance has no full rank.
+        """
+        _check_rank(pose.covariance)
+        stamp_ns = self._own_stamp(Placed, pose.stamp_ns)
+        self._wait_for_odometry(Placed, dataclasses.replace(pose, stamp_ns=stamp_ns))
+
+    def take_relative(self, relative: RelativePose) -> None:
+        """Takes a measured pose of one robot in the frame of another, likewise of both.
+
+        Raises:
+            PoseError: It is of a robot to itself, or its covariance has no full rank.
+        """
+        if relative.robot == relative.other:
+            raise PoseError(f"relative pose is of {relative.robot} to itself; wanted: two robots")
+        if not np.isfinite(relative.pose).all():
+            raise PoseError(f"relative pose is {relative.pose.tolist()}; wanted: finite")
+        _check_rank(relative.covariance)
+        self._wait_for_odometry(Met, relative)
+
+    def take_teammate(self, told: TeamPose, received_ns: int) -> None:
+        """Takes what a team-mate tells; what it told before is recognized.
+
+        Args:
+            told: The message.
+            received_ns: When it came, by any clock that goes forward [ns].
+        """
+        newest = self._track.newest
+        if told.robot == self.robot or newest is None:
+            return
+        mate = self._mates.setdefault(told.robot, _Mate())
+        mate.received_ns = received_ns
+        mate.clock_ns = told.odometry.stamp_ns - newest.stamp_ns
+        if abs(mate.clock_ns) > _MAX_CLOCK_NS:
+            return
+        self._take_mates_odometry(told, mate)
+        taken = 0
+        for seen in told.walls:
+            if (WallsSeen, seen.stamp_ns) not in mate.seen and mate.track.covers(seen.stamp_ns):
+                mate.seen[WallsSeen, seen.stamp_ns] = None
+                taken += self._add_walls(told.robot, mate.track, seen)
+        for pose in told.absolute:
+            if (Placed, pose.stamp_ns) not in mate.seen and mate.track.covers(pose.stamp_ns):
+                mate.seen[Placed, pose.stamp_ns] = None
+                taken += self._add_absolute(told.robot, mate.track, pose)
+        if len(mate.seen) > 500:
+            mate.seen = dict.fromkeys(list(mate.seen)[250:])
+
+    def _take_mates_odometry(self, told: TeamPose, mate: _Mate) -> None:
+        newest = mate.track.newest
+        if newest is None:
+            self._join(told, mate)
+            return
+        odometry = told.odometry
+        if odometry.stamp_ns <= newest.stamp_ns:
+            mate.track.add(odometry)
+            return
+        if (
+            odometry.position_variance < newest.position_variance - 1e-12
+            or odometry.heading_variance < newest.heading_variance - 1e-12
+        ):
+            self._join(told, mate)
+            return
+        mate.track.add(odometry)
+        self._tick(told.robot, mate.track, newest.stamp_ns)
+        if odometry.stamp_ns // _CLAIM_NS > newest.stamp_ns // _CLAIM_NS:
+            place, covariance = _arrays(told.pose)
+            self._history.add(Claimed(told.robot, odometry, place, covariance))
+
+    def _join(self, told: TeamPose, mate: _Mate) -> None:
+        """A team-mate begins, or begins anew."""
+        mate.track = OdometryTrack()
+        mate.track.add(told.odometry)
+        place, covariance = _arrays(told.pose)
+        self._history.add(Joined(told.robot, told.odometry, place, covariance))
+
+    # ------------------------------------------------------------------------------- what goes out
+
+    def pose_at(self, stamp_ns: int) -> Pose:
+        """base_link in the map at a time.
+
+        Raises:
+            PoseError: There is no odometry near that time.
+        """
+        return self._own_pose(self._track.at(stamp_ns), self._history.until(stamp_ns))
+
+    def share(self) -> TeamPose:
+        """What the team is to hear now.
+
+        Raises:
+            PoseError: There is no odometry yet.
+        """
+        newest = self._track.newest
+        if newest is None:
+            raise PoseError("no odometry has arrived")
+        pose = self._own_pose(newest, self._history.newest)
+        return TeamPose(self.robot, pose, newest, tuple(self._walls), tuple(self._absolute))
+
+    @property
+    def state(self) -> LocalizationState:
+        """What it knows now."""
+        state, newest = self._history.newest, self._track.newest
+        newest_ns = 0 if newest is None else newest.stamp_ns
+        poses = {}
+        for robot in state.odometry:
+            last = self._track_of(robot).newest
+            if last is not None:
+                poses[robot] = _pose(last, state, robot)
+        now_ns = max((mate.received_ns for mate in self._mates.values()), default=0)
+        return LocalizationState(
+            stamp_ns=newest_ns,
+            poses=poses,
+            sources=state.sources,
+            trust=state.trust,
+            doubted=self._doubted(state),
+            misfits={k: misfit for k, misfit in state.misfits.items() if misfit.count >= 5},
+            walls=_walls_of(state),
+            known=tuple(wall.known for wall in state.walls),
+            silent={n: (now_ns - m.received_ns) / 1e9 for n, m in self._mates.items()},
+            clocks={
+                name: mate.clock_ns / 1e9
+                for name, mate in self._mates.items()
+                if abs(mate.clock_ns) > _MAX_CLOCK_NS
+            },
+            late=self._late,
+            resets=self._resets,
+        )
+
+    def _doubted(self, state: TeamState) -> dict[str, float]:
+        tuning = self._filter.tuning
+        return {
+            robot: trust.off
+            for robot, trust in state.trust.items()
+            if robot != self.robot
+            and (
+                trust.claims_refused >= tuning.claims_refused or trust.disputed >= tuning.lost_after
+            )
+        }
+
+    # -------------------------------------------------------------------------------------- inside
+
+    def _own_stamp(self, kind: type[Observation], stamp_ns: int) -> int:
+        """A stamp that no other observation of this kind has: two sensors may measure at once."""
+        while (kind, stamp_ns) in self._taken:
+            stamp_ns += 1
+        self._taken[kind, stamp_ns] = None
+        if len(self._taken) > 500:
+            self._taken = dict.fromkeys(list(self._taken)[250:])
+        return stamp_ns
+
+    def _wait_for_odometry(
+        self, kind: type[Observation], seen: SeenWalls | Pose | RelativePose
+    ) -> None:
+        self._pending.append((kind, seen))
+        if len(self._pending) > _MAX_PENDING:
+            del self._pending[0]
+            self._late += 1
+        self._take_pending()
+
+    def _take_pending(self) -> None:
+        """Takes what there is odometry for by now."""
+        waiting = []
+        for kind, seen in self._pending:
+            tracks = [(self._track, seen.stamp_ns)]
+            if isinstance(seen, RelativePose):
+                tracks = [
+                    (self._track_of(seen.robot), seen.stamp_ns),
+                    (self._track_of(seen.other), seen.other_stamp_ns),
+                ]
+            newest = [track.newest for track, _ in tracks]
+            if any(n is None or n.stamp_ns < t for n, (_, t) in zip(newest, tracks, strict=True)):
+                waiting.append((kind, seen))
+            elif all(track.covers(stamp_ns) for track, stamp_ns in tracks):
+                self._late += not self._add_own(seen)
+            else:
+                self._late += 1
+        self._pending = waiting
+
+    def _add_own(self, seen: SeenWalls | Pose | RelativePose) -> bool:
+        newest = self._track.newest
+        if isinstance(seen, RelativePose):
+            return self._history.add(
+                Met(
+                    seen.robot,
+                    self._track_of(seen.robot).at(seen.stamp_ns),
+                    seen.other,
+                    self._track_of(seen.other).at(seen.other_stamp_ns),
+                    np.asarray(seen.pose, dtype=np.float64),
+                    seen.covariance,
+                )
+            )
+        assert newest is not None
+        oldest_ns = newest.stamp_ns - REPEATED_NS
+        if isinstance(seen, SeenWalls):
+            self._walls = [w for w in (*self._walls, seen) if w.stamp_ns >= oldest_ns]
+            return self._add_walls(self.robot, self._track, seen)
+        self._absolute = [p for p in (*self._absolute, seen) if p.stamp_ns >= oldest_ns]
+        return self._add_absolute(self.robot, self._track, seen)
+
+    def _add_walls(self, robot: str, track: OdometryTrack, seen: SeenWalls) -> bool:
+        return self._history.add(WallsSeen(robot, track.at(seen.stamp_ns), seen.walls))
+
+    def _add_absolute(self, robot: str, track: OdometryTrack, pose: Pose) -> bool:
+        place, covariance = _arrays(pose)
+        return self._history.add(Placed(robot, track.at(pose.stamp_ns), place, covariance))
+
+    def _tick(self, robot: str, track: OdometryTrack, before_ns: int) -> None:
+        """Carries a robot's pose on once a second; robots that are silent for long leave."""
+        newest = track.newest
+        assert newest is not None
+        tick_ns = newest.stamp_ns // _TICK_NS * _TICK_NS
+        if before_ns >= tick_ns or not track.covers(tick_ns):
+            return
+        self._history.add(Reached(robot, track.at(tick_ns)))
+        if robot == self.robot:
+            for name, mate in list(self._mates.items()):
+                last = mate.track.newest
+                if last is not None and newest.stamp_ns - last.stamp_ns > _LEFT_NS:
+                    self._history.add(Left(name, dataclasses.replace(last, stamp_ns=tick_ns)))
+                    del self._mates[name]
+
+    def _track_of(self, robot: str) -> OdometryTrack:
+        if robot == self.robot:
+            return self._track
+        mate = self._mates.get(robot)
+        return OdometryTrack() if mate is None else mate.track
+
+    def _own_pose(self, odometry: Odometry, state: TeamState) -> Pose:
+        return _pose(odometry, state, self.robot)
+
+
+def _pose(odometry: Odometry, state: TeamState, robot: str) -> Pose:
+    place, covariance = state.pose_of(robot, odometry)
+    x, y, yaw = place.tolist()
+    return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), covariance)
+
+
+def _arrays(pose: Pose) -> tuple[Float, Float]:
+    covariance = pose.covariance + np.diag(np.square(_LEAST_SIGMAS))
+    return np.array([pose.x, pose.y, pose.yaw]), covariance
+
+
+def _check_rank(covariance: Float) -> None:
+    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] <= 0:
+        raise PoseError(
+            f"covariance of x, y, yaw is {covariance.tolist()}; wanted: positive definite"
+        )
+
+
+def _walls_of(state: TeamState) -> Walls:
+    """The walls of a state in the map's normal form."""
+    count, begin = len(state.walls), 3 * len(state.odometry)
+    lines = state.mean[begin:].reshape(-1, 2)
+    covariances = state.covariance[begin:, begin:]
+    made = [
+        _normal_form(state.walls[k], lines[k], covariances[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])
+        for k in range(count)
+    ]
+    return Walls(
+        distance=np.array([one[0] for one in made]),
+        bearing=np.array([one[1] for one in made]),
+        covariance=np.array([one[2] for one in made]).reshape(-1, 2, 2),
+        extent=np.array([one[3] for one in made]).reshape(-1, 2),
+        is_end=np.zeros((count, 2), dtype=bool),
+    )
+
+
+def _normal_form(
+    wall: Landmark, line: Float, covariance: Float
+) -> tuple[float, float, Float, tuple[float, float]]:
+    bearing = float(line[1])
+    c, s = math.cos(bearing), math.sin(bearing)
+    x, y = wall.anchor
+    distance, along = float(line[0]) + c * x + s * y, c * y - s * x
+    jacobian = np.array([[1.0, along], [0.0, 1.0]])
+    begin, end = wall.extent[0] + along, wall.extent[1] + along
+    if distance < 0:
+        distance, bearing, begin, end = -distance, bearing + math.pi, -end, -begin
+        jacobian[0] *= -1.0
+    return distance, wrap_angle(bearing), jacobian @ covariance @ jacobian.T, (begin, end)

@@ -1,0 +1,199 @@
+"""Dead reckoning and how its uncertainty grows.
+
+The errors of a differential drive are modelled as in Chong & Kleeman 1997 ("Accurate odometry and
+error modelling for a mobile robot"): white in the way, so that variances grow in proportion to the
+way and to the turn. Carrying the covariance on from step to step is the uncertainty evolution of
+Watanabe & Yuta 1990 (POEM).
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.clocks import Order, StampOrder
+from mrs_people_loc.config import Localization
+from mrs_people_loc.errors import PoseError
+from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.team.poses import Pose
+
+#: How far the newest motion is extrapolated [ns].
+MAX_AHEAD_NS = 100_000_000
+
+
+def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
+    """What a robot moved between two times.
+
+    The heading's errors accrue evenly along a straight way, so that they contribute a third of
+    what the final heading error would across the way, and correlate with it.
+
+    Returns:
+        x, y [m] and yaw [rad] of the end in base_link at the beginning, shape (3,), and their
+        covariance, shape (3, 3).
+    """
+    c, s = math.cos(begin.yaw), math.sin(begin.yaw)
+    east, north = end.x - begin.x, end.y - begin.y
+    dx, dy = c * east + s * north, c * north - s * east
+    position = max(end.position_variance - begin.position_variance, 0.0)
+    heading = max(end.heading_variance - begin.heading_variance, 0.0)
+    third, half = heading / 3.0, heading / 2.0
+    covariance = np.array(
+        [
+            [position + third * dy * dy, -third * dx * dy, -half * dy],
+            [-third * dx * dy, position + third * dx * dx, half * dx],
+            [-half * dy, half * dx, heading],
+        ]
+    )
+    return np.array([dx, dy, wrap_angle(end.yaw - begin.yaw)]), covariance
+
+
+def carried_on(place: Float, moved: Float) -> tuple[Float, Float]:
+    """A pose after a motion, and its derivative by the pose before.
+
+    Args:
+        place: x, y [m] and yaw [rad], shape (3,).
+        moved: Likewise, in the frame of `place`.
+
+    Returns:
+        The new pose, shape (3,) (its yaw is not wrapped), and the Jacobian, shape (3, 3); that by
+        the motion is the rotation by the pose's yaw.
+    """
+    c, s = math.cos(place[2]), math.sin(place[2])
+    dx, dy = c * moved[0] - s * moved[1], s * moved[0] + c * moved[1]
+    jacobian = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+    return np.array([place[0] + dx, place[1] + dy, place[2] + moved[2]]), jacobian
+
+
+def turned(covariance: Float, yaw: float) -> Float:
+    """The covariance of x, y, yaw in a frame that is turned by -yaw, shape (3, 3)."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(rotation @ covariance @ rotation.T)
+
+
+@dataclass
+class DeadReckoning:
+    """A robot's odometry with the variances that its way has added.
+
+    Attributes:
+        config: The noise.
+        order: Of the stamps.
+    """
+
+    config: Localization
+    order: StampOrder = field(default_factory=StampOrder)
+    _last: tuple[Pose, Odometry] | None = None
+
+    def take(self, pose: Pose) -> Odometry:
+        """Takes the pose in the odometry's frame.
+
+        The first one, or the first after the clock jumped back, begins with variances of zero.
+
+        Raises:
+            PoseError: The stamp is not newer than the last one.
+        """
+        newest_ns, order = self.order.newest_ns, self.order.take(pose.stamp_ns)
+        if order is Order.LATE:
+            raise PoseError(f"stamp is {pose.stamp_ns} ns; wanted: newer than {newest_ns} ns")
+        position = heading = 0.0
+        if order is Order.NEWER and self._last is not None:
+            before, so_far = self._last
+            position, heading = self._growth(before, pose)
+            position += so_far.position_variance
+            heading += so_far.heading_variance
+        made = Odometry(pose.stamp_ns, pose.x, pose.y, pose.yaw, position, heading)
+        self._last = pose, made
+        return made
+
+    def _growth(self, before: Pose, pose: Pose) -> tuple[float, float]:
+        """What a step adds to the variances of position [m^2] and heading [rad^2]."""
+        config = self.config
+        way = math.hypot(pose.x - before.x, pose.y - before.y)
+        turn = abs(wrap_angle(pose.yaw - before.yaw))
+        position = config.position_noise**2 * way
+        heading = config.heading_noise**2 * way + config.turn_noise**2 * turn
+        stated = pose.covariance - before.covariance
+        # An error of the heading adds to the position's covariance in one direction only.
+        xx, xy, yy = stated[0, 0], stated[0, 1], stated[1, 1]
+        least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+        return max(position, float(least)), max(heading, float(stated[2, 2]))
+
+
+@dataclass
+class OdometryTrack:
+    """The last dead reckoning of one robot, to be read at any time between.
+
+    Attributes:
+        span_ns: What is older than the newest by more is forgotten [ns].
+    """
+
+    span_ns: int = 5_000_000_000
+    _stamps: list[int] = field(default_factory=list)
+    _values: list[Odometry] = field(default_factory=list)
+
+    @property
+    def newest(self) -> Odometry | None:
+        """The newest; None: there is none."""
+        return self._values[-1] if self._values else None
+
+    def add(self, odometry: Odometry) -> None:
+        """Takes one; those that come late are put in their place, repeated ones are dropped."""
+        stamps, values = self._stamps, self._values
+        if not stamps or odometry.stamp_ns > stamps[-1]:
+            stamps.append(odometry.stamp_ns)
+            values.append(odometry)
+        else:
+            index = bisect.bisect_left(stamps, odometry.stamp_ns)
+            if stamps[index] != odometry.stamp_ns:
+                stamps.insert(index, odometry.stamp_ns)
+                values.insert(index, odometry)
+        # Rarely, and many at once: removing the first of a list moves all others.
+        if stamps[-1] - stamps[0] > 1.5 * self.span_ns:
+            first = bisect.bisect_left(stamps, stamps[-1] - self.span_ns)
+            del stamps[:first], values[:first]
+
+    def covers(self, stamp_ns: int) -> bool:
+        """Whether there is some on both sides of a time, or at it."""
+        return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
+
+    def at(self, stamp_ns: int) -> Odometry:
+        """Dead reckoning at a time, interpolated; extrapolated by up to `MAX_AHEAD_NS`.
+
+        Raises:
+            PoseError: There is none near that time.
+        """
+        stamps, values = self._stamps, self._values
+        if not stamps:
+            raise PoseError("no odometry has arrived")
+        if not stamps[0] <= stamp_ns <= stamps[-1] + MAX_AHEAD_NS:
+            away = max(stamps[0] - stamp_ns, stamp_ns - stamps[-1]) / 1e9
+            raise PoseError(
+                f"the nearest odometry is {away:.3f} s away; allowed: {MAX_AHEAD_NS / 1e9:g} s "
+                "past the newest"
+            )
+        index = bisect.bisect_left(stamps, stamp_ns)
+        if index < len(stamps) and stamps[index] == stamp_ns:
+            return values[index]
+        if len(stamps) == 1:
+            return values[0]
+        index = min(index, len(stamps) - 1)
+        return _between(values[index - 1], values[index], stamp_ns)
+
+
+def _between(one: Odometry, other: Odometry, stamp_ns: int) -> Odometry:
+    """Linear in time between two, or past the second."""
+    part = (stamp_ns - one.stamp_ns) / (other.stamp_ns - one.stamp_ns)
+    rest = 1.0 - part
+    return Odometry(
+        stamp_ns,
+        rest * one.x + part * other.x,
+        rest * one.y + part * other.y,
+        one.yaw + part * wrap_angle(other.yaw - one.yaw),
+        rest * one.position_variance + part * other.position_variance,
+        rest * one.heading_variance + part * other.heading_variance,
+    )

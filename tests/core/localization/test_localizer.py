@@ -1,0 +1,216 @@
+"""The estimator from outside: what goes in, what comes out."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from core.localization.tours import as_walls
+from mrs_people_loc.config import Localization
+from mrs_people_loc.errors import PoseError
+from mrs_people_loc.localization.localizer import Localizer
+from mrs_people_loc.localization.shared import RelativePose, SeenWalls
+from mrs_people_loc.team.poses import Pose
+
+S = 1_000_000_000
+CONFIG = Localization(start_sigmas=(0.1, 0.1, 0.05))
+
+
+def covariance(*sigmas):
+    return np.diag(np.square(sigmas))
+
+
+def seen_at(stamp_ns, *walls, sigmas=(0.01, 0.005)):
+    """Walls in base_link, each from (x, y) to (x, y)."""
+    return SeenWalls(stamp_ns, as_walls(np.array(walls, dtype=float), sigmas))
+
+
+def drive(localizer, begin=(0.0, 0.0, 0.0), velocity=0.5, seconds=2.0, start_ns=S, rate=20):
+    """Straight ahead; what it said last."""
+    made = None
+    for k in range(round(seconds * rate) + 1):
+        way = velocity * k / rate
+        x, y = begin[0] + way * math.cos(begin[2]), begin[1] + way * math.sin(begin[2])
+        made = localizer.take_odometry(Pose(start_ns + k * S // rate, x, y, begin[2]))
+    return made
+
+
+def test_start_is_where_the_odometry_says():
+    pose = Localizer("a", CONFIG).take_odometry(Pose(S, 1.0, 2.0, 0.5))
+    assert (pose.x, pose.y, pose.yaw) == pytest.approx((1.0, 2.0, 0.5))
+    np.testing.assert_allclose(pose.covariance, covariance(0.1, 0.1, 0.05))
+
+
+def test_configured_start_is_where_the_odometry_begins():
+    config = dataclasses.replace(CONFIG, start=(5.0, 5.0, math.pi / 2))
+    localizer = Localizer("a", config)
+    localizer.take_odometry(Pose(S, 100.0, 0.0, 0.0))
+    pose = localizer.take_odometry(Pose(2 * S, 101.0, 0.0, 0.0))
+    assert (pose.x, pose.y, pose.yaw) == pytest.approx((5.0, 6.0, math.pi / 2))
+
+
+def test_uncertainty_grows_with_the_way():
+    # 4 m straight on: position 0.02^2 * 4 more along; across also 4 m of the start's heading and
+    # a third of what the heading gains.
+    pose = drive(Localizer("a", CONFIG), velocity=1.0, seconds=4.0)
+    assert pose.x == pytest.approx(4.0)
+    heading = 0.006**2 * 4
+    assert pose.covariance[0, 0] == pytest.approx(0.1**2 + 0.02**2 * 4)
+    across = 0.1**2 + 0.02**2 * 4 + 16 * 0.05**2 + 16 * heading / 3
+    assert pose.covariance[1, 1] == pytest.approx(across, rel=1e-3)
+    assert pose.covariance[2, 2] == pytest.approx(0.05**2 + heading)
+
+
+def test_standing_adds_nothing():
+    first = drive(Localizer("a", CONFIG), velocity=0.0, seconds=0.1)
+    later = drive(Localizer("a", CONFIG), velocity=0.0, seconds=20.0)
+    np.testing.assert_allclose(first.covariance, later.covariance)
+
+
+def test_older_odometry_is_an_error():
+    localizer = Localizer("a", CONFIG)
+    localizer.take_odometry(Pose(2 * S, 0.0, 0.0, 0.0))
+    with pytest.raises(PoseError, match="wanted: newer"):
+        localizer.take_odometry(Pose(2 * S, 0.0, 0.0, 0.0))
+
+
+def test_known_wall_corrects_across_and_heading_but_not_along():
+    # The wall y = 2; the robot believes to be at the origin and is 0.1 m nearer, turned by 0.04.
+    localizer = Localizer("a", CONFIG, as_walls([(-5, 2, 5, 2)]))
+    localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
+    c, s = math.cos(0.04), math.sin(0.04)
+    for k in range(1, 40):
+        localizer.take_odometry(Pose(S + k * S // 20, 0.0, 0.0, 0.0))
+        ends = [(x * c + 1.9 * s, 1.9 * c - x * s) for x in (0.0, 3.0)]
+        localizer.take_walls(seen_at(S + k * S // 20, (*ends[0], *ends[1])))
+    pose = localizer.pose_at(S + 39 * S // 20)
+    assert pose.y == pytest.approx(0.1, abs=0.01)
+    assert pose.yaw == pytest.approx(0.04, abs=0.005)
+    sigma = np.sqrt(np.diag(pose.covariance))
+    assert sigma[0] == pytest.approx(0.1, rel=0.01)
+    assert sigma[1] < 0.01
+    assert sigma[2] < 0.005
+    assert localizer.state.sources["a", "known walls"].accepted == 39
+
+
+def test_absolute_pose_is_weighed_by_its_covariance():
+    localizer = Localizer("a", CONFIG)
+    localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
+    localizer.take_absolute(Pose(S, 0.2, 0.0, 0.0, covariance(0.1, 0.1, 0.05)))
+    pose = localizer.pose_at(S)
+    assert pose.x == pytest.approx(0.1, abs=1e-6)
+    np.testing.assert_allclose(pose.covariance, covariance(0.1, 0.1, 0.05) / 2, rtol=1e-5)
+
+
+def test_absolute_pose_of_a_moment_ago_counts_there():
+    localizer = Localizer("a", CONFIG)
+    drive(localizer, velocity=1.0, seconds=2.0)
+    before = localizer.pose_at(3 * S)
+    localizer.take_absolute(Pose(2 * S, 1.2, 0.0, 0.0, covariance(1e-3, 1e-3, 1e-3)))
+    assert before.x == pytest.approx(2.0)
+    assert localizer.pose_at(3 * S).x == pytest.approx(2.2, abs=1e-3)
+
+
+def test_wild_absolute_pose_is_refused_and_counted():
+    localizer = Localizer("a", CONFIG)
+    localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
+    localizer.take_absolute(Pose(S, 5.0, 0.0, 0.0, covariance(0.1, 0.1, 0.05)))
+    assert localizer.pose_at(S).x == 0.0
+    source = localizer.state.sources["a", "absolute"]
+    assert (source.accepted, source.refused) == (0, 1)
+    # 5 m by sigmas of 0.14 m, over three degrees of freedom.
+    assert source.innovation == pytest.approx(math.sqrt(25 / 0.02 / 3), rel=1e-3)
+
+
+def hear(*localizers):
+    """Each tells all others."""
+    for told in [(one, one.share()) for one in localizers]:
+        for other in localizers:
+            if other is not told[0]:
+                other.take_teammate(told[1], told[1].odometry.stamp_ns)
+
+
+def two(offset=(0.0, 0.0, 0.0)):
+    """Two robots side by side; the second believes to be off by this."""
+    a = Localizer("a", dataclasses.replace(CONFIG, start=(0.0, 0.0, 0.0)))
+    b = Localizer("b", dataclasses.replace(CONFIG, start=offset))
+    return a, b
+
+
+def stand(localizers, seconds, walls=lambda k, stamp_ns: (), begin_ns=S):
+    """Robots stand and see; `walls(k, stamp)` for each."""
+    for step in range(round(seconds * 10) + 1):
+        stamp_ns = begin_ns + step * S // 10
+        for k, localizer in enumerate(localizers):
+            localizer.take_odometry(Pose(stamp_ns, 0.0, 0.0, 0.0))
+            for seen in walls(k, stamp_ns):
+                localizer.take_walls(seen)
+        hear(*localizers)
+
+
+def test_robots_that_see_one_wall_share_the_correction():
+    # Both stand at the origin, one believes to be 0.1 m too far left: the same wall is 2 m away.
+    a, b = two((0.0, 0.1, 0.0))
+    stand((a, b), 3.0, lambda k, t: [seen_at(t, (0, 2, 3, 2))])
+    ya, yb = a.state.poses["a"], b.state.poses["b"]
+    assert ya.y == pytest.approx(0.05, abs=0.01)
+    assert yb.y == pytest.approx(0.05, abs=0.01)
+    # What they agree on is the mean of two starts, and no better known than that.
+    assert ya.covariance[1, 1] == pytest.approx(0.1**2 / 2, rel=0.02)
+    assert yb.covariance[0, 0] == pytest.approx(0.1**2, rel=0.01)
+
+
+def test_both_robots_come_to_the_same_estimate_of_both():
+    a, b = two((0.05, 0.1, 0.02))
+    stand((a, b), 3.0, lambda k, t: [seen_at(t, (0, 2, 3, 2))])
+    for robot in ("a", "b"):
+        one, other = a.state.poses[robot], b.state.poses[robot]
+        # Not exactly: each starts with what the other said after its own first sight.
+        assert (one.x, one.y, one.yaw) == pytest.approx((other.x, other.y, other.yaw), abs=1e-4)
+        np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-5)
+
+
+def test_what_one_hears_several_times_counts_once():
+    a, b = two()
+    stand((a, b), 2.0, lambda k, t: [seen_at(t, (0, 2, 3, 2))] if k else [])
+    before = a.state
+    for _ in range(20):
+        hear(a, b)
+    after = a.state
+    assert after.sources["b", "walls"] == before.sources["b", "walls"]
+    np.testing.assert_array_equal(after.poses["a"].covariance, before.poses["a"].covariance)
+
+
+def test_relative_pose_aligns_two_robots():
+    a, b = two((0.2, 0.0, 0.0))
+    stand((a, b), 1.0)
+    for localizer in (a, b):
+        localizer.take_relative(
+            RelativePose("a", 2 * S, "b", 2 * S, np.zeros(3), covariance(0.01, 0.01, 0.01))
+        )
+    poses = a.state.poses
+    assert poses["b"].x - poses["a"].x == pytest.approx(0.0, abs=0.005)
+    assert poses["a"].x == pytest.approx(0.1, abs=0.005)
+
+
+def test_relative_pose_to_itself_is_an_error():
+    with pytest.raises(PoseError, match="a to itself"):
+        Localizer("a", CONFIG).take_relative(RelativePose("a", S, "a", S, np.zeros(3), np.eye(3)))
+
+
+def test_measured_pose_without_rank_is_an_error():
+    localizer = Localizer("a", CONFIG)
+    with pytest.raises(PoseError, match="positive definite"):
+        localizer.take_absolute(Pose(S, 0.0, 0.0, 0.0))
+
+
+def test_pose_far_from_all_odometry_is_an_error():
+    localizer = Localizer("a", CONFIG)
+    with pytest.raises(PoseError, match="no odometry"):
+        localizer.pose_at(S)
+    with pytest.raises(PoseError, match="no odometry"):
+        localizer.share()
+    localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
+    with pytest.raises(PoseError, match=r"0\.500 s away"):
+        localizer.pose_at(3 * S // 2)
