@@ -26,6 +26,7 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
+from mrs_people_loc.localization.known_walls import read_walls, walls_of_grid
 from mrs_people_loc.localization.shared import Odometry
 from mrs_people_loc.localization.sonar_walls import SonarTuning, SonarWalls
 from mrs_people_loc.planner import Planner
@@ -287,6 +288,7 @@ def take_grid(data: bytes) -> None:
         scans.append(messages.read_scan(cloud, robot))
     poses = {scan.robot: Pose(scan.stamp_ns, 1.0, 2.0, 0.5) for scan in scans}
     planner.step(scans, poses, STAMP_NS)
+    walls_of_grid(messages.read_occupancy_grid(message, "map"), occupied_from=65)
 
 
 def _grid() -> bytes:
@@ -648,6 +650,20 @@ def _folder() -> Path:
 _folder_ends: list[Any] = []
 
 
+_WALLS = (
+    "walls: [[0.0, 0.0, 20.0, 0.0], [20.0, 0.0, 20.0, 8.0]]",
+    "walls:\n- [0, 1, 2, 3]\n- [-1.0e+3, .5, 7, 9]\nsigma: 0.05",
+)
+
+
+def take_walls(data: bytes) -> None:
+    """A file of known walls."""
+    with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
+        file.write(data)
+        file.flush()
+        read_walls(file.name)
+
+
 def take_team(data: bytes) -> None:
     """A team's parameter file."""
     path = _folder() / "team.yaml"
@@ -788,6 +804,7 @@ TARGETS: Mapping[str, Target] = {
     "oak": Target(take_oak, _oak, 3_000, 500),
     "pcd": Target(take_pcd, _pcds, 2_000, 1_000),
     "scene": Target(take_scene, lambda: [text.encode() for text in _SCENES], 2_000, 100),
+    "walls": Target(take_walls, lambda: [text.encode() for text in _WALLS], 1_000, 300),
     "team": Target(take_team, lambda: [text.encode() for text in _TEAMS], 1_000, 300),
     "mcap": Target(take_mcap, lambda: _bag_seeds("mcap"), 60_000, 100),
     "sqlite": Target(take_sqlite, lambda: _bag_seeds("sqlite3"), 60_000, 30),

@@ -69,7 +69,8 @@ def drive(
     for k, pose in enumerate(poses):
         stamp_ns = start_ns + k * STEP_NS
         at[stamp_ns] = pose
-        odometry = Odometry(stamp_ns, *pose.tolist(), position_variance=0.0, heading_variance=0.0)
+        x, y, yaw = pose.tolist()
+        odometry = Odometry(stamp_ns, x, y, yaw, 0.0, 0.0)
         for x, y, yaw in sonars:
             xy = pose[:2] + rotation_2d(pose[2]) @ (x, y)
             value = world(xy, pose[2] + yaw, k / HZ)
@@ -85,7 +86,7 @@ def drive(
 def errors(
     found: list[tuple[SeenWalls, np.ndarray]], distance: float, bearing: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of everything reported, if it is this wall of the map, shape (n, 2), and their NEES."""
+    """Errors of all that is reported, if it is this wall of the map, shape (n, 2), and NEES."""
     difference, nees = [], []
     for seen, (x, y, yaw) in found:
         true = distance - x * math.cos(bearing) - y * math.sin(bearing), bearing - yaw
