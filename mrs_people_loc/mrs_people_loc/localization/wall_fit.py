@@ -56,7 +56,7 @@ class WallFitTuning:
     max_tries: int = 8
     rounds: int = 2
     min_crossing: float = 0.5
-    max_off: float = 0.3
+    max_off: float = 0.4
 
 
 WALL_FIT_TUNING = WallFitTuning()
