@@ -35,6 +35,8 @@ _LEAST = 1e-12
 _NEAREST = 0.1
 #: Pixels of this part of the least inverse range of a wall are behind it.
 _BEHIND = 0.5
+#: A wall ends where so many columns beside it are open.
+_OPEN = 3
 
 
 @dataclass(frozen=True)
@@ -410,9 +412,9 @@ class StereoWalls:
         seen[index[run != np.bincount(run).argmax()]] = False
         index = np.flatnonzero(seen)
         # Matching widens what is near: the next column may show either.
-        before, after = is_open[: index[0]][-3:-1], is_open[index[-1] + 2 :][:2]
-        ends = (len(before) == 2 and before.all(), len(after) == 2 and after.all())
-        return along, seen, (bool(ends[0]), bool(ends[1]))
+        before, after = is_open[: index[0]][-1 - _OPEN : -1], is_open[index[-1] + 2 :][:_OPEN]
+        is_end = [len(beyond) == _OPEN and bool(beyond.all()) for beyond in (before, after)]
+        return along, seen, (is_end[0], is_end[1])
 
     def _measured(self, surface: _Surface, plane: Float) -> tuple[float, float, Float] | None:
         """Distance from the lens, bearing and covariance of a wall; None: not flat or not sure."""
