@@ -71,7 +71,9 @@ class StereoWallTuning:
         min_columns: so many columns,
         min_length: is so long [m],
         max_gap: and no more of it is hidden in one place [m].
-        max_rough_px: It is flat within this: root mean square of the columns' mean residuals [px].
+        max_rough_px: It is flat within this: root mean square of the columns' mean residuals, by
+            their pixels [px];
+        rough_px: what is rougher than this is less sure in proportion [px].
         max_tilt: It is upright within this angle [rad].
         max_count: So many walls at most,
         max_tries: found in so many tries.
@@ -112,7 +114,8 @@ class StereoWallTuning:
     min_columns: int = 7
     min_length: float = 0.8
     max_gap: float = 0.8
-    max_rough_px: float = 0.09
+    max_rough_px: float = 0.075
+    rough_px: float = 0.04
     max_tilt: float = 0.12
     max_count: int = 4
     max_tries: int = 5
@@ -425,10 +428,13 @@ class StereoWalls:
         if abs(math.atan2(plane[2], norm)) > tuning.max_tilt:
             return None
         distance, bearing = 1.0 / norm, math.atan2(plane[1], plane[0])
+        # Mean squared residual of the columns' means, by their pixels.
         count = np.bincount(surface.column, minlength=tuning.columns)
-        means = np.bincount(surface.column, off, minlength=tuning.columns) / np.maximum(count, 1)
-        if means @ means > tuning.max_rough_px**2 * np.count_nonzero(count):
+        total = np.bincount(surface.column, off, minlength=tuning.columns)
+        rough = float((total * total / np.maximum(count, 1)).sum() / len(off))
+        if rough > tuning.max_rough_px**2:
             return None
+        covariance *= max(1.0, rough / tuning.rough_px**2)
         cos, sin = plane[:2] / norm
         jacobian = distance * np.array([[-distance * cos, -distance * sin], [-sin, cos]])
         covariance = jacobian @ (covariance[:2, :2] + self._systematic) @ jacobian.T
