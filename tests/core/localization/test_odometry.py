@@ -1,0 +1,144 @@
+"""Dead reckoning: what it adds up, and what lies between two times."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mrs_people_loc.config import Localization
+from mrs_people_loc.errors import PoseError
+from mrs_people_loc.localization.odometry import DeadReckoning, OdometryTrack, carried_on, motion
+from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.team.poses import Pose
+
+S = 1_000_000_000
+CONFIG = Localization(position_noise=0.1, heading_noise=0.2, turn_noise=0.3)
+
+
+def odometry(stamp_ns=0, x=0.0, y=0.0, yaw=0.0, position=0.0, heading=0.0):
+    return Odometry(stamp_ns, x, y, yaw, position, heading)
+
+
+def test_way_and_turn_add_to_the_variances():
+    reckoning = DeadReckoning(CONFIG)
+    reckoning.take(Pose(S, 0.0, 0.0, 0.0))
+    reckoning.take(Pose(2 * S, 3.0, 4.0, 0.0))  # 5 m
+    made = reckoning.take(Pose(3 * S, 3.0, 4.0, -0.5))
+    assert made.position_variance == pytest.approx(0.01 * 5)
+    assert made.heading_variance == pytest.approx(0.04 * 5 + 0.09 * 0.5)
+
+
+def test_larger_growth_that_the_odometry_states_is_used():
+    reckoning = DeadReckoning(CONFIG)
+    reckoning.take(Pose(S, 0.0, 0.0, 0.0, np.diag([1.0, 1.0, 0.5])))
+    made = reckoning.take(Pose(2 * S, 1.0, 0.0, 0.0, np.diag([1.2, 1.1, 0.9])))
+    assert made.position_variance == pytest.approx(0.1)
+    assert made.heading_variance == pytest.approx(0.4)
+
+
+def test_covariance_that_does_not_grow_adds_nothing():
+    reckoning = DeadReckoning(CONFIG)
+    reckoning.take(Pose(S, 0.0, 0.0, 0.0, np.eye(3)))
+    made = reckoning.take(Pose(2 * S, 1.0, 0.0, 0.0, 0.5 * np.eye(3)))
+    assert made.position_variance == pytest.approx(0.01)
+    assert made.heading_variance == pytest.approx(0.04)
+
+
+def test_heading_that_passes_pi_is_a_small_turn():
+    reckoning = DeadReckoning(CONFIG)
+    reckoning.take(Pose(S, 0.0, 0.0, 3.1))
+    made = reckoning.take(Pose(2 * S, 0.0, 0.0, -3.1))
+    assert made.heading_variance == pytest.approx(0.09 * (2 * math.pi - 6.2))
+
+
+def test_clock_that_jumps_back_begins_anew():
+    reckoning = DeadReckoning(CONFIG)
+    reckoning.take(Pose(100 * S, 0.0, 0.0, 0.0))
+    reckoning.take(Pose(101 * S, 9.0, 0.0, 0.0))
+    for k in range(2):
+        with pytest.raises(PoseError, match="wanted: newer"):
+            reckoning.take(Pose(S + k, 0.0, 0.0, 0.0))
+    made = reckoning.take(Pose(S + 2, 0.0, 0.0, 0.0))
+    assert (made.stamp_ns, made.position_variance) == (S + 2, 0.0)
+
+
+def test_motion_by_hand():
+    # 2 m north, while the robot looks north and turns by 0.3.
+    moved, covariance = motion(
+        odometry(yaw=math.pi / 2),
+        odometry(y=2.0, yaw=math.pi / 2 + 0.3, position=0.01, heading=0.06),
+    )
+    np.testing.assert_allclose(moved, [2.0, 0.0, 0.3], atol=1e-12)
+    across = 0.01 + 0.06 * 4 / 3
+    wanted = [[0.01, 0.0, 0.0], [0.0, across, 0.06], [0.0, 0.06, 0.06]]
+    np.testing.assert_allclose(covariance, wanted, atol=1e-12)
+
+
+def test_motion_in_parts_is_the_motion_at_once():
+    # A straight way of 10 m in one piece and in a hundred.
+    at = [odometry(k, 0.1 * k, 0.0, 0.0, 4e-4 * 0.1 * k, 3.6e-5 * 0.1 * k) for k in range(101)]
+    place, covariance = np.array([1.0, 2.0, 0.0]), np.zeros((3, 3))
+    for before, after in itertools.pairwise(at):
+        moved, noise = motion(before, after)
+        place, jacobian = carried_on(place, moved)
+        covariance = jacobian @ covariance @ jacobian.T + noise
+    whole, noise = motion(at[0], at[-1])
+    np.testing.assert_allclose(place, carried_on(np.array([1.0, 2.0, 0.0]), whole)[0])
+    np.testing.assert_allclose(covariance, noise, atol=1e-12)
+
+
+def test_motion_with_random_errors_has_its_covariance():
+    # Steps of 1 cm; the errors as `DeadReckoning` states them.
+    rng = np.random.default_rng(1)
+    steps, count = 300, 8_000
+    x = y = yaw = np.zeros(count)
+    for _ in range(steps):
+        x = x + np.cos(yaw) * 0.01 + rng.normal(size=count) * 0.02 * math.sqrt(0.01)
+        y = y + np.sin(yaw) * 0.01 + rng.normal(size=count) * 0.02 * math.sqrt(0.01)
+        yaw = yaw + rng.normal(size=count) * 0.03 * math.sqrt(0.01)
+    way = steps * 0.01
+    _, wanted = motion(odometry(), odometry(1, way, 0.0, 0.0, 0.02**2 * way, 0.03**2 * way))
+    np.testing.assert_allclose(np.cov([x, y, yaw]), wanted, rtol=0.06, atol=1e-4)
+
+
+def test_track_interpolates():
+    track = OdometryTrack()
+    track.add(odometry(0, 0.0, 0.0, 3.1, 0.0, 0.0))
+    track.add(odometry(S, 1.0, 2.0, -3.1, 0.4, 0.2))
+    made = track.at(S // 4)
+    assert (made.x, made.y) == pytest.approx((0.25, 0.5))
+    assert made.yaw == pytest.approx(3.1 + (2 * math.pi - 6.2) / 4)
+    assert (made.position_variance, made.heading_variance) == pytest.approx((0.1, 0.05))
+
+
+def test_track_extrapolates_a_little():
+    track = OdometryTrack()
+    track.add(odometry(0, 0.0))
+    track.add(odometry(S, 1.0, position=0.4))
+    made = track.at(S + S // 10)
+    assert (made.x, made.position_variance) == pytest.approx((1.1, 0.44))
+    with pytest.raises(PoseError, match=r"0\.200 s away"):
+        track.at(S + S // 5)
+
+
+@given(st.permutations(range(8)))
+def test_late_odometry_is_put_in_its_place(order):
+    track = OdometryTrack()
+    for k in order:
+        track.add(odometry(k * S, float(k)))
+        track.add(odometry(k * S, 99.0))  # repeated
+    assert [track.at(k * S).x for k in range(8)] == list(range(8))
+    assert track.at(7 * S // 2).x == pytest.approx(3.5)
+
+
+def test_track_forgets_what_is_old():
+    track = OdometryTrack(span_ns=2 * S)
+    for k in range(20):
+        track.add(odometry(k * S, float(k)))
+    assert track.covers(17 * S)
+    assert not track.covers(10 * S)
+    with pytest.raises(PoseError, match="the nearest odometry is"):
+        track.at(10 * S)
