@@ -48,6 +48,9 @@ class AlignmentTuning:
 
 ALIGNMENT_TUNING = AlignmentTuning()
 
+#: Of two matches that are equally good the first is better by this gain.
+_TIE = 1e-9
+
 
 @dataclass(frozen=True)
 class Places(StructOfArrays):
@@ -99,7 +102,7 @@ def align(
         tuning: Constants.
 
     Returns:
-        The likeliest; None: no two people match.
+        The likeliest, the priors taken into account; None: no two people match.
     """
     prior = priors[-1]
     matches = _possible_matches(own, others, prior, tuning)
@@ -216,7 +219,7 @@ class _Matches(StructOfArrays):
 
     @cached_property
     def _rivals(self) -> tuple[_Groups, _Groups]:
-        """Matches of one own place, and matches of one other place: one of them at most is right."""
+        """Matches of one own place, and of one other place: one of them at most is right."""
         return _Groups.of(self.own), _Groups.of(self.others)
 
     def offsets(self, states: Float) -> tuple[Float, Float, Float, Float]:
@@ -235,6 +238,7 @@ class _Matches(StructOfArrays):
         dx, dy, _, _ = self.offsets(states)
         xx, xy, yy = self.information.T
         gain = self.most - 0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy)
+        gain -= _TIE * np.arange(len(self))
         matched = gain > 0.0
         for groups in self._rivals:
             matched &= gain >= groups.largest(gain)

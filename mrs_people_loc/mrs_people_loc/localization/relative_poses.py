@@ -88,13 +88,13 @@ class RelativePosesTuning:
     acceleration: float = 0.5
     bend: float = 0.01
     lasting: float = 0.35
-    lasting_s: float = 2.5
+    lasting_s: float = 4.0
     least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
     told: tuple[float, float, float] = (0.1, 0.1, math.radians(2.0))
     mistaken: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
-    farthest: tuple[float, float, float] = (1.5, 1.5, math.radians(22.0))
-    evidence: float = 4.0
-    margin: float = 3.0
+    farthest: tuple[float, float, float] = (4.0, 4.0, math.radians(60.0))
+    evidence: float = 3.5
+    margin: float = 5.0
     stands: float = 0.05
     stands_turn: float = math.radians(2.0)
     alignment: AlignmentTuning = ALIGNMENT_TUNING
