@@ -51,6 +51,10 @@ class GridError(PeopleLocError):
     """An occupancy grid that cannot be used."""
 
 
+class RangeError(PeopleLocError):
+    """A range of a sonar or a laser scan that cannot be used."""
+
+
 class BagError(PeopleLocError):
     """A recording that cannot be read or written."""
 

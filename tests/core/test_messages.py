@@ -15,6 +15,7 @@ from mrs_people_loc.errors import (
     ImageError,
     PeopleLocError,
     PoseError,
+    RangeError,
     ScanError,
     StampError,
 )
@@ -682,6 +683,92 @@ def test_a_bad_occupancy_grid_is_refused(changes, error):
     assert error in str(err.value)
 
 
+# --------------------------------------------------------------------------- range sensors ----
+
+
+def sonar(**changes) -> SimpleNamespace:
+    values = {
+        "header": header("robot_a/sonar_0"), "field_of_view": 0.5, "min_range": 0.1,
+        "max_range": 4.0, "range": 1.5, "variance": 0.0025,
+    }  # fmt: skip
+    return SimpleNamespace(**values | changes)
+
+
+def test_range_matches_its_message():
+    measured = messages.read_range(sonar())
+    assert (measured.frame_id, measured.stamp_ns) == ("robot_a/sonar_0", 12_000_000_345)
+    assert (measured.range, measured.field_of_view, measured.is_echo) == (1.5, 0.5, True)
+    assert measured.variance == 0.0025
+    before_iron = sonar()
+    del before_iron.variance
+    assert messages.read_range(before_iron).variance == 0.0
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 0.05, 4.1, 0.0, -1.0])
+def test_range_outside_the_limits_is_no_echo(value):
+    assert not messages.read_range(sonar(range=value)).is_echo
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"field_of_view": 0.0}, "field_of_view is 0.0 rad; allowed: more than 0, at most pi"),
+        ({"field_of_view": math.nan}, "field_of_view is nan rad"),
+        ({"min_range": 4.0}, "min_range is 4.0 m and max_range 4.0 m; wanted: 0 <= min_range"),
+        ({"min_range": -0.1}, "min_range is -0.1 m"),
+        ({"variance": -1.0}, "variance is -1.0 m^2; wanted: at least 0"),
+        ({"variance": math.nan}, "variance is nan m^2"),
+        ({"max_range": math.inf}, "max_range inf m"),
+        ({"max_range": math.nan}, "max_range nan m"),
+    ],
+)
+def test_a_bad_sonar_is_refused(changes, error):
+    with pytest.raises(RangeError) as err:
+        messages.read_range(sonar(**changes))
+    assert error in str(err.value)
+
+
+def laser_scan(**changes) -> SimpleNamespace:
+    values = {
+        "header": header("robot_a/laser"), "angle_min": -1.0, "angle_increment": 0.5,
+        "range_min": 0.1, "range_max": 8.0, "ranges": [1.0, 0.05, math.inf, 8.5, 3.0],
+    }  # fmt: skip
+    return SimpleNamespace(**values | changes)
+
+
+def test_laser_scan_matches_hand_computed_values():
+    scan = messages.read_laser_scan(laser_scan())
+    assert (scan.frame_id, scan.stamp_ns, scan.max_range) == ("robot_a/laser", 12_000_000_345, 8.0)
+    np.testing.assert_allclose(scan.angles, [-1.0, -0.5, 0.0, 0.5, 1.0])
+    np.testing.assert_array_equal(scan.ranges, [1.0, np.nan, np.nan, np.nan, 3.0])
+
+
+def test_laser_scan_from_left_to_right_is_turned_round():
+    scan = messages.read_laser_scan(
+        laser_scan(angle_min=1.0, angle_increment=-0.5, ranges=[1.0, 2.0, 3.0])
+    )
+    np.testing.assert_allclose(scan.angles, [0.0, 0.5, 1.0])
+    np.testing.assert_array_equal(scan.ranges, [3.0, 2.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"ranges": []}, "scan has 0 ranges; allowed: 1 to"),
+        ({"angle_increment": 0.0}, "angle_increment 0.0 rad; wanted: finite, and a step"),
+        ({"angle_min": math.nan}, "angle_min is nan"),
+        ({"angle_increment": 2.0}, "scan covers 8.00 rad; allowed: a full turn"),
+        ({"range_max": math.nan}, "max_range is nan m"),
+        ({"range_max": 0.0}, "max_range is 0.0 m; wanted: more than 0"),
+        ({"range_min": -1.0}, "range_min is -1.0 m; wanted: at least 0"),
+    ],
+)
+def test_a_bad_laser_scan_is_refused(changes, error):
+    with pytest.raises(RangeError) as err:
+        messages.read_laser_scan(laser_scan(**changes))
+    assert error in str(err.value)
+
+
 # ------------------------------------------------------------------------------- fuzzing ----
 
 small = st.integers(0, 8)
@@ -806,3 +893,23 @@ def test_any_occupancy_grid_is_read_or_refused(
     if grid is not None:
         walls = Walls(grid, occupied_from=65)
         assert (walls.distance(np.array([place[:2], (0.0, 0.0)])) >= 0).all()
+
+
+@given(fov=number, low=number, high=number, value=number)
+def test_any_range_is_read_or_refused(fov, low, high, value):
+    message = sonar(field_of_view=fov, min_range=low, max_range=high, range=value)
+    measured = only_our_errors(messages.read_range, message)
+    if measured is not None and measured.is_echo:
+        assert 0 <= low <= measured.range <= high < math.inf
+
+
+@given(first=number, step=number, low=number, high=number, ranges=st.lists(number, max_size=8))
+def test_any_laser_scan_is_read_or_refused(first, step, low, high, ranges):
+    message = laser_scan(
+        angle_min=first, angle_increment=step, range_min=low, range_max=high, ranges=ranges
+    )
+    scan = only_our_errors(messages.read_laser_scan, message)
+    if scan is not None:
+        assert scan.ranges.shape == scan.angles.shape == (len(ranges),)
+        assert (np.diff(scan.angles) > 0).all()
+        assert not (scan.ranges > high).any()

@@ -26,6 +26,9 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
+from mrs_people_loc.localization.known_walls import read_walls, walls_of_grid
+from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.localization.sonar_walls import SonarTuning, SonarWalls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector
@@ -285,6 +288,7 @@ def take_grid(data: bytes) -> None:
         scans.append(messages.read_scan(cloud, robot))
     poses = {scan.robot: Pose(scan.stamp_ns, 1.0, 2.0, 0.5) for scan in scans}
     planner.step(scans, poses, STAMP_NS)
+    walls_of_grid(messages.read_occupancy_grid(message, "map"), occupied_from=65)
 
 
 def _grid() -> bytes:
@@ -294,6 +298,43 @@ def _grid() -> bytes:
     info = _make("nav_msgs/msg/MapMetaData", map_load_time=time, resolution=0.1, width=40,
                  height=30, origin=_pose().pose)  # fmt: skip
     return _encoded(GRID, _make(GRID, header=_header(), info=info, data=data.reshape(-1)))
+
+
+RANGE = "sensor_msgs/msg/Range"
+LASER = "sensor_msgs/msg/LaserScan"
+
+
+def take_range(data: bytes) -> None:
+    """A range of a sonar, four times, of a robot that drives past what it measures."""
+    message = _decoded(RANGE, data)
+    if message is None:
+        return
+    measured, walls = messages.read_range(message), SonarWalls(SonarTuning(least=2, period_s=0.0))
+    for k in range(4):
+        stamp_ns = measured.stamp_ns + k * 50_000_000
+        walls.take(measured, (0.1, 0.2, 1.5), Odometry(stamp_ns, 0.1 * k, 0, 0, 1e-4 * k, 1e-5 * k))
+
+
+def _range() -> bytes:
+    return _encoded(RANGE, _make(
+        RANGE, header=_header("robot_a/sonar"), radiation_type=0, field_of_view=0.5, min_range=0.1,
+        max_range=4.0, range=1.5, variance=0.0,
+    ))  # fmt: skip
+
+
+def take_laser(data: bytes) -> None:
+    """A scan of a laser scanner."""
+    message = _decoded(LASER, data)
+    if message is not None:
+        messages.read_laser_scan(message)
+
+
+def _laser() -> bytes:
+    return _encoded(LASER, _make(
+        LASER, header=_header("robot_a/laser"), angle_min=-1.0, angle_max=1.0, angle_increment=0.1,
+        time_increment=0.0, scan_time=0.1, range_min=0.1, range_max=8.0,
+        ranges=np.linspace(1, 9, 21, dtype=np.float32), intensities=np.empty(0, np.float32),
+    ))  # fmt: skip
 
 
 PEOPLE = "mrs_people_msgs/msg/People"
@@ -609,6 +650,20 @@ def _folder() -> Path:
 _folder_ends: list[Any] = []
 
 
+_WALLS = (
+    "walls: [[0.0, 0.0, 20.0, 0.0], [20.0, 0.0, 20.0, 8.0]]",
+    "walls:\n- [0, 1, 2, 3]\n- [-1.0e+3, .5, 7, 9]\nsigma: 0.05",
+)
+
+
+def take_walls(data: bytes) -> None:
+    """A file of known walls."""
+    with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
+        file.write(data)
+        file.flush()
+        read_walls(file.name)
+
+
 def take_team(data: bytes) -> None:
     """A team's parameter file."""
     path = _folder() / "team.yaml"
@@ -736,6 +791,8 @@ TARGETS: Mapping[str, Target] = {
         take_scan, lambda: [_encoded(POINTS, _points(b)) for b in (False, True)], 2_000, 2_000
     ),
     "grid": Target(take_grid, lambda: [_grid()], 3_000, 300),
+    "range": Target(take_range, lambda: [_range()], 300, 3_000),
+    "laser": Target(take_laser, lambda: [_laser()], 1_000, 3_000),
     "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
     "shown": Target(
         take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
@@ -747,6 +804,7 @@ TARGETS: Mapping[str, Target] = {
     "oak": Target(take_oak, _oak, 3_000, 500),
     "pcd": Target(take_pcd, _pcds, 2_000, 1_000),
     "scene": Target(take_scene, lambda: [text.encode() for text in _SCENES], 2_000, 100),
+    "walls": Target(take_walls, lambda: [text.encode() for text in _WALLS], 1_000, 300),
     "team": Target(take_team, lambda: [text.encode() for text in _TEAMS], 1_000, 300),
     "mcap": Target(take_mcap, lambda: _bag_seeds("mcap"), 60_000, 100),
     "sqlite": Target(take_sqlite, lambda: _bag_seeds("sqlite3"), 60_000, 30),

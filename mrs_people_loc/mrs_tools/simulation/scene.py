@@ -13,6 +13,7 @@ fields here; what is not named has its default, what is not known is an error::
       - {path: [1.0, 1.0, 5.0, 2.0], speed: 1.1}
     robots:
       robot_a: {x: 6.3, y: 3.5, yaw: 3.14, head: {pitch: 0.3, height: 1.5}}
+      robot_b: {x: 1.0, y: 1.0, sonars: [{y: 0.2, yaw: 1.57}, {y: -0.2, yaw: -1.57}], laser: {}}
     head: {baseline: 0.10}        # of all robots, unless they say otherwise
     imaging: {noise: 2.0}
     odometry: {mode: exact}
@@ -222,6 +223,49 @@ class StereoHead(Section):
 
 
 @dataclass(frozen=True)
+class Sonar(Section):
+    """An ultrasonic range finder (topic of sensor_msgs/Range) and its mounting."""
+
+    x: float = _field(0.0, "in front of base_link [m]", low=-5.0, high=5.0)
+    y: float = _field(0.0, "to the left of base_link [m]", low=-5.0, high=5.0)
+    yaw: float = _field(0.0, "where it looks, to the left [rad]", low=-_TAU, high=_TAU)
+    height: float = _field(0.4, "over the floor [m]", low=0.02, high=10.0)
+    field_of_view: float = _field(0.52, "its whole cone [rad]", low=0.01, high=3.0)
+    specular_limit: float = _field(
+        0.47, "a surface whose perpendicular is farther off its axis sends no echo; between the "
+        "cone and this it sends one now and then [rad]", low=0.0, high=1.6,
+    )  # fmt: skip
+    min_range: float = _field(0.15, "nearest range [m]", low=0.0, high=5.0)
+    max_range: float = _field(5.0, "farthest range [m]", low=0.1, high=50.0)
+    noise: float = _field(0.01, "standard deviation, relative to the range", low=0.0, high=0.5)
+    least_noise: float = _field(0.005, "standard deviation at range 0 [m]", low=0.0, high=1.0)
+    dropout: float = _field(0.02, "share of ranges that are missed", low=0.0, high=1.0)
+    cross_talk: float = _field(
+        0.02, "share of ranges that are too short by the sound of another sonar of the robot",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    edge_echo: float = _field(0.5, "how often an edge sends an echo", low=0.0, high=1.0)
+    cloth_echo: float = _field(0.8, "how often a person sends an echo", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class Laser(Section):
+    """A laser scanner with a level plane (sensor_msgs/LaserScan) and its mounting."""
+
+    x: float = _field(0.0, "in front of base_link [m]", low=-5.0, high=5.0)
+    y: float = _field(0.0, "to the left of base_link [m]", low=-5.0, high=5.0)
+    yaw: float = _field(0.0, "where its middle looks, to the left [rad]", low=-_TAU, high=_TAU)
+    height: float = _field(0.3, "over the floor [m]", low=0.02, high=10.0)
+    field_of_view: float = _field(4.7124, "angle that it covers [rad]", low=0.01, high=_TAU)
+    rays: int = _field(360, "ranges per scan", low=1, high=10_000)
+    rate: float = _field(10.0, "scans per second [Hz]", low=0.1, high=200.0)
+    min_range: float = _field(0.05, "nearest range [m]", low=0.0, high=5.0)
+    max_range: float = _field(10.0, "farthest range [m]", low=0.1, high=500.0)
+    noise: float = _field(0.01, "standard deviation of a range [m]", low=0.0, high=1.0)
+    dropout: float = _field(0.005, "share of ranges that are missed", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
 class Robot(Section):
     """One robot. Without a path it stands."""
 
@@ -391,6 +435,8 @@ class Scene:
         people: Who is there; the index is the person's.
         robots: The team, by name.
         heads: Each robot's stereo head, by its name.
+        sonars: Each robot's sonars, by its name; they fire together.
+        lasers: The laser scanners of robots that have one, by the robot's name.
         imaging: From light to grey levels.
         odometry: What the robots say about their poses.
         visibility: Whom a robot sees.
@@ -411,6 +457,8 @@ class Scene:
     people: tuple[Person, ...] = ()
     robots: Mapping[str, Robot] = dataclasses.field(default_factory=dict)
     heads: Mapping[str, StereoHead] = dataclasses.field(default_factory=dict)
+    sonars: Mapping[str, tuple[Sonar, ...]] = dataclasses.field(default_factory=dict)
+    lasers: Mapping[str, Laser] = dataclasses.field(default_factory=dict)
     imaging: Imaging = Imaging()
     odometry: Odometry = Odometry()
     visibility: Visibility = Visibility()
@@ -460,11 +508,18 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             for name, kind in _SECTIONS.items()
         }
         common = StereoHead.from_mapping(_mapping(document.get("head") or {}, "head"))
-        robots, heads = {}, {}
+        robots, heads, sonars, lasers = {}, {}, {}, {}
         for name, body in _mapping(document.get("robots") or {}, "robots").items():
             values = dict(_mapping(body or {}, f"robots.{name}"))
             heads[name] = StereoHead.from_mapping(_mapping(values.pop("head", {}), "head"), common)
-            robots[name] = Robot.from_mapping(values)
+            if values.get("sonars"):
+                sonars[name] = _list(Sonar, values["sonars"], f"robots.{name}.sonars")
+            if "laser" in values:
+                laser = _mapping(values["laser"] or {}, f"robots.{name}.laser")
+                lasers[name] = Laser.from_mapping(laser)
+            robots[name] = Robot.from_mapping(
+                {key: v for key, v in values.items() if key not in ("sonars", "laser")}
+            )
         PlannerConfig(robots=tuple(robots))  # knows which names are allowed
         scene = Scene(
             name=str(document.get("name", Path(where).stem)),
@@ -474,6 +529,8 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             people=_list(Person, document.get("people"), "people"),
             robots=robots,
             heads=heads or {"": common},
+            sonars=sonars,
+            lasers=lasers,
             tracks=str(document.get("tracks", "")),
             tracks_window=tuple(float(t) for t in document.get("tracks_window", ())),
             assets=str(document.get("assets", "")),

@@ -211,6 +211,11 @@ class World:
         return self._drawn[file]
 
     @property
+    def room(self) -> Mesh:
+        """The room and its furniture, in the map."""
+        return self._room
+
+    @property
     def assets(self) -> dict[str, Source]:
         """Where the meshes in the scene are from, by file."""
         return {file: self._assets.source(file) for file in self._drawn} if self._assets else {}

@@ -1,0 +1,214 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
+from mrs_people_loc.localization.ranges import SonarRange
+from mrs_people_loc.localization.shared import Odometry, SeenWalls
+from mrs_people_loc.localization.sonar_walls import SonarWalls
+
+HZ, STEP_NS = 20, 50_000_000
+#: Left and right, in the middle of the robot.
+LEFT, RIGHT = (0.0, 0.2, math.pi / 2), (0.0, -0.2, -math.pi / 2)
+CONE = 0.52
+
+#: From a sonar's place, its axis and the time [s] to its range [m].
+Measure = Callable[[np.ndarray, float, float], float]
+
+
+def wall(distance: float, bearing: float) -> Measure:
+    """A mirror without ends: an echo where the foot is in the cone."""
+
+    def measure(xy: np.ndarray, axis: float, _: float) -> float:
+        if abs(wrap_angle(bearing - axis)) > CONE / 2:
+            return math.inf
+        return distance - float(xy @ [math.cos(bearing), math.sin(bearing)])
+
+    return measure
+
+
+def post(x: float, y: float, radius: float, vx: float = 0.0, vy: float = 0.0) -> Measure:
+    """A person, who may walk."""
+
+    def measure(xy: np.ndarray, axis: float, time: float) -> float:
+        offset = np.array([x + vx * time, y + vy * time]) - xy
+        if abs(wrap_angle(math.atan2(offset[1], offset[0]) - axis)) > CONE / 2:
+            return math.inf
+        return float(np.hypot(*offset)) - radius
+
+    return measure
+
+
+def nearest(*things: Measure) -> Measure:
+    return lambda xy, axis, time: min(thing(xy, axis, time) for thing in things)
+
+
+def straight(way: float, speed: float = 0.5, yaw: float = 0.0) -> np.ndarray:
+    """Poses along x, shape (n, 3)."""
+    along = np.arange(0.0, way, speed / HZ)
+    return np.stack([along * math.cos(yaw), along * math.sin(yaw), np.full(len(along), yaw)], 1)
+
+
+def drive(
+    world: Measure,
+    poses: np.ndarray,
+    sonars=(LEFT, RIGHT),
+    *,
+    rng: np.random.Generator | None = None,
+    noise: tuple[float, float] = (0.005, 0.01),
+    finder: SonarWalls | None = None,
+    start_ns: int = 10**18,
+) -> list[tuple[SeenWalls, np.ndarray]]:
+    """What is reported, each with the robot's true pose at its stamp. Without rng: no noise."""
+    finder = finder or SonarWalls()
+    found, at = [], {}
+    for k, pose in enumerate(poses):
+        stamp_ns = start_ns + k * STEP_NS
+        at[stamp_ns] = pose
+        x, y, yaw = pose.tolist()
+        odometry = Odometry(stamp_ns, x, y, yaw, 0.0, 0.0)
+        for x, y, yaw in sonars:
+            xy = pose[:2] + rotation_2d(pose[2]) @ (x, y)
+            value = world(xy, pose[2] + yaw, k / HZ)
+            if rng is not None:
+                value += rng.normal() * math.hypot(noise[0], noise[1] * min(value, 10.0))
+            measured = SonarRange(stamp_ns, "sonar", CONE, 0.1, 5.0, value)
+            seen = finder.take(measured, (x, y, yaw), odometry)
+            if seen is not None:
+                found.append((seen, at[seen.stamp_ns]))
+    return found
+
+
+def errors(
+    found: list[tuple[SeenWalls, np.ndarray]], distance: float, bearing: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of all that is reported, if it is this wall of the map, shape (n, 2), and NEES."""
+    difference, nees = [], []
+    for seen, (x, y, yaw) in found:
+        true = distance - x * math.cos(bearing) - y * math.sin(bearing), bearing - yaw
+        for k, covariance in enumerate(seen.walls.covariance):
+            off = np.array(
+                [seen.walls.distance[k] - true[0], wrap_angle(seen.walls.bearing[k] - true[1])]
+            )
+            difference.append(off)
+            nees.append(off @ np.linalg.solve(covariance, off))
+    return np.array(difference).reshape(-1, 2), np.array(nees)
+
+
+def test_one_sonar_while_driving_gives_the_wall_beside() -> None:
+    """Towards a wall at y = 1.5, at 0.1 rad; the sonar is 0.2 m to the left."""
+    found = drive(wall(1.5, math.pi / 2), straight(4.0, yaw=0.1), [LEFT])
+    assert len(found) >= 2
+    seen, pose = found[0]
+    # That the foot is in the cone is an observation, too, which pulls towards its axis.
+    assert seen.walls.distance == pytest.approx([1.5 - pose[1]], abs=2e-4)
+    assert seen.walls.bearing == pytest.approx([math.pi / 2 - 0.1], abs=2e-3)
+    assert np.abs(errors(found, 1.5, math.pi / 2)[0]).max() < 2e-3
+    assert not seen.walls.is_end.any()
+
+
+def test_extent_is_where_the_wall_was_touched() -> None:
+    """Of a wall parallel to the way, the feet of 0.5 to 1.5 m of it are beside the sonar."""
+    for seen, pose in drive(wall(1.2, math.pi / 2), straight(4.0), [LEFT]):
+        low, high = seen.walls.extent[0]
+        # The direction bearing + pi/2 is -x.
+        assert 0.0 <= pose[0] - high < pose[0] - low <= 4.0
+        assert 0.3 < high - low <= 1.5
+
+
+def test_corridor_gives_both_walls() -> None:
+    world = nearest(wall(1.5, math.pi / 2), wall(1.0, -math.pi / 2))
+    found = drive(world, straight(6.0))
+    off = np.stack([errors(found, 1.5, math.pi / 2)[0], errors(found, 1.0, -math.pi / 2)[0]])
+    which = np.abs(off).max(axis=2).argmin(axis=0)
+    assert np.bincount(which, minlength=2).min() >= 3
+    assert np.abs(off[which, np.arange(len(which))]).max() < 1e-3
+
+
+def test_simultaneous_ranges_give_a_known_wall_to_a_robot_that_stands() -> None:
+    """Two sonars 0.4 m apart, both to the left."""
+    sonars = [(0.2, 0.2, math.pi / 2), (-0.2, 0.2, math.pi / 2)]
+    finder, world = SonarWalls(), wall(1.2, math.pi / 2)
+    way = straight(3.0, yaw=0.05)
+    drive(world, way, sonars, finder=finder)
+    turned = way[-1] - (0, 0, 0.1)
+    stands = np.tile(turned, (100, 1))
+    found = drive(world, stands, sonars, finder=finder, start_ns=10**18 + (len(way) + 60) * STEP_NS)
+    assert len(found) >= 2
+    assert np.abs(errors(found, 1.2, math.pi / 2)[0]).max() < 3e-3
+
+
+@pytest.mark.parametrize("distance", [0.6, 1.2, 2.5])
+def test_person_who_stands_is_no_wall(distance: float) -> None:
+    """... also where a wall is behind them."""
+    for seed in range(3):
+        person = post(2.0, distance, 0.15)
+        rng = np.random.default_rng(seed)
+        assert not drive(person, straight(4.0), rng=rng)
+        world = nearest(person, wall(distance + 0.7, math.pi / 2))
+        _, nees = errors(drive(world, straight(4.0), rng=rng), distance + 0.7, math.pi / 2)
+        assert (nees < 25).all()
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 1.0), (1.2, 0.3), (-0.8, 0.0)])
+def test_person_who_walks_is_no_wall(velocity: tuple[float, float]) -> None:
+    vx, vy = velocity
+    for seed in range(3):
+        person = post(2.0 - 2.0 * vx, 1.5 - 2.0 * vy, 0.15, vx, vy)
+        assert not drive(person, straight(4.0), rng=np.random.default_rng(seed))
+
+
+def test_random_ranges_are_no_wall() -> None:
+    rng = np.random.default_rng(1)
+    ring = [(0.2 * math.cos(a), 0.2 * math.sin(a), a) for a in np.arange(8) * math.pi / 4]
+    assert not drive(lambda *_: rng.uniform(0.1, 4.9), straight(10.0), ring)
+
+
+def test_cross_talk_and_dropouts_do_not_hide_a_wall() -> None:
+    rng = np.random.default_rng(1)
+    true = wall(1.5, math.pi / 2)
+
+    def measure(xy: np.ndarray, axis: float, time: float) -> float:
+        kind = rng.random()
+        return rng.uniform(0.1, 1.3) if kind < 0.1 else math.inf if kind < 0.25 else true(
+            xy, axis, time
+        )  # fmt: skip
+
+    _, nees = errors(drive(measure, straight(10.0), rng=rng), 1.5, math.pi / 2)
+    assert len(nees) >= 5
+    assert (nees < 25).all()
+
+
+def test_each_range_is_used_once() -> None:
+    """The information of all reports on the distance is at most that of all ranges."""
+    way = straight(20.0)
+    found = drive(wall(1.2, math.pi / 2), way, [LEFT])
+    information = sum(1.0 / seen.walls.covariance[0, 0, 0] for seen, _ in found)
+    of_ranges = len(way) / (0.005**2 + (0.01 * 1.0) ** 2)
+    assert 0.5 * of_ranges < information <= of_ranges
+
+
+def test_stamps_of_reports_ascend() -> None:
+    world = nearest(wall(1.5, math.pi / 2), wall(1.0, -math.pi / 2))
+    stamps = [seen.stamp_ns for seen, _ in drive(world, straight(8.0))]
+    assert stamps == sorted(set(stamps))
+
+
+def test_nothing_is_reported_without_echoes() -> None:
+    assert not drive(lambda *_: math.inf, straight(4.0))
+
+
+def test_begin_anew_and_a_jump_back_of_time_forget_everything() -> None:
+    world = wall(1.2, math.pi / 2)
+    finder = SonarWalls()
+    drive(world, straight(4.0), [LEFT], finder=finder)
+    after_jump = drive(world, straight(4.0), [LEFT], finder=finder, start_ns=10**17)
+    fresh = drive(world, straight(4.0), [LEFT], start_ns=10**17)
+    assert [s.stamp_ns for s, _ in after_jump] == [s.stamp_ns for s, _ in fresh]
+    finder.begin_anew()
+    again = drive(world, straight(4.0), [LEFT], finder=finder, start_ns=10**17)
+    assert [s.stamp_ns for s, _ in again] == [s.stamp_ns for s, _ in fresh]
