@@ -84,7 +84,7 @@ def tour_of(
     offset = ((spots - way.at(along)) * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)).sum(axis=1)
     people = np.stack(
         [
-            _places(way, middle + a - first, o, scene.walk.wander * 0.25, times, rng)
+            _places(way, middle + a - first, o, scene.walk.wander * 0.15, times, rng)
             for a, o in zip(along, offset, strict=True)
         ],
         axis=1,
