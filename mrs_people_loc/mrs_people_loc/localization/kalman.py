@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
-from mrs_people_loc.localization.team_state import Source, TeamState
+from mrs_people_loc.localization.team_state import Source, TeamState, changed
 
 #: Residual and Jacobian of the prediction, given the part of the state that is concerned.
 Model = Callable[[Float], tuple[Float, Float]]
@@ -49,7 +48,7 @@ def corrected(
             break
     covariance = state.covariance - gain @ across.T
     covariance = 0.5 * (covariance + covariance.T)
-    return dataclasses.replace(state, mean=state.mean + step, covariance=covariance), squared
+    return changed(state, mean=state.mean + step, covariance=covariance), squared
 
 
 def _gain(
@@ -105,4 +104,4 @@ def noted(
         math.sqrt(squared / freedom),
         stamp_ns if accepted else before.stamp_ns,
     )
-    return dataclasses.replace(state, sources={**state.sources, (robot, kind): now})
+    return changed(state, sources={**state.sources, (robot, kind): now})

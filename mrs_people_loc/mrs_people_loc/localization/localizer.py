@@ -33,8 +33,10 @@ from mrs_people_loc.team.poses import Pose
 
 #: What a robot measured is repeated in its messages for this long [ns].
 REPEATED_NS = 300_000_000
-#: A robot's pose is carried on at least so often, and its claim is compared [ns].
+#: A robot's pose is carried on at least so often [ns].
 _TICK_NS = 1_000_000_000
+#: What a team-mate's filter says about its pose is compared so often [ns].
+_CLAIM_NS = 250_000_000
 #: A team-mate whose stamps differ by more from the own odometry's is not heard [ns].
 _MAX_CLOCK_NS = 1_000_000_000
 #: A team-mate that was not heard of for so long has left [ns].
@@ -233,7 +235,8 @@ class Localizer:
             self._join(told, mate)
             return
         mate.track.add(odometry)
-        if self._tick(told.robot, mate.track, newest.stamp_ns):
+        self._tick(told.robot, mate.track, newest.stamp_ns)
+        if odometry.stamp_ns // _CLAIM_NS > newest.stamp_ns // _CLAIM_NS:
             place, covariance = _arrays(told.pose)
             self._history.add(Claimed(told.robot, odometry, place, covariance))
 
@@ -374,13 +377,13 @@ class Localizer:
         place, covariance = _arrays(pose)
         return self._history.add(Placed(robot, track.at(pose.stamp_ns), place, covariance))
 
-    def _tick(self, robot: str, track: OdometryTrack, before_ns: int) -> bool:
-        """Carries a robot's pose on once a second; whether it is time."""
+    def _tick(self, robot: str, track: OdometryTrack, before_ns: int) -> None:
+        """Carries a robot's pose on once a second; robots that are silent for long leave."""
         newest = track.newest
         assert newest is not None
         tick_ns = newest.stamp_ns // _TICK_NS * _TICK_NS
         if before_ns >= tick_ns or not track.covers(tick_ns):
-            return False
+            return
         self._history.add(Reached(robot, track.at(tick_ns)))
         if robot == self.robot:
             for name, mate in list(self._mates.items()):
@@ -388,7 +391,6 @@ class Localizer:
                 if last is not None and newest.stamp_ns - last.stamp_ns > _LEFT_NS:
                     self._history.add(Left(name, dataclasses.replace(last, stamp_ns=tick_ns)))
                     del self._mates[name]
-        return True
 
     def _track_of(self, robot: str) -> OdometryTrack:
         if robot == self.robot:

@@ -8,7 +8,6 @@ in an unknown way and is fused by covariance intersection (Julier & Uhlmann 1997
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ from mrs_people_loc.localization.observations import (
     WallsSeen,
     pose_from,
 )
-from mrs_people_loc.localization.team_state import Meetings, Source, TeamState, Trust
+from mrs_people_loc.localization.team_state import Meetings, Source, TeamState, Trust, changed
 from mrs_people_loc.localization.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.walls import Walls
 
@@ -47,6 +46,10 @@ class FilterTuning:
         fitted_lately_s: What fitted within this time still speaks for a robot [s].
         claim_gain: Least weight with which a claim is fused.
         claims_refused: From so many claims in a row that do not fit, a robot is doubted.
+        silence_s: A robot that claimed nothing for so long was out of contact [s].
+        agree_s: After that, filters have this time to agree [s].
+        max_offset: Otherwise claims differ by less than this [m] ...
+        max_turn: ... and this [rad].
     """
 
     lost_after: int = 5
@@ -55,6 +58,10 @@ class FilterTuning:
     fitted_lately_s: float = 2.0
     claim_gain: float = 0.05
     claims_refused: int = 3
+    silence_s: float = 2.0
+    agree_s: float = 3.0
+    max_offset: float = 0.3
+    max_turn: float = 0.15
 
 
 _TUNING = FilterTuning()
@@ -108,7 +115,7 @@ class TeamFilter:
         state, verdict = self.walls.take(state, seen)
         if verdict.off is not None:
             trust = state.trust.get(seen.robot, Trust())
-            trust = dataclasses.replace(trust, disputed=trust.disputed + 1, off=verdict.off)
+            trust = changed(trust, disputed=trust.disputed + 1, off=verdict.off)
             state = _with_trust(state, seen.robot, trust)
         if verdict.fitted:
             return self._fitted(state, seen.robot, seen.odometry.stamp_ns, verdict.shared)
@@ -130,30 +137,64 @@ class TeamFilter:
         return state
 
     def _claimed(self, state: TeamState, claim: Claimed) -> TeamState:
-        robot, i = claim.robot, state.at(claim.robot)
-        trust = state.trust.get(robot, Trust())
-        own = state.covariance[i : i + 3, i : i + 3]
-        offset = wrapped(claim.place - state.mean[i : i + 3])
+        """Compares what a team-mate's filter says about its pose.
+
+        Filters that hear each other know the same. After a silence they may not: where the claim
+        is much surer, it is fused by covariance intersection. Else both know as much, but have
+        drifted apart as a whole: the whole state moves towards the claim, as covariance
+        intersection of equally sure estimates does, and nothing changes between robots and walls.
+        """
+        robot, i, stamp_ns = claim.robot, state.at(claim.robot), claim.odometry.stamp_ns
+        place, own = state.mean[i : i + 3], state.covariance[i : i + 3, i : i + 3]
+        offset = wrapped(claim.place - place)
         # Whatever the correlation, the difference has no more than twice the sum.
         bound = 2.0 * (own + claim.covariance)
         squared = float(offset @ np.linalg.solve(bound, offset))
-        accepted = squared <= self.gates[3]
-        state = noted(state, robot, "claim", accepted, squared, 3, claim.odometry.stamp_ns)
+        trust = self._heard(state.trust.get(robot, Trust()), stamp_ns)
+        accepted = squared <= self.gates[3] and self._believes(trust, offset, own, stamp_ns)
+        state = noted(state, robot, "claim", accepted, squared, 3, stamp_ns)
         if not accepted:
-            trust = dataclasses.replace(
-                trust,
-                claims_refused=trust.claims_refused + 1,
-                off=math.hypot(offset[0], offset[1]),
-            )
+            off, refused = math.hypot(offset[0], offset[1]), trust.claims_refused + 1
+            trust = changed(trust, claims_refused=refused, off=off)
             return _with_trust(state, robot, trust)
-        if trust.claims_refused:
-            state = _with_trust(state, robot, dataclasses.replace(trust, claims_refused=0))
+        trust = changed(trust, claims_refused=0)
+        if not self._is_in_contact_again(trust, stamp_ns):
+            return _with_trust(state, robot, trust)
         share = share_of_claim(own, claim.covariance)
-        if share < self.tuning.claim_gain:
-            return state
-        wide = dataclasses.replace(state, covariance=state.covariance / (1.0 - share))
-        fused = dataclasses.replace(claim, covariance=claim.covariance / share)
-        return self._with_pose(wide, fused)[0]
+        if share >= self.tuning.claim_gain:
+            state = _with_trust(state, robot, trust)
+            wide = changed(state, covariance=state.covariance / (1.0 - share))
+            fused = changed(claim, covariance=claim.covariance / share)
+            return self._with_pose(wide, fused)[0]
+        precision = np.trace(np.linalg.inv(own)), np.trace(np.linalg.inv(claim.covariance))
+        step = offset * precision[1] / (precision[0] + precision[1])
+        pulled = trust.pulled + math.hypot(step[0], step[1])
+        trust = changed(trust, pulled=pulled)
+        return _with_trust(state.moved(place, place + step), robot, trust)
+
+    def _heard(self, trust: Trust, stamp_ns: int) -> Trust:
+        """The same at the time of a further claim."""
+        silent_s = (stamp_ns - trust.claimed_ns) / 1e9
+        if trust.claimed_ns and silent_s > self.tuning.silence_s:
+            trust = changed(trust, contact_ns=stamp_ns, pulled=0.0)
+        return changed(trust, claimed_ns=stamp_ns)
+
+    def _is_in_contact_again(self, trust: Trust, stamp_ns: int) -> bool:
+        """Whether a robot is heard again after a silence, and filters have time to agree."""
+        contact_ns = trust.contact_ns
+        return bool(contact_ns) and (stamp_ns - contact_ns) / 1e9 < self.tuning.agree_s
+
+    def _believes(self, trust: Trust, offset: Float, own: Float, stamp_ns: int) -> bool:
+        """Whether two filters may differ so much.
+
+        Those that hear each other differ little. After a silence they may differ by as much as
+        they are unsure; a claim that pulls farther than that is false.
+        """
+        tuning = self.tuning
+        if self._is_in_contact_again(trust, stamp_ns):
+            return trust.pulled < tuning.max_offset + 3.0 * math.sqrt(own[0, 0] + own[1, 1])
+        near = math.hypot(offset[0], offset[1]) < tuning.max_offset
+        return near and bool(abs(offset[2]) < tuning.max_turn)
 
     def _with_pose(self, state: TeamState, seen: Placed) -> tuple[TeamState, float]:
         """The state after a measured pose, and the squared length of its residual."""
@@ -194,10 +235,10 @@ class TeamFilter:
                     state = self._fitted(state, robot, stamp_ns, True)
             return state
         since_ns = before.since_ns if before.refused else stamp_ns
-        refused = dataclasses.replace(before, refused=before.refused + 1, since_ns=since_ns)
+        refused = changed(before, refused=before.refused + 1, since_ns=since_ns)
         if not self._is_long(refused.refused, since_ns, stamp_ns):
             return _with_meetings(state, pair, refused)
-        state = _with_meetings(state, pair, dataclasses.replace(before, refused=0, since_ns=0))
+        state = _with_meetings(state, pair, changed(before, refused=0, since_ns=0))
         for robot in self._suspects(state, pair, stamp_ns):
             state = self._lost(state, robot, stamp_ns)
         return state
@@ -233,7 +274,7 @@ class TeamFilter:
     def _fitted(self, state: TeamState, robot: str, stamp_ns: int, shared: bool) -> TeamState:
         """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""
         before = state.trust.get(robot, Trust())
-        trust = dataclasses.replace(
+        trust = changed(
             before,
             refused=0,
             since_ns=0,
@@ -249,12 +290,12 @@ class TeamFilter:
         since_ns = before.since_ns if before.refused else stamp_ns
         if self._is_long(before.refused + 1, since_ns, stamp_ns):
             return self._lost(state, robot, stamp_ns)
-        trust = dataclasses.replace(before, refused=before.refused + 1, since_ns=since_ns)
+        trust = changed(before, refused=before.refused + 1, since_ns=since_ns)
         return _with_trust(state, robot, trust)
 
     def _lost(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
         before = state.trust.get(robot, Trust())
-        trust = dataclasses.replace(
+        trust = changed(
             before,
             refused=0,
             since_ns=0,
@@ -266,8 +307,8 @@ class TeamFilter:
 
 
 def _with_trust(state: TeamState, robot: str, trust: Trust) -> TeamState:
-    return dataclasses.replace(state, trust={**state.trust, robot: trust})
+    return changed(state, trust={**state.trust, robot: trust})
 
 
 def _with_meetings(state: TeamState, pair: tuple[str, str], meetings: Meetings) -> TeamState:
-    return dataclasses.replace(state, meetings={**state.meetings, pair: meetings})
+    return changed(state, meetings={**state.meetings, pair: meetings})

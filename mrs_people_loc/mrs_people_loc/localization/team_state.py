@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.observations import Point
 from mrs_people_loc.localization.odometry import carried_on, motion, turned
 from mrs_people_loc.localization.shared import Odometry
+
+_Value = TypeVar("_Value")
+
+
+def changed(value: _Value, **changes: Any) -> _Value:
+    """As `dataclasses.replace`, for values that need no check: in a tenth of the time."""
+    made = object.__new__(type(value))
+    vars(made).update(vars(value))
+    vars(made).update(changes)
+    return made
 
 
 @dataclass(frozen=True)
@@ -56,7 +68,7 @@ class Landmark:
         count = 1 if before is None else before.count + 1
         whole = min(extent[0], self.extent[0]), max(extent[1], self.extent[1])
         sights = {**self.sights, robot: Sight(count, extent, stamp_ns)}
-        return dataclasses.replace(self, extent=whole, sights=sights)
+        return changed(self, extent=whole, sights=sights)
 
 
 @dataclass(frozen=True)
@@ -91,6 +103,9 @@ class Trust:
         disputed: Observations in a row that contradict what only one other robot has seen.
         claims_refused: Claims in a row of its pose that do not fit.
         off: How far the last refused claim or disputed wall was off [m].
+        claimed_ns: When it claimed its pose last [ns]; 0: never.
+        contact_ns: When it was heard again after its last silence [ns]; 0: it was never silent.
+        pulled: By how much its claims moved the team since then [m].
     """
 
     refused: int = 0
@@ -102,6 +117,9 @@ class Trust:
     disputed: int = 0
     claims_refused: int = 0
     off: float = 0.0
+    claimed_ns: int = 0
+    contact_ns: int = 0
+    pulled: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -196,7 +214,7 @@ class TeamState:
         covariance[block] = jacobian @ covariance[block]
         covariance[:, block] = covariance[:, block] @ jacobian.T
         covariance[block, block] += turned(noise, self.mean[i + 2])
-        return dataclasses.replace(
+        return changed(
             self,
             mean=mean,
             covariance=covariance,
@@ -208,7 +226,7 @@ class TeamState:
     ) -> TeamState:
         """The state with one more robot, whose pose is independent of the rest."""
         i = 3 * len(self.odometry)
-        return dataclasses.replace(
+        return changed(
             self,
             mean=np.insert(self.mean, i, place),
             covariance=_inserted(self.covariance, i, np.zeros((3, len(self.mean))), covariance),
@@ -225,7 +243,7 @@ class TeamState:
             covariance: Shape (2, 2).
         """
         n = len(self.mean)
-        return dataclasses.replace(
+        return changed(
             self,
             mean=np.append(self.mean, line),
             covariance=_inserted(self.covariance, n, across, covariance),
@@ -236,26 +254,50 @@ class TeamState:
         """The state without a robot."""
         i = self.at(robot)
         others = {name: value for name, value in self.odometry.items() if name != robot}
-        return dataclasses.replace(self._without(range(i, i + 3)), odometry=others)
+        return changed(self._without(range(i, i + 3)), odometry=others)
 
     def without_wall(self, index: int) -> TeamState:
         """The state without a wall."""
         i = self.wall_at(index)
         walls = self.walls[:index] + self.walls[index + 1 :]
-        return dataclasses.replace(self._without(range(i, i + 2)), walls=walls)
+        return changed(self._without(range(i, i + 2)), walls=walls)
 
     def widened(self, robot: str, sigmas: tuple[float, float, float]) -> TeamState:
         """The state with a robot's pose less sure by these, independently [m, m, rad]."""
         i = self.at(robot)
         covariance = self.covariance.copy()
         covariance[range(i, i + 3), range(i, i + 3)] += np.square(sigmas)
-        return dataclasses.replace(self, covariance=covariance)
+        return changed(self, covariance=covariance)
+
+    def moved(self, origin: Float, target: Float) -> TeamState:
+        """The state moved and turned as a whole, so that one pose becomes another.
+
+        Args:
+            origin: x, y [m], yaw [rad], shape (3,).
+            target: What it becomes, shape (3,).
+        """
+        turn = float(target[2] - origin[2])
+        rotation = rotation_2d(turn)
+        shift = target[:2] - rotation @ origin[:2]
+        robots = 3 * len(self.odometry)
+        mean, jacobian = self.mean.copy(), np.eye(len(self.mean))
+        for i in range(0, robots, 3):
+            mean[i : i + 2] = rotation @ self.mean[i : i + 2] + shift
+            mean[i + 2] += turn
+            jacobian[i : i + 2, i : i + 2] = rotation
+        for k, wall in enumerate(self.walls):
+            i = robots + 2 * k
+            bearing = float(mean[i + 1]) + turn
+            c, s = math.cos(bearing), math.sin(bearing)
+            dx, dy = rotation @ wall.anchor + shift - wall.anchor
+            mean[i : i + 2] = mean[i] + c * dx + s * dy, bearing
+            jacobian[i, i + 1] = c * dy - s * dx
+        covariance = jacobian @ self.covariance @ jacobian.T
+        return changed(self, mean=mean, covariance=covariance)
 
     def _without(self, indices: range) -> TeamState:
         keep = np.delete(np.arange(len(self.mean)), indices)
-        return dataclasses.replace(
-            self, mean=self.mean[keep], covariance=self.covariance[np.ix_(keep, keep)]
-        )
+        return changed(self, mean=self.mean[keep], covariance=self.covariance[np.ix_(keep, keep)])
 
 
 def _inserted(covariance: Float, at: int, across: Float, own: Float) -> Float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from mrs_people_loc.localization.observations import (
     wall_at,
     wall_from,
 )
-from mrs_people_loc.localization.team_state import Landmark, Misfit, TeamState
+from mrs_people_loc.localization.team_state import Landmark, Misfit, TeamState, changed
 from mrs_people_loc.localization.walls import Walls
 
 
@@ -33,6 +32,7 @@ class WallTuning:
         max_gap: Parts of one line with a larger gap between are two walls [m].
         max_offset: A wall seen farther off than this, and than three sigmas, is another one [m].
         max_turn: Likewise its direction [rad].
+        max_behind: A robot that is believed to be farther behind a face does not see it [m].
         same_offset: Two walls that are closer than this and ...
         same_turn: ... this are told apart by nothing; neither is one made so close to another.
         apart: Of several walls that fit, one is taken if its squared Mahalanobis length is less by
@@ -52,6 +52,7 @@ class WallTuning:
     max_gap: float = 2.0
     max_offset: float = 1.5
     max_turn: float = 0.6
+    max_behind: float = 0.5
     same_offset: float = 0.15
     same_turn: float = 0.1
     apart: float = 9.0
@@ -155,39 +156,59 @@ class WallLandmarks:
         self, state: TeamState, seen: _Seen, verdict: Verdict
     ) -> tuple[TeamState, Verdict]:
         candidates = [
-            dataclasses.replace(c, squared=self._squared(state, seen, c))
-            for c in self._candidates(state, seen)
+            changed(c, squared=self._squared(state, seen, c)) for c in self._candidates(state, seen)
         ]
         fits = sorted(
             (c for c in candidates if c.squared <= self.gates[2]), key=lambda c: c.squared
         )
         if fits and self._is_clear(fits):
-            state, landmark = self._recognized(state, seen, fits[0])
-            shared = landmark.known >= 0 or len(landmark.sights) > 1
-            return state, dataclasses.replace(
-                verdict, fitted=verdict.fitted + 1, shared=verdict.shared or shared
-            )
+            return self._take_fit(state, seen, fits[0], candidates, verdict)
         if fits:
             return state, verdict
         against = [c for c in candidates if c.in_state]
+        strong = [c for c in against if self._contradicts(state, seen, c)]
+        close = [c for c in against if self._is_close(c)]
+        for candidate in (strong + close)[:1]:
+            kind = _kind(state.walls[candidate.index])
+            state = noted(state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns)
+            refused = verdict.refused + bool(strong)
+            return state, changed(verdict, refused=refused)
+        verdict = self._disputed(state, seen, against, verdict)
+        return self._added(self._misfitted(state, seen, candidates), seen), verdict
+
+    def _take_fit(
+        self,
+        state: TeamState,
+        seen: _Seen,
+        fit: _Candidate,
+        candidates: list[_Candidate],
+        verdict: Verdict,
+    ) -> tuple[TeamState, Verdict]:
+        """Takes a wall that is recognized."""
+        if fit.in_state and state.walls[fit.index].known < 0:
+            state = self._misfitted(state, seen, candidates)
+            if len(state.walls[fit.index].sights) == 1:
+                against = [c for c in candidates if c.in_state and c is not fit]
+                verdict = self._disputed(state, seen, against, verdict)
+        state, wall = self._recognized(state, seen, fit)
+        shared = verdict.shared or wall.known >= 0 or len(wall.sights) > 1
+        return state, changed(verdict, fitted=verdict.fitted + 1, shared=shared)
+
+    def _disputed(
+        self, state: TeamState, seen: _Seen, against: list[_Candidate], verdict: Verdict
+    ) -> Verdict:
+        """The verdict with how far a wall is from where others see it."""
         for candidate in against:
-            if self._contradicts(state, seen, candidate):
-                kind = _kind(state.walls[candidate.index])
-                state = noted(state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns)
-                return state, dataclasses.replace(verdict, refused=verdict.refused + 1)
-        tuning = self.tuning
-        for candidate in against:
-            offset, turn = abs(candidate.offset), abs(candidate.turn)
-            if offset < tuning.same_offset and turn < tuning.same_turn:
-                kind = _kind(state.walls[candidate.index])
-                return noted(
-                    state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns
-                ), verdict
-        for candidate in against:
-            if self._others(state, seen, candidate):
-                verdict = dataclasses.replace(verdict, off=abs(candidate.offset))
-        state = self._misfitted(state, seen, candidates)
-        return self._added(state, seen), verdict
+            if candidate.squared > self.gates[2] and self._others(state, seen, candidate):
+                verdict = changed(verdict, off=abs(candidate.offset))
+        return verdict
+
+    def _is_close(self, candidate: _Candidate) -> bool:
+        """Whether a wall there would hardly differ from this one."""
+        return (
+            abs(candidate.offset) < self.tuning.same_offset
+            and abs(candidate.turn) < self.tuning.same_turn
+        )
 
     def _is_clear(self, fits: list[_Candidate]) -> bool:
         """Whether the best of several is the one, or as good as another."""
@@ -237,6 +258,8 @@ class WallLandmarks:
         side = -1.0 if wall.known >= 0 and math.cos(turn) < 0 else 1.0
         turn = wrap_angle(turn if side > 0 else turn - math.pi)
         offset = float(seen.line[0]) - side * away
+        if side * away < -self.tuning.max_behind:
+            return None
         if abs(turn) > self.tuning.max_turn + sigmas[1]:
             return None
         if abs(offset) > self.tuning.max_offset + sigmas[0]:
@@ -283,7 +306,7 @@ class WallLandmarks:
                 self.known.landmarks[k], self.known.lines[k], across, self.known.covariances[k]
             )
             misfits = {other: m for other, m in state.misfits.items() if other != k}
-            state = dataclasses.replace(state, misfits=misfits)
+            state = changed(state, misfits=misfits)
         wall = state.walls[index]
 
         def model(part: Float) -> tuple[Float, Float]:
@@ -297,7 +320,7 @@ class WallLandmarks:
             state = self._ends(state, seen, index, side)
         landmark = wall.seen_by(seen.robot, candidate.extent, seen.stamp_ns)
         walls = (*state.walls[:index], landmark, *state.walls[index + 1 :])
-        return dataclasses.replace(state, walls=walls), landmark
+        return changed(state, walls=walls), landmark
 
     def _ends(self, state: TeamState, seen: _Seen, index: int, side: float) -> TeamState:
         """The state corrected by the ends of a known wall."""
@@ -346,10 +369,11 @@ class WallLandmarks:
         )
 
     def _misfitted(self, state: TeamState, seen: _Seen, candidates: list[_Candidate]) -> TeamState:
-        """Counts known walls that are seen elsewhere."""
+        """Counts known walls that are not seen where an unknown one is."""
         misfits = dict(state.misfits)
         for candidate in candidates:
-            if candidate.in_state:
+            near = abs(candidate.offset) < self.tuning.max_offset
+            if candidate.in_state or not near or abs(candidate.turn) > self.tuning.same_turn:
                 continue
             before = misfits.get(candidate.index, Misfit(0, 0.0))
             count = before.count + 1
@@ -358,7 +382,7 @@ class WallLandmarks:
             state = noted(
                 state, seen.robot, "known walls", False, candidate.squared, 2, seen.stamp_ns
             )
-        return dataclasses.replace(state, misfits=misfits)
+        return changed(state, misfits=misfits)
 
     def _added(self, state: TeamState, seen: _Seen) -> TeamState:
         """The state with the wall that is seen as a new one."""

@@ -151,6 +151,13 @@ class Robot:
     localizer: Localizer
     truth: np.ndarray
     odometry: np.ndarray
+    #: Where it is beside its place in the formation: x, y, yaw.
+    beside: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def carry(self, beside):
+        """Moves it; its odometry does not notice."""
+        self.beside = self.beside + beside
+        self.truth = _moved(self.truth, beside)
 
     def drive(self, place, rng, config=CONFIG):
         rotation = rotation_2d(-self.truth[2])
@@ -164,6 +171,11 @@ class Robot:
         self.odometry[:2] += rotation_2d(self.odometry[2]) @ moved
         self.odometry[2] += turn
         self.truth = place
+
+
+def _moved(place, by):
+    x, y = rotation_2d(place[2]) @ by[:2]
+    return place + np.array([x, y, by[2]])
 
 
 @dataclass
@@ -230,7 +242,7 @@ class Tour:
     duration: float | None = None
     #: Changes what is told, by sender and receiver; None: it does not arrive.
     on_message: Callable | None = None
-    #: Changes where a robot is, by step.
+    #: Called before each step with it and the robots.
     on_step: Callable | None = None
 
     def run(self) -> Record:
@@ -256,11 +268,11 @@ class Tour:
     def _step(self, step, stamp_ns, robots, rng):
         way = step * self.speed / self.rate
         poses = []
+        if self.on_step is not None:
+            self.on_step(step, robots)
         for k, robot in enumerate(robots):
             place = self.world.place(way - robot.behind, robot.aside)
-            robot.drive(place, rng, self.config)
-            if self.on_step is not None:
-                self.on_step(self, step, robot, robots)
+            robot.drive(_moved(place, robot.beside), rng, self.config)
             said = Pose(stamp_ns, *robot.odometry)
             poses.append(robot.localizer.take_odometry(said))
             if self.walls_every and (step + k) % self.walls_every == 0:
