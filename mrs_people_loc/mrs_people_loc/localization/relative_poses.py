@@ -118,6 +118,9 @@ class Tracks(StructOfArrays):
     lasting: Float
 
 
+NOBODY = Tracks(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2, 2)))
+
+
 @dataclass
 class _Robot:
     """What a robot saw in the window, and since when it stands where.
@@ -289,7 +292,7 @@ def tracks_of(
     """
     sizes = [len(people.xy) for people, _ in seen]
     if not sum(sizes):
-        return Tracks(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2, 2)))
+        return NOBODY
     scan = np.repeat(np.arange(len(seen)), sizes)
     xy = np.concatenate([map_from_robot(people.xy, pose) for people, pose in seen])
     rotation = np.array([rotation_2d(pose.yaw) for _, pose in seen])[scan]
@@ -332,27 +335,27 @@ def _fitted(
     xy: Float, covariance: Float, seconds: Float, number: Int, tuning: RelativePosesTuning
 ) -> Tracks:
     """Straight motion of numbered people: where they are at second 0."""
-    count = int(number.max(initial=-1)) + 1
-    t = seconds[:, np.newaxis, np.newaxis]
+    if not len(number):
+        return NOBODY
+    order = np.argsort(number, kind="stable")
+    size = np.bincount(number)
+    first = np.cumsum(size) - size
+    xy, covariance, t = xy[order], covariance[order], seconds[order][:, np.newaxis, np.newaxis]
     information = np.linalg.inv((1.0 - tuning.lasting) * covariance)
-    weighted = information @ xy[:, :, np.newaxis]
-    normal, right = np.zeros((count, 4, 4)), np.zeros((count, 4, 1))  # of place and velocity
-    np.add.at(normal[:, :2, :2], number, information)
-    np.add.at(normal[:, :2, 2:], number, t * information)
-    np.add.at(normal[:, 2:, :2], number, t * information)
-    np.add.at(normal[:, 2:, 2:], number, t**2 * information)
+    normal = np.empty((len(xy), 4, 5))  # of place and velocity, with the right side
+    normal[:, :2, :2] = information
+    normal[:, :2, 4:] = information @ xy[:, :, np.newaxis]
+    normal[:, :2, 2:4] = normal[:, 2:, :2] = t * information
+    normal[:, 2:, 2:] = t * normal[:, :2, 2:]
+    normal = np.add.reduceat(normal, first)
     normal[:, (2, 3), (2, 3)] += 1.0 / tuning.any_velocity**2
-    np.add.at(right[:, :2], number, weighted)
-    np.add.at(right[:, 2:], number, t * weighted)
-    mean = np.zeros((count, 2, 2))
-    np.add.at(mean, number, covariance)
-    mean /= np.bincount(number, minlength=count)[:, np.newaxis, np.newaxis]
-    span = np.ptp(seconds) if count else 0.0
+    inverse = np.linalg.inv(normal[:, :, :4])
+    span = float(np.ptp(seconds))
     bend = tuning.bend * tuning.acceleration**2 * span**3 * np.eye(2)
     return Tracks(
-        np.asarray(np.linalg.solve(normal, right)[:, :2, 0]),
-        np.asarray(np.linalg.inv(normal)[:, :2, :2] + bend),
-        tuning.lasting * mean,
+        (inverse @ normal[:, :, 4:])[:, :2, 0],
+        inverse[:, :2, :2] + bend,
+        tuning.lasting * np.add.reduceat(covariance, first) / size[:, np.newaxis, np.newaxis],
     )
 
 

@@ -73,7 +73,7 @@ def relative_errors(record: Record, begin=0.0):
 
 def test_people_hold_a_team_together_in_a_hall():
     """100 m without walls: 10 cm and 2 degrees, where odometry alone is off by a metre and more."""
-    records = [PeopleTour(hall(), seed=seed).run() for seed in range(3)]
+    records = [PeopleTour(hall(), seed=seed).run() for seed in range(2)]
     position, turn = np.concatenate([relative_errors(record) for record in records], axis=1)
     assert np.median(position) < 0.10
     assert np.percentile(position, 95) < 0.20
@@ -81,7 +81,7 @@ def test_people_hold_a_team_together_in_a_hall():
     assert np.percentile(turn, 95) < 3.0
     drifted = [np.hypot(*record.relative(record.odometry)[-1, :, :2].T) for record in records]
     assert np.median(drifted) > 1.0
-    # Means of three correlated tours; expected: 3.
+    # Means of two correlated tours; expected: 3.
     assert np.mean([record.nees().mean() for record in records]) < 6.0
 
 
@@ -90,8 +90,8 @@ def test_team_that_starts_with_rough_poses_is_aligned():
     straight = World(np.array([(0.0, 0.0), (40.0, 0.0)]), np.zeros((0, 4)))
     rough = (1.0, 1.0, math.radians(15.0))
     config = Localization(start_sigmas=rough)
-    for seed in range(8):
-        tour = PeopleTour(straight, seed=seed, start=rough, duration=8.0, config=config)
-        position, turn = relative_errors(tour.run(), begin=0.75)
+    for seed in range(6):
+        tour = PeopleTour(straight, seed=seed, start=rough, duration=12.0, config=config)
+        position, turn = relative_errors(tour.run(), begin=0.8)
         assert np.percentile(position, 95) < 0.3
         assert np.percentile(turn, 95) < 5.0

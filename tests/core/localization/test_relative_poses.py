@@ -332,7 +332,7 @@ def test_row_of_people_is_ambiguous_where_poses_are_rough():
 
 
 def test_row_of_people_is_not_ambiguous_where_poses_are_known():
-    row = np.array([(3.0, float(k)) for k in range(-2, 4)])
+    row = np.array([(4.0, 1.4 * k) for k in range(-2, 4)])
     robots = {"a": (0.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0)}
     team = Team(row, robots, unseen={"a": [5], "b": [0]}, sigmas=(0.05, 0.05, 0.02))
     found = team.run(5.0)
