@@ -122,6 +122,7 @@ class ManagedNode(LifecycleNode):
         qos: QoSProfile,
         *,
         once: bool = False,
+        any_number: bool = False,
     ) -> Input:
         """Subscribes to a topic until the node stops (see `Input`)."""
 
@@ -130,7 +131,7 @@ class ManagedNode(LifecycleNode):
                 self._check_is_of_now(message)
             callback(message)
 
-        made = Input(self, message_type, topic, take, qos, once=once)
+        made = Input(self, message_type, topic, take, qos, once=once, any_number=any_number)
         self.inputs[topic] = made
         return made
 
