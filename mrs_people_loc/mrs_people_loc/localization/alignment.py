@@ -39,10 +39,10 @@ class AlignmentTuning:
     gate: float = 3.5
     baseline: float = 0.4
     density: float = 0.5
-    candidates: int = 120
-    hypotheses: int = 256
-    refined: int = 12
-    steps: int = 4
+    candidates: int = 80
+    hypotheses: int = 128
+    refined: int = 10
+    steps: int = 3
     distinct: float = 0.25
 
 
@@ -182,10 +182,11 @@ class _Groups:
     def of(cls, key: Int) -> _Groups:
         """Columns of one key are a group."""
         order = np.argsort(key, kind="stable")
-        first = np.flatnonzero(np.diff(key[order], prepend=-1))
+        begins = np.ones(len(key), dtype=bool)
+        begins[1:] = key[order[1:]] != key[order[:-1]]
         number = np.empty(len(key), dtype=np.intp)
-        number[order] = np.repeat(np.arange(len(first)), np.diff(first, append=len(key)))
-        return cls(order, first, number)
+        number[order] = np.cumsum(begins) - 1
+        return cls(order, np.flatnonzero(begins), number)
 
     def largest(self, values: Float) -> Float:
         """By row, the largest value in each column's group; shape (h, k), as the values'."""

@@ -3,9 +3,10 @@
 The rules, in one place:
 
 - Poses of a robot are compared at their own stamps, no more often than every `STEP_NS`; the true
-  pose, and that of a team-mate, is interpolated there. Gaps of more than `GAP_NS` are not bridged.
-- **Relative**: where a team-mate is in a robot's base_link, for every ordered pair of the team. A
-  robot's error of heading enters with the distance of the team-mate.
+  pose is interpolated there. Gaps of more than `GAP_NS` are not bridged.
+- **Relative**: where a team-mate is in a robot's base_link, for every ordered pair of the team,
+  every `STEP_NS`, all poses interpolated. A robot's error of heading enters with the distance of
+  the team-mate.
 - **Along and across** are components of the error in the map along the way of the team: the
   direction in which the mean of the true positions moves. While it stands, that in which it moved
   before.
@@ -189,9 +190,13 @@ def score_poses(
         name: track.every(STEP_NS) for name, track in sorted(estimated.items()) if name in true
     }
     parts = [_absolute(true, name, track) for name, track in chosen.items()]
-    parts += [_relative(true, chosen, one, other) for one, other in permutations(chosen, 2)]
     total = sum(parts, PoseScores(runs=1))
-    return total if len(total.heading) else None
+    if not len(total.heading):
+        return None
+    stamps = np.unique(np.concatenate([track.stamps_ns for track in chosen.values()]) // STEP_NS)
+    pairs = relative_errors(true, estimated, stamps * STEP_NS).reshape(-1, 3)
+    pairs = pairs[np.isfinite(pairs).all(axis=1)]
+    return total + PoseScores(apart=np.hypot(pairs[:, 0], pairs[:, 1]), turned=pairs[:, 2])
 
 
 def _absolute(true: Mapping[str, PoseTrack], name: str, track: PoseTrack) -> PoseScores:
@@ -223,15 +228,30 @@ def _squares(error: Float, covariance: Float) -> Float:
     return squares
 
 
-def _relative(
-    true: Mapping[str, PoseTrack], estimated: Mapping[str, PoseTrack], one: str, other: str
-) -> PoseScores:
-    stamps = estimated[one].stamps_ns
-    here, there = (relative_to(tracks[one].at(stamps), tracks[other].at(stamps))
-                   for tracks in (true, estimated))  # fmt: skip
-    error = there - here
-    error = error[np.isfinite(error).all(axis=1)]
-    return PoseScores(apart=np.hypot(error[:, 0], error[:, 1]), turned=wrapped(error[:, 2]))
+def relative_errors(
+    true: Mapping[str, PoseTrack],
+    estimated: Mapping[str, PoseTrack],
+    stamps_ns: NDArray[np.int64],
+) -> Float:
+    """Errors of team-mates' poses in robots' base_link, for ordered pairs of robots.
+
+    Args:
+        true: By robot, its true poses in the map.
+        estimated: By robot, its estimated poses in the map.
+        stamps_ns: Times [ns], int64, shape (n,).
+
+    Returns:
+        x, y [m] and yaw [rad], shape (pairs, n, 3); NaN where one of the poses is not known.
+    """
+    names = sorted(set(true) & set(estimated))
+    here, there = (
+        {name: tracks[name].at(stamps_ns) for name in names} for tracks in (true, estimated)
+    )
+    errors = np.empty((len(names) * (len(names) - 1), len(stamps_ns), 3))
+    for row, (one, other) in enumerate(permutations(names, 2)):
+        errors[row] = relative_to(there[one], there[other]) - relative_to(here[one], here[other])
+    errors[..., 2] = wrapped(errors[..., 2])
+    return errors
 
 
 def relative_to(poses: Float, others: Float) -> Float:

@@ -95,9 +95,9 @@ def seen_walls(
     inverse = 1.0 / nearest + head.inverse_sigma * rng.normal(size=nearest.shape)
     off = 0.5 * rng.normal(size=3) * [*head.offset_sigma, head.yaw_sigma]
     inverse += off[0] + off[1] * slopes
-    fits = _fit(slopes, inverse, seen, head)
+    lines, covariances = _fit(slopes, inverse, seen, head)
     return [
-        _walls(slopes, seen[k], ends[k], *(part[k] for part in fits), off[2], rng, head)
+        _walls(slopes, seen[k], ends[k], lines[k], covariances[k], off[2], rng, head)
         for k in range(len(poses))
     ]
 

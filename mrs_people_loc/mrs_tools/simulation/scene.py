@@ -14,7 +14,7 @@ fields here; what is not named has its default, what is not known is an error::
     robots:
       robot_a: {x: 6.3, y: 3.5, yaw: 3.14, head: {pitch: 0.3, height: 1.5}}
       robot_b: {x: 1.0, y: 1.0, sonars: [{y: 0.2, yaw: 1.57}, {y: -0.2, yaw: -1.57}], laser: {}}
-    head: {baseline: 0.10}        # of all robots, unless they say otherwise
+    head: {baseline: 0.10}        # of all robots, unless they say otherwise; so sonars and laser
     imaging: {noise: 2.0}
     odometry: {mode: exact}
     layout: {people: 4}           # ... and what `layouts.py` adds at random
@@ -479,8 +479,8 @@ _SECTIONS: dict[str, type[Section]] = {
     "walk": Walk,
 }
 _OTHERS = (
-    "name", "seed", "description", "half", "furniture", "people", "robots", "head", "tracks",
-    "tracks_window", "assets",
+    "name", "seed", "description", "half", "furniture", "people", "robots", "head", "sonars",
+    "laser", "tracks", "tracks_window", "assets",
 )  # fmt: skip
 
 
@@ -512,11 +512,12 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
         for name, body in _mapping(document.get("robots") or {}, "robots").items():
             values = dict(_mapping(body or {}, f"robots.{name}"))
             heads[name] = StereoHead.from_mapping(_mapping(values.pop("head", {}), "head"), common)
-            if values.get("sonars"):
-                sonars[name] = _list(Sonar, values["sonars"], f"robots.{name}.sonars")
-            if "laser" in values:
-                laser = _mapping(values["laser"] or {}, f"robots.{name}.laser")
-                lasers[name] = Laser.from_mapping(laser)
+            given = values.get("sonars", document.get("sonars"))
+            if given:
+                sonars[name] = _list(Sonar, given, f"robots.{name}.sonars")
+            if "laser" in values or "laser" in document:
+                given = values.get("laser", document.get("laser"))
+                lasers[name] = Laser.from_mapping(_mapping(given or {}, f"robots.{name}.laser"))
             robots[name] = Robot.from_mapping(
                 {key: v for key, v in values.items() if key not in ("sonars", "laser")}
             )

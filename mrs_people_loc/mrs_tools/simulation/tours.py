@@ -7,8 +7,9 @@ formation; what robots see of walls and people is in `light_sensing`.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,17 +53,24 @@ class Tour:
     start: dict[str, NDArray]
 
 
-def tour_of(scene: Scene, seed: int) -> Tour:
+def tour_of(
+    scene: Scene, seed: int, carried: Mapping[str, tuple[float, ...]] | None = None
+) -> Tour:
     """A tour through a scene with a walking group.
 
     Args:
         scene: The scene, its layout not expanded.
         seed: Of everything that is left to chance, in place of the scene's.
+        carried: By robot, when and how far it is carried, as `scene.Robot.carried`.
     """
     rng = np.random.default_rng([seed, 31])
     way, walls = way_of(scene), walls_of(scene)
-    expanded = expand(scene)
-    lead = max(robot.post[0] for robot in expanded.robots.values())
+    expanded = expand(dataclasses.replace(scene, seed=seed))
+    posts = {
+        name: dataclasses.replace(robot, carried=(carried or {}).get(name, robot.carried))
+        for name, robot in expanded.robots.items()
+    }
+    lead = max(robot.post[0] for robot in posts.values())
     spots = np.array([(person.x, person.y) for person in expanded.people])
     along = way.nearest(spots)
     first, last = float(along.mean()), way.length - lead - 0.5
@@ -76,19 +84,16 @@ def tour_of(scene: Scene, seed: int) -> Tour:
     offset = ((spots - way.at(along)) * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)).sum(axis=1)
     people = np.stack(
         [
-            _places(way, middle + a - first, o, scene.walk.wander * 0.25, times, rng)
+            _places(way, middle + a - first, o, scene.walk.wander * 0.15, times, rng)
             for a, o in zip(along, offset, strict=True)
         ],
         axis=1,
     )
-    robots = {
-        name: _robot(way, middle, robot, people, times, rng)
-        for name, robot in expanded.robots.items()
-    }
+    robots = {name: _robot(way, middle, robot, people, times, rng) for name, robot in posts.items()}
     settings = scene.odometry
     odometry, start = {}, {}
     for name, truth in robots.items():
-        steps = seen_steps(times, truth, expanded.robots[name])
+        steps = seen_steps(times, truth, posts[name])
         noise = step_sigmas(steps, settings) * rng.normal(size=steps.shape)
         odometry[name] = dead_reckoned(steps + noise)
         sigmas = [settings.sigma, settings.sigma, settings.sigma_yaw]
@@ -149,15 +154,9 @@ def walls_of(scene: Scene) -> NDArray:
         around = half * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
         box = around @ np.array([[cos, sin], [-sin, cos]]) + [piece.x, piece.y]
         sides += [*zip(box, np.roll(box, -1, axis=0), strict=True)]
-    solid = Boxes(_only(scene, pieces))
+    solid = Boxes(dataclasses.replace(scene, furniture=tuple(pieces)))
     found = [part for side in sides for part in _free_parts(np.array(side), solid)]
     return np.array(found).reshape(-1, 2, 2)
-
-
-def _only(scene: Scene, pieces: Sequence) -> Scene:
-    import dataclasses
-
-    return dataclasses.replace(scene, furniture=tuple(pieces))
 
 
 def _free_parts(side: NDArray, solid: Boxes) -> list[NDArray]:
