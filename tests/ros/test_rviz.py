@@ -6,9 +6,11 @@ at that display only.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 import yaml
@@ -106,7 +108,8 @@ def test_fixed_frame_is_the_common_one(config: Any) -> None:
 def test_channels_and_namespaces_are_published(config: Any) -> None:
     cloud = cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9)
     scan = messages.read_scan(cloud, "robot_a", "robot_a/base_link")
-    result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
+    pose = Pose(10**9, 0, 0, 0, np.diag([1e-4, 1e-4, 1e-4]))
+    result = Planner(PlannerConfig()).step([scan], {"robot_a": pose}, 10**9)
     assert len(result.persons) == 1
     trails = {result.persons[0].id: [(1.8, 0.0), (2.0, 0.0)]}  # from the second interval on
 
@@ -116,3 +119,32 @@ def test_channels_and_namespaces_are_published(config: Any) -> None:
     drawn = {m.ns for m in markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
     for display in displays(config, "MarkerArray"):
         assert display["Namespaces"] == dict.fromkeys(drawn, True)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6, -1.2])
+def test_ellipse_of_a_robot_has_the_axes_of_its_covariance(turn: float) -> None:
+    """0.2 m along the direction of the turn, 0.1 m across: three sigmas on both sides."""
+    c, s = math.cos(turn), math.sin(turn)
+    rotation = np.array([[c, -s], [s, c]])
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = rotation @ np.diag([0.04, 0.01]) @ rotation.T
+    scan = messages.read_scan(
+        cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9), "robot_a"
+    )
+    poses = {"robot_a": Pose(10**9, 1.0, 2.0, 0.3, covariance)}
+    result = Planner(PlannerConfig()).step([scan], poses, 10**9)
+    (ellipse,) = (m for m in markers(result, "map", 3.0).markers if m.ns == "robot ellipses")
+    assert (ellipse.pose.position.x, ellipse.pose.position.y) == (1.0, 2.0)
+    assert ellipse.scale.x == pytest.approx(1.2)
+    assert ellipse.scale.y == pytest.approx(0.6)
+    q = ellipse.pose.orientation
+    drawn = 2.0 * math.atan2(q.z, q.w)
+    assert math.sin(drawn - turn) == pytest.approx(0.0, abs=1e-9)  # either way along
+
+
+def test_exact_pose_has_no_ellipse() -> None:
+    scan = messages.read_scan(
+        cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9), "robot_a"
+    )
+    result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
+    assert "robot ellipses" not in {m.ns for m in markers(result, "map", 3.0).markers}
