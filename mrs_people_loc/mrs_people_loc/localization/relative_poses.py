@@ -30,6 +30,7 @@ from mrs_people_loc.arrays import Float, Int, StructOfArrays
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.alignment import (
     ALIGNMENT_TUNING,
+    Alignment,
     AlignmentTuning,
     Places,
     align,
@@ -70,8 +71,13 @@ class RelativePosesTuning:
             is right: x, y, yaw [m, m, rad].
         mistaken: Likewise, where it is not.
         farthest: Likewise, at most.
-        evidence: Log-odds of a relative pose, at least.
-        margin: Log-odds over the next best one, at least.
+        evidence: Log-odds of an alignment that counts by itself, at least ...
+        margin: ... and log-odds over the next best one.
+        evidence_again: Likewise of one that counts if the last one of the two robots was such, and
+        margin_again: ... and the same to within ...
+        same: ... this distance [m] and ...
+        same_turn: ... this turn [rad].
+        memory_ns: After so long a pair of robots is a new one [ns].
         stands: A robot stands if it is no farther from where it was than this [m] ...
         stands_turn: ... and turned by no more than this [rad].
         alignment: Constants of the search.
@@ -95,12 +101,20 @@ class RelativePosesTuning:
     farthest: tuple[float, float, float] = (4.0, 4.0, math.radians(60.0))
     evidence: float = 3.5
     margin: float = 5.0
+    evidence_again: float = 2.0
+    margin_again: float = 4.0
+    same: float = 0.3
+    same_turn: float = math.radians(7.0)
+    memory_ns: int = 10_000_000_000
     stands: float = 0.05
     stands_turn: float = math.radians(2.0)
     alignment: AlignmentTuning = ALIGNMENT_TUNING
 
 
 RELATIVE_POSES_TUNING = RelativePosesTuning()
+
+#: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
+_UNKNOWN = 1e6
 
 
 @dataclass(frozen=True)
@@ -150,6 +164,34 @@ class _Robot:
             self.stands = pose
 
 
+@dataclass
+class _Pair:
+    """Two robots.
+
+    Attributes:
+        compared_ns: When they were compared last [ns]; 0: never.
+        measured_ns: When their relative pose was measured last [ns]; 0: never.
+        guess: The last alignment that was good enough to be confirmed, and the pose of the second
+            robot that it moves.
+    """
+
+    compared_ns: int = 0
+    measured_ns: int = 0
+    guess: tuple[Alignment, Pose] | None = None
+
+    def confirms(self, found: Alignment, pose: Pose, tuning: RelativePosesTuning) -> bool:
+        """Whether an alignment of the second robot, at a pose, is the last one again."""
+        if self.guess is None:
+            return False
+        last, at = self.guess
+        way = np.array([pose.x - at.x, pose.y - at.y])
+        expected = last.move + rotation_2d(last.turn) @ way - way
+        return bool(
+            np.hypot(*(found.move - expected)) < tuning.same
+            and abs(wrap_angle(found.turn - last.turn)) < tuning.same_turn
+        )
+
+
 class RelativePoses:
     """Measures relative poses of robots, window by window.
 
@@ -160,15 +202,13 @@ class RelativePoses:
     def __init__(self, tuning: RelativePosesTuning = RELATIVE_POSES_TUNING) -> None:
         self.tuning = tuning
         self._robots: dict[str, _Robot] = {}
-        self._compared_ns: dict[tuple[str, str], int] = {}
-        self._measured_ns: dict[tuple[str, str], int] = {}
+        self._pairs: dict[tuple[str, str], _Pair] = {}
         self._intervals = 0
 
     def begin_anew(self) -> None:
         """Forgets all sightings: the time jumped back."""
         self._robots.clear()
-        self._compared_ns.clear()
-        self._measured_ns.clear()
+        self._pairs.clear()
         self._intervals = 0
 
     def step(
@@ -180,7 +220,7 @@ class RelativePoses:
             seen: By robot, the people that it sees; robots may be left out.
             poses: By robot, its pose in the map at that stamp. Over a window, what lies between two
                 poses of a robot is taken for exact; where a robot is, for as sure as the
-                covariance says, but for no surer than `expected` in the tuning.
+                covariance says, or else wrong by `mistaken` in the tuning.
 
         Returns:
             The measurements of a window that ends with this interval; none, as a rule.
@@ -207,64 +247,75 @@ class RelativePoses:
             if len(people) >= 2:
                 tracks[name], last[name] = people, robot.seen[-1][1]
         found = {}
-        for pair in self._next_pairs(last):
-            self._compared_ns[pair] = time_ns
-            (one, there), (other, own) = ((last[name], tracks[name]) for name in pair)
-            factor = self._factor(pair, time_ns)
-            wrong_by = self._align(one, there, other, own, factor)
+        for names in self._next_pairs(last):
+            pair = self._pairs.setdefault(names, _Pair())
+            one, other = ((last[name], tracks[name]) for name in names)
+            wrong_by = self._compare(pair, one, other, self._factor(names, pair, time_ns))
+            pair.compared_ns = time_ns
             if wrong_by is not None:
-                found[pair] = one, other, wrong_by
-                self._measured_ns[pair] = time_ns
-        used = Counter(name for pair in found for name in pair)
+                found[names] = one[0], other[0], wrong_by
+                pair.measured_ns = time_ns
+        oldest_ns = time_ns - self.tuning.memory_ns
+        self._pairs = {
+            names: pair for names, pair in self._pairs.items() if pair.compared_ns > oldest_ns
+        }
+        used = Counter(name for names in found for name in names)
         return tuple(
-            _relative(pair, *measured, factor=(2 + used[pair[0]] + used[pair[1]]) / 4)
-            for pair, measured in found.items()
+            _relative(names, *measured, factor=(2 + used[names[0]] + used[names[1]]) / 4)
+            for names, measured in found.items()
         )
 
     def _next_pairs(self, poses: Mapping[str, Pose]) -> list[tuple[str, str]]:
         """The pairs of robots that were not compared for the longest time, the nearest first."""
 
-        def order(pair: tuple[str, str]) -> tuple[int, float]:
-            one, other = poses[pair[0]], poses[pair[1]]
-            return self._compared_ns.get(pair, 0), math.hypot(one.x - other.x, one.y - other.y)
+        def order(names: tuple[str, str]) -> tuple[int, float]:
+            one, other = poses[names[0]], poses[names[1]]
+            away = math.hypot(one.x - other.x, one.y - other.y)
+            return self._pairs[names].compared_ns if names in self._pairs else 0, away
 
         return sorted(itertools.combinations(sorted(poses), 2), key=order)[: self.tuning.pairs]
 
-    def _factor(self, pair: tuple[str, str], time_ns: int) -> float:
+    def _factor(self, names: tuple[str, str], pair: _Pair, time_ns: int) -> float:
         """What the variance of errors that last is multiplied by, for a pair at a time [ns]."""
-        if pair not in self._measured_ns:
+        if not pair.measured_ns:
             return 1.0
-        since_s = (time_ns - self._measured_ns[pair]) / 1e9
-        stand_ns = max(self._robots[name].stands_since_ns for name in pair)
+        since_s = (time_ns - pair.measured_ns) / 1e9
+        stand_ns = max(self._robots[name].stands_since_ns for name in names)
         lasts_s = max(self.tuning.lasting_s, (time_ns - stand_ns) / 1e9)
         return 1.0 + 2.0 * lasts_s / max(since_s, 1e-3)
 
-    def _align(
-        self, one: Pose, there: Tracks, other: Pose, own: Tracks, factor: float
+    def _compare(
+        self, pair: _Pair, one: tuple[Pose, Tracks], other: tuple[Pose, Tracks], factor: float
     ) -> tuple[Float, Float] | None:
         """What the pose of a robot is wrong by, relative to another's.
 
         Args:
-            one: Pose of a robot.
-            there: The people that it sees.
-            other: Pose of the other robot.
-            own: The people that that one sees.
+            pair: The two robots.
+            one: Pose of the first, and the people that it sees.
+            other: Likewise of the second.
             factor: What the variance of errors that last is multiplied by.
 
         Returns:
             x, y, yaw on the map [m, m, rad], shape (3,), and covariance, shape (3, 3); None: not
             known.
         """
-        tuning, place = self.tuning, (other.x, other.y)
+        tuning, (pose, own), there = self.tuning, other, one[1]
         sees, seen = (
-            Places(t.xy - place, t.white + t.lasting, np.zeros(len(t), np.intp))
+            Places(t.xy - (pose.x, pose.y), t.white + t.lasting, np.zeros(len(t), np.intp))
             for t in (own, there)
         )
-        told = one.covariance.any() and other.covariance.any()
-        least = (tuning.told, tuning.mistaken) if told else (tuning.mistaken,)
-        priors = (_wrong_by(one, other, sigmas, tuning) for sigmas in least)
-        found = align(sees, seen, *priors, tuning=tuning.alignment)
-        if found is None or found.evidence < tuning.evidence or found.margin < tuning.margin:
+        found = align(sees, seen, *_priors(one[0], pose, tuning), tuning=tuning.alignment)
+        if (
+            found is None
+            or found.evidence < tuning.evidence_again
+            or found.margin < tuning.margin_again
+        ):
+            pair.guess = None
+            return None
+        sure = found.evidence >= tuning.evidence and found.margin >= tuning.margin
+        again = pair.confirms(found, pose, tuning)
+        pair.guess = found, pose
+        if not (sure or again):
             return None
         i, j = found.own, found.others
         state, covariance = fit(
@@ -359,17 +410,22 @@ def _fitted(
     )
 
 
-def _wrong_by(one: Pose, other: Pose, least: Sequence[float], tuning: RelativePosesTuning) -> Float:
-    """Covariance of what a pose may be wrong by relative to another's: x, y, yaw, shape (3, 3)."""
+def _priors(one: Pose, other: Pose, tuning: RelativePosesTuning) -> list[Float]:
+    """Covariances of what a pose may be wrong by relative to another's, x, y, yaw: see `align`.
+
+    Poses without covariance claim nothing.
+    """
+    told = bool(one.covariance.any() and other.covariance.any())
+    least = (tuning.told, tuning.mistaken) if told else (tuning.mistaken,)
     lever = np.eye(3)
     lever[:2, 2] = one.y - other.y, other.x - one.x
     with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
         total = other.covariance + lever @ one.covariance @ lever.T
     most = np.diag(np.square(tuning.farthest))
-    if not (np.abs(total) < 1e6).all():  # NaN compares false
-        return most
-    total = total + np.diag(np.square(least))
-    return np.asarray(np.linalg.inv(np.linalg.inv(total) + np.linalg.inv(most)))
+    if not (np.abs(total) < _UNKNOWN).all():  # NaN compares false
+        return [most]
+    priors = (total + np.diag(np.square(sigmas)) for sigmas in least)
+    return [np.linalg.inv(np.linalg.inv(prior) + np.linalg.inv(most)) for prior in priors]
 
 
 def _relative(
