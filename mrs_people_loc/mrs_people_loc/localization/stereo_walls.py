@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
@@ -34,6 +35,8 @@ _LEAST = 1e-12
 _NEAREST = 0.1
 #: Pixels of this part of the least inverse range of a wall are behind it.
 _BEHIND = 0.5
+#: A wall ends where so many columns beside it are open.
+_OPEN = 3
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,9 @@ class StereoWallTuning:
         max_apart: and at most.
         max_lines: So many lines are tried.
         tolerances_px: Pixels of a plane are no farther from it, ever less while it is refined [px].
+        before_px: Pixels with so much more disparity than a plane are before it [px], and draw
+            those to them that are within half a block of matching,
+        block_px: that is so far [px].
         behind_px: Pixels with so much less disparity than the plane are seen through it [px].
         min_height: A column belongs to a wall that is seen over this height [m],
         min_part: or over this part of the height that the image shows of it ...
@@ -65,7 +71,9 @@ class StereoWallTuning:
         min_columns: so many columns,
         min_length: is so long [m],
         max_gap: and no more of it is hidden in one place [m].
-        max_rough_px: It is flat within this: root mean square of the columns' mean residuals [px].
+        max_rough_px: It is flat within this: root mean square of the columns' mean residuals, by
+            their pixels [px];
+        rough_px: what is rougher than this is less sure in proportion [px].
         max_tilt: It is upright within this angle [rad].
         max_count: So many walls at most,
         max_tries: found in so many tries.
@@ -95,6 +103,8 @@ class StereoWallTuning:
     max_apart: int = 24
     max_lines: int = 250
     tolerances_px: tuple[float, ...] = (0.6, 0.4)
+    before_px: float = 0.6
+    block_px: int = 6
     behind_px: float = 0.8
     min_height: float = 1.0
     min_part: float = 0.7
@@ -104,7 +114,8 @@ class StereoWallTuning:
     min_columns: int = 7
     min_length: float = 0.8
     max_gap: float = 0.8
-    max_rough_px: float = 0.09
+    max_rough_px: float = 0.075
+    rough_px: float = 0.04
     max_tilt: float = 0.12
     max_count: int = 4
     max_tries: int = 5
@@ -112,10 +123,10 @@ class StereoWallTuning:
     person_depth: float = 0.5
     sigma_tilt: float = 0.01
     sigma_yaw: float = 0.005
-    offset_px: float = 0.08
+    offset_px: float = 0.06
     across_px: float = 0.04
     down_px: float = 0.08
-    tile_px: int = 8
+    tile_px: int = 5
     max_sigma: float = 0.05
 
 
@@ -148,13 +159,15 @@ class _Surface(StructOfArrays):
     """Pixels of a view that may be on walls.
 
     Attributes:
-        ray: As `_Pixels`.
-        column: As `_Pixels`.
+        pixel: Index in `_Pixels`.
+        ray: As there.
+        column: As there.
         disparity: Without the offset, float32 [px].
         inverse: f B over the horizontal range, float32 [px].
         height: Metres of vertical extent that it covers in its column, float32.
     """
 
+    pixel: Int
     ray: Float32
     column: Int
     disparity: Float32
@@ -188,10 +201,13 @@ class StereoWalls:
         rotation, self._lens = camera.robot_from_optical
         every = slice(tuning.stride // 2, None, tuning.stride)
         self._every = every, every
+        reach = 2 * (tuning.block_px // tuning.stride) + 1
+        self._block = np.ones((reach, reach), dtype=np.uint8)
         u, v = np.meshgrid(np.arange(camera.width)[every], np.arange(camera.height)[every])
         optical = np.stack(
             [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)]
         )
+        self._shape = u.shape
         rays = np.einsum("ij,jvu->ivu", rotation, optical)
         middle = rays[:, u.shape[0] // 2, u.shape[1] // 2]
         self._ahead = math.atan2(middle[1], middle[0])
@@ -218,7 +234,9 @@ class StereoWalls:
             people: Positions of the people in view, in base_link [m], shape (m, 2): what is there
                 is left out.
         """
-        surface = self._surface(disparity, people)
+        values = disparity[self._every].reshape(-1)[self._usable]
+        values = values - np.float32(self.camera.disparity_offset_px + _ROUNDED_PX)
+        surface = self._surface(values, people)
         peaks = self._peaks(surface)
         planes, support = self._lines(peaks)
         left = np.ones(len(surface), dtype=np.bool_)
@@ -229,7 +247,7 @@ class StereoWalls:
             best = int(score.argmax())
             if score[best] < self._tuning.min_peak * self._tuning.min_length:
                 break
-            plane, wall = self._wall(planes[best], surface, left)
+            plane, wall = self._wall(planes[best], values, surface, left)
             if wall is not None:
                 found.append(wall)
             off = peaks.inverse - self._unit[peaks.column] @ plane[:2]
@@ -238,11 +256,9 @@ class StereoWalls:
                 break
         return SeenWalls(stamp_ns, meeting(walls_of(found, self._lens[0], self._lens[1])))
 
-    def _surface(self, disparity: Float32, people: Float) -> _Surface:
+    def _surface(self, values: Float32, people: Float) -> _Surface:
         """The pixels within range, over the floor, and not at people."""
         tuning, pixels = self._tuning, self._pixels
-        values = disparity[self._every].reshape(-1)[self._usable]
-        values = values - np.float32(self.camera.disparity_offset_px + _ROUNDED_PX)
         inverse = values / pixels.level
         # Not only what may be on a wall, but also what is behind. NaN compares false.
         used = inverse > np.float32(_BEHIND * self._least)
@@ -260,7 +276,9 @@ class StereoWalls:
         index = np.flatnonzero(used)
         inverse = inverse[index]
         height = pixels.weight[index] * np.float32(self._scale) / inverse
-        return _Surface(pixels.ray[index], pixels.column[index], values[index], inverse, height)
+        return _Surface(
+            index, pixels.ray[index], pixels.column[index], values[index], inverse, height
+        )
 
     def _peaks(self, surface: _Surface) -> _Peaks:
         """The bins of inverse range with most vertical extent in each column."""
@@ -310,27 +328,46 @@ class StereoWalls:
         off *= np.float32(1.0 / tuning.tolerances_px[0])
         return planes, np.maximum(np.float32(0.0), np.float32(1.0) - off * off)
 
-    def _wall(self, plane: Float, surface: _Surface, left: Bool) -> tuple[Float, Line | None]:
+    def _wall(
+        self, plane: Float, values: Float32, surface: _Surface, left: Bool
+    ) -> tuple[Float, Line | None]:
         """The wall near a vertical plane, and the plane; takes its pixels out of `left`."""
         tuning = self._tuning
-        fit = np.append(plane, 0.0)
+        fit, free = np.append(plane, 0.0), left
         for tolerance in tuning.tolerances_px:
             off = surface.disparity - surface.ray @ fit.astype(np.float32)
             near = self._unit @ fit[:2] > self._least
             on = left & (np.abs(off) < tolerance) & near[surface.column]
-            if np.count_nonzero(on) < tuning.min_pixels:
+            used = on & free
+            if np.count_nonzero(used) < tuning.min_pixels:
                 left &= ~on
                 return fit, None
-            fit, _ = self._least_squares(surface.ray[on], surface.disparity[on], fit)
+            fit, _ = self._least_squares(surface.ray[used], surface.disparity[used], fit)
+            free = ~self._beside_nearer(fit, values)[surface.pixel]
         off = surface.disparity - surface.ray @ fit.astype(np.float32)
         on = left & (np.abs(off) < tuning.tolerances_px[-1])
         along, seen, is_end = self._seen(fit, surface, on, off < -tuning.behind_px)
-        kept = on & seen[surface.column]
+        kept = on & free & seen[surface.column]
         left &= ~on
-        columns = np.flatnonzero(seen)
-        if len(columns) < tuning.min_columns or np.ptp(along[columns]) < tuning.min_length:
+        places = along[seen]
+        if len(places) < tuning.min_columns or np.ptp(places) < tuning.min_length:
             return fit, None
-        return fit, self._measured(surface.select(kept), fit, along, is_end)
+        if np.count_nonzero(kept) < tuning.min_pixels:
+            return fit, None
+        measured = self._measured(surface.select(kept), fit)
+        if measured is None:
+            return fit, None
+        extent = float(places[0]), float(places[-1])
+        return fit, Line(*measured, extent, is_end)
+
+    def _beside_nearer(self, plane: Float, values: Float32) -> Bool:
+        """Pixels that share a block of matching with something before the plane: drawn to it."""
+        before = np.zeros(self._shape, dtype=np.uint8)
+        off = values - self._pixels.ray @ plane.astype(np.float32)
+        before.reshape(-1)[self._usable] = off > self._tuning.before_px
+        cv2.dilate(before, self._block, dst=before)
+        beside: Bool = before.reshape(-1)[self._usable] > 0
+        return beside
 
     def _least_squares(self, ray: Float32, disparity: Float32, plane: Float) -> tuple[Float, Float]:
         """The plane that fits pixels best, and its covariance; upright as far as the head is."""
@@ -378,14 +415,12 @@ class StereoWalls:
         seen[index[run != np.bincount(run).argmax()]] = False
         index = np.flatnonzero(seen)
         # Matching widens what is near: the next column may show either.
-        before, after = is_open[: index[0]][-3:-1], is_open[index[-1] + 2 :][:2]
-        ends = (len(before) == 2 and before.all(), len(after) == 2 and after.all())
-        return along, seen, (bool(ends[0]), bool(ends[1]))
+        before, after = is_open[: index[0]][-1 - _OPEN : -1], is_open[index[-1] + 2 :][:_OPEN]
+        is_end = [len(beyond) == _OPEN and bool(beyond.all()) for beyond in (before, after)]
+        return along, seen, (is_end[0], is_end[1])
 
-    def _measured(
-        self, surface: _Surface, plane: Float, along: Float, is_end: tuple[bool, bool]
-    ) -> Line | None:
-        """The wall of pixels that are on one, with its lens as origin; None: it is not flat."""
+    def _measured(self, surface: _Surface, plane: Float) -> tuple[float, float, Float] | None:
+        """Distance from the lens, bearing and covariance of a wall; None: not flat or not sure."""
         tuning = self._tuning
         plane, covariance = self._least_squares(surface.ray, surface.disparity, plane)
         off = surface.disparity - surface.ray @ plane.astype(np.float32)
@@ -393,19 +428,20 @@ class StereoWalls:
         if abs(math.atan2(plane[2], norm)) > tuning.max_tilt:
             return None
         distance, bearing = 1.0 / norm, math.atan2(plane[1], plane[0])
-        places = along[surface.column]
-        extent = float(places.min()), float(places.max())
+        # Mean squared residual of the columns' means, by their pixels.
         count = np.bincount(surface.column, minlength=tuning.columns)
-        means = np.bincount(surface.column, off, minlength=tuning.columns) / np.maximum(count, 1)
-        if means @ means > tuning.max_rough_px**2 * np.count_nonzero(count):
+        total = np.bincount(surface.column, off, minlength=tuning.columns)
+        rough = float((total * total / np.maximum(count, 1)).sum() / len(off))
+        if rough > tuning.max_rough_px**2:
             return None
+        covariance *= max(1.0, rough / tuning.rough_px**2)
         cos, sin = plane[:2] / norm
         jacobian = distance * np.array([[-distance * cos, -distance * sin], [-sin, cos]])
         covariance = jacobian @ (covariance[:2, :2] + self._systematic) @ jacobian.T
         covariance[1, 1] += tuning.sigma_yaw**2
         if covariance[1, 1] > tuning.max_sigma**2:
             return None
-        return Line(distance, bearing, covariance, extent, is_end)
+        return distance, bearing, covariance
 
 
 def _tables(

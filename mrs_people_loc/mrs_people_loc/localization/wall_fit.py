@@ -34,7 +34,8 @@ class WallFitTuning:
         bow_sigmas: and by so many standard deviations.
         spacing: A point stands for at most this much of a wall [m].
         windows: Numbers of points of the windows that lines are drawn through.
-        max_lines: At most so many lines are drawn.
+        max_lines: At most so many lines are drawn,
+        max_scored: and judged by so many of the points.
         max_count: So many walls at most,
         max_tries: found in so many tries.
         rounds: Rounds of the refinement.
@@ -52,11 +53,12 @@ class WallFitTuning:
     spacing: float = 0.3
     windows: tuple[int, ...] = (8, 16, 32)
     max_lines: int = 80
+    max_scored: int = 360
     max_count: int = 6
     max_tries: int = 8
     rounds: int = 2
     min_crossing: float = 0.5
-    max_off: float = 0.3
+    max_off: float = 0.4
 
 
 WALL_FIT_TUNING = WallFitTuning()
@@ -117,16 +119,22 @@ def fit_walls(xy: Float, covariance: Float, *, tuning: WallFitTuning = WALL_FIT_
     metres = np.minimum(_spacing(xy), tuning.spacing)
     sweep = _Sweep(xy[:, 0], xy[:, 1], xx, covariance[:, 0, 1], yy, metres)
     lines = _window_lines(xy, tuning)
-    support = _support(lines, xy, np.maximum(tuning.tolerance, tuning.sigmas * np.sqrt(xx + yy)))
+    some = slice(None, None, max(1, -(-len(xy) // tuning.max_scored)))
+    near = np.maximum(tuning.tolerance, tuning.sigmas * np.sqrt(xx[some] + yy[some]))
+    support = _support(lines, xy[some], near)
     left = metres.astype(np.float32)
+    worth = np.float32(some.step)
     found: list[Line] = []
     for _ in range(tuning.max_tries if len(lines) else 0):
-        score = support @ left
+        score = support @ left[some] * worth
         best = int(score.argmax())
         if score[best] < _PROMISING * tuning.min_length or len(found) == tuning.max_count:
             break
         wall, taken = _refined((lines[best, 0], lines[best, 1]), sweep, left > 0.0, tuning)
-        left[taken if len(taken) else support[best] > 0.0] = 0.0
+        if len(taken):
+            left[taken] = 0.0
+        else:
+            left[some][support[best] > 0.0] = 0.0
         if wall is not None:
             found.append(wall)
     return meeting(walls_of(found), tuning)
@@ -258,26 +266,28 @@ def _refined(
         index = np.flatnonzero(left & (off * off < near))
         if len(index) < tuning.min_points:
             return None, index
-        index = index[_longest_run(sweep.along(line[1])[index], sweep.metres[index], tuning)]
-        some = sweep.select(index)
-        off, along, weight = off[index], some.along(line[1]), 1.0 / variance[index]
+        along = sweep.along(line[1])[index]
+        run = _longest_run(along, sweep.metres[index], tuning)
+        index, along = index[run], along[run]
         # x cos(b) + y sin(b) - d: its derivatives by d and b are -1 and `along`.
+        weight = 1.0 / variance[index]
         weighted = weight * along
         a, b, c = float(weight.sum()), float(weighted.sum()), float(weighted @ along)
         determinant = a * c - b * b
         if determinant <= _SINGULAR * (a + c) ** 2:
             return None, index
         covariance = np.array([[c, b], [b, a]]) / determinant
+        off = off[index]
         step = covariance @ (weight @ off, -(weighted @ off))
         line = line[0] + float(step[0]), line[1] + float(step[1])
-    off, variance = some.off(line)
-    along = some.along(line[1])
+    off, variance = (values[index] for values in sweep.off(line))
+    along = sweep.along(line[1])[index]
     extent = float(along.min()), float(along.max())
-    if len(some) < tuning.min_points or extent[1] - extent[0] < tuning.min_length:
+    if len(index) < tuning.min_points or extent[1] - extent[0] < tuning.min_length:
         return None, index
     if _is_bowed(along, off, variance, tuning):
         return None, index
-    excess = max(1.0, float((off * off / variance).sum()) / (len(some) - 2))
+    excess = max(1.0, float((off * off / variance).sum()) / (len(index) - 2))
     return Line(*line, covariance * excess, extent), index
 
 
