@@ -7,6 +7,7 @@ what is wanted; the caller adds the topic.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -461,6 +462,8 @@ def read_team_pose(message: Message, map_frame: str) -> TeamPose:
     x, y, yaw = map(float, values)
     odometry = Odometry(pose.stamp_ns, x, y, wrap_angle(yaw), *map(float, variances))
     walls = _seen_walls(message.walls, pose.stamp_ns)
+    in_team = _covariance(message.covariance_in_team, "pose in the team")
+    pose = dataclasses.replace(pose, in_team=in_team)
     return TeamPose(_robot_name(message.robot), pose, odometry, walls, absolute)
 
 
@@ -487,6 +490,16 @@ def _check_near(stamp_ns: int, of_message_ns: int, what: str) -> None:
             f"stamp of {what} is {away_s:.3f} s from that of the message; "
             f"allowed: {_MAX_REPEATED_NS / 1e9:g} s"
         )
+
+
+def _covariance(values: Sequence[float], what: str, *, positive: bool = False) -> Float:
+    """A covariance of x, y, yaw from its 9 values, shape (3, 3); see `_check_covariances`."""
+    covariance = np.array(values, np.float64)
+    if covariance.size != 9:
+        raise PoseError(f"covariance of {what} has {covariance.size} values; wanted: 9")
+    covariance = covariance.reshape(3, 3)
+    _check_covariances(covariance[None], what, positive=positive)
+    return covariance
 
 
 def _check_covariances(covariances: Float, what: str, *, positive: bool = False) -> None:
@@ -569,10 +582,6 @@ def _relative_pose(message: Message, of_message_ns: int) -> RelativePose:
     values = np.array([message.x, message.y, message.yaw], np.float64)
     if not np.isfinite(values).all() or (np.abs(values) > _MAX_COORDINATE_M).any():
         raise PoseError(f"a relative pose is {values.tolist()}; wanted: finite numbers")
-    covariance = np.array(message.covariance, np.float64)
-    if covariance.size != 9:
-        raise PoseError(f"covariance has {covariance.size} values; wanted: 9")
-    covariance = covariance.reshape(3, 3)
-    _check_covariances(covariance[None], "a relative pose", positive=True)
+    covariance = _covariance(message.covariance, "a relative pose", positive=True)
     values[2] = wrap_angle(values[2])
     return RelativePose(robot, stamps[0], other, stamps[1], values, covariance)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
+import numpy as np
+
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.bodies import detector as bodies
 from mrs_people_loc.bodies.joining import JOINING_TUNING, JoiningTuning
 from mrs_people_loc.bodies.places import PLACES_TUNING, PlaceMemory, PlacesTuning
@@ -25,7 +30,7 @@ from mrs_people_loc.team.masking import (
     Walls,
     mask,
 )
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.poses import Pose, shared_effect
 from mrs_people_loc.timing import StageTimes
 
 
@@ -42,6 +47,8 @@ class PlannerTuning:
 
 
 PLANNER_TUNING = PlannerTuning()
+
+_Found = TypeVar("_Found", Person, Group)
 
 
 @dataclass(frozen=True)
@@ -124,7 +131,8 @@ class Planner:
         Args:
             scans: At most one per robot.
             poses: By robot, its pose in the common frame at its scan's stamp; also of robots
-                without a scan, which others may see.
+                without a scan, which others may see. Detection and tracking use `Pose.in_team`
+                where there is one; the people's covariances are in the map all the same.
             time_ns: Time of the interval [ns]. Where it is older than the last one by more than
                 `clocks.RESET_NS`, all people are new.
 
@@ -133,6 +141,7 @@ class Planner:
             PoseError: A robot has no pose.
         """
         scans = _by_robot(scans, poses)
+        given, poses = poses, {name: pose.relative_to_team() for name, pose in poses.items()}
         config, tuning, times = self.config, self.tuning, StageTimes()
         self.tracker.config, self.groups.config = config.tracking, config.groups
         expected = self.tracker.expect(time_ns) if config.tracking.enabled else NOBODY
@@ -152,7 +161,9 @@ class Planner:
         found = combine(of_cells, of_bodies, min_distance=config.joining.apart)
         times.mark("clustering")
         persons, groups, events = self._follow(found.persons, time_ns, times)
-        used = {scan.robot: poses[scan.robot] for scan in scans}
+        used = {scan.robot: given[scan.robot] for scan in scans}
+        persons = tuple(_in_map(person, person.position, used) for person in persons)
+        groups = tuple(_in_map(group, group.centre, used) for group in groups)
         return People(
             time_ns, used, persons, groups, fused, found.clusters, found.too_wide, events, times.ms
         )
@@ -169,6 +180,14 @@ class Planner:
         groups, events = self.groups.step(persons, time_ns)
         times.mark("groups")
         return persons, groups, events
+
+
+def _in_map(found: _Found, place: Float, poses: Mapping[str, Pose]) -> _Found:
+    """With the covariance in the map: that in the team's frame, and that of the team in the map."""
+    shared = shared_effect(poses.values(), place[np.newaxis])[0]
+    if not shared.any():
+        return found
+    return dataclasses.replace(found, covariance=found.covariance + shared)
 
 
 def _by_robot(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> list[Scan]:

@@ -155,11 +155,13 @@ def pose_stamped(pose: Pose, frame_id: str) -> PoseWithCovarianceStamped:
 
 def team_pose(told: TeamPose, frame_id: str) -> TeamPoseMessage:
     """What a robot tells its team as the message on `team_poses`."""
-    odometry = told.odometry
+    odometry, pose = told.odometry, told.pose
+    in_team = pose.covariance if pose.in_team is None else pose.in_team
     return TeamPoseMessage(
         header=header(odometry.stamp_ns, frame_id),
         robot=told.robot,
-        pose=pose_with_covariance(told.pose),
+        pose=pose_with_covariance(pose),
+        covariance_in_team=in_team.reshape(-1).astype(np.float64),
         odometry_x=float(odometry.x),
         odometry_y=float(odometry.y),
         odometry_yaw=float(odometry.yaw),

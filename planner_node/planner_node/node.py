@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from mrs_people_msgs.msg import TeamPose
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -33,7 +34,7 @@ from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
-from mrs_ros.qos import MAP
+from mrs_ros.qos import MAP, TEAM
 from planner_node.outputs import Outputs
 from planner_node.roster import Roster
 
@@ -82,6 +83,7 @@ class PlannerNode(ManagedNode):
 
     def start(self) -> None:
         """Subscribes to the robots, and looks for more."""
+        self.listen(TeamPose, "team_poses", self._on_team_pose, TEAM, any_number=True)
         if self.config.masking.occupancy_grid:
             self.listen(OccupancyGrid, "map", self._on_map, MAP, once=True)
         for robot in self.config.robots:
@@ -148,6 +150,11 @@ class PlannerNode(ManagedNode):
             )
         self._collector.add_pose(robot, messages.read_pose(message), self._now_ns())
         self._step()
+
+    def _on_team_pose(self, message: TeamPose) -> None:
+        pose = messages.read_team_pose(message, self.config.map_frame).pose
+        assert pose.in_team is not None
+        self._collector.add_covariance_in_team(message.robot, pose.stamp_ns, pose.in_team)
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self._grid = messages.read_occupancy_grid(message, self.config.map_frame)

@@ -53,6 +53,7 @@ def team_pose(**changes: Any) -> SimpleNamespace:
         "header": header(), "robot": "robot_b", "pose": pose(), "odometry_x": 3.0,
         "odometry_y": -1.0, "odometry_yaw": 0.25, "position_variance": 0.5,
         "heading_variance": 0.125, "walls": [], "absolute": [],
+        "covariance_in_team": [0.01, 0.0, 0.0, 0.0, 0.02, 0.001, 0.0, 0.001, 0.004],
     }  # fmt: skip
     return SimpleNamespace(**values | changes)
 
@@ -177,7 +178,7 @@ def test_no_relative_poses_are_none():
         ({"x": NAN}, "a relative pose is .*nan"),
         ({"y": 1e9}, "a relative pose is"),
         ({"stamp": stamp(0)}, "stamp of a relative pose is -12.500 s"),
-        ({"covariance": [1.0] * 4}, "covariance has 4 values; wanted: 9"),
+        ({"covariance": [1.0] * 4}, "covariance of a relative pose has 4 values; wanted: 9"),
         ({"covariance": np.zeros(9)}, "covariance of a relative pose .*definite"),
         ({"covariance": np.arange(9.0)}, "covariance of a relative pose"),
         ({"covariance": np.full(9, NAN)}, "covariance of a relative pose"),

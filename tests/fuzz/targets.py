@@ -391,6 +391,7 @@ def _team_pose() -> bytes:
     told = _make(
         TEAM_POSE, header=_header(), robot="robot_b", pose=_pose(), odometry_x=1.0, odometry_y=2.0,
         odometry_yaw=0.5, position_variance=0.01, heading_variance=0.01, walls=walls,
+        covariance_in_team=0.01 * np.eye(3).reshape(-1),
         absolute=[_make(POSE, header=_header(), pose=_pose())],
     )  # fmt: skip
     return _encoded(TEAM_POSE, told)

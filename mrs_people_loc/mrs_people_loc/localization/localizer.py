@@ -429,7 +429,8 @@ class Localizer:
 def _pose(odometry: Odometry, state: TeamState, robot: str) -> Pose:
     place, covariance = state.pose_of(robot, odometry)
     x, y, yaw = place.tolist()
-    return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), covariance)
+    in_team = state.in_team(robot, odometry)
+    return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), covariance, in_team)
 
 
 def _arrays(pose: Pose) -> tuple[Float, Float]:

@@ -14,6 +14,7 @@ from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.observations import Point
 from mrs_people_loc.localization.odometry import carried_on, motion, turned
 from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.localization.team_frame import covariance_in_team
 
 _Value = TypeVar("_Value")
 
@@ -201,6 +202,18 @@ class TeamState:
         moved, noise = motion(before, moved_by)
         made, jacobian = carried_on(place, moved)
         return made, jacobian @ own @ jacobian.T + turned(noise, place[2])
+
+    def in_team(self, robot: str, odometry: Odometry) -> Float:
+        """Covariance of a robot's pose relative to the team, likewise, shape (3, 3)."""
+        count, i = len(self.odometry), self.at(robot)
+        places = self.mean[: 3 * count].reshape(-1, 3)
+        own = covariance_in_team(places, self.covariance[: 3 * count, : 3 * count], i // 3)
+        before = self.odometry[robot]
+        if before.stamp_ns == odometry.stamp_ns:
+            return own
+        moved, noise = motion(before, odometry)
+        _, jacobian = carried_on(self.mean[i : i + 3], moved)
+        return np.asarray(jacobian @ own @ jacobian.T + turned(noise, self.mean[i + 2]))
 
     def carried_on(self, robot: str, odometry: Odometry) -> TeamState:
         """The state with a robot's pose at the time of this dead reckoning."""

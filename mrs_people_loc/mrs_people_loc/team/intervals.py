@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.clocks import RESET_NS, ClockOffset, Order, StampOrder, right_offset
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.scan import Scan
@@ -143,6 +144,17 @@ class IntervalCollector:
         state.poses.add(pose)
         if state.poses.resets > resets:
             state.clock.add(pose.stamp_ns, now_ns, anew=True)
+
+    def add_covariance_in_team(self, robot: str, stamp_ns: int, covariance: Float) -> None:
+        """Takes the covariance of a robot's poses relative to its team, see `Pose.in_team`.
+
+        Args:
+            robot: Its name; one that has no poses is left out.
+            stamp_ns: Of the covariance [ns].
+            covariance: Of x, y, yaw, shape (3, 3).
+        """
+        if robot in self.robots:
+            self.robots[robot].poses.in_team = stamp_ns, covariance
 
     def add_scan(self, scan: Scan, now_ns: int) -> None:
         """Takes a scan that arrives now [ns].

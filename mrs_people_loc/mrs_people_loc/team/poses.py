@@ -40,6 +40,8 @@ class PoseTuning:
 
 
 _TUNING = PoseTuning()
+#: A covariance relative to the team is one of poses within this time [ns].
+IN_TEAM_NS = 1_000_000_000
 
 
 def _no_uncertainty() -> Float:
@@ -56,6 +58,8 @@ class Pose:
         y: Position [m].
         yaw: Heading [rad].
         covariance: Of x, y, yaw [m, m, rad], shape (3, 3); zero: exact.
+        in_team: The same relative to the robot's team, for robots whose errors are shared in part;
+            None: their errors are independent.
     """
 
     stamp_ns: int
@@ -63,6 +67,7 @@ class Pose:
     y: float
     yaw: float
     covariance: Float = field(default_factory=_no_uncertainty)
+    in_team: Float | None = None
 
     def __post_init__(self) -> None:
         """Checks the values.
@@ -78,6 +83,12 @@ class Pose:
                 "covariance of x, y, yaw is no covariance (finite, with variances of at least 0): "
                 f"{cov.tolist()}"
             )
+
+    def relative_to_team(self) -> Pose:
+        """The pose with its covariance relative to the team, where that is known."""
+        if self.in_team is None:
+            return self
+        return dataclasses.replace(self, covariance=self.in_team, in_team=None)
 
     def __matmul__(self, other: Pose) -> Pose:
         """The pose `other`, given in this pose's frame, in the frame that this one is given in.
@@ -120,12 +131,14 @@ class PoseBuffer:
 
     Attributes:
         span_ns: Poses older than the newest by more are forgotten [ns].
+        in_team: The newest covariance relative to the team, see `Pose`, and its stamp [ns].
         jumps: How often a pose was farther from the one before than a robot drives, so far.
         last_jump: From where to where it was last.
         tuning: Constants.
     """
 
     span_ns: int = 5_000_000_000
+    in_team: tuple[int, Float] | None = None
     jumps: int = 0
     last_jump: tuple[Pose, Pose] | None = None
     tuning: PoseTuning = _TUNING
@@ -157,6 +170,7 @@ class PoseBuffer:
         self._stamps.clear()
         self._poses.clear()
         self._order.begin_anew()
+        self.in_team = None
 
     def add(self, pose: Pose) -> None:
         """Takes a pose; those that come late are put in their place.
@@ -164,6 +178,8 @@ class PoseBuffer:
         Raises:
             PoseError: A pose of this stamp is there already, or it comes later than `RESET_NS`.
         """
+        if self.in_team is not None and abs(pose.stamp_ns - self.in_team[0]) < IN_TEAM_NS:
+            pose = dataclasses.replace(pose, in_team=self.in_team[1])
         newest_ns, newest = self._order.newest_ns, self.newest
         order = self._order.take(pose.stamp_ns)
         if order is Order.ANEW:
@@ -285,19 +301,24 @@ class PoseBuffer:
 def _less_sure(pose: Pose, *sigmas: Float) -> Pose:
     """A pose with more variance of x, y and yaw: the squares of these [m, m, rad]."""
     more = np.diag(np.sum(np.square(sigmas), axis=0))
-    return dataclasses.replace(pose, covariance=pose.covariance + more)
+    in_team = None if pose.in_team is None else pose.in_team + more
+    return dataclasses.replace(pose, covariance=pose.covariance + more, in_team=in_team)
 
 
 def _between(one: Pose, other: Pose, stamp_ns: int) -> Pose:
     """Linear in time between two poses (or past them; the covariance stays within them)."""
     part = (stamp_ns - one.stamp_ns) / (other.stamp_ns - one.stamp_ns)
     weight = min(max(part, 0.0), 1.0)
+    in_team = None
+    if one.in_team is not None and other.in_team is not None:
+        in_team = (1.0 - weight) * one.in_team + weight * other.in_team
     return Pose(
         stamp_ns,
         one.x + part * (other.x - one.x),
         one.y + part * (other.y - one.y),
         wrap_angle(one.yaw + part * wrap_angle(other.yaw - one.yaw)),
         (1.0 - weight) * one.covariance + weight * other.covariance,
+        in_team,
     )
 
 
@@ -386,6 +407,33 @@ def stack(poses: Iterable[Pose]) -> tuple[Float, Float]:
     all_of_them = list(poses)
     places = np.array([(pose.x, pose.y) for pose in all_of_them]).reshape(-1, 2)
     return places, np.array([pose.covariance for pose in all_of_them]).reshape(-1, 3, 3)
+
+
+def shared_effect(poses: Iterable[Pose], positions: Float) -> Float:
+    """Covariance that places have because the robots' team is not sure where it is as a whole.
+
+    It is that of the robot that is surest of its place in the map: the part of its covariance that
+    is not relative to the team.
+
+    Args:
+        poses: The robots that measured; those without `in_team` are sure.
+        positions: The places [m], shape (m, 2).
+
+    Returns:
+        Positive semidefinite [m^2], shape (m, 2, 2).
+    """
+    none: Float = np.zeros((len(positions), 2, 2))
+    shared = []
+    for pose in poses:
+        if pose.in_team is None:
+            return none
+        values, vectors = np.linalg.eigh(pose.covariance - pose.in_team)
+        shared.append((pose, (vectors * np.maximum(values, 0.0)) @ vectors.T))
+    if not shared:
+        return none
+    pose, covariance = min(shared, key=lambda one: float(np.trace(one[1])))
+    places = np.tile([pose.x, pose.y], (len(positions), 1))
+    return pose_effect(places, np.tile(covariance, (len(positions), 1, 1)), positions)
 
 
 def pose_effect(places: Float, covariances: Float, positions: Float) -> Float:

@@ -128,9 +128,10 @@ def test_people_are_seen_once_after_alignment():
         counts = before if aligned is None else after
         placed = {**poses, "robot_c": aligned or off_and_sure(poses["robot_c"])}
         counts.append(len(planner.step(interval.scans, placed, interval.people.stamp_ns).persons))
-    assert np.mean([len(interval.people.persons) for interval in intervals]) == 5
+    placed_right = np.mean([len(interval.people.persons) for interval in intervals])
+    assert placed_right == pytest.approx(5, abs=0.3)
     assert np.mean(before) > 6.5
-    assert np.mean(after) == 5
+    assert np.mean(after) == pytest.approx(placed_right, abs=0.2)
 
 
 def off_and_sure(pose: Pose) -> Pose:

@@ -1,0 +1,40 @@
+"""How sure a team is about its shape, beside how sure it is about where it is as a whole."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mrs_people_loc.arrays import Float
+
+#: An error of the heading counts as much as one of the position at this distance [m]: about as far
+#: as people are from the robots that see them.
+_LEVER_M = 2.5
+
+
+def covariance_in_team(places: Float, covariance: Float, index: int) -> Float:
+    """Covariance of one robot's pose relative to its team.
+
+    It is what remains when the estimated poses of the team are moved and turned together to the
+    true ones by least squares: errors that all robots share, as those of a team that has seen
+    nothing known for long, leave each robot as sure of the others as it is. For a robot alone it is
+    zero. The linear map is the residual of a rigid alignment (Umeyama 1991, to first order).
+
+    Args:
+        places: x, y [m], yaw [rad] of each robot, shape (k, 3).
+        covariance: Of all of them, shape (3 k, 3 k).
+        index: Which robot.
+
+    Returns:
+        Of its x, y, yaw, shape (3, 3).
+    """
+    count = len(places)
+    offset = places[:, :2] - places[:, :2].mean(axis=0)
+    rigid = np.zeros((count, 3, 3))
+    rigid[:] = np.eye(3)
+    rigid[:, 0, 2], rigid[:, 1, 2] = -offset[:, 1], offset[:, 0]
+    stacked = rigid.reshape(-1, 3)
+    weighted = np.tile([1.0, 1.0, _LEVER_M**2], count)[:, np.newaxis] * stacked
+    residual = -rigid[index] @ np.linalg.solve(stacked.T @ weighted, weighted.T)
+    residual[:, 3 * index : 3 * index + 3] += np.eye(3)
+    made = residual @ covariance @ residual.T
+    return np.asarray(0.5 * (made + made.T))
