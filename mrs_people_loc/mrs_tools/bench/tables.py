@@ -36,6 +36,7 @@ def show(report: Mapping[str, Any], console: Console) -> None:
         console.print(table)
     console.print(_tracking_table(report["tracking"]))
     console.print(_wall_table(report["walls"]))
+    console.print(_localization_table(report["localization"]))
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
             console.print(table)
@@ -103,6 +104,20 @@ def _wall_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = _table("\nwalls of one view or scan: median / p99 [ms]", "sensor", "walls", "")
     for row in rows:
         table.add_row(row["sensor"], f"{row['found']:.1f}", _times(row))
+    return table
+
+
+def _localization_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    title = "\nwhere the robots are, one robot's part: mean [ms]"
+    columns = {
+        "own odometry": "odometry_ms",
+        "walls of a frame": "walls_ms",
+        "shared pose": "shared_ms",
+        "at most": "shared_most_ms",
+    }
+    table = _table(title, "robots", *columns)
+    for row in rows:
+        table.add_row(str(row["robots"]), *(f"{row[key]:.3f}" for key in columns.values()))
     return table
 
 

@@ -69,6 +69,10 @@ def targets(report: Mapping[str, Any]) -> list[Target]:
             found.append(Target("tracker, one interval", where, row["tracker_ms"], limit, "ms"))
     for row in report["walls"]:
         found.append(Target("walls", row["sensor"], row["median"], _WALLS_MS, "ms"))
+    for row in report["localization"]:
+        where = f"{row['robots']} robots"
+        found.append(Target("shared pose, one robot", where, row["shared_ms"], 0.2, "ms"))
+        found.append(Target("walls of a frame", where, row["walls_ms"], 1.0, "ms"))
     live = report["live"]
     if live is not None:
         latency = live["latency_ms"]["newest"]["p99"]

@@ -1,7 +1,7 @@
 """Tours of more than 100 m, repeated: errors, and whether the stated covariances are true.
 
 Three robots with ordinary drift, each with its own estimate, a fifth of the messages lost. Sensors
-are slow here, so that it takes seconds; `mrs experiment` has the long form.
+are slow here, so that it takes seconds.
 """
 
 import numpy as np

@@ -146,7 +146,7 @@ def test_report_has_all_documented_figures(bag, tmp_path):
     report = json.loads(file.read_text())
     assert report.keys() == {
         "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "tracking", "walls",
-        "live", "targets",
+        "localization", "live", "targets",
     }  # fmt: skip
     assert report["live"] is None
     assert report["equal_to_reference"]["views"] == 2 * 3 * 3
@@ -174,13 +174,16 @@ def test_report_has_all_documented_figures(bag, tmp_path):
     assert all(row["tracker_ms"] > 0 and row["groups_ms"] > 0 for row in report["tracking"])
     assert [row["sensor"] for row in report["walls"]] == ["stereo head, 160x120", "laser, 720 rays"]
     assert all(0 < row["median"] <= row["p99"] and row["found"] > 0 for row in report["walls"])
+    assert [row["robots"] for row in report["localization"]] == [3, 8]
+    assert all(row["shared_ms"] > 0 and row["walls_ms"] > 0 for row in report["localization"])
     targets = report["targets"]
     limits = [1.0, 500.0, 2.0, 1.0, 1.0, 8.0, 3.0, 1.0, 1.0, 0.5, 10.0, 1.0, 1.0]
+    limits += [0.2, 1.0] * 2
     assert [t["limit"] for t in targets] == limits
     files = [t["configuration"].partition(",")[0] for t in targets]
-    assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + [
-        "10 people", "200 people", "stereo head", "laser",
-    ]  # fmt: skip
+    walls = ["stereo head", "laser"]
+    sizes = ["10 people", "200 people", *walls, *["3 robots"] * 2, *["8 robots"] * 2]
+    assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + sizes
     assert "pair of three" in targets[5]["configuration"]
     rows = [line.split() for line in result.output.splitlines()]
     assert [row[-1] for row in rows if row[:1] == ["tops"]] == ["-"] * 3
