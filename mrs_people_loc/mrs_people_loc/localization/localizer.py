@@ -31,7 +31,7 @@ from mrs_people_loc.localization.team_state import Landmark, Misfit, Source, Tea
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.team.poses import Pose
 
-#: What a robot measured is repeated in its messages for this long [ns].
+#: What a robot measured is repeated in its messages for this long after it was taken [ns].
 REPEATED_NS = 300_000_000
 #: A robot's pose is carried on at least so often [ns].
 _TICK_NS = 1_000_000_000
@@ -121,8 +121,9 @@ class Localizer:
         self._track = OdometryTrack()
         self._mates: dict[str, _Mate] = {}
         self._pending: list[tuple[type[Observation], SeenWalls | Pose | RelativePose]] = []
-        self._walls: list[SeenWalls] = []
-        self._absolute: list[Pose] = []
+        # What is repeated, each with the time at which it was taken: sonars' walls come late.
+        self._walls: list[tuple[int, SeenWalls]] = []
+        self._absolute: list[tuple[int, Pose]] = []
         self._taken: dict[tuple[type[Observation], int], None] = {}
 
     def begin_anew(self) -> None:
@@ -267,7 +268,9 @@ class Localizer:
         if newest is None:
             raise PoseError("no odometry has arrived")
         pose = self._own_pose(newest, self._history.newest)
-        return TeamPose(self.robot, pose, newest, tuple(self._walls), tuple(self._absolute))
+        walls = tuple(seen for _, seen in self._walls)
+        absolute = tuple(measured for _, measured in self._absolute)
+        return TeamPose(self.robot, pose, newest, walls, absolute)
 
     @property
     def state(self) -> LocalizationState:
@@ -363,11 +366,13 @@ class Localizer:
                 )
             )
         assert newest is not None
-        oldest_ns = newest.stamp_ns - REPEATED_NS
+        now_ns = newest.stamp_ns
         if isinstance(seen, SeenWalls):
-            self._walls = [w for w in (*self._walls, seen) if w.stamp_ns >= oldest_ns]
+            told = [*self._walls, (now_ns, seen)]
+            self._walls = [one for one in told if one[0] >= now_ns - REPEATED_NS]
             return self._add_walls(self.robot, self._track, seen)
-        self._absolute = [p for p in (*self._absolute, seen) if p.stamp_ns >= oldest_ns]
+        known = [*self._absolute, (now_ns, seen)]
+        self._absolute = [one for one in known if one[0] >= now_ns - REPEATED_NS]
         return self._add_absolute(self.robot, self._track, seen)
 
     def _add_walls(self, robot: str, track: OdometryTrack, seen: SeenWalls) -> bool:
