@@ -50,7 +50,8 @@ class SonarTuning:
         refits: How often a wall is fitted, each time to what is near it then.
         vote_sigma: What the directions' steps add to an echo's standard deviation [m].
         inflation: What cross-talk that passes for echoes adds to the variances.
-        fitting: Of the echoes that fit a wall or passed through it, so many must fit.
+        fitting: Of the echoes from where a wall is, or from behind it, so many must fit ...
+        rough: ... and those that are less than this nearer count [m].
         sigma_bearing: A wall is good enough once its bearing is known as well as this [rad] ...
         sigma_bearing_late: ... or as this, before its first echoes are forgotten: when they ...
         leaving: ... have used up this share of the way or time.
@@ -81,6 +82,7 @@ class SonarTuning:
     vote_sigma: float = 0.01
     inflation: float = 1.15
     fitting: float = 0.85
+    rough: float = 0.15
     sigma_bearing: float = 0.03
     sigma_bearing_late: float = 0.08
     leaving: float = 0.85
@@ -124,6 +126,7 @@ class _Window:
         cone: Half of each cone [rad], shape (n,).
         range: [m], shape (n,).
         sigma: Of the ranges [m], shape (n,).
+        used: Whether a wall was found by it already, shape (n,).
         pieces: Which pieces of the way lie between that time and an echo: 1 if the echo came
             later, -1 if earlier, shape (n, k).
         middles: Of the pieces [m], shape (k, 2).
@@ -136,6 +139,7 @@ class _Window:
     cone: Float
     range: Float
     sigma: Float
+    used: Bool
     pieces: Float
     middles: Float
     added: Float
@@ -275,7 +279,7 @@ class SonarWalls:
         window = self._window()
         if window is None:
             return None
-        free: Bool = np.array([not echo.used for echo in self._echoes])
+        free = ~window.used
         seen: list[_Line] = []
         for _ in range(tuning.walls):
             if free.sum() < tuning.least:
@@ -324,7 +328,7 @@ class SonarWalls:
         middle = max(fresh[len(fresh) // 2], newer[0])
         here = echoes[middle].odometry
         turn = rotation_2d(here.yaw)
-        values = np.array([echo[1:7] for echo in echoes])
+        values = np.array([echo[1:] for echo in echoes])
         stamps = np.array([echo.odometry.stamp_ns for echo in echoes])
         _, first, which = np.unique(stamps, return_index=True, return_inverse=True)
         track = [echoes[k].odometry for k in first]
@@ -339,6 +343,7 @@ class SonarWalls:
             cone=values[:, 3],
             range=values[:, 4],
             sigma=values[:, 5],
+            used=values[:, 6] > 0,
             pieces=after.astype(np.float64) - before,
             middles=0.5 * (robot[1:] + robot[:-1]),
             added=np.maximum(np.diff(sums, axis=0), 0.0),
@@ -464,16 +469,20 @@ def _fit(window: _Window, bearing: float, of: Int, tuning: SonarTuning) -> _Line
 
 
 def _is_surface(window: _Window, line: _Line, tuning: SonarTuning) -> bool:
-    """Whether a line's echoes agree with it, and no sound passed through where it was touched."""
+    """Whether a line's echoes agree with it, and what else was heard there does not deny it."""
     free = len(line.of) - 2
     if line.chi2 > free + 4.0 * math.sqrt(2.0 * free):
         return False
     feet = line.feet(window)
     low, high = feet[line.of].min(), feet[line.of].max()
+    there = (window.off_axis(line.bearing) < window.cone) & (feet >= low) & (feet <= high)
     beyond = window.distances(line.bearing) - line.distance
-    through = beyond > tuning.gate * np.sqrt(window.variances(line.bearing))
-    through &= (window.off_axis(line.bearing) < window.cone) & (feet >= low) & (feet <= high)
-    return bool(len(line.of) >= tuning.fitting * (len(line.of) + through.sum()))
+    # What is clearly nearer may be a passer-by.
+    contrary = there & (beyond > -tuning.rough)
+    # Used ones are of this wall, too.
+    fits = np.abs(beyond) < tuning.gate * np.sqrt(window.variances(line.bearing))
+    contrary[window.used & fits] = contrary[line.of] = False
+    return bool(len(line.of) >= tuning.fitting * (len(line.of) + contrary.sum()))
 
 
 def _odds(window: _Window, line: _Line, tuning: SonarTuning) -> float:

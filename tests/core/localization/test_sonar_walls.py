@@ -156,6 +156,28 @@ def test_person_who_stands_is_no_wall(distance: float) -> None:
         assert (nees < 25).all()
 
 
+def test_person_whom_the_robot_passes_again_and_again_is_no_wall() -> None:
+    there = straight(1.2)
+    poses = np.concatenate([there, there[::-1]] * 8)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        assert not drive(post(0.6, 3.0, 0.15), poses, rng=rng)
+        assert drive(wall(2.8, math.pi / 2), poses, rng=rng)
+
+
+def test_what_is_not_flat_is_no_wall() -> None:
+    """Waves of 4 cm, three standard deviations of a range, and 13 cm long."""
+    flat = wall(1.2, math.pi / 2)
+
+    def waves(xy: np.ndarray, axis: float, time: float) -> float:
+        return flat(xy, axis, time) + 0.04 * math.sin(2 * math.pi / 0.13 * float(xy[0]))
+
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        right = len(drive(flat, straight(10.0), rng=rng))
+        assert len(drive(waves, straight(10.0), rng=rng)) < 0.2 * right
+
+
 @pytest.mark.parametrize("velocity", [(0.0, 1.0), (1.2, 0.3), (-0.8, 0.0)])
 def test_person_who_walks_is_no_wall(velocity: tuple[float, float]) -> None:
     vx, vy = velocity
