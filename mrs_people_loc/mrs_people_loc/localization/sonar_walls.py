@@ -469,10 +469,7 @@ def _fit(window: _Window, bearing: float, of: Int, tuning: SonarTuning) -> _Line
 
 
 def _is_surface(window: _Window, line: _Line, tuning: SonarTuning) -> bool:
-    """Whether a line's echoes agree with it, and what else was heard there does not deny it."""
-    free = len(line.of) - 2
-    if line.chi2 > free + 4.0 * math.sqrt(2.0 * free):
-        return False
+    """Whether what was heard from where a line's echoes come from is that line."""
     feet = line.feet(window)
     low, high = feet[line.of].min(), feet[line.of].max()
     there = (window.off_axis(line.bearing) < window.cone) & (feet >= low) & (feet <= high)
