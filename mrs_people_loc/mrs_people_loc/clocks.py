@@ -59,6 +59,36 @@ class StampOrder:
         self.newest_ns, self._back = None, 0
 
 
+class RateLimit:
+    """Lets messages through at most at a rate, by their stamps."""
+
+    def __init__(self) -> None:
+        self._due_ns: int | None = None
+
+    def lets_through(self, stamp_ns: int, rate_hz: float) -> bool:
+        """Whether a message goes through.
+
+        A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next one is due a
+        period after this one was, so that the rate holds in the long run. Where stamps jump back by
+        more than a period, it begins anew.
+
+        Args:
+            stamp_ns: Its stamp [ns].
+            rate_hz: The rate [Hz].
+        """
+        period_ns, due_ns = round(1e9 / rate_hz), self._due_ns
+        if due_ns is None or due_ns - stamp_ns > 2 * period_ns:
+            due_ns = stamp_ns
+        if due_ns - stamp_ns > period_ns // 10:
+            return False
+        self._due_ns = period_ns + (stamp_ns if stamp_ns - due_ns >= period_ns else due_ns)
+        return True
+
+    def begin_anew(self) -> None:
+        """Lets the next one through, whatever its stamp."""
+        self._due_ns = None
+
+
 @dataclass
 class ClockOffset:
     """Offset of a sender's clock from the receiver's, estimated from stamps and arrivals.

@@ -7,14 +7,15 @@ what is wanted; the caller adds the topic.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.arrays import Float
+from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.errors import (
     CameraError,
     GridError,
@@ -24,8 +25,10 @@ from mrs_people_loc.errors import (
     ScanError,
     StampError,
 )
-from mrs_people_loc.geometry import yaw_from_quaternion
+from mrs_people_loc.geometry import wrap_angle, yaw_from_quaternion
 from mrs_people_loc.localization.ranges import LaserScan, SonarRange
+from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
+from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 from mrs_people_loc.sensing.camera import CameraModel
 from mrs_people_loc.team.masking import OccupancyGrid
@@ -61,6 +64,12 @@ _MAX_VARIANCE = 1e12
 #: More than any robot sends (`bodies.max_count`), and more than a planner has time for.
 _MAX_BODIES = 100
 _MAX_CELLS = 10_000
+#: More walls, or absolute poses, than one robot measures in the time that a message covers.
+_MAX_WALLS, _MAX_ABSOLUTE = 200, 100
+#: What a message of the team repeats is of the seconds around its own stamp [ns].
+_MAX_REPEATED_NS = 5_000_000_000
+#: Longest name of a robot: that of a topic in DDS.
+_MAX_NAME = 255
 #: base_link stands upright; a pose that leans by more is in some other frame [rad].
 _MAX_TILT = math.radians(30.0)
 
@@ -418,3 +427,152 @@ def read_laser_scan(message: Message) -> LaserScan:
         angles=angles[order],
         ranges=np.where(measured, ranges, np.nan)[order],
     )
+
+
+def read_team_pose(message: Message, map_frame: str) -> TeamPose:
+    """Reads mrs_people_msgs/TeamPose.
+
+    Args:
+        message: The message.
+        map_frame: The frame that its poses must be in: the common one.
+
+    Raises:
+        PoseError: A frame, a name, a pose, a wall or a covariance cannot be used.
+        StampError: A stamp is 0.
+    """
+    pose = _pose_in(map_frame, message)
+    values = (message.odometry_x, message.odometry_y, message.odometry_yaw)
+    variances = (message.position_variance, message.heading_variance)
+    if not np.isfinite((*values, *variances)).all() or max(map(abs, values)) > _MAX_COORDINATE_M:
+        raise PoseError(
+            f"odometry is {values} with variances {variances}; wanted: finite, within "
+            f"{_MAX_COORDINATE_M:g}"
+        )
+    if not 0.0 <= min(variances) <= max(variances) <= _MAX_VARIANCE:
+        raise PoseError(
+            f"variances of odometry are {variances}; wanted: from 0 to {_MAX_VARIANCE:g}"
+        )
+    count = len(message.absolute)
+    if count > _MAX_ABSOLUTE:
+        raise PoseError(f"message has {count} absolute poses; allowed: up to {_MAX_ABSOLUTE}")
+    absolute = tuple(_pose_in(map_frame, one) for one in message.absolute)
+    for one in absolute:
+        _check_near(one.stamp_ns, pose.stamp_ns, "an absolute pose")
+    x, y, yaw = map(float, values)
+    odometry = Odometry(pose.stamp_ns, x, y, wrap_angle(yaw), *map(float, variances))
+    walls = _seen_walls(message.walls, pose.stamp_ns)
+    return TeamPose(_robot_name(message.robot), pose, odometry, walls, absolute)
+
+
+def _pose_in(map_frame: str, message: Message) -> Pose:
+    """A pose in the map with a usable covariance."""
+    if message.header.frame_id != map_frame:
+        raise PoseError(f"frame_id is {message.header.frame_id!r}; wanted: {map_frame!r}")
+    pose = _pose(read_stamp(message), message.pose)
+    _check_covariances(pose.covariance[None], "pose")
+    return pose
+
+
+def _robot_name(name: object) -> str:
+    text = str(name)
+    if not 0 < len(text) <= _MAX_NAME:
+        raise PoseError(f"a robot's name has {len(text)} characters; wanted: 1 to {_MAX_NAME}")
+    return text
+
+
+def _check_near(stamp_ns: int, of_message_ns: int, what: str) -> None:
+    away_s = (stamp_ns - of_message_ns) / 1e9
+    if abs(away_s) > _MAX_REPEATED_NS / 1e9:
+        raise PoseError(
+            f"stamp of {what} is {away_s:.3f} s from that of the message; "
+            f"allowed: {_MAX_REPEATED_NS / 1e9:g} s"
+        )
+
+
+def _check_covariances(covariances: Float, what: str, *, positive: bool = False) -> None:
+    """Checks covariances, shape (n, k, k).
+
+    Args:
+        covariances: The covariances.
+        what: Whose they are.
+        positive: Whether they must be invertible.
+
+    Raises:
+        PoseError: One is no covariance.
+    """
+    ok = np.isfinite(covariances).all() and not (np.abs(covariances) > _MAX_VARIANCE).any()
+    if ok and len(covariances):
+        transposed = covariances.transpose(0, 2, 1)
+        ok = bool(np.allclose(covariances, transposed, rtol=1e-6, atol=1e-12))
+        least, *_, greatest = np.linalg.eigvalsh(0.5 * (covariances + transposed)).T
+        tolerance = 1e-9 * np.abs(greatest)
+        ok = ok and bool((least > 0.0).all() if positive else (least >= -tolerance).all())
+    if not ok:
+        kind = "positive definite" if positive else "positive semidefinite"
+        raise PoseError(
+            f"covariance of {what} is no covariance (finite, symmetric, {kind}): "
+            f"{covariances.tolist()}"
+        )
+
+
+def _seen_walls(walls: Sequence[Message], of_message_ns: int) -> tuple[SeenWalls, ...]:
+    """Walls by their stamps, in the order of these."""
+    if len(walls) > _MAX_WALLS:
+        raise PoseError(f"message has {len(walls)} walls; allowed: up to {_MAX_WALLS}")
+    if not walls:
+        return ()
+    in_order = sorted(walls, key=lambda wall: stamp_ns_of(wall.stamp))
+    stamps = [stamp_ns_of(wall.stamp) for wall in in_order]
+    for stamp_ns in (stamps[0], stamps[-1]):
+        _check_near(stamp_ns, of_message_ns, "a wall")
+    lines = np.array([(w.distance, w.bearing, w.from_m, w.to_m) for w in in_order], np.float64)
+    triples = np.array([np.asarray(w.covariance) for w in in_order], np.float64)
+    ends: Bool = np.array([(bool(w.ends_at_from), bool(w.ends_at_to)) for w in in_order])
+    if not np.isfinite(lines).all() or (np.abs(lines) > _MAX_COORDINATE_M).any():
+        raise PoseError(f"a wall holds NaN, infinite or huge values: {lines.tolist()}")
+    distance, bearing, begins, reaches = lines.T
+    if (distance < 0.0).any() or (begins > reaches).any():
+        raise PoseError(
+            "a wall has a negative distance, or ends before it begins: distance, bearing, from, "
+            f"to: {lines.tolist()}"
+        )
+    covariance = triples[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    _check_covariances(covariance, "a wall", positive=True)
+    turned = np.array([wrap_angle(angle) for angle in bearing])
+    made = Walls(distance, turned, covariance, lines[:, 2:], ends)
+    found, at = [], 0
+    for stamp_ns, same in itertools.groupby(stamps):
+        end = at + len(list(same))
+        found.append(SeenWalls(stamp_ns, made.select(slice(at, end))))
+        at = end
+    return tuple(found)
+
+
+def read_relative_poses(message: Message) -> tuple[RelativePose, ...]:
+    """Reads mrs_people_msgs/RelativePoses.
+
+    Raises:
+        PoseError: A name, a value or a covariance cannot be used.
+        StampError: Its stamp is 0.
+    """
+    of_message_ns = read_stamp(message)
+    return tuple(_relative_pose(one, of_message_ns) for one in message.poses)
+
+
+def _relative_pose(message: Message, of_message_ns: int) -> RelativePose:
+    robot, other = _robot_name(message.robot), _robot_name(message.other)
+    if robot == other:
+        raise PoseError(f"{robot} has a pose relative to itself; wanted: two robots")
+    stamps = stamp_ns_of(message.stamp), stamp_ns_of(message.other_stamp)
+    for stamp_ns in stamps:
+        _check_near(stamp_ns, of_message_ns, "a relative pose")
+    values = np.array([message.x, message.y, message.yaw], np.float64)
+    if not np.isfinite(values).all() or (np.abs(values) > _MAX_COORDINATE_M).any():
+        raise PoseError(f"a relative pose is {values.tolist()}; wanted: finite numbers")
+    covariance = np.array(message.covariance, np.float64)
+    if covariance.size != 9:
+        raise PoseError(f"covariance has {covariance.size} values; wanted: 9")
+    covariance = covariance.reshape(3, 3)
+    _check_covariances(covariance[None], "a relative pose", positive=True)
+    values[2] = wrap_angle(values[2])
+    return RelativePose(robot, stamps[0], other, stamps[1], values, covariance)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -22,13 +23,16 @@ from geometry_msgs.msg import Pose as RosPose
 from mrs_people_msgs.msg import Group as GroupMessage
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
-from mrs_people_msgs.msg import RobotScan
+from mrs_people_msgs.msg import RelativePose as RelativePoseMessage
+from mrs_people_msgs.msg import RelativePoses, RobotScan, Wall
+from mrs_people_msgs.msg import TeamPose as TeamPoseMessage
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
+from mrs_people_loc.localization.shared import RelativePose, SeenWalls, TeamPose
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.scan import Scan
@@ -146,6 +150,68 @@ def pose_stamped(pose: Pose, frame_id: str) -> PoseWithCovarianceStamped:
     """A pose as the message on `pose`."""
     return PoseWithCovarianceStamped(
         header=header(pose.stamp_ns, frame_id), pose=pose_with_covariance(pose)
+    )
+
+
+def team_pose(told: TeamPose, frame_id: str) -> TeamPoseMessage:
+    """What a robot tells its team as the message on `team_poses`."""
+    odometry = told.odometry
+    return TeamPoseMessage(
+        header=header(odometry.stamp_ns, frame_id),
+        robot=told.robot,
+        pose=pose_with_covariance(told.pose),
+        odometry_x=float(odometry.x),
+        odometry_y=float(odometry.y),
+        odometry_yaw=float(odometry.yaw),
+        position_variance=float(odometry.position_variance),
+        heading_variance=float(odometry.heading_variance),
+        walls=[wall for seen in told.walls for wall in _walls(seen)],
+        absolute=[pose_stamped(pose, frame_id) for pose in told.absolute],
+    )
+
+
+def _walls(seen: SeenWalls) -> list[Wall]:
+    walls, stamp = seen.walls, time(seen.stamp_ns)
+    columns = zip(
+        walls.distance.tolist(),
+        walls.bearing.tolist(),
+        walls.covariance.reshape(-1, 4)[:, [0, 1, 3]].tolist(),
+        walls.extent.tolist(),
+        walls.is_end.tolist(),
+        strict=True,
+    )
+    return [
+        Wall(
+            stamp=stamp,
+            distance=distance,
+            bearing=bearing,
+            covariance=covariance,
+            from_m=begins,
+            to_m=reaches,
+            ends_at_from=first,
+            ends_at_to=last,
+        )
+        for distance, bearing, covariance, (begins, reaches), (first, last) in columns
+    ]
+
+
+def relative_poses(stamp_ns: int, frame_id: str, measured: Iterable[RelativePose]) -> RelativePoses:
+    """Relative poses of an interval as the message on `relative_poses`."""
+    return RelativePoses(
+        header=header(stamp_ns, frame_id),
+        poses=[
+            RelativePoseMessage(
+                stamp=time(one.stamp_ns),
+                robot=one.robot,
+                other_stamp=time(one.other_stamp_ns),
+                other=one.other,
+                x=float(one.pose[0]),
+                y=float(one.pose[1]),
+                yaw=float(one.pose[2]),
+                covariance=one.covariance.reshape(-1),
+            )
+            for one in measured
+        ],
     )
 
 

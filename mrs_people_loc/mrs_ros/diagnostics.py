@@ -92,6 +92,8 @@ class Input:
         callback: Takes a message.
         qos: Quality of service that is asked for.
         once: One usable message is enough: silence after it is no fault.
+        any_number: Any number of nodes may publish it, also none: the order of stamps, and silence,
+            mean nothing.
 
     Attributes:
         reception: Counts its messages.
@@ -108,9 +110,11 @@ class Input:
         qos: QoSProfile,
         *,
         once: bool = False,
+        any_number: bool = False,
     ) -> None:
         self.topic = topic
         self._once = once
+        self._any_number = any_number
         self.reception = Reception()
         self.instead: tuple[str, str] | None = None
         self._node = node
@@ -182,6 +186,7 @@ class Input:
             publishers=[(node_of(p), p.topic_type) for p in publishers],
             incompatible=self._incompatible,
             once=self._once,
+            any_number=self._any_number,
             taken=reception.taken,
             instead=instead,
         )
@@ -192,7 +197,8 @@ class Input:
 
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())
-        order = self.reception.receive(0 if self._once else stamp_ns_of(message.header.stamp))
+        unordered = self._once or self._any_number
+        order = self.reception.receive(0 if unordered else stamp_ns_of(message.header.stamp))
         try:
             self._callback(message)
         except PeopleLocError as err:

@@ -122,6 +122,7 @@ class ManagedNode(LifecycleNode):
         qos: QoSProfile,
         *,
         once: bool = False,
+        any_number: bool = False,
     ) -> Input:
         """Subscribes to a topic until the node stops (see `Input`)."""
 
@@ -130,7 +131,7 @@ class ManagedNode(LifecycleNode):
                 self._check_is_of_now(message)
             callback(message)
 
-        made = Input(self, message_type, topic, take, qos, once=once)
+        made = Input(self, message_type, topic, take, qos, once=once, any_number=any_number)
         self.inputs[topic] = made
         return made
 
@@ -146,6 +147,15 @@ class ManagedNode(LifecycleNode):
         return publisher
 
     # ---- life cycle ----
+
+    def destroy_node(self) -> None:
+        """Destroys the node, with its services and the topic of its transitions.
+
+        These belong to the state machine. rclpy leaves it to the garbage collector, and with it the
+        DDS participant, which others go on to see.
+        """
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Sets up; what was made until it failed is torn down again."""

@@ -1,19 +1,24 @@
-"""What RViz draws of an interval: people, their velocities and trails, groups and robots."""
+"""What RViz draws: people, their velocities and trails, groups, robots; walls."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Vector3
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, Quaternion, Vector3
 from geometry_msgs.msg import Pose as RosPose
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.people import Person
 from mrs_people_loc.planner import People
+from mrs_people_loc.team.poses import Pose
 from mrs_ros.convert import floor_pose, header, pose_with_covariance
 
 _PERSON = ColorRGBA(r=0.1, g=0.6, b=0.2, a=0.5)
@@ -21,6 +26,12 @@ _COASTING = ColorRGBA(r=0.6, g=0.85, b=0.65, a=0.35)
 _TEXT = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 _CENTRE = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _ROBOT = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.9)
+_ELLIPSE = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.3)
+_WALL = ColorRGBA(r=0.8, g=0.3, b=0.2, a=0.9)
+#: Walls of a robot that says no more are drawn for so long [s].
+_WALLS_FOR_S = 5
+#: No half axis is drawn shorter, for a sigma [m].
+_LEAST_AXIS_M = 1e-3
 #: Diameters of an arrow's shaft and head, and the head's length [m].
 _ARROW = {"x": 0.04, "y": 0.12, "z": 0.15}
 
@@ -65,7 +76,8 @@ def markers(
     Args:
         result: The interval.
         frame_id: The common frame.
-        circle_sigmas: Radius of a person's circle, in sigmas of their position.
+        circle_sigmas: Radius of a person's circle, and half axes of a robot's ellipse, in sigmas of
+            their positions.
         trails: Trails to draw.
     """
     made = _Markers(result.stamp_ns, frame_id)
@@ -82,7 +94,31 @@ def markers(
         pose = pose_with_covariance(robot_pose).pose
         made.add("robots", Marker.ARROW, pose, {"x": 0.5, "y": 0.08, "z": 0.08}, _ROBOT)
         made.add("robot names", Marker.TEXT_VIEW_FACING, pose, {"z": 0.2}, _TEXT).text = robot
+        made.add_ellipse("robot ellipses", robot_pose, circle_sigmas, _ELLIPSE)
     return MarkerArray(markers=made.all)
+
+
+def wall_markers(stamp_ns: int, frame_id: str, robot: str, walls: Walls) -> MarkerArray:
+    """The walls that a robot uses, as lines; they replace those of this robot before.
+
+    Args:
+        stamp_ns: Stamp [ns].
+        frame_id: The common frame, which the walls are in.
+        robot: The robot's name, the namespace of its markers.
+        walls: The walls.
+    """
+    normal = np.stack([np.cos(walls.bearing), np.sin(walls.bearing)], axis=1)
+    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    feet = walls.distance[:, None] * normal
+    ends = feet[:, None] + walls.extent[:, :, None] * along[:, None]
+    drawn = Marker(header=header(stamp_ns, frame_id), ns=robot, id=0, type=Marker.LINE_LIST)
+    drawn.action = Marker.ADD if len(walls) else Marker.DELETE
+    drawn.pose.orientation.w = 1.0
+    drawn.scale = Vector3(x=0.05)
+    drawn.color = _WALL
+    drawn.points = [_point(x, y) for x, y in ends.reshape(-1, 2)]
+    drawn.lifetime = Duration(sec=_WALLS_FOR_S)
+    return MarkerArray(markers=[drawn])
 
 
 class _Markers:
@@ -111,6 +147,19 @@ class _Markers:
         marker.scale = Vector3(**scale)
         self.all.append(marker)
         return marker
+
+    def add_ellipse(self, namespace: str, pose: Pose, sigmas: float, color: Any) -> None:
+        """The ellipse of so many sigmas of a pose's place; none where it is exact."""
+        variances, axes = np.linalg.eigh(pose.covariance[:2, :2])
+        if variances[1] <= 0.0:
+            return
+        yaw = math.atan2(axes[1, 1], axes[0, 1])  # of the longer one
+        x, y, z, w = quaternion_from_yaw(yaw)
+        place = floor_pose(np.array([pose.x, pose.y]))
+        place.orientation = Quaternion(x=x, y=y, z=z, w=w)
+        minor, major = 2.0 * sigmas * np.sqrt(np.clip(variances, _LEAST_AXIS_M**2, None))
+        size = {"x": float(major), "y": float(minor), "z": 0.01}
+        self.add(namespace, Marker.CYLINDER, place, size, color)
 
     def add_person(
         self,

@@ -20,3 +20,17 @@ POSES = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
+#: What robots tell each other about where they are, up to 100 times a second. What was measured
+#: comes several times, and dead reckoning is cumulative: what is lost costs nothing.
+TEAM = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=20,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+#: As map_server publishes: the last map, also for subscribers that come later.
+MAP = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)

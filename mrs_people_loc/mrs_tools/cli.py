@@ -49,6 +49,10 @@ COMMANDS = {
         "mrs_tools.commands.real:command",
         "Score the labelled recordings of real rooms.",
     ),
+    "localization": (
+        "mrs_tools.commands.localization:command",
+        "Score a team's poses on simulated tours of 100 m.",
+    ),
     "suite": ("mrs_tools.commands.suite:command", "Score the published suite, step by step."),
     "fit": ("mrs_tools.commands.fit:command", "Fit the body model to bags with ground truth."),
     "calibrate": (

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 #: Domains of our own. Above them, ports are among those that Linux gives to anybody (32768 on).
 _OWN = range(1, 102)
-#: So many participants of others are looked for in a domain that is to be our own.
-_PARTICIPANTS = 10
+#: A domain has 250 ports, enough for so many participants. Each process counts its own, of all
+#: domains: the only one in a domain may have any number.
+_PARTICIPANTS = 120
 #: Others are looked for until none has come for so long, or at most for so long [s].
 _ALONE_S, _LOOK_S = 1.0, 5.0
 

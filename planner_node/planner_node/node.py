@@ -9,7 +9,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 from sensor_msgs.msg import PointCloud2
 
@@ -26,21 +25,18 @@ from mrs_people_loc.health.team import (
     of_member,
     of_people,
 )
+from mrs_people_loc.localization.relative_poses import RelativePoses
+from mrs_people_loc.localization.seen_people import people_by_robot
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.intervals import Closed, IntervalCollector
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
+from mrs_ros.qos import MAP
 from planner_node.outputs import Outputs
 from planner_node.roster import Roster
 
-#: As map_server publishes: the last map, also for subscribers that come later.
-MAP_QOS = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 #: Periods of checking `max_wait`, and the graph for new robots [s].
 _TICK_S, _DISCOVERY_S = 0.01, 0.2
 #: What is counted of a robot's poses, beside the scans that were left out (`LEFT_OUT`).
@@ -80,13 +76,14 @@ class PlannerNode(ManagedNode):
         self._left_out_log = Throttle(LOG_PERIOD_S)
         self._losses: dict[str, dict[str, Growth]] = {}
         self._agreement = Agreement()
+        self._relative_poses = RelativePoses()
         self._compared_ns: int | None = None
         self._outputs = Outputs(self)
 
     def start(self) -> None:
         """Subscribes to the robots, and looks for more."""
         if self.config.masking.occupancy_grid:
-            self.listen(OccupancyGrid, "map", self._on_map, MAP_QOS, once=True)
+            self.listen(OccupancyGrid, "map", self._on_map, MAP, once=True)
         for robot in self.config.robots:
             self._roster.add(robot)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -127,6 +124,7 @@ class PlannerNode(ManagedNode):
         """Forgets what was found: the time, or the stamps of all robots, jumped back."""
         self._planner.begin_anew()
         self._agreement = Agreement()
+        self._relative_poses.begin_anew()
         self._result = None
         self._outputs.begin_anew()
 
@@ -171,6 +169,15 @@ class PlannerNode(ManagedNode):
         self._result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
         self._intervals += 1
         self._outputs.publish(self._result, self.config)
+        self._measure_robots(self._result)
+
+    def _measure_robots(self, result: People) -> None:
+        """Publishes where robots are to each other, by the people whom both see, if any listens."""
+        if self._outputs.wants_relative_poses:
+            seen = people_by_robot(result.fused, result.poses, self.config)
+            measured = self._relative_poses.step(seen, result.poses)
+            if measured:
+                self._outputs.publish_relative_poses(result.stamp_ns, measured, self.config)
 
     def _check_order(self, closed: Closed) -> None:
         back_ns = 0 if self._result is None else self._result.stamp_ns - closed.time_ns

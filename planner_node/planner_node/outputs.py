@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from geometry_msgs.msg import PointStamped, PoseArray
 from mrs_people_msgs.msg import People as PeopleMessage
+from mrs_people_msgs.msg import RelativePoses
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.localization.shared import RelativePose
 from mrs_people_loc.planner import People
 from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.markers import Trails, markers
+from mrs_ros.qos import TEAM
 
 
 class Outputs:
@@ -31,6 +36,19 @@ class Outputs:
         self._short_term_map = node.offer(PointCloud2, "short_term_map", 2)
         self._events = node.offer(String, "events", 10)
         self._markers = node.offer(MarkerArray, "markers", 2)
+        self._relative_poses = node.offer(RelativePoses, "relative_poses", TEAM)
+
+    @property
+    def wants_relative_poses(self) -> bool:
+        """Whether anybody subscribes to `relative_poses`."""
+        return bool(self._relative_poses.get_subscription_count())
+
+    def publish_relative_poses(
+        self, stamp_ns: int, measured: Iterable[RelativePose], config: PlannerConfig
+    ) -> None:
+        """Publishes where robots are to each other; `stamp_ns` is that of the interval."""
+        message = convert.relative_poses(stamp_ns, config.map_frame, measured)
+        self._relative_poses.publish(message)
 
     def begin_anew(self) -> None:
         """Forgets the trails; publishes on `events` that everybody is new."""

@@ -41,7 +41,7 @@ class RobotNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__("robot_node", RobotConfig)
-        pose_source.check(self.config.pose)
+        pose_source.check(self.config)
         if not self.name_in_team:
             self.get_logger().warning(
                 "the node has no namespace; a robot's name is its namespace: "
@@ -109,7 +109,7 @@ class RobotNode(ManagedNode):
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters from the next frame on."""
-        pose_source.check(config.pose)
+        pose_source.check(config)
         if self.is_configured:
             try:
                 self._head.configure(config)
@@ -145,6 +145,7 @@ class RobotNode(ManagedNode):
         if view is None:
             return
         self._publish(view)
+        self._pose.localization.take_view(view.stages, self._head.pipeline.camera)
         self._stages = view.stages
         self._frames += 1
         self._scan_at_s = time.monotonic()
@@ -176,11 +177,12 @@ class RobotNode(ManagedNode):
     # ---- diagnostics ----
 
     def observe(self) -> None:
-        """Counts images without a pair."""
+        """Counts images without a pair, and what localization refuses."""
+        self._pose.localization.observe()
         self._unpaired.update(self._head.pairer.unpaired)
 
     def findings(self) -> list[Finding]:
-        """The pairs of images, the head, its mounting, the scan and the pose."""
+        """The pairs of images, the head, its mounting, the scan, the pose and the localization."""
         pairer = self._head.pairer
         pairing = PairingState(
             unpaired=pairer.unpaired,
@@ -202,6 +204,7 @@ class RobotNode(ManagedNode):
             of_mounting(self._mounting(), watched=self.config.floor.watch),
             of_scan(scan),
             self._pose.finding(),
+            *self._pose.localization.findings(),
         ]
 
     def _mounting(self) -> MountingState | None:

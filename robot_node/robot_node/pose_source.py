@@ -12,15 +12,17 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from mrs_people_loc import messages
-from mrs_people_loc.config import PoseInput, RobotConfig
+from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.robot import PoseState, of_pose
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
+from mrs_people_loc.team.poses import Pose, PoseIntake, frame_of, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import POSES
+from robot_node import wall_finder
+from robot_node.localization import RobotLocalization, localizes
 
 #: Period of looking the pose up in TF [s].
 TF_PERIOD_S = 0.02
@@ -30,12 +32,14 @@ STANDING_PERIOD_S = 0.1
 NO_SCAN_S = 1.0
 
 
-def check(config: PoseInput) -> None:
-    """Checks that the pose can come from its source, and go to TF.
+def check(robot: RobotConfig) -> None:
+    """Checks that the pose can come from its source, and go to TF, and what localization needs.
 
     Raises:
-        ConfigError: A parameter or a package for that is missing.
+        ConfigError: A parameter, a file or a package for that is missing.
     """
+    config = robot.pose
+    wall_finder.check(robot.walls)
     if config.source == "static":
         static_pose(config, 0)
     if config.source == "tf":
@@ -50,6 +54,9 @@ class PoseSource:
     Args:
         node: The robot's node.
         base_frame: Its base_link.
+
+    Attributes:
+        localization: Corrects odometry.
     """
 
     def __init__(self, node: ManagedNode, base_frame: str) -> None:
@@ -67,6 +74,7 @@ class PoseSource:
         self._scan_at_s = 0.0
         self._error = ""
         self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
+        self.localization = RobotLocalization(node, base_frame, self._look_up)
         tells = self._config.pose.publish_tf != "never" and tf.installed("tf2_msgs")
         self._frames_out = tf.FramePublisher(node.offer) if tells else None
         self._odom_frame = ""
@@ -83,6 +91,7 @@ class PoseSource:
         else:
             kind = Odometry if source == "odom" else PoseWithCovarianceStamped
             self._node.listen(kind, source, self._on_pose, POSES)
+            self.localization.start()
         self._tell_fixed_frames()
 
     def stop(self) -> None:
@@ -99,6 +108,7 @@ class PoseSource:
         """Forgets what came last: the time was set back."""
         self._intake.begin_anew()
         self._last, self._asked_ns = None, 0
+        self.localization.begin_anew()
         if self._listener is not None:
             self._listener.clear()
 
@@ -106,6 +116,7 @@ class PoseSource:
         """Takes new parameters, which `check` let pass."""
         self._config = config
         self._intake.config = config.pose
+        self.localization.changed(config)
         if self._node.is_active:
             self._tell_fixed_frames()
 
@@ -135,10 +146,18 @@ class PoseSource:
         return of_pose(state)
 
     def _on_pose(self, message: Any) -> None:
-        frame_id = message.header.frame_id
-        pose = self._intake(messages.read_pose(message, self._base_frame), frame_id)
-        if pose is not None:
-            self._send(pose, frame_id.lstrip("/"))
+        pose, frame_id = messages.read_pose(message, self._base_frame), message.header.frame_id
+        came_in = frame_id.lstrip("/")
+        if localizes(self._config, came_in):
+            placed = self._intake(
+                self.localization.take_odometry(pose), self._config.pose.map_frame
+            )
+            if placed is not None:
+                self._send_corrected(placed, pose, came_in)
+            return
+        in_map = self._intake(pose, frame_id)
+        if in_map is not None:
+            self._send(in_map, came_in)
 
     def _ask_tf(self) -> None:
         config = self._config.pose
@@ -160,10 +179,14 @@ class PoseSource:
             self._standing, self._error = None, str(err)
 
     def _frame_in_map(self, frame_id: str) -> Pose:
-        """Where TF has the odometry's frame in the map; subscribes to TF the first time."""
+        """Where TF has the odometry's frame in the map."""
+        return self._look_up(self._config.pose.map_frame, frame_id)
+
+    def _look_up(self, parent: str, child: str) -> Pose:
+        """Where a frame is in another one, by TF; subscribes to TF the first time."""
         if self._listener is None:
             self._listener = tf.FrameListener(self._node)
-        return self._listener.pose(self._config.pose.map_frame, frame_id)
+        return self._listener.pose(parent, child)
 
     def _standing_at(self, stamp_ns: int) -> Pose | None:
         """The pose of a static robot with a stamp [ns]; None: it is not static."""
@@ -180,6 +203,25 @@ class PoseSource:
         if last is None or abs(now_ns - last.stamp_ns) > 0.9e9 * STANDING_PERIOD_S:
             assert pose is not None
             self._send(pose)
+
+    def _send_corrected(self, pose: Pose, odometry: Pose, odom_frame: str) -> None:
+        """Publishes a pose that was corrected, and where that puts its odometry's frame.
+
+        Args:
+            pose: The pose in the map.
+            odometry: The pose in the odometry's frame.
+            odom_frame: That frame.
+        """
+        config = self._config.pose
+        self._last = pose
+        self._pose.publish(convert.pose_stamped(pose, config.map_frame))
+        if self._frames_out is None:
+            return
+        if config.publish_tf == "always" or odom_frame == config.map_frame:
+            parent, child, where = config.map_frame, self._base_frame, pose
+        else:
+            parent, child, where = config.map_frame, odom_frame, frame_of(pose, odometry)
+        self._frames_out.moving(convert.transform(pose.stamp_ns, parent, where, child))
 
     def _send(self, pose: Pose, came_in: str = "") -> None:
         """Publishes a pose, and its frames.

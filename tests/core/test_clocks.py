@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.clocks import ClockOffset, Order, StampOrder, right_offset
+from mrs_people_loc.clocks import ClockOffset, Order, RateLimit, StampOrder, right_offset
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -123,3 +123,10 @@ def test_offset_equals_a_plain_search(steps):
 )
 def test_reference_clock_is_that_nearest_to_the_listeners(offsets, right):
     assert right_offset(offsets) == right
+
+
+def test_rate_limit_begins_anew_where_stamps_jump_back():
+    limit = RateLimit()
+    stamps = [0, 5, 10, 15, 20, 1000, 3, 8, 13]  # [ms], at 100 Hz
+    passed = [stamp for stamp in stamps if limit.lets_through(stamp * 1_000_000, 100.0)]
+    assert passed == [0, 10, 20, 1000, 3, 13]

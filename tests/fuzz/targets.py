@@ -367,6 +367,51 @@ def _people(stragglers: int = 0, words: str = "") -> bytes:
     return _encoded(PEOPLE, reported)
 
 
+TEAM_POSE = "mrs_people_msgs/msg/TeamPose"
+RELATIVE_POSES = "mrs_people_msgs/msg/RelativePoses"
+
+
+def take_team_pose(data: bytes) -> None:
+    """What a team-mate says of where it is."""
+    message = _decoded(TEAM_POSE, data)
+    if message is not None:
+        messages.read_team_pose(message, "map")
+
+
+def _team_pose() -> bytes:
+    stamp = _header().stamp
+    walls = [
+        _make(
+            "mrs_people_msgs/msg/Wall", stamp=stamp, distance=distance, bearing=1.0,
+            covariance=np.array([0.01, 0.001, 0.002]), from_m=-1.0, to_m=2.0, ends_at_from=False,
+            ends_at_to=True,
+        )
+        for distance in (0.5, 3.0)
+    ]  # fmt: skip
+    told = _make(
+        TEAM_POSE, header=_header(), robot="robot_b", pose=_pose(), odometry_x=1.0, odometry_y=2.0,
+        odometry_yaw=0.5, position_variance=0.01, heading_variance=0.01, walls=walls,
+        absolute=[_make(POSE, header=_header(), pose=_pose())],
+    )  # fmt: skip
+    return _encoded(TEAM_POSE, told)
+
+
+def take_relative_poses(data: bytes) -> None:
+    """Where robots are to each other, as the planner says."""
+    message = _decoded(RELATIVE_POSES, data)
+    if message is not None:
+        messages.read_relative_poses(message)
+
+
+def _relative_poses() -> bytes:
+    stamp = _header().stamp
+    pose = _make(
+        "mrs_people_msgs/msg/RelativePose", stamp=stamp, robot="robot_a", other_stamp=stamp,
+        other="robot_b", x=1.0, y=2.0, yaw=0.5, covariance=0.01 * np.eye(3).reshape(-1),
+    )  # fmt: skip
+    return _encoded(RELATIVE_POSES, _make(RELATIVE_POSES, header=_header(), poses=[pose, pose]))
+
+
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
@@ -794,6 +839,8 @@ TARGETS: Mapping[str, Target] = {
     "range": Target(take_range, lambda: [_range()], 300, 3_000),
     "laser": Target(take_laser, lambda: [_laser()], 1_000, 3_000),
     "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
+    "team_pose": Target(take_team_pose, lambda: [_team_pose()], 1_500, 3_000),
+    "relative_poses": Target(take_relative_poses, lambda: [_relative_poses()], 600, 3_000),
     "shown": Target(
         take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
     ),

@@ -12,7 +12,7 @@ from mrs_people_msgs.msg import People
 
 from ros.harness import ROOT, NodeProcess, Peer, Team
 from ros.planner_peer import robots_in
-from ros.recording import DRAWN_PEOPLE, Recording, set_stamp, stamp_of
+from ros.recording import Recording, set_stamp, stamp_of
 
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 
@@ -32,7 +32,7 @@ class Life:
 
     def start(self, robot: str) -> None:
         """Starts a robot_node."""
-        files = [ROOT / "config" / "team.yaml", DRAWN_PEOPLE]
+        files = [ROOT / "config" / "team.yaml"]
         self.robots[robot] = self.team.start("robot_node", namespace=f"/{robot}", files=files)
 
     def feed(self) -> None:

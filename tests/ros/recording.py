@@ -28,8 +28,6 @@ REPEATABLE = {"disparity.pre_filter_cap": 31}
 #: What a node runs that is started with these parameters, and else with its defaults.
 DEFAULTS = RobotConfig.from_mapping(REPEATABLE)
 PARAMS = {name: str(value) for name, value in REPEATABLE.items()}
-#: For tests of the default method that need all people of the recording.
-DRAWN_PEOPLE = Path(__file__).with_name("drawn_people.yaml")
 
 #: One view of a head: image and camera_info by camera.
 View = Mapping[str, tuple[Any, Any]]

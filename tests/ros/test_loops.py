@@ -94,7 +94,7 @@ def test_each_of_ten_loops_begins_with_new_ids(
     events = peer.hear(String, "/events")
     reports = peer.hear(DiagnosticArray, "/diagnostics")
     with planning(team, peer, simulated=clock) as planner:
-        with mrs("replay", bag, "--loop", "--rate", 2, *(["--clock"] if clock else [])) as replay:
+        with mrs("replay", bag, "--loop", "--rate", 4, *(["--clock"] if clock else [])) as replay:
             peer.until(lambda: len(passes(planner.people)) > 11, lambda: planner.process.log)
             replay.send_signal(signal.SIGINT)
             assert replay.wait(DEADLINE_S) == 0
@@ -135,7 +135,7 @@ def test_recording_of_a_team_replays_onto_live_nodes_without_duplicates(
             assert recorded.topics["/people"].count > 3
             assert recorded.topics["/robot_a/points"].count > 3
         before = len(planner.people)
-        with mrs("replay", out, stderr=subprocess.PIPE) as replay:
+        with mrs("replay", out, "--rate", 3, stderr=subprocess.PIPE) as replay:
             _, reported = replay.communicate(timeout=DEADLINE_S)
         assert replay.returncode == 0, reported
         for topic in ("/people", "/people_poses", "/diagnostics"):

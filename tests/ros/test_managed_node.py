@@ -16,6 +16,7 @@ from mrs_people_loc.health.findings import WARN, Code, Finding
 from mrs_people_loc.team.poses import Pose
 from mrs_ros.managed_node import ManagedNode
 from planner_node.node import PlannerNode
+from ros.harness import Peer
 
 
 class Timed(ManagedNode):
@@ -88,3 +89,15 @@ def test_planner_forgets_the_poses_of_before_it_was_deactivated(domain: int) -> 
     finally:
         node.destroy_node()
         rclpy.shutdown()
+
+
+def test_nobody_sees_a_destroyed_node(domain: int, peer: Peer) -> None:
+    topic = "/gone/planner_node/transition_event"
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/gone"])
+    node = PlannerNode()
+    try:
+        peer.until(lambda: peer.node.count_publishers(topic), f"no {topic}")
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+    peer.until(lambda: not peer.node.count_publishers(topic), f"{topic} is still there")

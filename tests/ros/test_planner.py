@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
+from mrs_people_msgs.msg import RelativePoses
 from sensor_msgs.msg import PointCloud
 
+from mrs_people_loc.messages import read_relative_poses
 from ros.harness import ERROR, OK, STALE, WARN, Finding, Peer, Team, holds
 from ros.planner_peer import (
     CELL,
@@ -771,3 +773,36 @@ def test_clusters_join_within_the_distance(planner: PlannerPeer, robots: list[Pl
             robot.send(stamp_ns)
         assert places(planner.people_at(stamp_ns)) == wanted
     planner.peer.must_set(planner.node, clustering__distance=0.15)
+
+
+# --- where robots are to each other ---------------------------------------------------------------
+
+
+def test_relative_pose_is_measured_by_people_whom_both_see(
+    planner: PlannerPeer, robots: list[PlayedRobot]
+) -> None:
+    """One robot says that it is 0.18 m and 3 degrees from where it is."""
+    peer, (one, other, third) = planner.peer, robots
+    heard = peer.hear(RelativePoses, "/team/relative_poses")
+    people = [(2.0, 1.0), (3.1, -0.6), (4.0, 1.7), (2.6, 2.9), (4.6, -0.2)]
+    x, y, yaw = other.place
+
+    def measured() -> Any:
+        stamp_ns = planner.now()
+        one.send(stamp_ns, *people)
+        third.send(stamp_ns)
+        other.send_pose(pose_of(stamp_ns, x + 0.15, y - 0.1, yaw + 0.05))
+        other.send_points(other.scan(stamp_ns, *people))
+        peer.spin(0.1)
+        return heard
+
+    message = peer.until(measured, lambda: planner.process.log)[-1]
+    assert message.header.frame_id == "map"
+    (pose,) = message.poses
+    assert (pose.robot, pose.other) == ("robot_a", "robot_b")
+    wanted = one.seen_from_here(*other.place[:2])
+    assert (pose.x, pose.y) == pytest.approx(wanted, abs=0.05)
+    assert pose.yaw == pytest.approx(other.place[2] - one.place[2], abs=0.02)
+    sigmas = np.sqrt(np.diag(np.reshape(pose.covariance, (3, 3))))
+    assert (sigmas < (0.2, 0.2, 0.1)).all()
+    read_relative_poses(message)

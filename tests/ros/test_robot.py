@@ -376,13 +376,18 @@ def test_odometry_in_the_map_is_published_as_the_pose(robot: RobotPeer) -> None:
 
 
 def test_odometry_of_another_frame_is_placed_by_map_from_odom(
-    robot: RobotPeer, live: Change
+    robot: RobotPeer, reconfigured: Change
 ) -> None:
-    live(pose__map_from_odom=[10.0, 20.0, math.pi / 2])
-    odometry = robot.odometry(frame_id="robot_a/odom")
-    _set_pose(odometry, 3.0, 1.0, 0.1)
-    robot.send_pose(odometry)
-    pose = robot.pose_at(stamp_of(odometry))
+    reconfigured(pose__map_from_odom=[10.0, 20.0, math.pi / 2], localization__run="never")
+
+    def answered() -> Any:
+        odometry = robot.odometry(frame_id="robot_a/odom")
+        _set_pose(odometry, 3.0, 1.0, 0.1)
+        robot.send_pose(odometry)
+        robot.peer.spin(0.1)
+        return [m for m in robot.poses if stamp_of(m) == stamp_of(odometry)]
+
+    (pose,) = robot.peer.until(answered, lambda: robot.log)
     assert pose.header.frame_id == "map"
     assert _planar(pose) == pytest.approx((9.0, 23.0, math.pi / 2 + 0.1), abs=1e-12)
     # x of the odometry is y of the map, y of the odometry is -x of the map.

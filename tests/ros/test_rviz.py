@@ -6,9 +6,11 @@ at that display only.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 import yaml
@@ -21,6 +23,7 @@ from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.markers import markers
 from planner_node.node import PlannerNode
+from robot_node.node import RobotNode
 from ros.harness import ROOT
 from ros.planner_peer import cloud_of, person_cells
 
@@ -47,20 +50,22 @@ def config(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture
 def published(domain: int) -> Iterator[dict[str, tuple[str, bool]]]:
-    """The planner's topics: type, and whether it is reliable."""
-    rclpy.init(args=["planner_node", "--ros-args", "-p", "autostart:=false"])
-    node = PlannerNode()
+    """The topics of the planner and of a robot: type, and whether it is reliable."""
+    rclpy.init(args=["node", "--ros-args", "-p", "autostart:=false", "-r", "robot_node:__ns:=/r"])
+    nodes = [PlannerNode(), RobotNode()]
     try:
-        node.trigger_configure()
         topics = {}
-        for publisher in node.publishers:
-            kind: Any = publisher.msg_type
-            name = "/".join((*kind.__module__.split(".")[:2], kind.__name__))
-            reliable = publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
-            topics[publisher.topic_name] = (name, reliable)
+        for node in nodes:
+            node.trigger_configure()
+            for publisher in node.publishers:
+                kind: Any = publisher.msg_type
+                name = "/".join((*kind.__module__.split(".")[:2], kind.__name__))
+                reliable = publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+                topics[publisher.topic_name] = (name, reliable)
         yield topics
     finally:
-        node.destroy_node()
+        for node in nodes:
+            node.destroy_node()
         rclpy.shutdown()
 
 
@@ -106,7 +111,8 @@ def test_fixed_frame_is_the_common_one(config: Any) -> None:
 def test_channels_and_namespaces_are_published(config: Any) -> None:
     cloud = cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9)
     scan = messages.read_scan(cloud, "robot_a", "robot_a/base_link")
-    result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
+    pose = Pose(10**9, 0, 0, 0, np.diag([1e-4, 1e-4, 1e-4]))
+    result = Planner(PlannerConfig()).step([scan], {"robot_a": pose}, 10**9)
     assert len(result.persons) == 1
     trails = {result.persons[0].id: [(1.8, 0.0), (2.0, 0.0)]}  # from the second interval on
 
@@ -115,4 +121,34 @@ def test_channels_and_namespaces_are_published(config: Any) -> None:
         assert display["Channel Name"] in fields
     drawn = {m.ns for m in markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
     for display in displays(config, "MarkerArray"):
-        assert display["Namespaces"] == dict.fromkeys(drawn, True)
+        of_robots = display["Name"] == "Walls"  # namespaces of the robots' own names
+        assert display["Namespaces"] == ({} if of_robots else dict.fromkeys(drawn, True))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6, -1.2])
+def test_ellipse_of_a_robot_has_the_axes_of_its_covariance(turn: float) -> None:
+    """0.2 m along the direction of the turn, 0.1 m across: three sigmas on both sides."""
+    c, s = math.cos(turn), math.sin(turn)
+    rotation = np.array([[c, -s], [s, c]])
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = rotation @ np.diag([0.04, 0.01]) @ rotation.T
+    scan = messages.read_scan(
+        cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9), "robot_a"
+    )
+    poses = {"robot_a": Pose(10**9, 1.0, 2.0, 0.3, covariance)}
+    result = Planner(PlannerConfig()).step([scan], poses, 10**9)
+    (ellipse,) = (m for m in markers(result, "map", 3.0).markers if m.ns == "robot ellipses")
+    assert (ellipse.pose.position.x, ellipse.pose.position.y) == (1.0, 2.0)
+    assert ellipse.scale.x == pytest.approx(1.2)
+    assert ellipse.scale.y == pytest.approx(0.6)
+    q = ellipse.pose.orientation
+    drawn = 2.0 * math.atan2(q.z, q.w)
+    assert math.sin(drawn - turn) == pytest.approx(0.0, abs=1e-9)  # either way along
+
+
+def test_exact_pose_has_no_ellipse() -> None:
+    scan = messages.read_scan(
+        cloud_of(person_cells(2.0, 0.0), "robot_a/base_link", 10**9), "robot_a"
+    )
+    result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
+    assert "robot ellipses" not in {m.ns for m in markers(result, "map", 3.0).markers}

@@ -180,7 +180,8 @@ def difference(policy: dict[str, set[str]], real: dict[str, set[str]]) -> dict[s
 @pytest.fixture(scope="module")
 def running(peer: Peer, team: Team, tmp_path_factory: pytest.TempPathFactory) -> Peer:
     """Nodes that, together, do all that configuration can make them do."""
-    top = {"images.top": "true"}
+    walls = {"walls.laser": "true", "walls.occupancy_grid": "true", "walls.sonars": "[sonar/left]"}
+    top = {"images.top": "true", "localization.run": "always", **walls}
     raw = {**top, "images.rectified": "false", "pose.source": "pose_in", "use_sim_time": "true"}
     with tf2(tmp_path_factory.mktemp("tf2")):
         team.start("robot_node", namespace="/robot_a", params=top)

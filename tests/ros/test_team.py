@@ -34,7 +34,6 @@ from mrs_tools.scoring.positions import match
 from ros.harness import ERROR, OK, ROOT, NodeProcess, Peer, Team
 from ros.recording import (
     DEFAULTS,
-    DRAWN_PEOPLE,
     Recording,
     records_of,
     stages_of,
@@ -48,7 +47,7 @@ CONFIG = ROOT / "config"
 #: With what is said for StereoBM's sake in `ros.recording`.
 REPEATABLE = Path(__file__).with_name("repeatable.yaml")
 CONFIGS = {
-    "team": [CONFIG / "team.yaml", REPEATABLE, DRAWN_PEOPLE],
+    "team": [CONFIG / "team.yaml", REPEATABLE],
     "paper": [CONFIG / "paper.yaml", CONFIG / "team.yaml"],
 }
 #: Robots that send nothing in a frame: then the interval closes without them.

@@ -17,6 +17,7 @@ from mrs_people_loc.config import Mounting
 from mrs_people_loc.messages import read_camera_info
 from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
 from ros.harness import ERROR, OK, Peer, Team
+from ros.planner_peer import pose_of
 from ros.recording import PARAMS, Recording, set_stamp, stamp_of
 from ros.robot_peer import RobotPeer
 from ros.tf2 import tf2
@@ -199,7 +200,7 @@ def test_turned_head_is_published_again(standing: RobotPeer, tf: Tf) -> None:
 
 def test_base_link_has_one_parent(robots: Callable[..., RobotPeer], tf: Tf) -> None:
     """Odometry in its own frame: the base publishes odom to base_link, the node map to odom."""
-    robot = robots("robot_b", pose__map_from_odom=[5.0, 6.0, 1.0])
+    robot = robots("robot_b", pose__map_from_odom=[5.0, 6.0, 1.0], localization__run="never")
 
     def placed() -> Any:
         robot.send_pose(robot.odometry(frame_id="robot_b/odom"))
@@ -216,6 +217,42 @@ def test_base_link_has_one_parent(robots: Callable[..., RobotPeer], tf: Tf) -> N
     robot.send_pose(odometry)
     found = robot.peer.until(lambda: tf.moving("robot_b/base_link"), "/tf")
     assert [stamp_of(t) for t in found] == [stamp_of(odometry)]
+
+
+def test_localization_moves_the_frame_of_the_odometry(
+    robots: Callable[..., RobotPeer], tf: Tf
+) -> None:
+    """With absolute poses 0.2 m beside where the robot is told to start."""
+    robot = robots("robot_h", pose__map_from_odom=[5.0, 6.0, 1.0])
+
+    def corrected() -> bool:
+        odometry = robot.odometry(frame_id="robot_h/odom")
+        odometry.pose = pose_of(0, 2.0, 1.0, 0.3).pose
+        robot.send_pose(odometry)
+        start = matrix_of(printed("map", "", 5.0, 6.0, 1.0).transform)
+        x, y, _, _ = start @ (2.0, 1.2, 0.0, 1.0)
+        beside = pose_of(stamp_of(odometry), x, y, 1.3)
+        beside.pose.covariance[[0, 7, 35]] = 1e-4
+        robot.send_pose(beside, "pose_in")
+        robot.peer.spin(0.05)
+        found = tf.moving("robot_h/odom")
+        return bool(found) and math.dist(planar(robot.poses[-1])[:2], planar(beside)[:2]) < 0.05
+
+    robot.peer.until(corrected, "the correction")
+    pose = robot.poses[-1]
+
+    def told() -> Any:
+        return [t for t in tf.moving("robot_h/odom") if stamp_of(t) == stamp_of(pose)]
+
+    (frame,) = robot.peer.until(told, "/tf")
+    assert frame.header.frame_id == "map"
+    # What the base says of itself on it gives the pose.
+    local = printed("robot_h/odom", "robot_h/base_link", 2.0, 1.0, 0.3)
+    found = matrix_of(frame.transform) @ matrix_of(local.transform)
+    wanted = matrix_of(printed("map", "", *planar(pose)).transform)
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    assert tf.moving("robot_h/base_link") == []
+    assert tf.fixed("robot_h/odom") is None
 
 
 def test_frames_are_published_as_the_parameter_says(

@@ -40,7 +40,7 @@ def test_foreign_lock_folder_is_reported(monkeypatch, tmp_path):
         pass
 
 
-@pytest.mark.parametrize("participant", [0, 3])
+@pytest.mark.parametrize("participant", [0, 3, 10, 50])
 def test_domain_in_use_is_not_taken(participant):
     with domain.own_domain() as one:
         pass

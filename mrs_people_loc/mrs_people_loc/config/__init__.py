@@ -50,6 +50,7 @@ from mrs_people_loc.config.robot import (
     Quantization,
     RobotConfig,
     Sight,
+    WallSensors,
     Zones,
 )
 
@@ -81,6 +82,7 @@ __all__ = [
     "Team",
     "Tracking",
     "Value",
+    "WallSensors",
     "Zones",
     "load_team",
     "load_yaml",

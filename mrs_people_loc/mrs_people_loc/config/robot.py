@@ -284,7 +284,7 @@ class Localization(Section):
     gate: float = field(
         0.999, "observations are refused that are less likely than all but this share of the "
         "right ones",
-        low=0.5, high=0.999999,
+        low=0.5, high=0.999999, live=False,
     )  # fmt: skip
     share_rate: float = field(
         100.0, "rate at which the robot tells its team where it is [Hz]", low=1.0, high=1e3
@@ -295,6 +295,53 @@ class Localization(Section):
         if not sigmas or any(sigma < 0 for sigma in sigmas):
             raise ConfigError(
                 f"localization.start_sigmas is {list(sigmas)}; allowed: 3 numbers of at least 0"
+            )
+
+
+@dataclass(frozen=True)
+class WallSensors(Section):
+    """Where localization sees walls, and which it knows."""
+
+    stereo: bool = field(True, "true: walls are found in the disparity images of the head")
+    laser: bool = field(
+        False, "true: walls are found in the sensor_msgs/LaserScan on `scan`", live=False
+    )
+    laser_mounting: tuple[float, ...] = field(
+        (), "x, y [m] and yaw [rad] of the laser scanner in base_link; empty: from TF, which "
+        "requires tf2_ros",
+        kind="floats", length=3, live=False,
+    )  # fmt: skip
+    laser_sigma: float = field(
+        0.02, "standard deviation of the laser scanner's ranges [m]", low=0.001, high=1.0
+    )
+    sonars: tuple[str, ...] = field(
+        (), "topics of the robot's sonars (sensor_msgs/Range) in which walls are found, such as "
+        "sonar/left",
+        live=False,
+    )  # fmt: skip
+    sonar_mountings: tuple[float, ...] = field(
+        (), "x, y [m] and yaw [rad] of each sonar in base_link, one after another; empty: from TF, "
+        "which requires tf2_ros",
+        kind="floats", live=False,
+    )  # fmt: skip
+    file: str = field(
+        "", "YAML file of known walls, lines in the map frame; empty: none", live=False
+    )
+    occupancy_grid: bool = field(
+        False, "true: the straight walls of the first nav_msgs/OccupancyGrid on the team's topic "
+        "`map` are known",
+        live=False,
+    )  # fmt: skip
+    occupied_from: int = field(
+        65, "cells of the grid from this value on are occupied [%]", low=1, high=100
+    )
+
+    def _check_relations(self) -> None:
+        given, wanted = len(self.sonar_mountings), 3 * len(self.sonars)
+        if given not in (0, wanted):
+            raise ConfigError(
+                f"walls.sonar_mountings has {given} numbers; allowed for {len(self.sonars)} "
+                f"sonars: none, or {wanted}"
             )
 
 
@@ -313,3 +360,4 @@ class RobotConfig(Section):
     bodies: Bodies = dataclasses.field(default_factory=Bodies)
     pose: PoseInput = dataclasses.field(default_factory=PoseInput)
     localization: Localization = dataclasses.field(default_factory=Localization)
+    walls: WallSensors = dataclasses.field(default_factory=WallSensors)

@@ -7,6 +7,7 @@ People read the sentences, which may change; tools go by the codes (the value `c
 |---|---|
 | `inputs` | one subscribed topic |
 | `robot` | pairing, head, mounting, scan and pose of a robot, by its own node |
+| `localization` | the localization of a robot, by its own node |
 | `team` | the intervals, and each robot as the planner receives it |
 """
 
@@ -53,6 +54,13 @@ class Code(str, Enum):
     SCAN_SILENT = "scan_silent"
     STAMPS_OFF = "stamps_off"
     NO_POSE = "no_pose"
+    # of a robot's localization
+    CARRIED = "carried"
+    MATE_DOUBTED = "mate_doubted"
+    MAP_MISFIT = "map_misfit"
+    MATE_CLOCK = "mate_clock"
+    CORRECTIONS_REFUSED = "corrections_refused"
+    NOT_CORRECTED = "not_corrected"
     # of a robot, as the planner receives it
     CLOCK_ASTRAY = "clock_astray"
     LEFT_OUT_NO_POSE = "left_out_no_pose"

@@ -38,6 +38,7 @@ class InputState:
             the wanted type may be left out.
         incompatible: The policy of QoS in which a publisher does not fit; empty: none.
         once: One message that can be used is enough.
+        any_number: Any number of nodes may publish it, also none; silence is no fault.
         taken: Whether there was one.
         instead: Another topic that is published, and what to do to have that one used.
     """
@@ -57,6 +58,7 @@ class InputState:
     publishers: Sequence[tuple[str, str]] = ()
     incompatible: str = ""
     once: bool = False
+    any_number: bool = False
     taken: bool = False
     instead: tuple[str, str] | None = None
 
@@ -80,9 +82,11 @@ def _judge(state: InputState) -> tuple[bytes, Code | None, str]:
         text = f"none of {state.refused} can be used; last: {state.last_error}"
         return ERROR, refusal, text
     if state.silent_s > SILENCE_S and not (state.once and state.taken):
-        return ERROR, *_silence(state)
+        code, text = _silence(state)
+        if not state.any_number or code in (Code.WRONG_QOS, Code.WRONG_TYPE):
+            return ERROR, code, text
     sources = sorted(name for name, kind in state.publishers if kind == state.kind)
-    if len(sources) > 1:
+    if len(sources) > 1 and not state.any_number:
         text = (
             f"{len(sources)} publishers on {state.topic}: {', '.join(sources)}; one is wanted, "
             "since all messages are taken for one source's: end or remap the others; or one was "

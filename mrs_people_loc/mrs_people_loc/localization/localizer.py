@@ -28,6 +28,7 @@ from mrs_people_loc.localization.odometry import DeadReckoning, OdometryTrack
 from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
 from mrs_people_loc.localization.team_filter import FilterTuning, TeamFilter
 from mrs_people_loc.localization.team_state import Landmark, Misfit, Source, TeamState, Trust
+from mrs_people_loc.localization.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.team.poses import Pose
 
@@ -130,6 +131,18 @@ class Localizer:
         """Forgets everything; the next odometry is the start."""
         self._reckoning = DeadReckoning(self.config)
         self._begin()
+
+    def configure(self, config: Localization) -> None:
+        """Takes another noise of the odometry, from the next one on; the start and gate stay."""
+        self.config = self._reckoning.config = config
+
+    def take_known(self, walls: Walls) -> None:
+        """Takes known walls, in the map.
+
+        Args:
+            walls: All of them: those known before with their indices, and further ones.
+        """
+        self._filter.walls = WallLandmarks(walls, self._filter.gates)
 
     # ------------------------------------------------------------------------------- what comes in
 
@@ -258,6 +271,14 @@ class Localizer:
         """
         return self._own_pose(self._track.at(stamp_ns), self._history.until(stamp_ns))
 
+    def odometry_at(self, stamp_ns: int) -> Odometry:
+        """The robot's dead reckoning at a time.
+
+        Raises:
+            PoseError: There is none near that time.
+        """
+        return self._track.at(stamp_ns)
+
     def share(self) -> TeamPose:
         """What the team is to hear now.
 
@@ -268,8 +289,9 @@ class Localizer:
         if newest is None:
             raise PoseError("no odometry has arrived")
         pose = self._own_pose(newest, self._history.newest)
-        walls = tuple(seen for _, seen in self._walls)
-        absolute = tuple(measured for _, measured in self._absolute)
+        oldest_ns = newest.stamp_ns - REPEATED_NS
+        walls = tuple(seen for t, seen in self._walls if t >= oldest_ns)
+        absolute = tuple(measured for t, measured in self._absolute if t >= oldest_ns)
         return TeamPose(self.robot, pose, newest, walls, absolute)
 
     @property

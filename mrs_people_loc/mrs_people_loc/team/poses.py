@@ -12,7 +12,7 @@ import numpy as np
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.clocks import RESET_NS, Order, StampOrder
+from mrs_people_loc.clocks import RESET_NS, Order, RateLimit, StampOrder
 from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 
@@ -97,6 +97,21 @@ class Pose:
             wrap_angle(self.yaw + other.yaw),
             of_self @ self.covariance @ of_self.T + of_other @ other.covariance @ of_other.T,
         )
+
+
+def frame_of(pose: Pose, local: Pose) -> Pose:
+    """Where a frame is, in which something has the pose `local`.
+
+    Args:
+        pose: Its pose in the frame that the result is given in.
+        local: Its pose in the frame that is asked for.
+
+    Returns:
+        The exact frame F with F @ local = pose, at the stamp of `pose`.
+    """
+    yaw = wrap_angle(pose.yaw - local.yaw)
+    dx, dy = rotation_2d(yaw) @ (local.x, local.y)
+    return Pose(pose.stamp_ns, pose.x - float(dx), pose.y - float(dy), yaw)
 
 
 @dataclass
@@ -315,7 +330,7 @@ class PoseIntake:
     config: cfg.PoseInput
     frame_in_map: Callable[[str], Pose] | None = None
     last: Pose | None = None
-    _due_ns: int = 0
+    _rate: RateLimit = field(default_factory=RateLimit)
     _order: StampOrder = field(default_factory=StampOrder)
 
     def __call__(self, pose: Pose, frame_id: str) -> Pose | None:
@@ -332,22 +347,14 @@ class PoseIntake:
             PoseError: Its frame is not known in the map, or it is not newer than the last one.
         """
         pose = self._in_map(pose, frame_id.lstrip("/"))
-        stamp_ns, period_ns = pose.stamp_ns, round(1e9 / self.config.max_rate)
         newest_ns = self._order.newest_ns
-        order = self._order.take(stamp_ns)
+        order = self._order.take(pose.stamp_ns)
         if order is Order.LATE:
-            raise PoseError(f"stamp is {stamp_ns} ns; wanted: newer than {newest_ns} ns")
+            raise PoseError(f"stamp is {pose.stamp_ns} ns; wanted: newer than {newest_ns} ns")
         if order is Order.ANEW or newest_ns is None:
-            due_ns = stamp_ns
-        else:
-            # A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next is due a
-            # period after this one was, so that the rate holds in the long run.
-            due_ns = self._due_ns
-            if due_ns - stamp_ns > period_ns // 10:
-                return None
-            if stamp_ns - due_ns >= period_ns:
-                due_ns = stamp_ns
-        self._due_ns = due_ns + period_ns
+            self._rate.begin_anew()
+        if not self._rate.lets_through(pose.stamp_ns, self.config.max_rate):
+            return None
         self.last = pose
         return pose
 

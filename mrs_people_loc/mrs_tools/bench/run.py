@@ -3,10 +3,11 @@
     report = run_bench(bag, configs=[paper, default])
     report["targets"]                       # each figure that has a target, and whether it is met
 
-Five parts: one robot's view, stage by stage (`robot`); one interval of the planner (`planner`);
-what it costs as the team grows (`growth`); following people (`tracking`); and real processes over
-DDS (`live`). Nothing is timed that differs from the repository's oracle: `tests/oracle/comparison`
-says what is compared, and how closely.
+Six parts: one robot's view, stage by stage (`robot`); one interval of the planner (`planner`);
+what it costs as the team grows (`growth`); following people (`tracking`); walls of views and laser
+scans (`walls`); and real processes over DDS (`live`). Nothing of the people's methods is timed that
+differs from the repository's oracle: `tests/oracle/comparison` says what is compared, and how
+closely.
 
 How it is timed: on one core (OpenCV's threads are off), stages as the pipeline times them itself,
 but by the processor time that they take, so that other work on the machine does not count. It does
@@ -42,6 +43,7 @@ from mrs_tools.bench.planner import time_planner
 from mrs_tools.bench.robot import heads_of, time_robot
 from mrs_tools.bench.targets import targets
 from mrs_tools.bench.tracking import time_tracking
+from mrs_tools.bench.walls import time_walls
 from mrs_tools.common import one_thread
 from mrs_tools.domain import private_domain
 
@@ -98,6 +100,8 @@ def run_bench(
         planner = time_planner(named, frames, oracle, on_step)
         growth = time_growth(named, robots, oracle, on_step=on_step)
         tracking = time_tracking(frames, oracle, on_step)
+        on_step("finding walls")
+        walls = time_walls(frames)
     report = {
         "machine": machine(),
         "bag": str(bag),
@@ -106,6 +110,7 @@ def run_bench(
         "planner": planner,
         "growth": growth,
         "tracking": tracking,
+        "walls": walls,
         "live": _live(bag, live_files, seconds, on_step, on_domain) if live_files else None,
     }
     return {**report, "targets": [target.report() for target in targets(report)]}

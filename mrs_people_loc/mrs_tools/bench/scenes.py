@@ -49,7 +49,7 @@ _NOISE_PX, _MISSING = 0.1, 0.15
 #: Bodies in a scan, and how far they are sought [m]: as the defaults have it.
 _MOST_BODIES, _RANGE_M = 16, 6.0
 _COVARIANCE = np.diag([0.02**2, 0.02**2, 0.01**2])
-_CAMERA = StereoCamera(width=160, height=120, fx=105.46, fy=105.46, cx=79.5, cy=59.5, baseline=0.10)
+CAMERA = StereoCamera(width=160, height=120, fx=105.46, fy=105.46, cx=79.5, cy=59.5, baseline=0.10)
 
 
 def drawn_disparity(
@@ -63,7 +63,7 @@ def drawn_disparity(
         people: Where people stand [m].
         size: Of the room, from (0, 0) on [m].
     """
-    camera, rng = _CAMERA, np.random.default_rng(seed)
+    camera, rng = CAMERA, np.random.default_rng(seed)
     left = -(np.arange(camera.width) - camera.cx) / camera.fx  # per metre ahead, per column
     up = -(np.arange(camera.height) - camera.cy)[:, np.newaxis] / camera.fy
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
@@ -162,14 +162,14 @@ def _scans(
     size: tuple[float, float],
 ) -> list[Scan]:
     rng = np.random.default_rng(seed)
-    blank = np.zeros((_CAMERA.height, _CAMERA.width), dtype=np.uint8)
+    blank = np.zeros((CAMERA.height, CAMERA.width), dtype=np.uint8)
     scans = []
     for index, (robot, pose) in enumerate(poses.items()):
         near = [p for p in people if math.dist(p, (pose.x, pose.y)) < _RANGE_M]
         if config.bodies.search:
             scans.append(Scan(robot, 0, _made_bodies(pose, rng, near)))
             continue
-        pipeline = RobotPipeline(robot, _CAMERA, config)
+        pipeline = RobotPipeline(robot, CAMERA, config)
         disparity = drawn_disparity(pose, seed * len(poses) + index, near, size)
         pipeline.matcher = lambda _, drawn=disparity: drawn  # type: ignore[assignment]
         scans.append(pipeline.step(StereoImages(0, blank, blank)))

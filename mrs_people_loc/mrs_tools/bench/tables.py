@@ -35,6 +35,7 @@ def show(report: Mapping[str, Any], console: Console) -> None:
     for table in _growth_tables(report["growth"]):
         console.print(table)
     console.print(_tracking_table(report["tracking"]))
+    console.print(_wall_table(report["walls"]))
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
             console.print(table)
@@ -95,6 +96,13 @@ def _tracking_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = _table("\nfollowing people, one interval: median [ms]", "people", "tracker", "groups")
     for row in rows:
         table.add_row(str(row["people"]), f"{row['tracker_ms']:.2f}", f"{row['groups_ms']:.2f}")
+    return table
+
+
+def _wall_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    table = _table("\nwalls of one view or scan: median / p99 [ms]", "sensor", "walls", "")
+    for row in rows:
+        table.add_row(row["sensor"], f"{row['found']:.1f}", _times(row))
     return table
 
 

@@ -11,6 +11,8 @@ from mrs_tools.bench.robot import PAIR_OF_THREE
 
 #: What the tracker may take, by number of people [ms].
 _TRACKER_MS = {10: 0.5, 200: 10.0}
+#: What finding the walls of a view or a scan may take [ms].
+_WALLS_MS = 1.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ def targets(report: Mapping[str, Any]) -> list[Target]:
         if row["people"] in _TRACKER_MS:
             where, limit = f"{row['people']} people", _TRACKER_MS[row["people"]]
             found.append(Target("tracker, one interval", where, row["tracker_ms"], limit, "ms"))
+    for row in report["walls"]:
+        found.append(Target("walls", row["sensor"], row["median"], _WALLS_MS, "ms"))
     live = report["live"]
     if live is not None:
         latency = live["latency_ms"]["newest"]["p99"]

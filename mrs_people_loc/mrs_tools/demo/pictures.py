@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from bisect import bisect_right
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,12 +88,13 @@ def read_team_bag(path: Path, config: Team) -> RecordedTeam:
 def draw_demo(views: Sequence[TopView], robots: int, out: Path, console: Console) -> None:
     """Draws one interval and all of them.
 
-    The one has all robots, and as many people as there were. Of several it is the last; if
+    The one has all robots, and as many people as most intervals. Of several it is the last; if
     somebody fell behind, the one in which they were farthest from their group.
     """
     whole = [view for view in with_trails(views) if len(view.robots) == robots]
-    most = max(len(view.people) for view in whole)
-    whole = [view for view in whole if len(view.people) == most]
+    counts = Counter(len(view.people) for view in whole)
+    usual = max(counts, key=lambda count: (counts[count], count))
+    whole = [view for view in whole if len(view.people) == usual]
     shown = max(reversed(whole), key=_farthest_behind)
     at_s = (shown.stamp_ns - views[0].stamp_ns) / 1e9
     draw_top_view(dataclasses.replace(shown, title=f"after {at_s:.1f} s: {headline(shown)}"), out)

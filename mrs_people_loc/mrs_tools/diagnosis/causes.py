@@ -107,6 +107,8 @@ class Symptom:
         """What it is about."""
         if self.subject.startswith("robot "):
             return Kind.ROBOT
+        if self.subject.startswith("/"):  # a topic of the team, or of a sensor of walls
+            return Kind.OTHER
         last = self.subject.rpartition("/")[2]
         return Kind.IMAGE if last.startswith("image_") else _KINDS.get(last, Kind.OTHER)
 

@@ -49,6 +49,17 @@ _ADVICE = {
     "its computer, and the network",
     Code.LEFT_OUT_TOO_OLD: "they come late: the network, the load of its computer, its clock",
     Code.NO_POSE: "publish its pose, in the map, or set pose.map_from_odom",
+    Code.CARRIED: "let it see walls, team-mates or people of the group, or tell it where it is: a "
+    "PoseWithCovarianceStamped on its topic pose_in",
+    Code.MATE_DOUBTED: "look at what that robot says of itself: its start (pose.map_from_odom, "
+    "localization.start), its mounting, whatever publishes its pose_in",
+    Code.MAP_MISFIT: "correct the map or its origin, or the wall in the file that walls.file "
+    "names: docs/robots.md",
+    Code.MATE_CLOCK: "synchronize the clocks of all computers (chrony or NTP)",
+    Code.CORRECTIONS_REFUSED: "look at the sensor: its mounting, its stated errors, its stamps; "
+    "for pose_in, at its source",
+    Code.NOT_CORRECTED: "normal in a wide hall; else look at the sensors of walls, at the other "
+    "robots, and whether the planner runs: docs/robots.md",
     Code.SLOW: "its computer or the network is too slow: see cpu, and *_ms",
     **dict.fromkeys(
         (Code.NO_VIEW, Code.NO_SCAN, Code.NO_ROBOT, Code.NO_INTERVAL), "wait, or see its inputs"

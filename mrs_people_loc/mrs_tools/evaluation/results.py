@@ -21,13 +21,22 @@ import numpy as np
 
 from mrs_people_loc.config import Groups, PlannerConfig
 from mrs_people_loc.errors import BagError
+from mrs_people_loc.planner import Planner
 from mrs_tools.bags.estimates import estimate_of, has_people, read_recorded
 from mrs_tools.bags.labels import Labels, labels_beside
 from mrs_tools.bags.offline import BagRun, Interval
+from mrs_tools.bags.robot_poses import (
+    named_robots,
+    read_odometry,
+    read_sent_poses,
+    read_true_poses,
+)
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.sources import RobotView, robots_of
 from mrs_tools.bags.truth import TRUTH_TOPIC, read_truth
+from mrs_tools.evaluation.team_poses import PlannerBesideExact, TeamScores, score_team
 from mrs_tools.scoring.detections import DetectionScores, score_detections
+from mrs_tools.scoring.poses import PoseTrack
 from mrs_tools.scoring.positions import Frame, percentile, ratio, score, summary
 from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.stragglers import StragglerScores, score_centres, score_stragglers
@@ -46,6 +55,7 @@ class Result:
         detections: What MODA and MODP are made of.
         tracks: What the scores of identities and velocities are made of.
         stragglers: What the scores of stragglers are made of.
+        team: Scores of the robots' poses, and of the people beside those with exact poses.
         duration_s: From the first to the last message of the bag [s].
         counts: By robot, for each of its views the numbers named in `STAGES`.
         times_ms: By stage, what it took each time [ms]; `robot` and `planner` are what one view
@@ -59,6 +69,7 @@ class Result:
     detections: DetectionScores = field(default_factory=DetectionScores)
     tracks: TrackScores = field(default_factory=TrackScores)
     stragglers: StragglerScores = field(default_factory=StragglerScores)
+    team: TeamScores = field(default_factory=TeamScores)
     duration_s: float = 0.0
     counts: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     times_ms: dict[str, list[float]] = field(default_factory=dict)
@@ -78,6 +89,7 @@ class Result:
             total.detections += result.detections
             total.tracks += result.tracks
             total.stragglers += result.stragglers
+            total.team += result.team
             total.duration_s += result.duration_s
             for robot, rows in result.counts.items():
                 total.counts.setdefault(robot, []).extend(rows)
@@ -88,6 +100,7 @@ class Result:
     def report(self) -> dict[str, Any]:
         """The figures, as the JSON of `mrs evaluate` has them; what is undefined is None."""
         scores = summary(self.frames)
+        poses = {"poses": self.team.report()} if self.team else {}
         return {
             "frames": scores["frames"],
             "duration_s": self.duration_s,
@@ -95,6 +108,7 @@ class Result:
             "group": scores["group"],
             "tracks": self.tracks.report(),
             "stragglers": self.stragglers.report(),
+            **poses,
             "stages": {robot: _stage_means(rows) for robot, rows in sorted(self.counts.items())},
             "timing_ms": {
                 stage: {"median": percentile(times, 50), "p99": percentile(times, 99)}
@@ -121,6 +135,7 @@ def evaluate_bag(
     use_map: bool = False,
     labels: Labels | None = None,
     tracking: bool | None = None,
+    localize: bool = False,
     on_interval: Callable[[Interval], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
@@ -137,6 +152,7 @@ def evaluate_bag(
             the bag, if there are any and `beside` is true.
         tracking: Whether people are followed, likewise; None: as the files say, but never where
             the labels say that it is not possible.
+        localize: Whether robots correct their odometry, likewise.
         on_interval: Called with each interval that is run.
         on_progress: Called with how much of the bag is done, 0 to 1.
 
@@ -154,13 +170,22 @@ def evaluate_bag(
             result = _unscored(labels, reader)
             topic, result.estimates = read_recorded(reader)
             result.notes.append(f"scored as recorded on {topic}")
-            return _scored(result, PlannerConfig().groups)
+            _scored(result, PlannerConfig().groups)
+            return _team_scored(result, reader, read_sent_poses(reader, named_robots(reader)))
     if tracking is None and labels is not None and not labels.follow:
         tracking = False
-    run = BagRun(bag, configs, beside=beside, use_map=use_map, tracking=tracking)
-    return evaluate_bag(
+    with BagReader(bag) as reader:
+        true = read_true_poses(reader, named_robots(reader))
+    beside_exact = PlannerBesideExact(true)
+    run = BagRun(
+        bag, configs, beside=beside, use_map=use_map, tracking=tracking, localize=localize,
+        planner=beside_exact if true else Planner,
+    )  # fmt: skip
+    result = evaluate_bag(
         run, labels=labels, beside=False, on_interval=on_interval, on_progress=on_progress
     )
+    with BagReader(bag) as reader:
+        return _team_scored(result, reader, beside_exact.used(), beside_exact.estimates)
 
 
 def _unscored(labels: Labels | None, bag: BagReader | BagRun) -> Result:
@@ -188,6 +213,21 @@ def _scored(result: Result, groups: Groups) -> Result:
     result.stragglers = score_stragglers(
         result.truth, result.frames, result.estimates, config=groups
     )
+    return result
+
+
+def _team_scored(
+    result: Result,
+    bag: BagReader,
+    estimated: Mapping[str, PoseTrack],
+    exact: Sequence[Estimate] | None = None,
+) -> Result:
+    """The result, with scores of the robots' poses if the bag has true ones."""
+    assert result.truth is not None
+    true = read_true_poses(bag, estimated)
+    if true:
+        odometry = read_odometry(bag, estimated)
+        result.team = score_team(true, estimated, odometry, result.truth, result.estimates, exact)
     return result
 
 

@@ -28,6 +28,12 @@ def show(results: Mapping[str, Result], console: Console) -> None:
         console.print(_tracks_table(reports))
     if any(result.stragglers.observed_s for result in rows.values()):
         console.print(_stragglers_table(reports))
+    of_poses = {name: report for name, report in reports.items() if "poses" in report}
+    if len(of_poses) < len(reports):
+        of_poses.pop("total", None)  # would be of other bags than the tables above
+    if of_poses:
+        console.print(_poses_table(of_poses))
+        console.print(_people_of_poses_table(of_poses))
     last = reports[next(reversed(reports))]
     if last["stages"]:
         console.print(_stages_table(last["stages"]))
@@ -126,6 +132,58 @@ def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
             number(found["minutes"], 1, 1),
             style="bold" if name == "total" else None,
         )
+    return table
+
+
+def _poses_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
+    table = make_table("robots' poses (medians and 95 % of errors, in cm and degrees)")
+    table.add_column("bag", overflow="fold", min_width=8)
+    for column in ("relative", "p95", "heading", "p95", "along", "across", "NEES", "bounds"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, report in reports.items():
+        rows = {name: report["poses"], "  odometry alone": report["poses"]["odometry"]}
+        for label, scores in rows.items():
+            if scores is None:
+                continue
+            relative, nees = scores["relative"], scores["nees"]
+            bounds = f"{number(nees['low'], 1, 1)}-{number(nees['high'], 1, 1)}"
+            table.add_row(
+                Text(plain(label)),
+                *(number(relative["position_m"][key], 100, 1) for key in ("median", "p95")),
+                *(number(relative["heading_deg"][key], 1, 2) for key in ("median", "p95")),
+                *(number(scores[key]["median"], 100, 1) for key in ("along_m", "across_m")),
+                number(nees["mean"], 1, 1),
+                "-" if nees["mean"] is None else bounds,
+                style="bold" if name == "total" else None,
+            )
+    return table
+
+
+def _people_of_poses_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    from rich.text import Text
+
+    table = make_table("people by the poses that they are placed with (errors in cm)")
+    table.add_column("bag", overflow="fold", min_width=8)
+    for column in ("found", "recall", "prec.", "mean", "p95"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, report in reports.items():
+        rows = {
+            name: report["people"],
+            "  in the team's frame": report["poses"]["people_in_team_frame"],
+            "  with exact poses": report["poses"]["people_with_exact_poses"],
+        }
+        for label, people in rows.items():
+            if people is None:
+                continue
+            table.add_row(
+                Text(plain(label)),
+                str(people["matched"]),
+                *(number(people[key], 1, 3) for key in ("recall", "precision")),
+                *(number(people["error_m"][key], 100, 1) for key in ("mean", "p95")),
+                style="bold" if name == "total" else None,
+            )
     return table
 
 

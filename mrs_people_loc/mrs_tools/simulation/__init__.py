@@ -13,7 +13,15 @@
     rendering.py  ray casting (Embree) and shading
     odometry.py   what the robots believe about their poses
     world.py      all of it together: one frame of one robot
+    range_sensors.py  sonars and laser scanners
+    range_topics.py   what they measure, as messages
     writer.py     messages, bags, the team's parameter file, live publishing
+
+Without rendering, in a moment:
+
+    tours.py          where a group, its team and the walls are
+    light_sensing.py  what the robots see of walls and people
+    light_team.py     their localizers, messages between them, and a planner
 
 NumPy, OpenCV and SciPy throughout; only `rendering` needs Embree (`pip install .[sim]`), and
 nothing needs ROS but publishing live. Units are metres, seconds and radians; everything is seeded.

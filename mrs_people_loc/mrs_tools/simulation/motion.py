@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from dataclasses import dataclass
@@ -69,6 +70,22 @@ class Track:
         if yaw is None:
             yaw = _headings(self._xy)
         self._yaw = np.unwrap(np.asarray(yaw, dtype=np.float64))
+
+    def carried(self, time: float, ahead: float, left: float, turn: float) -> Track:
+        """The track of one who is moved at a time [s], and goes on from there in the same way.
+
+        Args:
+            time: When [s].
+            ahead: How far in the direction that they then look, and from then on [m].
+            left: How far to the left of it [m].
+            turn: How far turned to the left [rad].
+        """
+        moved, xy = copy.copy(self), self._xy.copy()
+        later = self._start + STEP_S * np.arange(len(xy)) > time
+        cos, sin = np.cos(self._yaw[later]), np.sin(self._yaw[later])
+        xy[later] += np.stack([cos * ahead - sin * left, sin * ahead + cos * left], axis=1)
+        moved._xy, moved._yaw = xy, self._yaw + turn * later
+        return moved
 
     def at(self, time: float) -> Place:
         """Where one is at a time [s]; before the first and after the last sample as there."""

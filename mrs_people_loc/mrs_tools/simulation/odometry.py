@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_tools.simulation.motion import LEAD_S, Track
-from mrs_tools.simulation.scene import Odometry
+from mrs_people_loc.geometry import wrap_angle
+from mrs_tools.simulation.motion import LEAD_S, STEP_S, Track
+from mrs_tools.simulation.scene import Odometry, Robot
 
 #: Stated for an exact pose, so that no covariance is singular [m], [rad].
 _EXACT_SIGMA, _EXACT_SIGMA_YAW = 1e-3, 1e-3
@@ -56,8 +56,22 @@ class Belief:
     samples: list[PoseSample]
 
 
-def believe(track: Track, settings: Odometry, duration: float, rng: np.random.Generator) -> Belief:
-    """Turns a true track into odometry with the errors of a mode (see `scene.Odometry`)."""
+def believe(
+    track: Track,
+    settings: Odometry,
+    duration: float,
+    rng: np.random.Generator,
+    robot: Robot = Robot(),  # noqa: B008
+) -> Belief:
+    """Turns a true track into odometry with the errors of a mode (see `scene.Odometry`).
+
+    Args:
+        track: Where the robot is.
+        settings: The errors.
+        duration: Length of the scene [s].
+        rng: Source of randomness.
+        robot: Says when its wheels slip, and when it is carried.
+    """
     step = 1.0 / settings.rate
     count = math.ceil((duration + 0.8 * LEAD_S) / step)
     # A little before the first image; not in step with the images.
@@ -65,7 +79,7 @@ def believe(track: Track, settings: Odometry, duration: float, rng: np.random.Ge
     places = [track.at(float(t)) for t in at]
     truth = np.array([[p.x, p.y, p.yaw] for p in places])
     if settings.mode == "drift":
-        return _drifting(at, truth, settings, rng, track.free)
+        return _drifting(at, truth, settings, rng, robot, track.free)
     believed, covariance = truth, np.diag([_EXACT_SIGMA**2] * 2 + [_EXACT_SIGMA_YAW**2])
     if settings.mode == "localized":
         sigmas = np.array([settings.sigma, settings.sigma, settings.sigma_yaw])
@@ -83,32 +97,67 @@ def _wandering(at: NDArray, period: float, rng: np.random.Generator) -> NDArray:
 
 
 def _drifting(
-    at: NDArray, truth: NDArray, settings: Odometry, rng: np.random.Generator, free: bool
+    at: NDArray,
+    truth: NDArray,
+    settings: Odometry,
+    rng: np.random.Generator,
+    robot: Robot,
+    free: bool,
 ) -> Belief:
-    """Integrates the true motions with errors; the covariance is integrated along."""
-    count = len(at)
-    believed = np.zeros((count, 3))
-    covariances = [
-        np.diag([max(settings.sigma, 1e-4) ** 2] * 2 + [max(settings.sigma_yaw, 1e-4) ** 2])
-    ]
-    for k in range(1, count):
-        ahead = rotation_2d(-truth[k - 1, 2]) @ (truth[k, :2] - truth[k - 1, :2])
-        turned = wrap_angle(truth[k, 2] - truth[k - 1, 2])
-        way = float(np.linalg.norm(ahead)) + 0.2 * abs(turned)
-        sigma, sigma_yaw = settings.drift * math.sqrt(way), settings.drift_yaw * math.sqrt(way)
-        moved = ahead + rng.normal(0.0, 1.0, 2) * sigma
-        turn = rotation_2d(believed[k - 1, 2])
-        step = turn @ moved
-        believed[k, :2] = believed[k - 1, :2] + step
-        believed[k, 2] = believed[k - 1, 2] + turned + rng.normal() * sigma_yaw
+    """Integrates the motions that the wheels see, with errors; the covariance along with them."""
+    steps = seen_steps(at, truth, robot)
+    sigmas = step_sigmas(steps, settings)
+    believed = dead_reckoned(steps + sigmas * rng.normal(size=steps.shape))
+    start_sigmas = [settings.sigma, settings.sigma, settings.sigma_yaw]
+    covariances = [np.diag(np.maximum(start_sigmas, 1e-4) ** 2)]
+    for (dx, dy), sigma in zip(np.diff(believed[:, :2], axis=0), sigmas, strict=True):
         jacobian = np.eye(3)
-        jacobian[:2, 2] = (-step[1], step[0])
-        noise = np.diag([sigma**2, sigma**2, sigma_yaw**2])
-        covariances.append(jacobian @ covariances[-1] @ jacobian.T + noise)
+        jacobian[:2, 2] = (-dy, dx)
+        covariances.append(jacobian @ covariances[-1] @ jacobian.T + np.diag(sigma**2))
     # Where it starts is known with the error of the start.
-    start = truth[0] + rng.normal(size=3) * [settings.sigma, settings.sigma, settings.sigma_yaw]
+    start = truth[0] + rng.normal(size=3) * start_sigmas
     map_from_odom = (float(start[0]), float(start[1]), wrap_angle(float(start[2])))
     return Belief("odom", map_from_odom, _samples(at, believed, covariances, free))
+
+
+def seen_steps(at: NDArray, truth: NDArray, robot: Robot) -> NDArray:
+    """Motions from each time to the next, in the robot's frame at the first, as wheels see them.
+
+    Args:
+        at: Times [s], shape (n,).
+        truth: True x, y [m] and yaw [rad] then, shape (n, 3).
+        robot: Says when its wheels slip, and when it is carried.
+
+    Returns:
+        Ahead, left [m] and turned to the left [rad], shape (n - 1, 3).
+    """
+    cos, sin = np.cos(truth[:-1, 2]), np.sin(truth[:-1, 2])
+    dx, dy, turned = np.diff(truth, axis=0).T
+    turned = (turned + np.pi) % (2 * np.pi) - np.pi
+    steps = np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turned], axis=1)
+    if robot.carried:
+        time = robot.carried[0]
+        jumps = np.flatnonzero((at[1:] > time) & (at[:-1] < time + STEP_S))
+        steps[jumps] = steps[max(jumps.min(initial=1) - 1, 0)]
+    if robot.slip:
+        time, *error = robot.slip
+        steps[(at[:-1] < time) & (time <= at[1:])] += error
+    return steps
+
+
+def step_sigmas(steps: NDArray, settings: Odometry) -> NDArray:
+    """Standard deviations of what odometry makes of motions [m, m, rad], shape (n, 3)."""
+    way = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
+    return np.sqrt(way)[:, None] * [settings.drift, settings.drift, settings.drift_yaw]
+
+
+def dead_reckoned(steps: NDArray) -> NDArray:
+    """Poses after motions in the robot's frame, from x = y = yaw = 0 on, shape (n + 1, 3)."""
+    yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
+    y = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    return np.stack([np.append(0.0, x), np.append(0.0, y), yaw], axis=1)
 
 
 def _samples(

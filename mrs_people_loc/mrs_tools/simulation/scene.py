@@ -14,7 +14,7 @@ fields here; what is not named has its default, what is not known is an error::
     robots:
       robot_a: {x: 6.3, y: 3.5, yaw: 3.14, head: {pitch: 0.3, height: 1.5}}
       robot_b: {x: 1.0, y: 1.0, sonars: [{y: 0.2, yaw: 1.57}, {y: -0.2, yaw: -1.57}], laser: {}}
-    head: {baseline: 0.10}        # of all robots, unless they say otherwise
+    head: {baseline: 0.10}        # of all robots, unless they say otherwise; so sonars and laser
     imaging: {noise: 2.0}
     odometry: {mode: exact}
     layout: {people: 4}           # ... and what `layouts.py` adds at random
@@ -60,8 +60,8 @@ class Timing(Section):
 class Room(Section):
     """Floor, walls and light. One corner is the origin of `map`."""
 
-    length: float = _field(8.0, "along x [m]", low=1.0, high=100.0)
-    width: float = _field(7.0, "along y [m]", low=1.0, high=100.0)
+    length: float = _field(8.0, "along x [m]", low=1.0, high=200.0)
+    width: float = _field(7.0, "along y [m]", low=1.0, high=200.0)
     height: float = _field(2.8, "floor to ceiling [m]", low=1.8, high=20.0)
     walls: str = _field(
         "plaster",
@@ -101,8 +101,8 @@ class Furniture(Section):
     """One piece of furniture; its front looks along x before it is turned."""
 
     kind: str = _field("table", "what it is", choices=FURNITURE)
-    x: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
-    y: float = _field(0.0, "its middle [m]", low=-100.0, high=100.0)
+    x: float = _field(0.0, "its middle [m]", low=-200.0, high=200.0)
+    y: float = _field(0.0, "its middle [m]", low=-200.0, high=200.0)
     z: float = _field(0.0, "what it stands on, over the floor [m]", low=0.0, high=5.0)
     yaw: float = _field(0.0, "turned to the left [rad]", low=-_TAU, high=_TAU)
     size: tuple[float, ...] = _field(
@@ -285,6 +285,16 @@ class Robot(Section):
         0.0, "its images are this much later than the frame [s]", low=0.0, high=1.0
     )
     body: str = _field("mast", "how it looks", choices=("mast", "column", "none"))
+    slip: tuple[float, ...] = _field(
+        (), "when its wheels slip [s], and how far ahead, to the left [m] and turned to the left "
+        "[rad] `drift` odometry then is at once, although the robot is not",
+        kind="floats", length=4,
+    )  # fmt: skip
+    carried: tuple[float, ...] = _field(
+        (), "when it is carried [s], and how far ahead, to the left [m] and turned to the left "
+        "[rad] it then is at once, and stays, without `drift` odometry seeing it",
+        kind="floats", length=4,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -469,8 +479,8 @@ _SECTIONS: dict[str, type[Section]] = {
     "walk": Walk,
 }
 _OTHERS = (
-    "name", "seed", "description", "half", "furniture", "people", "robots", "head", "tracks",
-    "tracks_window", "assets",
+    "name", "seed", "description", "half", "furniture", "people", "robots", "head", "sonars",
+    "laser", "tracks", "tracks_window", "assets",
 )  # fmt: skip
 
 
@@ -502,11 +512,12 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
         for name, body in _mapping(document.get("robots") or {}, "robots").items():
             values = dict(_mapping(body or {}, f"robots.{name}"))
             heads[name] = StereoHead.from_mapping(_mapping(values.pop("head", {}), "head"), common)
-            if values.get("sonars"):
-                sonars[name] = _list(Sonar, values["sonars"], f"robots.{name}.sonars")
-            if "laser" in values:
-                laser = _mapping(values["laser"] or {}, f"robots.{name}.laser")
-                lasers[name] = Laser.from_mapping(laser)
+            given = values.get("sonars", document.get("sonars"))
+            if given:
+                sonars[name] = _list(Sonar, given, f"robots.{name}.sonars")
+            if "laser" in values or "laser" in document:
+                given = values.get("laser", document.get("laser"))
+                lasers[name] = Laser.from_mapping(_mapping(given or {}, f"robots.{name}.laser"))
             robots[name] = Robot.from_mapping(
                 {key: v for key, v in values.items() if key not in ("sonars", "laser")}
             )

@@ -156,8 +156,12 @@ class World:
             ]
             walked = self._walked.robots if self._walked else {}
             track = walked.get(name) or _robot_track(robot, self._duration)
+            if robot.carried:
+                track = track.carried(*robot.carried)
             self._robot_tracks[name] = track
-            self.beliefs[name] = believe(track, scene.odometry, self._duration, self._rng(5, k))
+            self.beliefs[name] = believe(
+                track, scene.odometry, self._duration, self._rng(5, k), robot
+            )
             body = robot_mesh(robot, head, self._rng(6, k), self._atlas)
             self._robot_meshes[name] = body.owned_by(_ROBOT - k)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,12 @@ from rosbags.interfaces import (
 )
 
 from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_tools.bags.robot_poses import true_pose_topic
 from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
 from mrs_tools.bags.truth import ASSETS_TOPIC
 from mrs_tools.simulation.odometry import PoseSample
+from mrs_tools.simulation.range_topics import RangeTopics
 from mrs_tools.simulation.rooms import floor_plan
 from mrs_tools.simulation.world import RenderedFrame, World
 
@@ -31,6 +34,7 @@ PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
 GROUP_TOPIC = "/ground_truth/group"
 MAP_TOPIC = "/map"
+TF_TOPIC = "/tf_static"
 #: As map_server offers it: late subscribers get the last one, too.
 _MAP_QOS = Qos(
     history=QosHistory.KEEP_LAST,
@@ -45,11 +49,6 @@ _MAP_QOS = Qos(
 )
 
 
-def true_pose_topic(robot: str) -> str:
-    """Where a robot's true pose is."""
-    return f"/ground_truth/{robot}/pose"
-
-
 class Messages:
     """Makes messages from the types of some message store.
 
@@ -59,27 +58,27 @@ class Messages:
 
     def __init__(self, make: Callable[..., Any] | None = None) -> None:
         types = default_typestore().types
-        self._make = make or (lambda kind, **fields: types[kind](**fields))
+        self.make = make or (lambda kind, **fields: types[kind](**fields))
 
     def header(self, frame: str, ns: int) -> Any:
         """std_msgs/Header."""
-        stamp = self._make("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
-        return self._make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+        stamp = self.make("builtin_interfaces/msg/Time", sec=ns // 10**9, nanosec=ns % 10**9)
+        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
         """geometry_msgs/Pose on the floor; the position is NaN for somebody who is not there."""
         qx, qy, qz, qw = quaternion_from_yaw(yaw if math.isfinite(yaw) else 0.0)
         z = 0.0 if math.isfinite(x) else math.nan
-        return self._make(
+        return self.make(
             "geometry_msgs/msg/Pose",
-            position=self._make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-            orientation=self._make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+            position=self.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+            orientation=self.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
         )
 
     def people(self, world: World, index: int) -> Any:
         """Where the people are in a frame."""
         time = world.truth_time(index)
-        return self._make(
+        return self.make(
             "geometry_msgs/msg/PoseArray",
             header=self.header("map", world.stamp_ns(time)),
             poses=[self.pose(p.x, p.y, p.yaw) for p in world.person_places(time)],
@@ -105,19 +104,19 @@ class Messages:
             {"file": file, "licence": source.licence, "origin": source.origin}
             for file, source in world.assets.items()
         ]
-        return self._make("std_msgs/msg/String", data=yaml.safe_dump(items, sort_keys=False))
+        return self.make("std_msgs/msg/String", data=yaml.safe_dump(items, sort_keys=False))
 
     def _of_people(self, label: str, data: NDArray) -> Any:
-        dimension = self._make(
+        dimension = self.make(
             "std_msgs/msg/MultiArrayDimension", label=label, size=len(data), stride=len(data)
         )
-        layout = self._make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
-        return self._make("std_msgs/msg/Int32MultiArray", layout=layout, data=data)
+        layout = self.make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
+        return self.make("std_msgs/msg/Int32MultiArray", layout=layout, data=data)
 
     def true_pose(self, world: World, robot: str, time: float) -> Any:
         """Where a robot is, as PoseStamped."""
         place = world.robot_place(robot, time)
-        return self._make(
+        return self.make(
             "geometry_msgs/msg/PoseStamped",
             header=self.header("map", world.stamp_ns(time)),
             pose=self.pose(place.x, place.y, place.yaw),
@@ -127,7 +126,7 @@ class Messages:
         """The room's walls and furniture, as nav_msgs/OccupancyGrid."""
         plan = floor_plan(world.scene.room, world.scene.furniture)
         ns = world.stamp_ns(0.0)
-        info = self._make(
+        info = self.make(
             "nav_msgs/msg/MapMetaData",
             map_load_time=self.header("map", ns).stamp,
             resolution=plan.resolution,
@@ -135,7 +134,7 @@ class Messages:
             height=plan.data.shape[0],
             origin=self.pose(plan.x, plan.y, plan.yaw),
         )
-        return self._make(
+        return self.make(
             "nav_msgs/msg/OccupancyGrid",
             header=self.header("map", ns),
             info=info,
@@ -147,21 +146,21 @@ class Messages:
         covariance = np.zeros((6, 6))
         covariance[np.ix_((0, 1, 5), (0, 1, 5))] = sample.covariance
         vector = "geometry_msgs/msg/Vector3"
-        twist = self._make(
+        twist = self.make(
             "geometry_msgs/msg/Twist",
-            linear=self._make(vector, x=sample.velocity, y=sample.sideways, z=0.0),
-            angular=self._make(vector, x=0.0, y=0.0, z=sample.turn_rate),
+            linear=self.make(vector, x=sample.velocity, y=sample.sideways, z=0.0),
+            angular=self.make(vector, x=0.0, y=0.0, z=sample.turn_rate),
         )
-        return self._make(
+        return self.make(
             "nav_msgs/msg/Odometry",
             header=self.header("map" if frame == "map" else f"{robot}/{frame}", ns),
             child_frame_id=f"{robot}/base_link",
-            pose=self._make(
+            pose=self.make(
                 "geometry_msgs/msg/PoseWithCovariance",
                 pose=self.pose(sample.x, sample.y, sample.yaw),
                 covariance=covariance.reshape(-1),
             ),
-            twist=self._make(
+            twist=self.make(
                 "geometry_msgs/msg/TwistWithCovariance",
                 twist=twist,
                 covariance=np.diag([1e-4, 1e-6, 1e-6, 1e-6, 1e-6, 1e-4]).reshape(-1),
@@ -188,35 +187,55 @@ def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) ->
             bag.add_topic(ASSETS_TOPIC, "std_msgs/msg/String", [_MAP_QOS])
             bag.write(ASSETS_TOPIC, world.stamp_ns(0.0), messages.assets(world))
         recordings = {name: RobotWriter(bag, name) for name in world.names}
-        pending = [
-            (world.stamp_ns(sample.time), name, belief.frame, sample)
-            for name, belief in world.beliefs.items()
-            for sample in belief.samples
-        ]
-        pending.sort(key=lambda item: (item[0], item[1]), reverse=True)
+        pending = _events(bag, world, messages)
 
-        def odometry_until(ns: float) -> None:
+        def events_until(ns: float) -> None:
             while pending and pending[-1][0] <= ns:
-                at, name, frame, sample = pending.pop()
-                bag.write(f"/{name}/odom", at, messages.odometry(name, frame, sample, at))
-                time = sample.time
-                bag.write(true_pose_topic(name), at, messages.true_pose(world, name, time))
+                pending.pop()[-1]()
 
         for index, seen in enumerate(frames):
             for frame in sorted(seen, key=lambda f: f.stamp_ns):
-                odometry_until(frame.stamp_ns)
+                events_until(frame.stamp_ns)
                 topic = "image_raw" if world.raw[frame.robot] else "image_rect"
                 for camera in world.cameras[frame.robot]:
                     recordings[frame.robot].camera(
                         camera.name, topic, frame.images[camera.name], camera.model, frame.stamp_ns
                     )
             ns = world.stamp_ns(world.truth_time(index))
-            odometry_until(ns)
+            events_until(ns)
             bag.write(PEOPLE_TOPIC, ns, messages.people(world, index))
             bag.write(VISIBLE_TOPIC, ns, messages.visible(world.seen_pixels(seen)))
             if world.has_group:
                 bag.write(GROUP_TOPIC, ns, messages.groups(world, index))
-        odometry_until(math.inf)
+        events_until(math.inf)
+
+
+def _events(
+    bag: BagWriter, world: World, messages: Messages
+) -> list[tuple[int, str, Callable[[], None]]]:
+    """Odometry and ranges: stamp [ns], robot, and what writes them; the first one last."""
+
+    def odometry(name: str, frame: str, sample: PoseSample, ns: int) -> None:
+        bag.write(f"/{name}/odom", ns, messages.odometry(name, frame, sample, ns))
+        bag.write(true_pose_topic(name), ns, messages.true_pose(world, name, sample.time))
+
+    def ranges(time: float, name: str, kind: str, ns: int) -> None:
+        for topic, message in sensors.measured(time, name, kind):
+            bag.write(topic, ns, message)
+
+    events: list[tuple[int, str, Callable[[], None]]] = []
+    for name, belief in world.beliefs.items():
+        for sample in belief.samples:
+            ns = world.stamp_ns(sample.time)
+            events.append((ns, name, partial(odometry, name, belief.frame, sample, ns)))
+    if world.scene.sonars or world.scene.lasers:
+        sensors = RangeTopics(world, messages.make, messages.header)
+        bag.add_topic(TF_TOPIC, "tf2_msgs/msg/TFMessage", [_MAP_QOS])
+        bag.write(TF_TOPIC, world.stamp_ns(0.0), sensors.mountings())
+        for time, name, kind in sensors.events():
+            ns = world.stamp_ns(time)
+            events.append((ns, name, partial(ranges, time, name, kind, ns)))
+    return sorted(events, key=lambda event: event[:2], reverse=True)
 
 
 def team_parameters(world: World) -> dict[str, Any]:
@@ -238,9 +257,28 @@ def team_parameters(world: World) -> dict[str, Any]:
         place = world.beliefs[name].map_from_odom
         if place is not None:
             parameters["pose"] = {"map_from_odom": [round(v, 6) for v in place]}
+        walls = _wall_sensors(world, name)
+        if walls:
+            parameters["walls"] = walls
+            odometry = world.scene.odometry
+            sigmas = [odometry.sigma, odometry.sigma, odometry.sigma_yaw]
+            parameters["localization"] = {"start_sigmas": sigmas}
         document[f"/{name}/robot_node"] = {"ros__parameters": parameters}
     document["/**/planner_node"] = {"ros__parameters": {"robots": list(world.names)}}
     return document
+
+
+def _wall_sensors(world: World, name: str) -> dict[str, Any]:
+    """Parameters of a robot's sonars and laser scanner; none if it has none."""
+    parameters: dict[str, Any] = {}
+    sonars = world.scene.sonars.get(name, ())
+    if sonars:
+        parameters["sonars"] = [f"sonar_{k}" for k in range(len(sonars))]
+        parameters["sonar_mountings"] = [v for s in sonars for v in (s.x, s.y, s.yaw)]
+    laser = world.scene.lasers.get(name)
+    if laser is not None:
+        parameters |= {"laser": True, "laser_mounting": [laser.x, laser.y, laser.yaw]}
+    return parameters
 
 
 def write_team(path: Path, world: World) -> None:

@@ -104,3 +104,24 @@ def test_several_publishers_are_an_error_that_names_them():
         assert text.startswith("2 publishers on /a/left/image_rect: /a/camera, /b/camera; one is")
     other_type = replace(WELL, publishers=[("/a/camera", IMAGE), ("/x", "a/msg/B")])
     assert verdict(of_input(other_type)) == (OK, None, "ok")  # it is not heard
+
+
+def test_input_that_any_number_may_publish_is_ok_without_and_with_several():
+    optional = replace(WELL, any_number=True)
+    for publishers in ((), [("/a/camera", IMAGE), ("/b/camera", IMAGE)]):
+        for silent_s in (0.1, 7.0):
+            state = replace(optional, publishers=publishers, silent_s=silent_s)
+            assert verdict(of_input(state)) == (OK, None, "ok")
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"incompatible": "RELIABILITY"}, Code.WRONG_QOS),
+        ({"publishers": [("/a/camera", "a/msg/B")]}, Code.WRONG_TYPE),
+        ({"silent_s": 0.1, "refused_in_a_row": 3, "last_error": "x"}, Code.ALL_REFUSED),
+    ],
+)
+def test_unusable_publishers_of_such_an_input_are_reported(changes, code):
+    state = replace(WELL, any_number=True, **{"silent_s": 7.0} | changes)
+    assert verdict(of_input(state))[:2] == (ERROR, code)

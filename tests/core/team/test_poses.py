@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseTuning
+from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseTuning, frame_of
 
 PI = math.pi
 MS = 1_000_000
@@ -97,6 +97,19 @@ def test_a_pose_and_its_inverse_cancel(one):
 def test_composition_is_associative(a, b, c):
     assert_same_place((a @ b) @ c, a @ (b @ c), 1e-8)
     assert -PI < (a @ b).yaw <= PI
+
+
+def test_frame_matches_hand_computed_values():
+    """The frame is turned by a quarter; 3 m along its x is 3 m along y of the map."""
+    frame = frame_of(pose(x=1.0, y=5.0, yaw=PI / 2 + 0.25), pose(x=3.0, y=0.0, yaw=0.25))
+    assert_same_place(frame, pose(x=1.0, y=2.0, yaw=PI / 2))
+
+
+@given(poses, poses)
+def test_frame_of_a_composition_is_its_first_pose(frame, local):
+    found = frame_of(frame @ local, local)
+    assert_same_place(found, frame)
+    np.testing.assert_array_equal(found.covariance, EXACT)
 
 
 def random_covariance(seed: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import re
 import subprocess
@@ -111,6 +112,20 @@ def test_picture_shows_the_moment_of_the_farthest_straggler(tmp_path, monkeypatc
     assert drawn[2].stamp_ns == views[7].stamp_ns  # nobody: the last one
     printed(draw_demo, [*views[:12], *walk()[:3]], 2, tmp_path / "demo.png")
     assert drawn[4].stamp_ns == views[11].stamp_ns
+
+
+def test_picture_shows_as_many_people_as_most_intervals(tmp_path, monkeypatch):
+    drawn: list[Any] = []
+    monkeypatch.setattr(pictures, "draw_top_view", lambda view, path: drawn.append(view))
+    monkeypatch.setattr(pictures, "animate", lambda views, path: None)
+    views = walk()
+    false = dataclasses.replace(views[-1], people=[*views[-1].people, person(3, 0.0, 0.0)])
+    lost = dataclasses.replace(views[-2], people=views[-2].people[:1])
+    printed(draw_demo, [*views[:-2], lost, false], 2, tmp_path / "demo.png")
+    assert drawn[-1].stamp_ns == views[-3].stamp_ns
+    # As often two as one: the more.
+    printed(draw_demo, [lost, views[3]], 2, tmp_path / "demo.png")
+    assert drawn[-1].stamp_ns == views[3].stamp_ns
 
 
 def test_pictures_are_written(tmp_path):

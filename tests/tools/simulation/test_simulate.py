@@ -89,7 +89,7 @@ def world_of(text: str = "", **sections: Any) -> World:
         ("[]", "is not a scene"),
         ("rooms: {}", "unknown section rooms"),
         ("room: {lenght: 3}", "did you mean length"),
-        ("room: {length: 0.2}", "length is 0.2; allowed: a number from 1 to 100"),
+        ("room: {length: 0.2}", "length is 0.2; allowed: a number from 1 to 200"),
         ("room: {length: .nan}", "length is nan"),
         ("room: 3", "room is 3; wanted: a mapping"),
         ("people: {x: 1}", "wanted: a list"),

@@ -1,0 +1,159 @@
+"""Finding of a robot about its localization: what corrects its pose, and what does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrs_people_loc.health.findings import WARN, Code, Finding
+from mrs_people_loc.localization.localizer import LocalizationState
+from mrs_people_loc.localization.team_state import Source
+
+#: A pose that nothing has corrected for so long is reported [s].
+UNCORRECTED_S = 30.0
+#: Observations of a kind are reported after so many in a row that were refused ...
+_REFUSED = 3
+#: ... until none was for so long [ns].
+_REFUSED_FOR_NS = 10_000_000_000
+#: Odometry that is older tells nothing about the time now [ns].
+_ODOMETRY_FOR_NS = 500_000_000
+
+
+class RefusalWatch:
+    """Which kinds of a robot's observations are refused again and again."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, Source] = {}
+        self._in_a_row: dict[str, int] = {}
+        self._refused_ns: dict[str, int] = {}
+
+    def update(self, own: Mapping[str, Source], now_ns: int) -> None:
+        """Takes how observations fit, by kind; about once a second."""
+        for kind, source in own.items():
+            before = self._last.get(kind, Source())
+            new = source.refused - before.refused
+            if new:
+                self._refused_ns[kind] = now_ns
+            kept = self._in_a_row.get(kind, 0) if source.accepted == before.accepted else 0
+            self._in_a_row[kind] = kept + new
+            self._last[kind] = source
+
+    def refused(self, now_ns: int) -> frozenset[str]:
+        """The kinds that are refused at a time [ns]."""
+        return frozenset(
+            kind
+            for kind, count in self._in_a_row.items()
+            if count >= _REFUSED and now_ns - self._refused_ns[kind] < _REFUSED_FOR_NS
+        )
+
+
+def own_sources(robot: str, state: LocalizationState) -> dict[str, Source]:
+    """How a robot's own observations fit, by kind."""
+    found = sorted(state.sources.items())
+    return {kind: source for (name, kind), source in found if name == robot}
+
+
+@dataclass(frozen=True)
+class LocalizationHealth:
+    """How the localization of a robot goes.
+
+    Attributes:
+        robot: The robot's name in its team.
+        state: What it knows.
+        began_ns: When it began [ns].
+        now_ns: The time, by the same clock as the stamps of odometry [ns].
+        refused: Kinds of its observations that are refused again and again.
+    """
+
+    robot: str
+    state: LocalizationState
+    began_ns: int
+    now_ns: int
+    refused: frozenset[str] = frozenset()
+
+    @property
+    def own(self) -> dict[str, Source]:
+        """How the robot's own observations fit, by kind."""
+        return own_sources(self.robot, self.state)
+
+
+def of_localization(health: LocalizationHealth) -> Finding:
+    """How it goes: the most serious problem first, all of them in the sentence."""
+    problems = list(_problems(health))
+    values = _values(health)
+    if not problems:
+        return Finding("localization", values=values)
+    values["problems"] = ", ".join(str(code) for code, _ in problems)
+    text = "; ".join(text for _, text in problems)
+    return Finding("localization", WARN, text, values, problems[0][0])
+
+
+def _problems(health: LocalizationHealth) -> Iterator[tuple[Code, str]]:
+    state, own = health.state, health.state.trust.get(health.robot)
+    if own is not None and own.lost:
+        yield (
+            Code.CARRIED,
+            "what the robot sees does not fit where it was: it was carried or its wheels slipped; "
+            "its pose is uncertain until observations fit again",
+        )
+    if state.doubted:
+        yield (
+            Code.MATE_DOUBTED,
+            f"{_with_offsets(state.doubted)}: where they say they are does not fit what is seen; "
+            "they are not used",
+        )
+    if state.misfits:
+        offsets = {f"wall {k}": one.offset for k, one in sorted(state.misfits.items())}
+        yield (
+            Code.MAP_MISFIT,
+            f"known walls are not where the map says: {_with_offsets(offsets)}; they are not used",
+        )
+    # Without odometry of its own the robot has no time to compare others' with.
+    if state.clocks and health.now_ns - state.stamp_ns < _ODOMETRY_FOR_NS:
+        clocks = ", ".join(f"{name} ({s:+.1f} s)" for name, s in sorted(state.clocks.items()))
+        yield Code.MATE_CLOCK, f"clocks of team-mates differ: {clocks}; they are not used"
+    refused = ", ".join(
+        f"{kind} ({source.innovation:.1f} sigma, {source.refused} so far)"
+        for kind, source in health.own.items()
+        if kind in health.refused
+    )
+    if refused:
+        yield Code.CORRECTIONS_REFUSED, f"observations do not fit and are refused: {refused}"
+    corrected = [source.stamp_ns for source in health.own.values()]
+    age_s = (state.stamp_ns - max([health.began_ns, *corrected])) / 1e9
+    if age_s > UNCORRECTED_S:
+        yield (
+            Code.NOT_CORRECTED,
+            f"nothing has corrected the pose for {age_s:.0f} s: no wall in sight, no absolute "
+            "pose, no team-mate that sees the same; it is dead reckoning",
+        )
+
+
+def _with_offsets(offsets: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} (off by {abs(m):.2f} m)" for name, m in offsets.items())
+
+
+def _values(health: LocalizationHealth) -> dict[str, object]:
+    state, values = health.state, dict[str, object]()
+    pose = state.poses.get(health.robot)
+    if pose is not None:
+        x, y, yaw = np.sqrt(np.diag(pose.covariance))
+        values |= {"sigma_x": f"{x:.3f}", "sigma_y": f"{y:.3f}", "sigma_yaw": f"{yaw:.4f}"}
+    for kind, source in health.own.items():
+        key = kind.replace(" ", "_")
+        values[f"{key}.accepted"] = source.accepted
+        values[f"{key}.refused"] = source.refused
+        values[f"{key}.innovation"] = f"{source.innovation:.2f}"
+        if source.stamp_ns:
+            values[f"{key}.age_s"] = f"{(state.stamp_ns - source.stamp_ns) / 1e9:.1f}"
+    own = state.trust.get(health.robot)
+    values |= {
+        "team": ", ".join(sorted(state.poses)),
+        "walls": len(state.walls),
+        "times_lost": 0 if own is None else own.times_lost,
+        "late": state.late,
+        "resets": state.resets,
+    }
+    return values

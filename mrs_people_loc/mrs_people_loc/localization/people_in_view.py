@@ -1,0 +1,26 @@
+"""The people of a robot's own view, before whom it sees no wall."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.scan import Scan
+
+#: Bodies of at least these log-odds are people rather than something else.
+_PERSON_SCORE = 0.0
+
+
+def people_in(scan: Scan) -> Float:
+    """Middles of the bodies in a scan that are rather people than not, in base_link.
+
+    Returns:
+        Places [m], shape (n, 2); none where the scan has no bodies (the paper's method).
+    """
+    cells = scan.cells
+    people = (cells.body > 0) & (cells.score >= _PERSON_SCORE)
+    _, of = np.unique(cells.body[people], return_inverse=True)
+    counts = np.bincount(of)
+    x, y = (np.bincount(of, weights=axis[people]) for axis in (cells.x, cells.y))
+    middles: Float = np.stack([x, y], axis=1) / counts[:, np.newaxis]
+    return middles

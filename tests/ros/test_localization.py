@@ -1,0 +1,388 @@
+"""Localization over real DDS: robots whose odometry and sensors the test plays."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import LaserScan, Range
+from visualization_msgs.msg import MarkerArray
+
+from mrs_people_loc.localization.shared import Odometry as OdometryValue
+from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.localization.shared import TeamPose as TeamPoseValue
+from mrs_people_loc.team.poses import Pose
+from mrs_ros import convert
+from ros.harness import OK, WARN, Finding, NodeProcess, Peer, Team
+from ros.planner_peer import pose_of
+from ros.recording import set_stamp, stamp_of
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+#: The namespace that the robots have in common: that of the team.
+TEAM = "guides"
+
+
+def planar(pose: Any) -> tuple[float, float, float]:
+    """x, y [m] and yaw [rad] of a geometry_msgs/Pose or Transform."""
+    place = pose.position if hasattr(pose, "position") else pose.translation
+    q = pose.orientation if hasattr(pose, "orientation") else pose.rotation
+    return place.x, place.y, 2.0 * math.atan2(q.z, q.w)
+
+
+def placed(x: float, y: float, yaw: float) -> Pose:
+    return Pose(0, x, y, yaw)
+
+
+class Driven:
+    """A robot_node whose odometry, in a frame of its own, the test plays.
+
+    Args:
+        peer: A node on its domain.
+        process: The robot_node.
+        name: The robot's name in its team.
+    """
+
+    def __init__(self, peer: Peer, process: NodeProcess, name: str) -> None:
+        self.peer, self.process, self.name = peer, process, name
+        self.space = f"/{TEAM}/{name}"
+        self.node = f"{self.space}/robot_node"
+        self.place = (0.0, 0.0, 0.0)
+        self.poses: list[Any] = peer.hear(PoseWithCovarianceStamped, f"{self.space}/pose")
+        self._last_ns = 0
+
+    @property
+    def odom_frame(self) -> str:
+        return f"{TEAM}/{self.name}/odom"
+
+    def step(self, *place: float) -> int:
+        """Sends odometry of now, at another place if one is given; returns its stamp [ns]."""
+        self.place = place or self.place  # type: ignore[assignment]
+        stamp_ns = max(time.time_ns(), self._last_ns + 20_000_000)
+        self._last_ns = stamp_ns
+        message = Odometry(child_frame_id="base_link")
+        message.header.frame_id = self.odom_frame
+        set_stamp(message, stamp_ns)
+        message.pose = pose_of(stamp_ns, *self.place).pose
+        self.peer.send(f"{self.space}/odom", message)
+        return stamp_ns
+
+    def stepped(self, *place: float) -> Any:
+        """Sends odometry, and returns the pose that comes back."""
+        stamp_ns = self.step(*place)
+        return self.peer.until(lambda: self.at(stamp_ns), f"no pose; log:\n{self.process.log}")
+
+    def at(self, stamp_ns: int) -> Any:
+        """The pose of a stamp; None: it has not come."""
+        return next((m for m in reversed(self.poses) if stamp_of(m) == stamp_ns), None)
+
+    def tell_absolute(self, x: float, y: float, yaw: float, sigma: float) -> None:
+        """Sends a measured pose in the map, of the last odometry's time."""
+        message = pose_of(self._last_ns, x, y, yaw)
+        message.pose.covariance[[0, 7, 35]] = sigma**2
+        self.peer.send(f"{self.space}/pose_in", message)
+
+    def localization(self, wanted: Any, what: str = "") -> Finding:
+        return self.peer.until_finding(self.node, "localization", wanted, what)
+
+
+@pytest.fixture(scope="module")
+def make(team: Team, peer: Peer) -> Callable[..., Driven]:
+    """Starts robots by name; what odometry's frame is in the map is given."""
+
+    def start(name: str, map_from_odom: list[float], **params: Any) -> Driven:
+        given = {"pose.map_from_odom": str(map_from_odom)}
+        given |= {key.replace("__", "."): str(value) for key, value in params.items()}
+        process = team.start("robot_node", namespace=f"/{TEAM}/{name}", params=given)
+        made = Driven(peer, process, name)
+        peer.until_active(made.node)
+
+        def answered() -> bool:
+            made.step()
+            peer.spin(0.05)
+            return bool(made.poses)
+
+        peer.until(answered, lambda: f"no pose of {name}; log:\n{process.log}")
+        return made
+
+    return start
+
+
+@pytest.fixture(scope="module")
+def first(make: Callable[..., Driven]) -> Driven:
+    return make("robot_a", [10.0, 20.0, math.pi / 2])
+
+
+def test_pose_has_the_covariance_of_dead_reckoning(first: Driven) -> None:
+    """From the start, 4 m along y of the map; sigmas and noises are the defaults."""
+    for k in range(1, 41):
+        pose = first.stepped(0.1 * k, 0.0, 0.0)
+    assert pose.header.frame_id == "map"
+    assert planar(pose.pose.pose) == pytest.approx((10.0, 24.0, math.pi / 2), abs=1e-9)
+    covariance = np.reshape(pose.pose.covariance, (6, 6))[np.ix_((0, 1, 5), (0, 1, 5))]
+    along = 0.1**2 + 4 * 0.02**2
+    heading = 0.05**2 + 4 * 0.006**2
+    across = along + 4.0**2 * (0.05**2 + 4 * 0.006**2 / 3)
+    np.testing.assert_allclose(np.diag(covariance), [across, along, heading], rtol=1e-3)
+
+
+def test_absolute_pose_corrects_and_an_outlier_is_refused(first: Driven, peer: Peer) -> None:
+    x, y, yaw = planar(first.stepped().pose.pose)
+
+    def corrected() -> bool:
+        first.step()
+        first.tell_absolute(x + 0.2, y - 0.1, yaw, 0.01)
+        return planar(first.stepped().pose.pose)[0] > x + 0.19
+
+    peer.until(corrected, "the correction")
+    pose = first.stepped()
+    assert planar(pose.pose.pose) == pytest.approx((x + 0.2, y - 0.1, yaw), abs=0.02)
+    assert pose.pose.covariance[0] == pytest.approx(0.01**2, rel=0.1)
+    accepted = first.localization(lambda f: f.count("absolute.accepted") > 0)
+    assert accepted.level == OK, accepted
+    assert accepted.count("absolute.refused") == 0
+    first.tell_absolute(x + 5.0, y, yaw, 0.01)
+    first.stepped()
+    refused = first.localization(lambda f: f.count("absolute.refused") > 0)
+    assert float(refused.values["absolute.innovation"]) > 10.0
+    assert refused.level == OK, "of one outlier nobody need know"
+    assert planar(first.stepped().pose.pose) == pytest.approx((x + 0.2, y - 0.1, yaw), abs=0.02)
+
+
+# --- the team -------------------------------------------------------------------------------------
+
+
+class Planner:
+    """Says where robots are to each other, as a planner does; they stand at given places.
+
+    Args:
+        peer: A node on their domain.
+        robots: They, by name, and where they really are.
+    """
+
+    def __init__(self, peer: Peer, robots: dict[str, tuple[Driven, tuple[float, float, float]]]):
+        self._peer, self._robots = peer, robots
+
+    def measure(self) -> None:
+        """Lets every robot send odometry, and tells the relative poses of all pairs."""
+        stamps = {name: robot.step() for name, (robot, _) in self._robots.items()}
+        self._peer.spin(0.05)  # what they share is there before what is measured of them
+        measured = []
+        for one, (_, at) in self._robots.items():
+            for other, (_, there) in self._robots.items():
+                if one < other:
+                    seen = inverse(*at) @ placed(*there)
+                    measured.append(
+                        RelativePose(
+                            one,
+                            stamps[one],
+                            other,
+                            stamps[other],
+                            np.array([seen.x, seen.y, seen.yaw]),
+                            np.diag([0.03**2, 0.03**2, 0.01**2]),
+                        )
+                    )
+        message = convert.relative_poses(max(stamps.values()), "map", measured)
+        self._peer.send(f"/{TEAM}/relative_poses", message)
+
+    def is_right(self, within_m: float) -> bool:
+        """Whether all robots are where they really are, by their own poses."""
+        return all(
+            math.dist(planar(robot.poses[-1].pose.pose)[:2], there[:2]) < within_m
+            for robot, there in self._robots.values()
+        )
+
+    def until_right(self, within_m: float = 0.06) -> None:
+        """Measures until all are."""
+
+        def right() -> bool:
+            self.measure()
+            return self.is_right(within_m)
+
+        def now() -> str:
+            return str({n: planar(r.poses[-1].pose.pose) for n, (r, _) in self._robots.items()})
+
+        self._peer.until(right, now)
+
+    def until_finding(self, robot: Driven, team: str) -> None:
+        """Goes on until a robot reports that all is well with its localization in a team."""
+
+        def found() -> bool:
+            self.measure()
+            finding = self._peer.findings(robot.node).get("localization")
+            if finding is None or finding.values["team"] != team:
+                return False
+            return finding.level == OK and finding.count("relative.accepted") > 0
+
+        self._peer.until(found, lambda: str(dict(self._peer.findings(robot.node))))
+
+
+def inverse(x: float, y: float, yaw: float) -> Pose:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return placed(-c * x - s * y, s * x - c * y, -yaw)
+
+
+def test_robots_join_correct_each_other_and_leave(
+    first: Driven, make: Callable[..., Driven], peer: Peer
+) -> None:
+    """Only robot_a is sure of where it is; the others are told wrong by up to 0.15 m and 4 deg."""
+    here = planar(first.stepped().pose.pose)
+    second = make("robot_b", [12.1, 24.1, 0.35])
+    team = {"robot_a": (first, here), "robot_b": (second, (12.0, 24.2, 0.3))}
+    assert not Planner(peer, team).is_right(0.1)
+    Planner(peer, team).until_right()
+    third = make("robot_c", [9.0, 26.1, -1.0])
+    team["robot_c"] = (third, (9.1, 26.0, -1.07))
+    Planner(peer, team).until_right()
+    for robot, _ in team.values():
+        Planner(peer, team).until_finding(robot, "robot_a, robot_b, robot_c")
+    # It knows the turn, too, and is about as sure as what it was measured with.
+    pose = third.poses[-1].pose
+    assert planar(pose.pose)[2] == pytest.approx(-1.07, abs=0.02)
+    assert pose.covariance[35] < 0.02**2
+    third.process.stop()
+    del team["robot_c"]
+    second.step(1.0, 0.0, 0.0)
+    began = placed(*team["robot_b"][1]) @ placed(1.0, 0.0, 0.0)
+    team["robot_b"] = (second, (began.x, began.y, began.yaw))
+    Planner(peer, team).until_right()
+    for node in (first.node, second.node):
+        findings = peer.next_findings(node)[node]
+        for subject in (
+            "localization",
+            f"/{TEAM}/team_poses",
+            f"/{TEAM}/relative_poses",
+            "pose_in",
+        ):
+            assert findings[subject].level == OK, findings[subject]
+
+
+def told_by(name: str, robot: Driven, x: float = 0.0) -> Any:
+    """What a robot of a name, somewhere, tells at the time of another one's last odometry."""
+    stamp_ns = robot.step()
+    pose = Pose(stamp_ns, x, 0.0, 0.0, 0.01 * np.eye(3))
+    odometry = OdometryValue(stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return convert.team_pose(TeamPoseValue(name, pose, odometry), "map")
+
+
+def test_bad_messages_of_the_team_are_refused(first: Driven, peer: Peer) -> None:
+    before = planar(first.stepped().pose.pose)
+    topics = {name: f"/{TEAM}/{name}" for name in ("team_poses", "relative_poses")}
+    counts = {
+        name: peer.next_findings(first.node)[first.node][topic].count("dropped.PoseError")
+        for name, topic in topics.items()
+    }
+    bad = told_by("robot_x", first)
+    bad.odometry_x = math.nan
+    peer.send(topics["team_poses"], bad)
+    measured = RelativePose(
+        "robot_a", first.step(), "robot_x", first.step(), np.zeros(3), 0.01 * np.eye(3)
+    )
+    relative = convert.relative_poses(first.step(), "map", [measured])
+    relative.poses[0].covariance[0] = -1.0
+    peer.send(topics["relative_poses"], relative)
+    for name, topic in topics.items():
+        finding = peer.until_finding(
+            first.node,
+            topic,
+            lambda f, n=name: f.count("dropped.PoseError") > counts[n],  # type: ignore[misc]
+        )
+        assert (finding.level, finding.values["code"]) == (WARN, "some_refused"), finding
+    # Nor does it take what another one says in its name.
+    peer.send(topics["team_poses"], told_by("robot_a", first, 50.0))
+    assert planar(first.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
+    findings = peer.next_findings(first.node)[first.node]
+    assert "robot_x" not in findings["localization"].values["team"]
+
+
+# --- walls ----------------------------------------------------------------------------------------
+
+
+def ranges_to_corner(at: Pose, bearings: np.ndarray) -> list[float]:
+    """Ranges of rays from a place to the walls x = 3 and y = 2, in the map [m]."""
+    directions = bearings + at.yaw
+    with np.errstate(divide="ignore"):
+        to_x = (3.0 - at.x) / np.cos(directions)
+        to_y = (2.0 - at.y) / np.sin(directions)
+    to_x[to_x < 0], to_y[to_y < 0] = np.inf, np.inf
+    return [float(r) for r in np.minimum(to_x, to_y)]
+
+
+def test_walls_of_a_map_in_a_laser_scan_correct_the_pose(
+    make: Callable[..., Driven], peer: Peer
+) -> None:
+    """Two walls at a corner; the start is told 0.19 m and 2 degrees wrong."""
+    truth, mounting = placed(0.5, 0.3, 0.4), (0.1, 0.05, 0.2)
+    started = make(
+        "robot_d", [0.65, 0.18, 0.435], walls__laser=True, walls__laser_mounting=[*mounting],
+        walls__occupancy_grid=True,
+    )  # fmt: skip
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    grid = OccupancyGrid()
+    grid.header.frame_id = "map"
+    grid.info.resolution, grid.info.width, grid.info.height = 0.05, 100, 80
+    grid.info.origin.position.x, grid.info.origin.position.y = -1.0, -1.0
+    grid.info.origin.orientation.w = 1.0
+    cells = np.zeros((80, 100), np.int8)
+    cells[60:62], cells[:62, 80:82], cells[:, 82:], cells[62:] = 100, 100, -1, -1
+    grid.data = cells.reshape(-1).tolist()
+    peer.publisher(OccupancyGrid, f"/{TEAM}/map", latched).publish(grid)
+    drawn = peer.hear(MarkerArray, f"/{TEAM}/walls")
+    bearings = np.arange(-120, 121) * math.pi / 180
+
+    def corrected() -> bool:
+        stamp_ns = started.step()
+        scan = LaserScan(
+            angle_min=float(bearings[0]), angle_increment=math.pi / 180, range_min=0.1,
+            range_max=10.0, ranges=ranges_to_corner(truth @ placed(*mounting), bearings),
+        )  # fmt: skip
+        set_stamp(scan, stamp_ns)
+        peer.send(f"{started.space}/scan", scan)
+        x, y, yaw = planar(started.stepped().pose.pose)
+        away = math.hypot(x - truth.x, y - truth.y)
+        return away < 0.03 and abs(yaw - truth.yaw) < 0.02 and bool(drawn)
+
+    peer.until(corrected, lambda: str(peer.findings(started.node).get("localization")))
+    finding = started.localization(lambda f: f.count("known_walls.accepted") > 0)
+    assert finding.level == OK, finding
+    (marker,) = drawn[-1].markers
+    assert (marker.ns, marker.header.frame_id) == ("robot_d", "map")
+    # Lines along both walls.
+    lines = np.array([(p.x, p.y) for p in marker.points]).reshape(-1, 2, 2)
+    off = np.minimum(np.abs(lines[:, :, 0] - 3.0), np.abs(lines[:, :, 1] - 2.0))
+    assert off.max() < 0.06
+    started.process.stop()
+
+
+def test_known_wall_in_sonar_ranges_corrects_the_pose(
+    make: Callable[..., Driven], peer: Peer, tmp_path: Path
+) -> None:
+    """It drives along a wall at y = 1.5, and is 0.15 m farther from it than it is told."""
+    file = tmp_path / "walls.yaml"
+    file.write_text("walls: [[-2.0, 1.5, 12.0, 1.5]]\n")
+    driven = make(
+        "robot_e", [0.0, 0.15, 0.0], walls__file=file, walls__sonars="[sonar/front, sonar/rear]",
+        walls__sonar_mountings=[0.3, 0.1, math.pi / 2, -0.3, 0.1, math.pi / 2],
+    )  # fmt: skip
+
+    def drive() -> bool:
+        x, _, _ = driven.place
+        stamp_ns = driven.step(x + 0.02, 0.0, 0.0)
+        for sonar in ("front", "rear"):
+            measured = Range(field_of_view=0.4, min_range=0.1, max_range=4.0, range=1.4)
+            set_stamp(measured, stamp_ns)
+            peer.send(f"{driven.space}/sonar/{sonar}", measured)
+        _, y, _ = planar(driven.stepped().pose.pose)
+        return abs(y) < 0.04
+
+    peer.until(drive, lambda: f"{driven.place} {peer.findings(driven.node).get('localization')}")
+    assert driven.place[0] < 8.0
+    driven.process.stop()
