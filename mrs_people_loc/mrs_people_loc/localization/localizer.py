@@ -32,7 +32,7 @@ from mrs_people_loc.localization.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.team.poses import Pose
 
-#: What a robot measured is repeated in its messages for this long [ns].
+#: What a robot measured is repeated in its messages for this long after it was taken [ns].
 REPEATED_NS = 300_000_000
 #: A robot's pose is carried on at least so often [ns].
 _TICK_NS = 1_000_000_000
@@ -124,8 +124,9 @@ class Localizer:
         self._track = OdometryTrack()
         self._mates: dict[str, _Mate] = {}
         self._pending: list[tuple[type[Observation], SeenWalls | Pose | RelativePose]] = []
-        self._walls: list[SeenWalls] = []
-        self._absolute: list[Pose] = []
+        # What is repeated, each with the time at which it was taken: sonars' walls come late.
+        self._walls: list[tuple[int, SeenWalls]] = []
+        self._absolute: list[tuple[int, Pose]] = []
         self._taken: dict[tuple[type[Observation], int], None] = {}
 
     def begin_anew(self) -> None:
@@ -291,8 +292,8 @@ class Localizer:
             raise PoseError("no odometry has arrived")
         pose = self._own_pose(newest, self._history.newest)
         oldest_ns = newest.stamp_ns - REPEATED_NS
-        walls = tuple(seen for seen in self._walls if seen.stamp_ns >= oldest_ns)
-        absolute = tuple(seen for seen in self._absolute if seen.stamp_ns >= oldest_ns)
+        walls = tuple(seen for t, seen in self._walls if t >= oldest_ns)
+        absolute = tuple(measured for t, measured in self._absolute if t >= oldest_ns)
         return TeamPose(self.robot, pose, newest, walls, absolute)
 
     @property
@@ -390,11 +391,13 @@ class Localizer:
                 )
             )
         assert newest is not None
-        oldest_ns = newest.stamp_ns - REPEATED_NS
+        now_ns = newest.stamp_ns
         if isinstance(seen, SeenWalls):
-            self._walls = [w for w in (*self._walls, seen) if w.stamp_ns >= oldest_ns]
+            told = [*self._walls, (now_ns, seen)]
+            self._walls = [one for one in told if one[0] >= now_ns - REPEATED_NS]
             return self._add_walls(self.robot, self._track, seen)
-        self._absolute = [p for p in (*self._absolute, seen) if p.stamp_ns >= oldest_ns]
+        known = [*self._absolute, (now_ns, seen)]
+        self._absolute = [one for one in known if one[0] >= now_ns - REPEATED_NS]
         return self._add_absolute(self.robot, self._track, seen)
 
     def _add_walls(self, robot: str, track: OdometryTrack, seen: SeenWalls) -> bool:

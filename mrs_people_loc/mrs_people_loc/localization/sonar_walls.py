@@ -49,7 +49,9 @@ class SonarTuning:
         walls: Most walls that are looked for at one time.
         refits: How often a wall is fitted, each time to what is near it then.
         vote_sigma: What the directions' steps add to an echo's standard deviation [m].
-        fitting: Of the echoes that fit a wall or passed through it, so many must fit.
+        inflation: What cross-talk that passes for echoes adds to the variances.
+        fitting: Of the echoes from where a wall is, or from behind it, so many must fit ...
+        rough: ... and those that are less than this nearer count [m].
         sigma_bearing: A wall is good enough once its bearing is known as well as this [rad] ...
         sigma_bearing_late: ... or as this, before its first echoes are forgotten: when they ...
         leaving: ... have used up this share of the way or time.
@@ -58,7 +60,10 @@ class SonarTuning:
         odds: A wall must explain its echoes better than a post by this log-likelihood.
         remembered: So many walls are kept to be known again ...
         near: ... where they were touched, or so far beyond [m] ...
-        slack: ... within the uncertainty and this [m, rad].
+        slack: ... within the uncertainty and this [m], [rad].
+        contradicting: Two lines that differ by more, but by less than this [m], [rad], are of one
+            thing that moves: the older one is forgotten.
+        times: A wall is reported from this time on that it is found.
     """
 
     sigma: float = 0.005
@@ -75,7 +80,9 @@ class SonarTuning:
     walls: int = 4
     refits: int = 4
     vote_sigma: float = 0.01
+    inflation: float = 1.15
     fitting: float = 0.85
+    rough: float = 0.15
     sigma_bearing: float = 0.03
     sigma_bearing_late: float = 0.08
     leaving: float = 0.85
@@ -84,7 +91,9 @@ class SonarTuning:
     odds: float = 3.0
     remembered: int = 8
     near: float = 1.0
-    slack: float = 0.02
+    slack: tuple[float, float] = (0.01, 0.005)
+    contradicting: tuple[float, float] = (0.5, 0.6)
+    times: int = 4
 
 
 SONAR_TUNING = SonarTuning()
@@ -117,6 +126,7 @@ class _Window:
         cone: Half of each cone [rad], shape (n,).
         range: [m], shape (n,).
         sigma: Of the ranges [m], shape (n,).
+        used: Whether a wall was found by it already, shape (n,).
         pieces: Which pieces of the way lie between that time and an echo: 1 if the echo came
             later, -1 if earlier, shape (n, k).
         middles: Of the pieces [m], shape (k, 2).
@@ -129,6 +139,7 @@ class _Window:
     cone: Float
     range: Float
     sigma: Float
+    used: Bool
     pieces: Float
     middles: Float
     added: Float
@@ -216,10 +227,10 @@ class _Known:
 class SonarWalls:
     """Finds walls in the ranges of one robot's sonars.
 
-    A wall is reported from the second time on that it is found, each time by new echoes. The first
-    time, its echoes must tell it from a post (a person, an edge), which takes some decimetres of
-    way; then fewer do, also while the robot stands. What moves fits no line, or not the same one
-    twice. Cross-talk, and ranges that passers-by cut short, are outvoted.
+    A wall is reported from the fourth time on that it is found, each time by new echoes. Until then
+    its echoes must tell it from a post (a person, an edge), which takes some decimetres of way each
+    time; later on fewer do, also while the robot stands. What moves fits no line, or not the same
+    one again and again. Cross-talk, and ranges that passers-by cut short, are outvoted.
 
     Args:
         tuning: Constants.
@@ -268,9 +279,11 @@ class SonarWalls:
         window = self._window()
         if window is None:
             return None
-        free: Bool = np.array([not echo.used for echo in self._echoes])
+        free = ~window.used
         seen: list[_Line] = []
         for _ in range(tuning.walls):
+            if free.sum() < tuning.least:
+                break
             line = _next_line(window, free, tuning)
             if line is None:
                 continue
@@ -283,7 +296,7 @@ class SonarWalls:
             if times > 0:
                 for k in line.of.tolist():
                     self._echoes[k] = self._echoes[k]._replace(used=True)
-            if times > 1:
+            if times >= tuning.times:
                 seen.append(line)
         if not seen:
             return None
@@ -315,7 +328,7 @@ class SonarWalls:
         middle = max(fresh[len(fresh) // 2], newer[0])
         here = echoes[middle].odometry
         turn = rotation_2d(here.yaw)
-        values = np.array([echo[1:7] for echo in echoes])
+        values = np.array([echo[1:] for echo in echoes])
         stamps = np.array([echo.odometry.stamp_ns for echo in echoes])
         _, first, which = np.unique(stamps, return_index=True, return_inverse=True)
         track = [echoes[k].odometry for k in first]
@@ -330,6 +343,7 @@ class SonarWalls:
             cone=values[:, 3],
             range=values[:, 4],
             sigma=values[:, 5],
+            used=values[:, 6] > 0,
             pieces=after.astype(np.float64) - before,
             middles=0.5 * (robot[1:] + robot[:-1]),
             added=np.maximum(np.diff(sums, axis=0), 0.0),
@@ -337,15 +351,18 @@ class SonarWalls:
 
     def _note(self, window: _Window, line: _Line, is_flat: bool) -> int:
         """Keeps a wall; returns how often it was found, 0: it is new and may be a post."""
-        found = _found(window, line)
+        tuning, found = self._tuning, _found(window, line)
+        trusted = [known.times >= tuning.times for known in self._known]
         for k, known in enumerate(self._known):
-            again = _again(known, found, self._tuning)
-            if again is not None and (is_flat or known.times > 1):
+            again = _again(known, found, tuning)
+            if again is not None and (is_flat or trusted[k]):
                 self._known[k] = again
                 return again.times
-        if is_flat:
-            self._known = [*self._known, found][-self._tuning.remembered :]
-        return int(is_flat)
+        if not is_flat:
+            return 0
+        kept = [known for known in self._known if not _contradicts(known, found, tuning)]
+        self._known = [*kept, found][-tuning.remembered :]
+        return 1
 
 
 def _echo(
@@ -373,7 +390,7 @@ def _next_line(window: _Window, free: Bool, tuning: SonarTuning) -> _Line | None
     """The wall of most of the free echoes, which are free no longer; None: it is none."""
     bearing, voters = _vote(window, free, tuning)
     if len(voters) < tuning.least:
-        free[voters] = False
+        free[:] = False  # others have fewer
         return None
     line = _fit(window, bearing, voters, tuning)
     sigma = np.sqrt(window.variances(line.bearing))
@@ -399,14 +416,18 @@ def _vote(window: _Window, free: Bool, tuning: SonarTuning) -> tuple[float, Int]
     A Hough transform: each echo votes for a distance in each direction in its cone. Votes in two
     neighbouring bins count, less what their squared residuals take from them.
     """
-    bearings = np.arange(tuning.directions) * (2 * math.pi / tuning.directions)
-    units = np.stack([np.cos(bearings), np.sin(bearings)])
-    distances = (window.range[:, np.newaxis] + window.xy @ units).T  # (directions, n)
-    off_axis = np.abs(_wrapped(bearings[:, np.newaxis] - window.axis))
-    row, echo = np.nonzero(free & (off_axis < window.cone + tuning.side_lobes))
-    if not len(row):
+    step = 2.0 * math.pi / tuning.directions
+    of, widest = np.flatnonzero(free), window.cone + tuning.side_lobes
+    nearest = np.rint(window.axis[of] / step).astype(np.intp)
+    aside = np.arange(-(reach := math.ceil(widest.max() / step)), reach + 1)
+    off_axis = np.abs((nearest[:, np.newaxis] + aside) * step - window.axis[of, np.newaxis])
+    each, k = np.nonzero(off_axis < widest[of, np.newaxis])
+    echo, row = of[each], (nearest[each] + aside[k]) % tuning.directions
+    if not len(echo):
         return 0.0, echo
-    distance = distances[row, echo]
+    bearings = np.arange(tuning.directions) * step
+    x, y = window.xy[echo].T
+    distance = window.range[echo] + x * np.cos(bearings)[row] + y * np.sin(bearings)[row]
     bins = np.floor(distance / tuning.bin).astype(np.intp)
     bins -= bins.min()
     width = int(bins.max()) + 2
@@ -437,8 +458,9 @@ def _fit(window: _Window, bearing: float, of: Int, tuning: SonarTuning) -> _Line
         off_axis = float(_wrapped(axis - bearing).mean())
         information = design.T @ design
         information[1, 1] += 3.0 / cone**2  # a uniform distribution's variance
-        covariance = np.linalg.inv(information)
-        distance, turn = covariance @ (design.T @ wanted + (0.0, off_axis * 3.0 / cone**2))
+        covariance = tuning.inflation * np.linalg.inv(information)
+        moments = design.T @ wanted + (0.0, off_axis * 3.0 / cone**2)
+        distance, turn = np.linalg.solve(information, moments)
         bearing += float(turn)
     residuals = wanted - design @ (distance, turn)
     surprises = (whitening.T @ residuals) / np.sqrt((whitening**2).sum(axis=0))
@@ -447,16 +469,17 @@ def _fit(window: _Window, bearing: float, of: Int, tuning: SonarTuning) -> _Line
 
 
 def _is_surface(window: _Window, line: _Line, tuning: SonarTuning) -> bool:
-    """Whether a line's echoes agree with it, and no sound passed through where it was touched."""
-    free = len(line.of) - 2
-    if line.chi2 > free + 4.0 * math.sqrt(2.0 * free):
-        return False
+    """Whether what was heard from where a line's echoes come from is that line."""
     feet = line.feet(window)
     low, high = feet[line.of].min(), feet[line.of].max()
+    there = (window.off_axis(line.bearing) < window.cone) & (feet >= low) & (feet <= high)
     beyond = window.distances(line.bearing) - line.distance
-    through = beyond > tuning.gate * np.sqrt(window.variances(line.bearing))
-    through &= (window.off_axis(line.bearing) < window.cone) & (feet >= low) & (feet <= high)
-    return bool(len(line.of) >= tuning.fitting * (len(line.of) + through.sum()))
+    # What is clearly nearer may be a passer-by.
+    contrary = there & (beyond > -tuning.rough)
+    # Used ones are of this wall, too.
+    fits = np.abs(beyond) < tuning.gate * np.sqrt(window.variances(line.bearing))
+    contrary[window.used & fits] = contrary[line.of] = False
+    return bool(len(line.of) >= tuning.fitting * (len(line.of) + contrary.sum()))
 
 
 def _odds(window: _Window, line: _Line, tuning: SonarTuning) -> float:
@@ -507,8 +530,8 @@ def _again(known: _Known, found: _Known, tuning: SonarTuning) -> _Known | None:
     position = abs(now.position_variance - before.position_variance)
     heading = abs(now.heading_variance - before.heading_variance)
     away = float(np.hypot(*(found.middle - (now.x, now.y))))
-    expected += np.diag([position + heading * away**2 + tuning.slack**2, heading])
-    expected += np.diag([0.0, tuning.slack**2])
+    expected += np.diag([position + heading * away**2, heading])
+    expected += np.diag(np.square(tuning.slack))
     total = expected + found.covariance
     if difference @ np.linalg.solve(total, difference) > tuning.gate**2 + 2.0:
         return None
@@ -523,6 +546,18 @@ def _again(known: _Known, found: _Known, tuning: SonarTuning) -> _Known | None:
         covariance=expected - gain @ expected,
         half_length=found.half_length,
         times=known.times + 1,
+    )
+
+
+def _contradicts(known: _Known, found: _Known, tuning: SonarTuning) -> bool:
+    """Whether a line is where a known one is, and turned against it or a little beside it."""
+    offset = found.middle - known.middle
+    lever = float(offset @ _unit(known.bearing + math.pi / 2))
+    beside = float(offset @ _unit(known.bearing))
+    return (
+        abs(wrap_angle(found.bearing - known.bearing)) < tuning.contradicting[1]
+        and abs(beside) < tuning.contradicting[0]
+        and abs(lever) < known.half_length + found.half_length + tuning.near
     )
 
 

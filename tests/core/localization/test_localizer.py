@@ -182,6 +182,16 @@ def test_what_one_hears_several_times_counts_once():
     np.testing.assert_array_equal(after.poses["a"].covariance, before.poses["a"].covariance)
 
 
+def test_walls_that_come_late_are_told_too():
+    """As those of sonars: at the middle of the way on which they were measured."""
+    a, b = two()
+    stand((a, b), 2.0)
+    a.take_walls(seen_at(2 * S, (0, 2, 3, 2)))
+    assert [seen.stamp_ns for seen in a.share().walls] == [2 * S]
+    hear(a, b)
+    assert len(b.state.walls) == 1
+
+
 def test_relative_pose_aligns_two_robots():
     a, b = two((0.2, 0.0, 0.0))
     stand((a, b), 1.0)

@@ -10,6 +10,8 @@ from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.ranges import SonarRange
 from mrs_people_loc.localization.shared import Odometry, SeenWalls
 from mrs_people_loc.localization.sonar_walls import SonarWalls
+from mrs_tools.simulation.range_sensors import people_circles, sonar_ranges
+from mrs_tools.simulation.scene import Sonar
 
 HZ, STEP_NS = 20, 50_000_000
 #: Left and right, in the middle of the robot.
@@ -154,6 +156,27 @@ def test_person_who_stands_is_no_wall(distance: float) -> None:
         assert (nees < 25).all()
 
 
+@pytest.mark.parametrize("distance", [0.6, 1.5, 3.0])
+def test_person_whom_the_robot_passes_again_and_again_is_no_wall(distance: float) -> None:
+    there = straight(0.4, speed=0.1) + [0.4, 0.0, 0.0]
+    poses = np.concatenate([there, there[::-1]] * 4)
+    for seed in range(3):
+        assert not drive(post(0.6, distance, 0.15), poses, rng=np.random.default_rng(seed))
+
+
+def test_what_is_not_flat_is_no_wall() -> None:
+    """Waves of 4 cm, three standard deviations of a range, and 13 cm long."""
+    flat = wall(1.2, math.pi / 2)
+
+    def waves(xy: np.ndarray, axis: float, time: float) -> float:
+        return flat(xy, axis, time) + 0.04 * math.sin(2 * math.pi / 0.13 * float(xy[0]))
+
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        right = len(drive(flat, straight(10.0), rng=rng))
+        assert len(drive(waves, straight(10.0), rng=rng)) < 0.2 * right
+
+
 @pytest.mark.parametrize("velocity", [(0.0, 1.0), (1.2, 0.3), (-0.8, 0.0)])
 def test_person_who_walks_is_no_wall(velocity: tuple[float, float]) -> None:
     vx, vy = velocity
@@ -212,3 +235,90 @@ def test_begin_anew_and_a_jump_back_of_time_forget_everything() -> None:
     finder.begin_anew()
     again = drive(world, straight(4.0), [LEFT], finder=finder, start_ns=10**17)
     assert [s.stamp_ns for s, _ in again] == [s.stamp_ns for s, _ in fresh]
+
+
+# ------------------------------------------------------------------- with the simulator's sensors
+
+
+def tour(
+    segments: np.ndarray, seed: int, people: Callable[[float], np.ndarray] | None = None
+) -> list[tuple[SeenWalls, np.ndarray]]:
+    """30 m along x at 0.8 m/s, a little to the left and right, with ordinary drift."""
+    rng = np.random.default_rng(seed)
+    ring = [
+        Sonar(x=0.2 * math.cos(a), y=0.2 * math.sin(a), yaw=a) for a in np.arange(8) * math.pi / 4
+    ]
+    finder, found, poses = SonarWalls(), [], {}
+    pose, believed, position, heading = np.zeros(3), np.zeros(3), 0.0, 0.0
+    step = 0.8 / HZ
+    for k in range(round(30.0 / step)):
+        turn = 0.05 * math.sin(1.3 * step * (k + 1)) - pose[2]
+        added = 0.02**2 * step, 0.006**2 * step + 0.02**2 * abs(turn)
+        error = rng.normal() * math.sqrt(added[1])
+        slip = rng.normal(size=2) * math.sqrt(added[0])
+        pose = pose + [*rotation_2d(pose[2]) @ (step, 0.0), turn]
+        believed[:2] += rotation_2d(believed[2] + error / 2) @ ((step, 0.0) + slip)
+        believed[2] += turn + error
+        position, heading = position + added[0], heading + added[1]
+        stamp_ns = 10**18 + k * STEP_NS
+        poses[stamp_ns] = pose
+        odometry = Odometry(
+            stamp_ns, float(believed[0]), float(believed[1]), float(believed[2]), position, heading
+        )
+        circles = np.empty((0, 3)) if people is None else people(k / HZ)
+        at_stamp = sonar_ranges(segments, circles, pose.tolist(), ring, rng)
+        for sonar, value in zip(ring, at_stamp, strict=True):
+            measured = SonarRange(
+                stamp_ns, "sonar", sonar.field_of_view, sonar.min_range, sonar.max_range, value
+            )
+            seen = finder.take(measured, (sonar.x, sonar.y, sonar.yaw), odometry)
+            if seen is not None:
+                found.append((seen, poses[seen.stamp_ns]))
+    return found
+
+
+#: The tour is at y = 0.
+CORRIDOR = np.array([[-5.0, 1.3, 40.0, 1.3], [-5.0, -1.2, 40.0, -1.2]])
+
+
+def nees_in_corridor(found: list[tuple[SeenWalls, np.ndarray]]) -> np.ndarray:
+    _, left = errors(found, 1.3, math.pi / 2)
+    _, right = errors(found, 1.2, -math.pi / 2)
+    return np.minimum(left, right)
+
+
+def test_covariance_is_that_of_the_errors() -> None:
+    """Two degrees of freedom; walls of one window share the odometry's errors."""
+    nees = np.concatenate([nees_in_corridor(tour(CORRIDOR, seed)) for seed in range(4)])
+    assert len(nees) > 160
+    assert nees.mean() == pytest.approx(2.0, abs=3 * math.sqrt(2 * 4 / len(nees)))
+    assert (nees < 13.8).mean() > 0.98  # of 0.999
+
+
+def companions(seed: int) -> Callable[[float], np.ndarray]:
+    """Five people who walk along beside the robot, nearly as fast as it."""
+    rng = np.random.default_rng(seed)
+    beside = rng.choice([-1, 1], 5) * rng.uniform(0.7, 2.0, 5)
+    ahead, phase = rng.uniform(-2.5, 1.0, 5), rng.uniform(0.0, 2 * math.pi, (2, 5))
+    far, often = rng.uniform(0.05, 0.4, (2, 5)), rng.uniform(0.3, 1.2, (2, 5))
+
+    def at(time: float) -> np.ndarray:
+        sway = far * np.sin(often * time + phase)
+        return people_circles(
+            np.stack([0.8 * time + ahead + sway[0], beside + sway[1], np.zeros(5)], axis=1)
+        )
+
+    return at
+
+
+def test_people_who_walk_along_are_rarely_taken_for_walls() -> None:
+    """The worst case: nothing but people, always near. A wall is reported twice per metre."""
+    hall = np.empty((0, 4))
+    wrong = [len(tour(hall, seed, companions(seed))) for seed in range(3)]
+    assert sum(wrong) < 0.15 * 3 * 60
+
+
+def test_people_who_walk_along_do_not_hide_the_walls() -> None:
+    nees = nees_in_corridor(tour(CORRIDOR, 1, companions(1)))
+    assert (nees < 25).sum() > 15
+    assert (nees < 25).mean() > 0.9
