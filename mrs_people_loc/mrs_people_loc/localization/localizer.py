@@ -43,8 +43,8 @@ _MAX_CLOCK_NS = 1_000_000_000
 _LEFT_NS = 120_000_000_000
 #: What waits for odometry: at most so many.
 _MAX_PENDING = 200
-#: Least standard deviation of a pose that came without covariance [m, m, rad].
-_LEAST_SIGMAS = np.array([1e-4, 1e-4, 1e-4])
+#: Bounds of standard deviations of poses that come [m], [rad].
+_LEAST_SIGMA, _LARGEST_SIGMA = 1e-4, 100.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,7 @@ class LocalizationState:
         clocks: By team-mate whose clock is too far off: by how much [s].
         late: Observations that came too late, or for whose time there is no odometry, so far.
         resets: How often the clock jumped back, so far.
+        jumps: How often the odometry jumped, so far.
     """
 
     stamp_ns: int
@@ -79,6 +80,7 @@ class LocalizationState:
     clocks: Mapping[str, float]
     late: int
     resets: int
+    jumps: int
 
 
 @dataclass
@@ -159,7 +161,7 @@ class Localizer:
 
     def _start(self, odometry: Odometry) -> None:
         start = self.config.start or (odometry.x, odometry.y, odometry.yaw)
-        sigmas = np.maximum(self.config.start_sigmas, _LEAST_SIGMAS)
+        sigmas = np.maximum(self.config.start_sigmas, _LEAST_SIGMA)
         covariance = np.diag(np.square(sigmas))
         self._history.add(Joined(self.robot, odometry, np.array(start), covariance))
 
@@ -297,6 +299,7 @@ class Localizer:
             },
             late=self._late,
             resets=self._resets,
+            jumps=self._reckoning.jumps,
         )
 
     def _doubted(self, state: TeamState) -> dict[str, float]:
@@ -371,7 +374,7 @@ class Localizer:
         return self._add_absolute(self.robot, self._track, seen)
 
     def _add_walls(self, robot: str, track: OdometryTrack, seen: SeenWalls) -> bool:
-        return self._history.add(WallsSeen(robot, track.at(seen.stamp_ns), seen.walls))
+        return self._history.add(WallsSeen(robot, track.at(seen.stamp_ns), _usable(seen.walls)))
 
     def _add_absolute(self, robot: str, track: OdometryTrack, pose: Pose) -> bool:
         place, covariance = _arrays(pose)
@@ -409,8 +412,20 @@ def _pose(odometry: Odometry, state: TeamState, robot: str) -> Pose:
 
 
 def _arrays(pose: Pose) -> tuple[Float, Float]:
-    covariance = pose.covariance + np.diag(np.square(_LEAST_SIGMAS))
-    return np.array([pose.x, pose.y, pose.yaw]), covariance
+    """A pose and its covariance, that one positive definite."""
+    covariance = 0.5 * (pose.covariance + pose.covariance.T)
+    values, vectors = np.linalg.eigh(covariance)
+    values = np.clip(values, _LEAST_SIGMA**2, _LARGEST_SIGMA**2)
+    return np.array([pose.x, pose.y, pose.yaw]), (vectors * values) @ vectors.T
+
+
+def _usable(walls: Walls) -> Walls:
+    """Those walls whose values are finite and whose covariances are positive definite."""
+    lines = np.stack([walls.distance, walls.bearing], axis=1)
+    (xx, xy), (yx, yy) = np.moveaxis(walls.covariance, 0, 2)
+    finite = np.isfinite(lines).all(axis=1) & np.isfinite(walls.extent).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        return walls.select(finite & (xx > 0) & (xx * yy - xy * yx > 0))
 
 
 def _check_rank(covariance: Float) -> None:

@@ -24,6 +24,10 @@ from mrs_people_loc.team.poses import Pose
 
 #: How far the newest motion is extrapolated [ns].
 MAX_AHEAD_NS = 100_000_000
+#: Odometry that goes farther than this [m], and than at this speed [m/s], begins anew ...
+_JUMP, _JUMP_SPEED = 1.0, 3.0
+#: ... and what the robot did meanwhile is unknown: variances of position and heading [m^2, rad^2].
+_JUMP_VARIANCES = 0.5**2, 0.2**2
 
 
 def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
@@ -83,16 +87,20 @@ class DeadReckoning:
     Attributes:
         config: The noise.
         order: Of the stamps.
+        jumps: How often the odometry jumped, as it does when a base starts again, so far.
     """
 
     config: Localization
     order: StampOrder = field(default_factory=StampOrder)
+    jumps: int = 0
     _last: tuple[Pose, Odometry] | None = None
+    _frame: Pose = field(default_factory=lambda: Pose(0, 0.0, 0.0, 0.0))  # of the odometry, in ours
 
     def take(self, pose: Pose) -> Odometry:
         """Takes the pose in the odometry's frame.
 
         The first one, or the first after the clock jumped back, begins with variances of zero.
+        Where the odometry jumps, the robot stays where it was, less surely.
 
         Raises:
             PoseError: The stamp is not newer than the last one.
@@ -103,10 +111,18 @@ class DeadReckoning:
         position = heading = 0.0
         if order is Order.NEWER and self._last is not None:
             before, so_far = self._last
-            position, heading = self._growth(before, pose)
+            if _is_jump(before, pose):
+                position, heading = _JUMP_VARIANCES
+                self._frame = self._frame @ before @ _inverse(pose)
+                self.jumps += 1
+            else:
+                position, heading = self._growth(before, pose)
             position += so_far.position_variance
             heading += so_far.heading_variance
-        made = Odometry(pose.stamp_ns, pose.x, pose.y, pose.yaw, position, heading)
+        else:
+            self._frame = Pose(0, 0.0, 0.0, 0.0)
+        at = self._frame @ pose
+        made = Odometry(pose.stamp_ns, at.x, at.y, at.yaw, position, heading)
         self._last = pose, made
         return made
 
@@ -122,6 +138,18 @@ class DeadReckoning:
         xx, xy, yy = stated[0, 0], stated[0, 1], stated[1, 1]
         least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
         return max(position, float(least)), max(heading, float(stated[2, 2]))
+
+
+def _is_jump(before: Pose, pose: Pose) -> bool:
+    seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
+    way = math.hypot(pose.x - before.x, pose.y - before.y)
+    return way > max(_JUMP, _JUMP_SPEED * seconds)
+
+
+def _inverse(pose: Pose) -> Pose:
+    """Where a pose's frame is in the pose."""
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return Pose(pose.stamp_ns, -c * pose.x - s * pose.y, s * pose.x - c * pose.y, -pose.yaw)
 
 
 @dataclass

@@ -48,8 +48,10 @@ class FilterTuning:
         claims_refused: From so many claims in a row that do not fit, a robot is doubted.
         silence_s: A robot that claimed nothing for so long was out of contact [s].
         agree_s: After that, filters have this time to agree [s].
-        max_offset: Otherwise claims differ by less than this [m] ...
+        max_offset: Otherwise claims differ, and pull, by less than this [m] ...
         max_turn: ... and this [rad].
+        agree_within: Filters that hear each other may differ by this [m, rad].
+        agree_gain: What is more shrinks by this share with each claim.
     """
 
     lost_after: int = 5
@@ -62,6 +64,8 @@ class FilterTuning:
     agree_s: float = 3.0
     max_offset: float = 0.3
     max_turn: float = 0.15
+    agree_within: tuple[float, float] = (0.05, 0.02)
+    agree_gain: float = 0.1
 
 
 _TUNING = FilterTuning()
@@ -143,6 +147,7 @@ class TeamFilter:
         is much surer, it is fused by covariance intersection. Else both know as much, but have
         drifted apart as a whole: the whole state moves towards the claim, as covariance
         intersection of equally sure estimates does, and nothing changes between robots and walls.
+        At any other time they drift apart by little and slowly, and agree likewise.
         """
         robot, i, stamp_ns = claim.robot, state.at(claim.robot), claim.odometry.stamp_ns
         place, own = state.mean[i : i + 3], state.covariance[i : i + 3, i : i + 3]
@@ -158,18 +163,24 @@ class TeamFilter:
             trust = changed(trust, claims_refused=refused, off=off)
             return _with_trust(state, robot, trust)
         trust = changed(trust, claims_refused=0)
-        if not self._is_in_contact_again(trust, stamp_ns):
-            return _with_trust(state, robot, trust)
         share = share_of_claim(own, claim.covariance)
-        if share >= self.tuning.claim_gain:
+        again = self._is_in_contact_again(trust, stamp_ns)
+        if trust.disputed >= self.tuning.lost_after:
+            return _with_trust(state, robot, trust)
+        if again and share >= self.tuning.claim_gain:
             state = _with_trust(state, robot, trust)
             wide = changed(state, covariance=state.covariance / (1.0 - share))
             fused = changed(claim, covariance=claim.covariance / share)
             return self._with_pose(wide, fused)[0]
-        precision = np.trace(np.linalg.inv(own)), np.trace(np.linalg.inv(claim.covariance))
-        step = offset * precision[1] / (precision[0] + precision[1])
-        pulled = trust.pulled + math.hypot(step[0], step[1])
-        trust = changed(trust, pulled=pulled)
+        if again:
+            precision = np.trace(np.linalg.inv(own)), np.trace(np.linalg.inv(claim.covariance))
+            step = offset * precision[1] / (precision[0] + precision[1])
+        else:
+            step = self.tuning.agree_gain * _beyond(offset, self.tuning.agree_within)
+        pulled = math.hypot(step[0], step[1])
+        trust = changed(trust, pulled=trust.pulled + pulled if pulled else 0.0)
+        if not step.any():
+            return _with_trust(state, robot, trust)
         return _with_trust(state.moved(place, place + step), robot, trust)
 
     def _heard(self, trust: Trust, stamp_ns: int) -> Trust:
@@ -194,7 +205,8 @@ class TeamFilter:
         if self._is_in_contact_again(trust, stamp_ns):
             return trust.pulled < tuning.max_offset + 3.0 * math.sqrt(own[0, 0] + own[1, 1])
         near = math.hypot(offset[0], offset[1]) < tuning.max_offset
-        return near and bool(abs(offset[2]) < tuning.max_turn)
+        near = near and bool(abs(offset[2]) < tuning.max_turn)
+        return near and trust.pulled < tuning.max_offset
 
     def _with_pose(self, state: TeamState, seen: Placed) -> tuple[TeamState, float]:
         """The state after a measured pose, and the squared length of its residual."""
@@ -304,6 +316,14 @@ class TeamFilter:
             times_lost=before.times_lost + 1,
         )
         return _with_trust(state.widened(robot, self.tuning.lost_sigmas), robot, trust)
+
+
+def _beyond(offset: Float, within: tuple[float, float]) -> Float:
+    """The part of an offset of x, y [m] and yaw [rad] that is beyond these, shape (3,)."""
+    away = math.hypot(offset[0], offset[1])
+    x, y = max(1.0 - within[0] / away, 0.0) * offset[:2] if away else (0.0, 0.0)
+    yaw = math.copysign(max(abs(offset[2]) - within[1], 0.0), offset[2])
+    return np.array([x, y, yaw])
 
 
 def _with_trust(state: TeamState, robot: str, trust: Trust) -> TeamState:

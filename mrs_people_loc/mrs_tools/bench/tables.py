@@ -35,6 +35,7 @@ def show(report: Mapping[str, Any], console: Console) -> None:
     for table in _growth_tables(report["growth"]):
         console.print(table)
     console.print(_tracking_table(report["tracking"]))
+    console.print(_localization_table(report["localization"]))
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
             console.print(table)
@@ -95,6 +96,20 @@ def _tracking_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = _table("\nfollowing people, one interval: median [ms]", "people", "tracker", "groups")
     for row in rows:
         table.add_row(str(row["people"]), f"{row['tracker_ms']:.2f}", f"{row['groups_ms']:.2f}")
+    return table
+
+
+def _localization_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    title = "\nwhere the robots are, one robot's part: mean [ms]"
+    columns = {
+        "own odometry": "odometry_ms",
+        "walls of a frame": "walls_ms",
+        "shared pose": "shared_ms",
+        "at most": "shared_most_ms",
+    }
+    table = _table(title, "robots", *columns)
+    for row in rows:
+        table.add_row(str(row["robots"]), *(f"{row[key]:.3f}" for key in columns.values()))
     return table
 
 

@@ -65,6 +65,10 @@ def targets(report: Mapping[str, Any]) -> list[Target]:
         if row["people"] in _TRACKER_MS:
             where, limit = f"{row['people']} people", _TRACKER_MS[row["people"]]
             found.append(Target("tracker, one interval", where, row["tracker_ms"], limit, "ms"))
+    for row in report["localization"]:
+        where = f"{row['robots']} robots"
+        found.append(Target("shared pose, one robot", where, row["shared_ms"], 0.2, "ms"))
+        found.append(Target("walls of a frame", where, row["walls_ms"], 1.0, "ms"))
     live = report["live"]
     if live is not None:
         latency = live["latency_ms"]["newest"]["p99"]

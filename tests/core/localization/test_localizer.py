@@ -214,3 +214,33 @@ def test_pose_far_from_all_odometry_is_an_error():
     localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
     with pytest.raises(PoseError, match=r"0\.500 s away"):
         localizer.pose_at(3 * S // 2)
+
+
+def test_walls_without_usable_values_are_left_out():
+    localizer = Localizer("a", CONFIG)
+    localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
+    seen = seen_at(S, (0, 2, 3, 2), (0, -2, 3, -2), (4, -1, 4, 1))
+    seen.walls.distance[0] = np.nan
+    seen.walls.covariance[1] = [[1.0, 2.0], [2.0, 1.0]]
+    localizer.take_walls(seen)
+    walls = localizer.state.walls
+    assert walls.distance == pytest.approx([4.0])
+    assert walls.bearing == pytest.approx([0.0], abs=1e-9)
+
+
+def test_claimed_covariance_that_is_none_does_no_harm():
+    a, b = two()
+    stand((a, b), 1.0)
+    told = b.share()
+    bad = np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    for k in range(1, 20):
+        stamp_ns = 2 * S + k * S // 10
+        odometry = dataclasses.replace(told.odometry, stamp_ns=stamp_ns)
+        a.take_odometry(Pose(stamp_ns, 0.0, 0.0, 0.0))
+        a.take_teammate(
+            dataclasses.replace(told, pose=Pose(stamp_ns, 0.0, 0.0, 0.0, bad), odometry=odometry),
+            stamp_ns,
+        )
+    pose = a.state.poses["b"]
+    assert np.linalg.eigvalsh(pose.covariance)[0] > 0
+    assert (pose.x, pose.y) == pytest.approx((0.0, 0.0), abs=1e-6)

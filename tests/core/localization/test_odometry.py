@@ -25,10 +25,10 @@ def odometry(stamp_ns=0, x=0.0, y=0.0, yaw=0.0, position=0.0, heading=0.0):
 def test_way_and_turn_add_to_the_variances():
     reckoning = DeadReckoning(CONFIG)
     reckoning.take(Pose(S, 0.0, 0.0, 0.0))
-    reckoning.take(Pose(2 * S, 3.0, 4.0, 0.0))  # 5 m
-    made = reckoning.take(Pose(3 * S, 3.0, 4.0, -0.5))
-    assert made.position_variance == pytest.approx(0.01 * 5)
-    assert made.heading_variance == pytest.approx(0.04 * 5 + 0.09 * 0.5)
+    reckoning.take(Pose(2 * S, 0.3, 0.4, 0.0))  # 0.5 m
+    made = reckoning.take(Pose(3 * S, 0.3, 0.4, -0.2))
+    assert made.position_variance == pytest.approx(0.01 * 0.5)
+    assert made.heading_variance == pytest.approx(0.04 * 0.5 + 0.09 * 0.2)
 
 
 def test_larger_growth_that_the_odometry_states_is_used():
@@ -63,6 +63,19 @@ def test_clock_that_jumps_back_begins_anew():
             reckoning.take(Pose(S + k, 0.0, 0.0, 0.0))
     made = reckoning.take(Pose(S + 2, 0.0, 0.0, 0.0))
     assert (made.stamp_ns, made.position_variance) == (S + 2, 0.0)
+
+
+def test_odometry_that_starts_again_leaves_the_robot_where_it_was():
+    reckoning = DeadReckoning(CONFIG)
+    reckoning.take(Pose(S, 8.0, 0.0, 0.0))
+    before = reckoning.take(Pose(2 * S, 8.0, 1.0, math.pi / 2))
+    jumped = reckoning.take(Pose(3 * S, 0.0, 0.0, 0.0))
+    assert (jumped.x, jumped.y, jumped.yaw) == pytest.approx((8.0, 1.0, math.pi / 2))
+    assert jumped.position_variance == pytest.approx(before.position_variance + 0.25)
+    assert jumped.heading_variance == pytest.approx(before.heading_variance + 0.04)
+    after = reckoning.take(Pose(4 * S, 0.5, 0.0, 0.1))
+    assert (after.x, after.y, after.yaw) == pytest.approx((8.0, 1.5, math.pi / 2 + 0.1))
+    assert reckoning.jumps == 1
 
 
 def test_motion_by_hand():

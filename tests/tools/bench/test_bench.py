@@ -145,8 +145,8 @@ def test_report_has_all_documented_figures(bag, tmp_path):
     assert result.exit_code == 0, result.output
     report = json.loads(file.read_text())
     assert report.keys() == {
-        "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "tracking", "live",
-        "targets",
+        "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "tracking",
+        "localization", "live", "targets",
     }  # fmt: skip
     assert report["live"] is None
     assert report["equal_to_reference"]["views"] == 2 * 3 * 3
@@ -172,11 +172,15 @@ def test_report_has_all_documented_figures(bag, tmp_path):
         assert set(planner["stages_ms"]) == stages
     assert [row["people"] for row in report["tracking"]] == [10, 50, 200]
     assert all(row["tracker_ms"] > 0 and row["groups_ms"] > 0 for row in report["tracking"])
+    assert [row["robots"] for row in report["localization"]] == [3, 8]
+    assert all(row["shared_ms"] > 0 and row["walls_ms"] > 0 for row in report["localization"])
     targets = report["targets"]
     limits = [1.0, 500.0, 2.0, 1.0, 1.0, 8.0, 3.0, 1.0, 1.0, 0.5, 10.0]
+    limits += [0.2, 1.0] * 2
     assert [t["limit"] for t in targets] == limits
     files = [t["configuration"].partition(",")[0] for t in targets]
-    assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + ["10 people", "200 people"]
+    sizes = ["10 people", "200 people", *["3 robots"] * 2, *["8 robots"] * 2]
+    assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + sizes
     assert "pair of three" in targets[5]["configuration"]
     rows = [line.split() for line in result.output.splitlines()]
     assert [row[-1] for row in rows if row[:1] == ["tops"]] == ["-"] * 3
