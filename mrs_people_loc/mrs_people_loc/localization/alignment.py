@@ -1,11 +1,11 @@
-"""Alignment: the move and turn that brings places of people onto the same people's other places.
+"""Alignment: the move and turn that brings a robot's people onto those of others.
 
-Hypotheses come from two people each: two places of one robot and two of another that are as far
-apart from each other give a move and a turn. Each is refined with all people that match. The best
-is judged by its evidence: the log of how much likelier the places are if the matched people are the
-same than if all are different people, the hypotheses' freedom taken into account (Laplace's
-approximation; MacKay, Information Theory, Inference, and Learning Algorithms, 2003, chapter 28). So
-two people that match are no proof where the search is wide, and five are.
+Hypotheses come from two people each: two places of the robot and two of others that are equally far
+apart give a move and a turn. Each is refined with all people that match. The best is judged by its
+evidence: the log-odds that the matched people are the same against that all are different people,
+which takes into account how wide the search is (Laplace's approximation; MacKay, Information
+Theory, Inference, and Learning Algorithms, 2003, chapter 28). So two people that match prove little
+where the pose is hardly known, and five prove it.
 """
 
 from __future__ import annotations

@@ -1,19 +1,20 @@
-"""Relative poses: where robots are to each other, measured with the people whom both see.
+"""Relative poses of robots, measured with the people whom both see.
 
 What each robot sees by itself over a window of some intervals becomes tracks of straight motion, so
-that people whom two robots see at different times are compared at one time. Tracks of two robots
-are aligned (`alignment`). Windows do not overlap: no sighting is used for two measurements of a
-pair.
+that people whom two robots see at different times are compared at one time. The tracks of two
+robots are aligned (`alignment`). Windows do not overlap: no sighting is used for two measurements
+of one pair of robots.
 
-A robot errs alike about a person as long as it sees them from the same side. That part of the error
-is not white, and a filter that takes it for white is too sure after many windows. So its variance
-is multiplied by 1 + 2 tau / T, with tau the time that it lasts and T the time between measurements:
-white noise of that variance has the same effect on a mean over a long time (the spectral density at
-zero; Bartlett, 1946). While both robots stand, which lose nothing then, tau is that time.
+Part of a robot's error about a person lasts as long as it sees them from the same side. A filter
+that takes it for white noise is too certain after many windows. So the variance of that part is
+multiplied by 1 + 2 tau / T, where tau is the time that it lasts and T the time between
+measurements: white noise of that variance has the same effect on a mean over a long time (Bartlett,
+On the theoretical specification and sampling properties of autocorrelated time-series, 1946). While
+both robots stand, tau is the time that they have been standing.
 
-A sighting also enters the measurements of its robot with several others. Among m robots, where each
-is measured with each, the sum of the information is m / 2 times what there is; so much less sure is
-each measurement.
+The sightings of a robot also enter its measurements with several others. With m robots, each
+measured with each, independent measurements would have m / 2 times the information that there is;
+the covariances are multiplied accordingly.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class RelativePosesTuning:
         any_velocity: Standard deviation of a person's velocity on each axis [m/s].
         acceleration: Standard deviation of the change of a person's velocity in a second; it grows
             with the square root of time [m/s].
-        bend: Variance of the middle of a straight line fitted to a motion whose velocity changes so
-            [s^2/s^2 ...]; see `tracks_of`.
+        bend: Variance of the middle of a line that is fitted to a path with such changes, over
+            `acceleration` squared and the cube of its span: by simulation 0.003 to 0.007, doubled.
         lasting: Share of a sighting's variance that lasts over windows.
         lasting_s: For how long it lasts [s].
         least: Standard deviations of a relative pose, at least, likewise lasting: what all people
@@ -137,12 +138,11 @@ NOBODY = Tracks(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2, 2)))
 
 @dataclass
 class _Robot:
-    """What a robot saw in the window, and since when it stands where.
+    """What a robot saw in the window.
 
     Attributes:
         seen: By scan, the people, and its pose.
-        stands: Where it stands.
-        stands_since_ns: Since when [ns].
+        stands: The first of its poses that is where it is now.
     """
 
     seen: list[tuple[SeenPeople, Pose]] = field(default_factory=list)
@@ -150,6 +150,7 @@ class _Robot:
 
     @property
     def stands_since_ns(self) -> int:
+        """Since when it is where it is now [ns]."""
         return 0 if self.stands is None else self.stands.stamp_ns
 
     def take(self, people: SeenPeople, pose: Pose, tuning: RelativePosesTuning) -> None:
