@@ -415,9 +415,9 @@ def read_laser_scan(message: Message) -> LaserScan:
         )
     if not low >= 0.0:  # NaN compares false
         raise RangeError(f"range_min is {low} m; wanted: at least 0")
-    ranges = np.array(message.ranges, dtype=np.float64)
-    measured = (ranges >= low) & (ranges <= high)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # any bits may come as float32
+        ranges = np.array(message.ranges, dtype=np.float64)
+        measured = (ranges >= low) & (ranges <= high)
         angles: Float = first + step * np.arange(len(ranges), dtype=np.float64)
     order = slice(None, None, 1 if step > 0 else -1)
     return LaserScan(

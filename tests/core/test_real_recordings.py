@@ -341,7 +341,7 @@ THINGS = {
     ("tsukuba", "level"): 1,
     ("teddy", "tilted"): 1,
     ("cones", "level"): 2,
-    ("cones", "tilted"): 2,
+    ("cones", "tilted"): 3,
     ("aloe", "tilted"): 1,
 }
 

@@ -89,7 +89,7 @@ LEAST_DEPTH_M = 0.1
 #: Added to the norms of a block, before and after it is cut, and where it is cut.
 NORM_ADDED, CUT_AT, NORM_ADDED_AFTER = 3.6, 0.2, 1e-3
 #: What has less by the human test is not looked at [log-odds].
-RULED_OUT = -6.0
+RULED_OUT = -8.0
 #: The human test counts within these log-odds; least share of the blocks that divides a score.
 LEAST_HUMAN, MOST_HUMAN, LEAST_BLOCKS = -2.0, 4.0, 0.05
 

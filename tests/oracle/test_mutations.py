@@ -168,9 +168,8 @@ OF_BODIES = {
     ),
     "one window": (
         appearance, "detector_score",
-        instead(lambda found, middle: appearance.block_score(
-            gradients.Histograms(found.values[:, :105], found.inside[:, :105]),
-            appearance.detector_weights()[:-1].reshape(-1, 36), middle,
+        instead(lambda looks, middle: appearance.block_score(
+            looks.detector[:, 1], looks.inside[:, 1], middle
         )), r"bodies",
     ),
     "blocks in the image": (

@@ -74,6 +74,8 @@ ROBOT_TOPICS = {
     "/diagnostics",
     "/robot_a/points",
     "/robot_a/pose",
+    "/team_poses",
+    "/walls",
     *(f"/robot_a/debug/{stage}" for stage in ("disparity", "cloud", "zones", "noise")),
 }
 ROBOT_INPUTS = {
@@ -167,6 +169,7 @@ PLANNER_TOPICS = {
     "/group_centroid",
     "/events",
     "/short_term_map",
+    "/relative_poses",
     "/markers",
 }
 

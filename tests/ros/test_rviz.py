@@ -23,6 +23,7 @@ from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.markers import markers
 from planner_node.node import PlannerNode
+from robot_node.node import RobotNode
 from ros.harness import ROOT
 from ros.planner_peer import cloud_of, person_cells
 
@@ -49,20 +50,22 @@ def config(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture
 def published(domain: int) -> Iterator[dict[str, tuple[str, bool]]]:
-    """The planner's topics: type, and whether it is reliable."""
-    rclpy.init(args=["planner_node", "--ros-args", "-p", "autostart:=false"])
-    node = PlannerNode()
+    """The topics of the planner and of a robot: type, and whether it is reliable."""
+    rclpy.init(args=["node", "--ros-args", "-p", "autostart:=false", "-r", "robot_node:__ns:=/r"])
+    nodes = [PlannerNode(), RobotNode()]
     try:
-        node.trigger_configure()
         topics = {}
-        for publisher in node.publishers:
-            kind: Any = publisher.msg_type
-            name = "/".join((*kind.__module__.split(".")[:2], kind.__name__))
-            reliable = publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
-            topics[publisher.topic_name] = (name, reliable)
+        for node in nodes:
+            node.trigger_configure()
+            for publisher in node.publishers:
+                kind: Any = publisher.msg_type
+                name = "/".join((*kind.__module__.split(".")[:2], kind.__name__))
+                reliable = publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+                topics[publisher.topic_name] = (name, reliable)
         yield topics
     finally:
-        node.destroy_node()
+        for node in nodes:
+            node.destroy_node()
         rclpy.shutdown()
 
 
@@ -118,7 +121,8 @@ def test_channels_and_namespaces_are_published(config: Any) -> None:
         assert display["Channel Name"] in fields
     drawn = {m.ns for m in markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
     for display in displays(config, "MarkerArray"):
-        assert display["Namespaces"] == dict.fromkeys(drawn, True)
+        of_robots = display["Name"] == "Walls"  # namespaces of the robots' own names
+        assert display["Namespaces"] == ({} if of_robots else dict.fromkeys(drawn, True))
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.6, -1.2])

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from mrs_people_loc.arrays import Float, Float32
+from mrs_people_loc.arrays import Bool, Float, Float32, StructOfArrays
 from mrs_people_loc.bodies.gradients import BLOCK, CELL, GradientSampler, Histograms, Window
 from mrs_people_loc.bodies.network import PersonNetwork
 from mrs_people_loc.errors import ConfigError
@@ -34,11 +34,12 @@ DETECTOR_WINDOW = Window(
 DETECTOR_VIEW = replace(
     DETECTOR_WINDOW, width=(64 + 2 * CELL) * 1.75 / 96, columns=DETECTOR_WINDOW.columns + 2 * CELL
 )
+DETECTOR_WINDOWS = (DETECTOR_VIEW.columns - DETECTOR_WINDOW.columns) // CELL + 1
 #: The human test says much less than the lower one of people behind desks and in doorways, and
 #: hardly ever more than the upper one of anything but people [log-odds].
 HUMAN_LIMITS = (-2.0, 4.0)
 #: What has less by the human test is not looked at; its log-odds remain.
-RULED_OUT = -6.0
+RULED_OUT = -8.0
 #: Fewer blocks in the image than this share of them count as this share.
 _LEAST_SHARE = 0.05
 
@@ -90,9 +91,61 @@ class AppearanceModel:
             parts[name] = part if shape else float(part)
         return cls(**parts)
 
+    @property
+    def weights(self) -> Float:
+        """As `Scores.combined` takes them, shape (5,)."""
+        return np.array([self.human, self.above, self.detector, self.network, self.offset])
+
     def to_mapping(self) -> dict[str, Any]:
         """The model as plain lists and numbers."""
         return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
+
+
+@dataclass(frozen=True)
+class Looks(StructOfArrays):
+    """Appearance of places, a struct of arrays of one length (n,).
+
+    Attributes:
+        detector: What the people detector says of each block of each of its windows, float32,
+            shape (n, windows, blocks).
+        inside: Blocks whose middle is in the image, likewise.
+        network: Log-odds by the network, shape (n,).
+    """
+
+    detector: Float32
+    inside: Bool
+    network: Float
+
+
+@dataclass(frozen=True)
+class Scores(StructOfArrays):
+    """What is combined; arrays of shape (n,).
+
+    Attributes:
+        human: Log-odds by the human test.
+        detector: Score of the people detector.
+        network: Log-odds by the network.
+    """
+
+    human: Float
+    detector: Float
+    network: Float
+
+    @property
+    def columns(self) -> Float:
+        """What the weights of the combination multiply, shape (n, 4)."""
+        low, high = HUMAN_LIMITS
+        above = np.maximum(self.human - high, 0.0)
+        return np.column_stack([np.clip(self.human, low, high), above, self.detector, self.network])
+
+    def combined(self, weights: Float) -> Float:
+        """Log-odds of a person, shape (n,); what the human test rules out keeps its own.
+
+        Args:
+            weights: Of the columns, then a constant, shape (5,).
+        """
+        result = self.columns @ weights[:-1] + weights[-1]
+        return np.where(self.human >= RULED_OUT, result, self.human)
 
 
 class Appearance:
@@ -122,46 +175,51 @@ class Appearance:
             human: Log-odds by the human test, shape (n,).
         """
         look = human >= RULED_OUT
-        at = left, bearing[look], ranges[look]
-        detector = detector_score(self._detector(*at), model.detector_middle)
-        low, high = HUMAN_LIMITS
+        looks = self.looks(left, bearing[look], ranges[look])
+        detector = detector_score(looks, model.detector_middle)
         result = human.copy()
-        result[look] = (
-            model.human * np.clip(human[look], low, high)
-            + model.above * np.maximum(human[look] - high, 0.0)
-            + model.detector * detector
-            + model.network * self._network(*at)
-            + model.offset
-        )
+        result[look] = Scores(human[look], detector, looks.network).combined(model.weights)
         return result
 
-
-def block_score(histograms: Histograms, weights: Any, middle: Float) -> Float:
-    """Sum over the blocks in the image, over the square root of their share, shape (n,).
-
-    Args:
-        histograms: Histograms of n windows.
-        weights: Shape (blocks, `BLOCK`).
-        middle: What each block must exceed to speak for a person, shape (blocks,).
-    """
-    blocks = np.einsum("nbk,bk->nb", histograms.values, weights.astype(np.float32)) - middle
-    share = np.maximum(histograms.inside.mean(axis=1), _LEAST_SHARE)
-    return np.asarray((blocks * histograms.inside).sum(axis=1) / np.sqrt(share))
+    def looks(self, left: Gray, bearing: Float, ranges: Float) -> Looks:
+        """What the combination is made of; arguments as those of a call."""
+        at = left, bearing, ranges
+        return Looks(*detector_blocks(self._detector(*at)), self._network(*at))
 
 
-def detector_score(histograms: Histograms, middle: Float) -> Float:
-    """Score of the people detector in the best of its windows, shape (n,).
+def detector_blocks(histograms: Histograms) -> tuple[Float32, Bool]:
+    """The first two of `Looks`.
 
     Args:
         histograms: Histograms of n windows of `DETECTOR_VIEW`.
-        middle: As of `block_score`.
     """
     weights = detector_weights()[:-1].reshape(-1, BLOCK)
     column = DETECTOR_WINDOW.rows // CELL - 1
-    windows = [slice(first, first + len(weights)) for first in (0, column, 2 * column)]
-    parts = (Histograms(histograms.values[:, k], histograms.inside[:, k]) for k in windows)
-    scores = [block_score(part, weights, middle) for part in parts]
-    return np.asarray(np.max(scores, axis=0))
+    windows = [slice(k * column, k * column + len(weights)) for k in range(DETECTOR_WINDOWS)]
+    scores = [np.einsum("nbk,bk->nb", histograms.values[:, k], weights) for k in windows]
+    return np.stack(scores, axis=1), np.stack([histograms.inside[:, k] for k in windows], axis=1)
+
+
+def block_score(detector: Float32, inside: Bool, middle: Float) -> Float:
+    """Sum over the blocks in the image, over the square root of their share, shape (...).
+
+    Args:
+        detector: Scores of blocks, shape (..., blocks).
+        inside: Blocks in the image, likewise.
+        middle: What each block must exceed to speak for a person, shape (blocks,).
+    """
+    share = np.maximum(inside.mean(axis=-1), _LEAST_SHARE)
+    return np.asarray(((detector - middle) * inside).sum(axis=-1) / np.sqrt(share))
+
+
+def detector_score(looks: Looks, middle: Float) -> Float:
+    """Score of the people detector in the best of its windows, shape (n,).
+
+    Args:
+        looks: Appearance of n places.
+        middle: As of `block_score`.
+    """
+    return np.asarray(block_score(looks.detector, looks.inside, middle).max(axis=1))
 
 
 @functools.cache

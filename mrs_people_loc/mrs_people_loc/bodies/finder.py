@@ -193,7 +193,8 @@ class BodyFinder:
             camera, min_range=min_range, max_range=config.max_range, tuning=tuning.search
         )
         self._sample = PatchSampler(camera, tuning.patches)
-        self._appearance = Appearance(camera)
+        looked_at = config.human_test and config.appearance
+        self._appearance = Appearance(camera) if looked_at else None
 
     def __call__(self, disparity: Float32, images: StereoImages, times: StageTimes) -> Bodies:
         """The bodies of one view.
@@ -244,10 +245,9 @@ class BodyFinder:
             left: The left image that they were seen in.
             times: Marked after each step.
         """
-        config = self.config
         bodies = self.all_bodies(view)
         times.mark("judge")
-        if config.human_test and config.appearance:
+        if self._appearance is not None:
             model = (self._model or body_model.fitted()).appearance
             score = self._appearance(model, left, bodies.bearing, bodies.range, bodies.score)
             bodies = replace(bodies, score=score)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.config import load_yaml
-from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.errors import ConfigError, GridError
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.team.masking import OccupancyGrid
@@ -204,7 +204,12 @@ def walls_of_grid(
         grid: The grid.
         occupied_from: Its cells from this value on are occupied; others are free unless unknown.
         tuning: Constants.
+
+    Raises:
+        GridError: It is farther from the origin of the map than anything on earth.
     """
+    if max(abs(grid.x), abs(grid.y)) > _FARTHEST:
+        raise GridError(f"origin is ({grid.x:g}, {grid.y:g}) m; wanted: within {_FARTHEST:g}")
     occupied = grid.data >= occupied_from
     free = (grid.data >= 0) & ~occupied
     faces = _faces(occupied, free)

@@ -10,6 +10,8 @@ import numpy as np
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import RangeError
 
+#: No sonar reaches farther [m].
+_LONGEST_RANGE = 100.0
 #: More than any scanner has; a scan of more is refused.
 _MAX_RAYS = 100_000
 #: A full turn, and what float32 makes of it [rad].
@@ -47,10 +49,11 @@ class SonarRange:
             raise RangeError(
                 f"field_of_view is {self.field_of_view} rad; allowed: more than 0, at most pi"
             )
-        if not 0.0 <= self.min_range < self.max_range < math.inf:
+        if not 0.0 <= self.min_range < self.max_range <= _LONGEST_RANGE:
             raise RangeError(
                 f"min_range is {self.min_range} m and max_range {self.max_range} m; wanted: "
-                "0 <= min_range < max_range, finite (a sensor that only says near or far has none)"
+                f"0 <= min_range < max_range <= {_LONGEST_RANGE:g} (they are equal where a sensor "
+                "says near or far only, which is of no use here)"
             )
 
         if not 0.0 <= self.variance < math.inf:

@@ -30,9 +30,9 @@ from typing import Annotated, Any
 import typer
 
 from mrs_people_loc.arrays import Float
+from mrs_people_loc.bodies.appearance import Scores
 from mrs_tools.common import progress_bar, write_text
 from mrs_tools.experiment.real_rooms import Recording, find_recordings
-from mrs_tools.fitting.appearance_fit import Scores
 from mrs_tools.fitting.body_fit import Parts, check_enough, combination
 from mrs_tools.fitting.examples import Examples, assets_of, examples_of, labelled_examples
 from mrs_tools.fitting.validation import cross_validate, figures, real_rooms, table
@@ -65,6 +65,8 @@ def command(
     ] = None,
 ) -> None:
     """Fit the body model to bags with ground truth."""
+    if labels is not None and real is None:
+        raise typer.BadParameter("--labels needs --real, the folder of the recordings")
     read = functools.partial(_read, configs=config or [], views=views)
     parts = []
     with progress_bar() as progress, ProcessPoolExecutor(jobs, get_context("spawn")) as pool:

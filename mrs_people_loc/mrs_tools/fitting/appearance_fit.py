@@ -9,14 +9,18 @@ rooms are given, they count more than all renderings together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
 
-from mrs_people_loc.arrays import Bool, Float, StructOfArrays
-from mrs_people_loc.bodies.appearance import HUMAN_LIMITS, RULED_OUT, AppearanceModel
-from mrs_tools.fitting.examples import Looks
+from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.bodies.appearance import (
+    DETECTOR_WINDOWS,
+    RULED_OUT,
+    AppearanceModel,
+    Looks,
+    Scores,
+)
 from mrs_tools.fitting.regression import rounded
 
 #: Share of the real examples in the fit of the combination. More of it finds fewer people of the
@@ -24,42 +28,18 @@ from mrs_tools.fitting.regression import rounded
 _REAL = 0.6
 
 
-@dataclass(frozen=True)
-class Scores(StructOfArrays):
-    """What the parts of the combination say of candidates; arrays of shape (n,).
-
-    Attributes:
-        human: Log-odds by the human test.
-        detector: Score of the people detector.
-        network: Log-odds by the network.
-    """
-
-    human: Float
-    detector: Float
-    network: Float
-
-    @property
-    def columns(self) -> Float:
-        """What the weights of the combination multiply, shape (n, 4)."""
-        low, high = HUMAN_LIMITS
-        above = np.maximum(self.human - high, 0.0)
-        return np.column_stack([np.clip(self.human, low, high), above, self.detector, self.network])
-
-
 def detector_middles(looks: Looks, person: Bool) -> Float:
-    """By block, the middle between what people and other things have there, shape (blocks,)."""
+    """By block, the middle between what people and other things have there, shape (blocks,).
+
+    The window at the axis counts, which is the middle one.
+    """
+    at = DETECTOR_WINDOWS // 2
+    detector, in_image = looks.detector[:, at], looks.inside[:, at]
     means = []
     for chosen in (person, ~person):
-        inside = looks.inside[chosen]
-        means.append((looks.detector[chosen] * inside).sum(axis=0) / np.maximum(inside.sum(0), 1))
+        inside = in_image[chosen]
+        means.append((detector[chosen] * inside).sum(axis=0) / np.maximum(inside.sum(0), 1))
     return rounded(0.5 * (means[0] + means[1]))
-
-
-def detector_score(looks: Looks, middles: Float) -> Float:
-    """Score of the people detector, shape (n,)."""
-    share = np.maximum(looks.inside.mean(axis=1), 0.05)
-    blocks = (looks.detector - middles) * looks.inside
-    return np.asarray(blocks.sum(axis=1) / np.sqrt(share), dtype=np.float64)
 
 
 def fit_combination(scores: Scores, person: Bool, weight: Float) -> Float:
@@ -95,17 +75,6 @@ def shared_weights(real: Bool) -> Float:
     for chosen, share in ((real, _REAL), (~real, 1.0 - _REAL)):
         weight[chosen] = share * len(real) / max(int(chosen.sum()), 1)
     return weight
-
-
-def combined(scores: Scores, weights: Float) -> Float:
-    """Log-odds of a person, shape (n,).
-
-    Args:
-        scores: What the parts say.
-        weights: As of `fit_combination`.
-    """
-    result = scores.columns @ weights[:-1] + weights[-1]
-    return np.where(scores.human >= RULED_OUT, result, scores.human)
 
 
 def appearance_model(weights: Float, detector: Float) -> AppearanceModel:

@@ -19,14 +19,13 @@ import numpy as np
 
 from mrs_people_loc.anthropometry import AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.bodies.appearance import Scores, detector_score
 from mrs_people_loc.bodies.model import RANGES, BodyModel, Layered, Linear
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.precision import BODY_SIGMA_PX
 from mrs_tools.fitting.appearance_fit import (
-    Scores,
     appearance_model,
     detector_middles,
-    detector_score,
     fit_combination,
     shared_weights,
 )
@@ -37,7 +36,7 @@ from mrs_tools.scoring.positions import CHI2_95
 FOLDS = 5
 #: Added to the log-odds of a person: candidates are mostly things, and a person who is missed costs
 #: more than a thing that is taken for one, which the planner's places and tracks may still remove.
-IN_FAVOUR = 0.5
+IN_FAVOUR = 1.2
 #: Width of the bins of range in which examples count alike [m], and how much one may count.
 _BIN, _MOST = 0.5, 4.0
 #: Knots of the groups that are fitted without bias: ranges [m], log2 of pixels for a metre.
@@ -124,22 +123,6 @@ def combination(
     weights = fit_combination(scores, person, shared_weights(known))
     weights[-1] += IN_FAVOUR
     return weights
-
-
-def fit(examples: Examples, real: Examples | None = None) -> BodyModel:
-    """Fits the model.
-
-    Args:
-        examples: Of renderings.
-        real: Of labelled recordings of real rooms, for the combination of the scores.
-
-    Raises:
-        PeopleLocError: There are too few examples of either kind.
-    """
-    check_enough(examples)
-    parts = Parts.fit(examples)
-    scores = held_out_scores(examples, held_out(examples))
-    return parts.model(combination(examples, scores, real, parts))
 
 
 def check_enough(examples: Examples) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,9 @@ import cv2
 import numpy as np
 import yaml
 
-from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
-from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, detector_weights
+from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
+from mrs_people_loc.bodies.appearance import Appearance, Looks
 from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
-from mrs_people_loc.bodies.gradients import BLOCK, GradientSampler
-from mrs_people_loc.bodies.network import PersonNetwork
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
@@ -41,22 +39,6 @@ _ROBOT_ACROSS, _ROBOT_ALONG, _ROBOT_ALONG_PX = 0.35, 0.3, 0.3
 #: Augmentation of every second image: largest sigma of blur [px] and of noise [grey levels], and
 #: contrast, at least and at most.
 _BLUR, _NOISE, _CONTRAST = 1.2, 6.0, (0.5, 1.3)
-
-
-@dataclass(frozen=True)
-class Looks(StructOfArrays):
-    """Appearance of candidates at their axes, a struct of arrays of one length (n,).
-
-    Attributes:
-        detector: What the people detector says of each block of its window, float32, shape
-            (n, blocks).
-        inside: Blocks in the image, likewise.
-        network: Log-odds by the network, shape (n,).
-    """
-
-    detector: Float32
-    inside: Bool
-    network: Float
 
 
 @dataclass(frozen=True)
@@ -109,9 +91,9 @@ class _Looker:
         self.robot, self.camera = robot, camera
         self._match = StereoMatcher(camera, config.disparity)
         min_range = config.disparity.min_range
-        self._find = BodyFinder(camera, config.bodies, min_range=min_range, tuning=tuning)
-        self._detector = GradientSampler(camera, DETECTOR_WINDOW)
-        self._network = PersonNetwork(camera)
+        shapes = replace(config.bodies, appearance=False)
+        self._find = BodyFinder(camera, shapes, min_range=min_range, tuning=tuning)
+        self._appearance = Appearance(camera)
         self.views: list[tuple[int, CandidateEvidence, Gray]] = []
 
     def stages(self, images: StereoImages) -> ScanStages:
@@ -123,11 +105,7 @@ class _Looker:
     def looks(self, view: CandidateEvidence, left: Gray) -> Looks:
         """Appearance of the candidates at the axes that the present model gives."""
         bodies = self._find.all_bodies(view)
-        at = left, bodies.bearing, bodies.range
-        detector = self._detector(*at)
-        weights = detector_weights()[:-1].reshape(-1, BLOCK)
-        blocks = np.einsum("nbk,bk->nb", detector.values, weights)
-        return Looks(blocks.astype(np.float32), detector.inside, self._network(*at))
+        return self._appearance.looks(left, bodies.bearing, bodies.range)
 
 
 def _collected_lookers(

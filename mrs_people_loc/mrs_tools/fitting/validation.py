@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
-from mrs_tools.fitting.appearance_fit import Scores, combined
+from mrs_people_loc.bodies.appearance import Scores
 from mrs_tools.fitting.body_fit import Parts, combination, held_out, held_out_scores, true_range
 from mrs_tools.fitting.examples import Examples
 from mrs_tools.scoring.positions import CHI2_95
@@ -50,7 +50,7 @@ class Judged(StructOfArrays):
         scores = parts.scores(examples)
         return cls(
             human=scores.human,
-            score=combined(scores, weights),
+            score=scores.combined(weights),
             across=offsets["across"](examples.odd) - examples.across,
             along=found - true_range(examples),
             sigma_across=np.exp(offsets["across_log_sigma"](examples.even)),
@@ -95,7 +95,7 @@ def real_rooms(
     for name in sorted(set(rooms)):
         weights = combination(examples, scores, real.select(room != name), parts)
         part = real.select((room == name) & real.clear)
-        found = combined(parts.scores(part), weights) > 0.5
+        found = parts.scores(part).combined(weights) > 0.5
         person = part.person
         lines.append(
             f"{name:16s} {person.sum():6d}  {(~person).sum():6d}  {(found & person).sum():5d}  "

@@ -8,7 +8,10 @@ from mrs_people_loc.bodies.appearance import (
     DETECTOR_WINDOW,
     Appearance,
     AppearanceModel,
+    Looks,
+    Scores,
     block_score,
+    detector_blocks,
     detector_score,
     detector_weights,
 )
@@ -46,8 +49,15 @@ def test_human_test_counts_within_limits(make_head):
 
 
 def test_what_the_human_test_rules_out_is_not_looked_at(make_head):
-    found = scores(make_head(), model_of(offset=9.0), [-6.1, -20.0, -5.9])
-    np.testing.assert_allclose(found, [-6.1, -20.0, 9.0])
+    found = scores(make_head(), model_of(offset=9.0), [-8.1, -20.0, -7.9])
+    np.testing.assert_allclose(found, [-8.1, -20.0, 9.0])
+
+
+def test_weights_count_in_their_order():
+    combined = Scores(np.array([5.0, -9.0]), np.full(2, 3.0), np.full(2, 2.0)).combined(
+        model_of(human=1.0, above=10.0, detector=100.0, network=1000.0, offset=0.5).weights
+    )
+    np.testing.assert_allclose(combined, [4.0 + 10.0 + 300.0 + 2000.0 + 0.5, -9.0])
 
 
 def test_network_and_detector_are_weighted(make_head):
@@ -72,13 +82,15 @@ def test_what_is_not_in_the_image_says_nothing(make_head):
 
 
 def test_block_scores_match_hand_computed_values():
-    values = np.zeros((2, 4, BLOCK), dtype=np.float32)
-    values[:, :, 0] = 1.0
-    weights = np.zeros((4, BLOCK))
-    weights[:, 0] = [1.0, 2.0, 3.0, 4.0]
+    detector = np.array([[1.0, 2.0, 3.0, 4.0]] * 2, dtype=np.float32)
     inside = np.array([[True] * 4, [True, False, False, False]])
-    score = block_score(Histograms(values, inside), weights, np.array([0.5, 0.0, 0.0, 0.0]))
+    score = block_score(detector, inside, np.array([0.5, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(score, [9.5, 0.5 / np.sqrt(0.25)])
+
+
+def looks_of(values, inside=True):
+    inside = np.full(values.shape[:2], inside)
+    return Looks(*detector_blocks(Histograms(values, inside)), np.zeros(len(values)))
 
 
 @pytest.mark.parametrize("cells", [0, 1, 2])
@@ -86,11 +98,19 @@ def test_people_detector_finds_its_pattern_up_to_a_cell_aside(cells):
     weights = detector_weights()[:-1].reshape(-1, BLOCK)
     values = np.zeros((1, DETECTOR_VIEW.blocks, BLOCK), dtype=np.float32)
     values[0, 15 * cells : 15 * cells + DETECTOR_WINDOW.blocks] = weights  # 15 blocks a column
-    inside = np.ones((1, DETECTOR_VIEW.blocks), dtype=bool)
     middle = np.full(DETECTOR_WINDOW.blocks, 0.01)
     wanted = (weights.astype(np.float64) ** 2).sum() - middle.sum()
-    score = detector_score(Histograms(values, inside), middle)
-    np.testing.assert_allclose(score, [wanted], rtol=1e-5)
+    looks = looks_of(values)
+    assert looks.detector.shape == (1, 3, DETECTOR_WINDOW.blocks)
+    np.testing.assert_allclose(detector_score(looks, middle), [wanted], rtol=1e-5)
+    np.testing.assert_allclose(looks.detector[0, cells], (weights**2).sum(axis=1), rtol=1e-5)
+
+
+def test_best_window_is_that_of_the_place():
+    detector = np.zeros((2, 3, DETECTOR_WINDOW.blocks), dtype=np.float32)
+    detector[0, 2, 7], detector[1, 0, 7] = 3.0, 4.0
+    looks = Looks(detector, np.ones(detector.shape, dtype=bool), np.zeros(2))
+    np.testing.assert_allclose(detector_score(looks, np.zeros(detector.shape[2])), [3.0, 4.0])
 
 
 def test_nobody_has_no_score(make_head):

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrs_people_loc import config as cfg
+from mrs_people_loc.bodies import network
 from mrs_people_loc.bodies.finder import Bodies, BodyFinder, CandidateEvidence, cells_of, points_of
 from mrs_people_loc.bodies.model import (
     DEPTH,
@@ -23,6 +24,7 @@ from mrs_people_loc.bodies.patches import ACROSS, HEIGHTS, Patches
 from mrs_people_loc.bodies.search import Candidates
 from mrs_people_loc.bodies.votes import Vote
 from mrs_people_loc.config import Mounting
+from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.timing import StageTimes
 
@@ -203,6 +205,17 @@ def test_bodies_are_sorted_by_score_and_low_scores_are_dropped(head):
     np.testing.assert_allclose(bodies.range, [3.0, 2.0, 3.5])
     np.testing.assert_allclose(bodies.patches.bearing, [0.2, -0.6, 0.6])  # each with its patch
     assert len(judged(finder_of(head, model_of(score=-9.0)), view)) == 0
+
+
+@pytest.mark.parametrize("off", ["appearance", "human_test"])
+def test_network_is_read_only_if_appearance_counts(head, monkeypatch, off):
+    def unreadable(name):
+        raise ConfigError(f"{name} cannot be read")
+
+    monkeypatch.setattr(network, "_read", unreadable)
+    finder_of(head, **{"appearance": True, off: False})
+    with pytest.raises(ConfigError, match="person_network"):
+        finder_of(head, appearance=True)
 
 
 @pytest.mark.parametrize("n", [0, 1])

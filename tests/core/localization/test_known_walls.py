@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.errors import ConfigError, GridError
 from mrs_people_loc.localization.known_walls import read_walls, walls_of_grid
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.team.masking import OccupancyGrid
@@ -224,3 +224,9 @@ def test_unknown_cells_are_no_walls() -> None:
     data = np.zeros((60, 80), dtype=np.int8)
     data[30:] = -1
     assert not len(walls_of_grid(OccupancyGrid(CELL, 0.0, 0.0, 0.0, data), occupied_from=65))
+
+
+def test_grid_that_is_nowhere_on_earth_is_refused() -> None:
+    grid = OccupancyGrid(CELL, 1e9, 0.0, 0.0, np.zeros((4, 4), dtype=np.int8))
+    with pytest.raises(GridError, match=r"origin is \(1e\+09, 0\) m; wanted: within 2.1e\+07"):
+        walls_of_grid(grid, occupied_from=65)

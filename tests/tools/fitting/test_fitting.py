@@ -24,7 +24,7 @@ pytest.importorskip("scipy", reason="fitting needs scipy")
 from typer.testing import CliRunner
 
 from mrs_people_loc.arrays import Bool
-from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW
+from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, DETECTOR_WINDOWS, Looks
 from mrs_people_loc.bodies.finder import BodyTuning, CandidateEvidence
 from mrs_people_loc.bodies.patches import PatchSampler
 from mrs_people_loc.bodies.search import Candidates, SearchTuning
@@ -32,8 +32,15 @@ from mrs_tools.bags.labels import Label, Labels
 from mrs_tools.cli import app
 from mrs_tools.fitting import examples as examples_module
 from mrs_tools.fitting import regression
-from mrs_tools.fitting.body_fit import Parts, fit, held_out, held_out_scores, true_range
-from mrs_tools.fitting.examples import Examples, Looks, examples_of, labelled_examples
+from mrs_tools.fitting.body_fit import (
+    Parts,
+    check_enough,
+    combination,
+    held_out,
+    held_out_scores,
+    true_range,
+)
+from mrs_tools.fitting.examples import Examples, examples_of, labelled_examples
 from mrs_tools.fitting.validation import cross_validate, figures, real_rooms, table
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -42,9 +49,10 @@ ROOT = Path(__file__).resolve().parents[3]
 def looks_of(person: Bool, rng: np.random.Generator) -> Looks:
     """People have higher scores; half of their windows are in the image."""
     count = len(person)
-    detector = rng.normal(0.0, 0.1, (count, DETECTOR_WINDOW.blocks)).astype(np.float32)
+    shape = count, DETECTOR_WINDOWS, DETECTOR_WINDOW.blocks
+    detector = rng.normal(0.0, 0.1, shape).astype(np.float32)
     detector[person] += 0.01
-    inside = rng.uniform(size=(count, 1)) < 0.5
+    inside = rng.uniform(size=(count, DETECTOR_WINDOWS, 1)) < 0.5
     lower = np.arange(DETECTOR_WINDOW.blocks) % 7 < 4
     return Looks(detector, inside | lower, rng.normal(0.0, 1.0, count) + 2.0 * person)
 
@@ -75,6 +83,11 @@ def _small_network() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(regression, "_HIDDEN", 2)
         yield
+
+
+def fit(some: Examples) -> BodyModel:
+    parts = Parts.fit(some)
+    return parts.model(combination(some, held_out_scores(some, held_out(some))))
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +168,7 @@ def test_candidates_without_truth_are_clear_negatives() -> None:
         np.ones((2, 2)),
         nobody,
         0,
-        looks.select(looks.inside[:, 0] & False),
+        looks.select(slice(0)),
     )
     assert len(none) == 0
     assert none.robot.shape == (0,)
@@ -212,11 +225,11 @@ def test_too_few_examples_are_refused(people: int, others: int, enough: bool) ->
     away = np.array([0.0] * people + [9.0] * others + [1.5] * 20 + [0.0] * 20)
     some = dataclasses.replace(some, away=away, robot=np.arange(len(some)) >= len(some) - 20)
     if enough:
-        fit(some)
+        check_enough(some)
         return
     what = rf"{people} examples of people and {others} of other things; wanted: 100 of each"
     with pytest.raises(PeopleLocError, match=what):
-        fit(some)
+        check_enough(some)
 
 
 # ------------------------------------------------------------------------ cross-validation ----
@@ -354,3 +367,12 @@ def test_command_reports_missing_inputs(bag: Path, tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "wanted: 100 of each" in result.output + result.stderr
     assert not out.exists()
+
+
+def test_command_refuses_labels_without_recordings(tmp_path: Path) -> None:
+    out = tmp_path / "model.json"
+    result = CliRunner().invoke(
+        app, ["fit", str(tmp_path), "--out", str(out), "--labels", str(tmp_path)]
+    )
+    assert result.exit_code == 2
+    assert "--labels needs --real" in result.output + result.stderr

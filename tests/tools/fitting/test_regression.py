@@ -9,23 +9,18 @@ import pytest
 
 pytest.importorskip("scipy", reason="fitting needs scipy")
 
-from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, block_score
-from mrs_people_loc.bodies.gradients import BLOCK, Histograms
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, DETECTOR_WINDOWS, Looks, Scores
 from mrs_people_loc.bodies.model import DEPTH, EVEN, ODD
-from mrs_tools.fitting.appearance_fit import (
-    Scores,
-    combined,
-    detector_score,
-    fit_combination,
-    shared_weights,
-)
+from mrs_tools.fitting import regression
+from mrs_tools.fitting.appearance_fit import detector_middles, fit_combination, shared_weights
 from mrs_tools.fitting.body_fit import fit_offsets, range_weights, true_range
-from mrs_tools.fitting.examples import Examples, Looks
-from mrs_tools.fitting.regression import fit_linear, fit_logistic, fit_quantile
+from mrs_tools.fitting.examples import Examples
+from mrs_tools.fitting.regression import fit_linear, fit_quantile
 
 
 def no_looks(count: int) -> Looks:
-    shape = (count, DETECTOR_WINDOW.blocks)
+    shape = (count, DETECTOR_WINDOWS, DETECTOR_WINDOW.blocks)
     return Looks(np.zeros(shape, dtype=np.float32), np.ones(shape, dtype=bool), np.zeros(count))
 
 
@@ -40,17 +35,6 @@ def test_quantile_is_right_in_each_group() -> None:
     # Those of the first group only, by their weights.
     only = fit_quantile(columns[:, 1:], target, 0.5, weight=2.0 * (group == 0))
     assert only[0] == pytest.approx(np.median(target[group == 0]), abs=0.05)
-
-
-def test_logistic_regression_recovers_its_weights() -> None:
-    rng = np.random.default_rng(1)
-    values = rng.normal(size=(20_000, 3))
-    z = values @ [1.5, -0.7, 0.0] + 0.4
-    target = (rng.uniform(size=len(z)) < 1.0 / (1.0 + np.exp(-z))).astype(float)
-    found = fit_logistic(values, target, weight=np.ones(len(z)), cost=1.0)
-    np.testing.assert_allclose(found, [1.5, -0.7, 0.0, 0.4], atol=0.08)
-    shrunk = fit_logistic(values, target, weight=np.ones(len(z)), cost=1e5)
-    assert np.abs(shrunk[:3]).max() < 0.1
 
 
 def test_linear_regression_is_unbiased_in_groups_where_that_is_asked_for() -> None:
@@ -98,6 +82,21 @@ def people(count: int, scale: float, seed: int) -> Examples:
     )
 
 
+def test_network_is_the_mean_of_its_members(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Members of one hidden number: tanh(x) * (seed + 1) + seed.
+    def member(x: Float, _target: Float, seed: int) -> tuple[Float, Float, Float, float]:
+        assert x.shape == (3, 1)
+        return np.ones((1, 1)), np.zeros(1), np.array([seed + 1.0]), float(seed)
+
+    monkeypatch.setattr(regression, "_fit_hidden", member)
+    monkeypatch.setattr(regression, "_MEMBERS", 4)
+    found = regression.fit_layered(np.array([[-1.0], [0.0], [1.0]]), np.zeros(3))
+    x = 1.0 / (np.sqrt(2.0 / 3.0) + 0.02)  # scaled by the columns' size
+    np.testing.assert_allclose(
+        found(np.array([[0.0], [1.0]])), [1.5, 1.5 + 2.5 * np.tanh(x)], rtol=1e-4
+    )
+
+
 def test_offsets_and_sigmas_hold_for_heads_of_5_and_of_25_px_m() -> None:
     offsets = fit_offsets(Examples.concatenate([people(3000, s, k) for k, s in enumerate((5, 25))]))
     for scale in (5.0, 11.0, 25.0):  # the second one has not been seen
@@ -129,23 +128,21 @@ def test_all_ranges_weigh_alike() -> None:
     assert weight[:900].sum() < 3.0 * weight[900:].sum()
 
 
-def test_detector_score_is_that_of_the_finder() -> None:
-    rng = np.random.default_rng(4)
-    shape = (5, DETECTOR_WINDOW.blocks)
-    values = rng.uniform(size=(*shape, BLOCK)).astype(np.float32)
-    weights, middle = rng.normal(size=(shape[1], BLOCK)), rng.normal(size=shape[1])
-    inside = rng.uniform(size=shape) < 0.6
-    blocks = np.einsum("nbk,bk->nb", values, weights.astype(np.float32))
-    looks = dataclasses.replace(no_looks(5), detector=blocks, inside=inside)
-    want = block_score(Histograms(values, inside), weights, middle)
-    np.testing.assert_allclose(detector_score(looks, middle), want, rtol=1e-4, atol=1e-3)
+def test_middles_are_those_of_the_window_at_the_axis() -> None:
+    looks = no_looks(4)
+    looks.detector[:, 1, 0] = [1.0, 3.0, 5.0, 9.0]
+    looks.detector[:, ::2] = 77.0
+    looks.inside[:, 1] = True
+    looks.inside[3, 1] = False
+    middles = detector_middles(looks, np.array([True, True, False, False]))
+    np.testing.assert_allclose(middles, [3.5] + [0.0] * (len(middles) - 1))
 
 
 def test_combination_recovers_its_weights() -> None:
     rng = np.random.default_rng(5)
     scores = Scores(rng.uniform(-5.0, 8.0, 30_000), *rng.normal(0.0, 1.5, (2, 30_000)))
     wanted = np.array([0.4, 0.2, 1.0, 0.5, -1.0])
-    z = combined(scores, wanted)
+    z = scores.combined(wanted)
     person = rng.uniform(size=len(z)) < 1.0 / (1.0 + np.exp(-z))
     found = fit_combination(scores, person, np.ones(len(z)))
     np.testing.assert_allclose(found, wanted, atol=0.15)
@@ -154,12 +151,6 @@ def test_combination_recovers_its_weights() -> None:
         dataclasses.replace(scores, network=-scores.network), person, np.ones(len(z))
     )
     assert against[3] == 0.0
-
-
-def test_candidates_that_are_ruled_out_keep_the_log_odds_of_the_human_test() -> None:
-    scores = Scores(np.array([-7.0, 0.0]), np.array([9.0, 9.0]), np.zeros(2))
-    weights = np.array([1.0, 1.0, 1.0, 1.0, 0.5])
-    np.testing.assert_allclose(combined(scores, weights), [-7.0, 9.5])
 
 
 def test_real_examples_weigh_more_than_renderings() -> None:
