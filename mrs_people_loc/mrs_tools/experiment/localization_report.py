@@ -28,7 +28,8 @@ def markdown(cases: Sequence[Case], reports: Sequence[Mapping[str, Any]]) -> str
         "",
         "### Poses",
         "",
-        "Median and 95 % of the errors' magnitudes, in cm and degrees.",
+        "Median and 95 % of the errors' magnitudes, in cm and degrees: of robots to each other, in "
+        "the team's own frame, and in the map.",
         "",
         *_poses(rows),
         "",
@@ -60,7 +61,18 @@ def _pair(errors: Mapping[str, float | None], factor: float, digits: int) -> str
 
 
 def _poses(rows: _Rows) -> list[str]:
-    head = ("tour", "tours", "relative", "heading", "along", "across", "in 3 sigma", "NEES")
+    head = (
+        "tour",
+        "tours",
+        "relative",
+        "heading",
+        "in the team",
+        "heading",
+        "along",
+        "across",
+        "in 3 sigma",
+        "NEES",
+    )
     lines = []
     for name, report in rows:
         poses = report["localized"]
@@ -70,8 +82,14 @@ def _poses(rows: _Rows) -> list[str]:
             [
                 name,
                 str(poses["runs"]),
-                _pair(poses["relative"]["position_m"], 100, 1),
-                _pair(poses["relative"]["heading_deg"], 1, 2),
+                *(
+                    text
+                    for errors in (poses["relative"], poses["in_team"])
+                    for text in (
+                        _pair(errors["position_m"], 100, 1),
+                        _pair(errors["heading_deg"], 1, 2),
+                    )
+                ),
                 *(_pair(poses[key], 100, 1) for key in ("along_m", "across_m")),
                 number(poses["along_in_3_sigma"], 1, 3),
                 f"{number(nees['mean'], 1, 2)} ({bounds})",

@@ -7,6 +7,8 @@ The rules, in one place:
 - **Relative**: where a team-mate is in a robot's base_link, for every ordered pair of the team,
   every `STEP_NS`, all poses interpolated. A robot's error of heading enters with the distance of
   the team-mate.
+- **In the team**: each robot's error after the motion that brings the poses of the whole team
+  nearest to the true ones (`aligning_motion`), at the same times.
 - **Along and across** are components of the error in the map along the way of the team: the
   direction in which the mean of the true positions moves. While it stands, that in which it moved
   before.
@@ -120,6 +122,8 @@ class PoseScores:
             NaN likewise.
         apart: Errors of the position of a robot in a team-mate's base_link [m], shape (k,).
         turned: Errors of the heading of a robot relative to a team-mate's [rad], shape (k,).
+        in_team: Errors of the position in the team [m], shape (j,).
+        turned_in_team: Likewise of the heading [rad].
     """
 
     runs: int = 0
@@ -130,6 +134,8 @@ class PoseScores:
     along_sigmas: Float = field(default_factory=nothing)
     apart: Float = field(default_factory=nothing)
     turned: Float = field(default_factory=nothing)
+    in_team: Float = field(default_factory=nothing)
+    turned_in_team: Float = field(default_factory=nothing)
 
     def __add__(self, other: PoseScores) -> PoseScores:
         return PoseScores(**sums_of(self, other))
@@ -144,6 +150,10 @@ class PoseScores:
             "relative": {
                 "position_m": _magnitudes(self.apart),
                 "heading_deg": _magnitudes(np.degrees(self.turned)),
+            },
+            "in_team": {
+                "position_m": _magnitudes(self.in_team),
+                "heading_deg": _magnitudes(np.degrees(self.turned_in_team)),
             },
             "along_m": _magnitudes(self.along),
             "across_m": _magnitudes(self.across),
@@ -196,7 +206,13 @@ def score_poses(
     stamps = np.unique(np.concatenate([track.stamps_ns for track in chosen.values()]) // STEP_NS)
     pairs = relative_errors(true, estimated, stamps * STEP_NS).reshape(-1, 3)
     pairs = pairs[np.isfinite(pairs).all(axis=1)]
-    return total + PoseScores(apart=np.hypot(pairs[:, 0], pairs[:, 1]), turned=pairs[:, 2])
+    in_team = _errors_in_team(true, list(chosen), estimated, stamps * STEP_NS)
+    return total + PoseScores(
+        apart=np.hypot(pairs[:, 0], pairs[:, 1]),
+        turned=pairs[:, 2],
+        in_team=np.hypot(in_team[:, 0], in_team[:, 1]),
+        turned_in_team=in_team[:, 2],
+    )
 
 
 def _absolute(true: Mapping[str, PoseTrack], name: str, track: PoseTrack) -> PoseScores:
@@ -252,6 +268,32 @@ def relative_errors(
         errors[row] = relative_to(there[one], there[other]) - relative_to(here[one], here[other])
     errors[..., 2] = wrapped(errors[..., 2])
     return errors
+
+
+def _errors_in_team(
+    true: Mapping[str, PoseTrack],
+    names: Sequence[str],
+    estimated: Mapping[str, PoseTrack],
+    stamps_ns: NDArray[np.int64],
+) -> Float:
+    """Errors of poses after the team's were brought to the true ones, shape (n, 3).
+
+    Times at which fewer than two robots' poses are known are left out.
+    """
+    there, here = (
+        np.stack([tracks[name].at(stamps_ns) for name in names], axis=1)
+        for tracks in (true, estimated)
+    )
+    known = np.asarray(np.isfinite(here + there).all(axis=2))
+    errors = [np.empty((0, 3))]
+    for one, other, used in zip(here, there, known, strict=True):
+        if used.sum() >= 2:
+            x, y, turn = aligning_motion(one[used], other[used])
+            places = one[used, :2] @ rotation_2d(turn).T + (x, y)
+            errors.append(np.column_stack([places, one[used, 2] + turn]) - other[used])
+    found = np.concatenate(errors)
+    found[:, 2] = wrapped(found[:, 2])
+    return found
 
 
 def relative_to(poses: Float, others: Float) -> Float:

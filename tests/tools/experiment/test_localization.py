@@ -79,14 +79,13 @@ def test_table_by_hand():
         along=np.array([0.01]), across=np.array([-0.02]), heading=np.array([0.1]),
         squares=np.array([3.0]), along_sigmas=np.array([4.0]),
         apart=np.array([0.03]), turned=np.array([-np.pi / 180]),
+        in_team=np.array([0.015]), turned_in_team=np.array([0.0]),
     )  # fmt: skip
     people = dict.fromkeys(("exact", "localized", "odometry"), ())
     scores = CaseScores(poses, poses, people, {"robot_b doubted": (2.0,)}, (math.nan,))
     text = markdown([Case("hall", "")], [scores.report()])
-    assert (
-        "| hall | 1 | 3.0 / 3.0 | 1.00 / 1.00 | 1.0 / 1.0 | 2.0 / 2.0 | 0.000 | 3.00 (0.22 to "
-        in text
-    )
+    row = "| hall | 1 | 3.0 / 3.0 | 1.00 / 1.00 | 1.5 / 1.5 | 0.00 / 0.00 | 1.0 / 1.0 | 2.0 / 2.0 |"
+    assert f"{row} 0.000 | 3.00 (0.22 to " in text
     assert "| hall | robot_b doubted (1 of 1, after 2 s) | never |" in text
 
 

@@ -91,6 +91,21 @@ def test_relative_error_of_two_robots():
     np.testing.assert_allclose(np.abs(scores.turned), 0.01, atol=1e-12)
 
 
+def test_errors_in_the_team_are_shared():
+    # 3 cm to the left of where it should be to the other: each is 1.5 cm off.
+    true = {"a": driving(), "b": driving(y=2.0)}
+    scores = score_poses(true, {"a": driving(), "b": driving((0.0, 0.03, 0.0), y=2.0)})
+    assert scores is not None
+    np.testing.assert_allclose(scores.in_team, 0.015, atol=1e-9)
+    np.testing.assert_allclose(scores.turned_in_team, 0.0, atol=1e-9)
+
+
+def test_one_robot_is_no_team():
+    scores = score_poses({"a": driving()}, {"a": driving((0.1, 0.0, 0.0))})
+    assert scores is not None
+    assert len(scores.in_team) == 0
+
+
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3, 3))
 def test_relative_error_does_not_see_what_moves_the_whole_team(x, y, turn):
     true = {"a": driving(), "b": driving(y=2.0)}
@@ -106,6 +121,7 @@ def test_relative_error_does_not_see_what_moves_the_whole_team(x, y, turn):
     assert scores is not None
     assert scores.apart.max() < 1e-9
     assert np.abs(scores.turned).max() < 1e-9
+    assert scores.in_team.max() < 1e-9
 
 
 def test_nees_by_hand():
