@@ -44,7 +44,8 @@ class StereoWallTuning:
     """Constants of `StereoWalls`, chosen by hand.
 
     Attributes:
-        stride: Of the rows and columns one in so many is used: matching errs alike in neighbours.
+        across: Of the rows and columns of pixels each one of so many is used that about this many
+            columns are left: matching errs alike in neighbours.
         max_range: A wall is used up to this range [m],
         least_px: and where its disparity is larger [px]: what is far is drawn to what is near.
         lowest: Pixels lower over the floor are not used [m],
@@ -88,7 +89,7 @@ class StereoWallTuning:
         max_sigma: Walls whose bearing is less sure are not reported [rad].
     """
 
-    stride: int = 3
+    across: int = 53
     max_range: float = 6.0
     least_px: float = 2.0
     lowest: float = 0.3
@@ -199,9 +200,10 @@ class StereoWalls:
         self._tuning = tuning
         self._scale = camera.depth_disparity
         rotation, self._lens = camera.robot_from_optical
-        every = slice(tuning.stride // 2, None, tuning.stride)
+        self._stride = max(1, round(camera.width / tuning.across))
+        every = slice(self._stride // 2, None, self._stride)
         self._every = every, every
-        reach = 2 * (tuning.block_px // tuning.stride) + 1
+        reach = 2 * (tuning.block_px // self._stride) + 1
         self._block = np.ones((reach, reach), dtype=np.uint8)
         u, v = np.meshgrid(np.arange(camera.width)[every], np.arange(camera.height)[every])
         optical = np.stack(
@@ -268,9 +270,10 @@ class StereoWalls:
         if len(people):
             off = people - self._lens[:2]
             ranges = np.hypot(off[:, 0], off[:, 1])[:, np.newaxis].astype(np.float32)
+            half = np.arctan2(np.float32(tuning.person), ranges)
             aside = np.arctan2(off[:, 1], off[:, 0])[:, np.newaxis] - self._ahead
             aside = np.remainder(aside + np.pi, 2.0 * np.pi) - np.pi
-            near = np.abs(pixels.bearing - aside.astype(np.float32)) < tuning.person / ranges
+            near = np.abs(pixels.bearing - aside.astype(np.float32)) < half
             near &= inverse > np.float32(self._scale) / (ranges + tuning.person_depth)
             used &= ~near.any(axis=0)
         index = np.flatnonzero(used)
@@ -372,7 +375,7 @@ class StereoWalls:
     def _least_squares(self, ray: Float32, disparity: Float32, plane: Float) -> tuple[Float, Float]:
         """The plane that fits pixels best, and its covariance; upright as far as the head is."""
         tuning = self._tuning
-        tiles = tuning.tile_px**2 / tuning.stride**2
+        tiles = tuning.tile_px**2 / self._stride**2
         rays = ray.astype(np.float64)
         information = rays.T @ rays
         weight = 1.0 / (PIXEL_SIGMA_PX**2 * max(1.0, tiles))
@@ -463,8 +466,9 @@ def _tables(
         - np.gradient(bearing, axis=0) * np.gradient(slope, axis=1)
     )
     usable = level > tuning.min_level
-    low, high = float(bearing[usable].min()), float(bearing[usable].max())
-    step = (high - low) / tuning.columns
+    # A head that looks straight down uses no pixel, and finds nothing.
+    view = bearing[usable] if usable.any() else np.array([-1.0, 1.0])
+    low, step = float(view.min()), float(np.ptp(view)) / tuning.columns
     column = np.minimum(((bearing[usable] - low) / step).astype(np.intp), tuning.columns - 1)
     pixels = _Pixels(
         ray=np.ascontiguousarray((scale * rays[:, usable]).T, dtype=np.float32),

@@ -42,6 +42,7 @@ from mrs_tools.bags.sources import (
     file_beside,
     robots_of,
 )
+from mrs_tools.bags.team_localization import TeamLocalization
 from mrs_tools.bags.truth import read_truth
 from mrs_tools.scoring.records import Truth
 
@@ -91,6 +92,11 @@ class _Playback:
         self._sources = sources
         self._collector = IntervalCollector(team.planner.interval, team.planner.robots)
         self._on_view = on_view
+        self._config = team.planner
+        self._team = TeamLocalization(
+            {n: s.localization for n, s in sources.items() if s.localization is not None},
+            team.robots,
+        )
         self._waiting: dict[str, RobotView] = {}  # behind the scans that wait for their interval
 
     def take(self, topic: str, message: Any, now_ns: int) -> None:
@@ -108,11 +114,15 @@ class _Playback:
 
     def _take_pose(self, source: Source, pose: Pose, now_ns: int) -> None:
         self._collector.add_pose(source.has.name, pose, now_ns)
+        self._team.share(source.has.name, now_ns)
         source.poses += 1
 
     def _take_scan(self, source: Source, made: RobotView | Scan, now_ns: int) -> None:
-        if isinstance(made, RobotView) and self._on_view is not None:
-            self._on_view(made)
+        if isinstance(made, RobotView):
+            if self._on_view is not None:
+                self._on_view(made)
+            if source.localization is not None:
+                source.localization.take_view(made.stages, made.camera)
         scan = made.stages.scan if isinstance(made, RobotView) else made
         if source.stands:
             self._take_pose(source, static_pose(source.config.pose, scan.stamp_ns), now_ns)
@@ -130,6 +140,7 @@ class _Playback:
             self.reasons.setdefault(robot, reason)
         if closed.scans:
             people = self.planner.step(closed.scans, closed.all_poses, closed.time_ns)
+            self._team.measure(people, self._config)
             names = [scan.robot for scan in closed.scans if scan.robot in self._waiting]
             views = {name: self._waiting[name] for name in names}
             yield Interval(now_ns, closed.scans, people, views)
@@ -155,6 +166,7 @@ class BagRun:
         beside: Whether the bag's own parameter file is read, after the others (`file_beside`).
         use_map: Whether the bag's `/map` masks walls and furniture, whatever the files say.
         tracking: Whether people are followed, whatever the files say; None: as they say.
+        localize: Whether robots correct odometry that is dead reckoning, as their nodes do.
         pipeline: What makes scans: takes robot, camera and configuration, has `stages(images)`.
         planner: What makes people: takes the configuration, has `step(scans, poses, time_ns)`.
 
@@ -176,6 +188,7 @@ class BagRun:
         beside: bool = True,
         use_map: bool = False,
         tracking: bool | None = None,
+        localize: bool = False,
         pipeline: Callable[[str, StereoCamera, RobotConfig], Any] = RobotPipeline,
         planner: Callable[[PlannerConfig], Any] = Planner,
     ) -> None:
@@ -183,6 +196,7 @@ class BagRun:
         self.notes: list[str] = []
         self.dropped: Counter[str] = Counter()
         self._make_pipeline, self._make_planner = pipeline, planner
+        self._localize = localize
         with BagReader(self.path) as bag:
             self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
             self._has = robots_of(bag)
@@ -283,7 +297,7 @@ class BagRun:
                 counted in `dropped`, as the nodes do.
         """
         sources = {
-            name: Source(self._has[name], config, self._make_pipeline)
+            name: Source(self._has[name], config, self._make_pipeline, self._localize)
             for name, config in self.team.robots.items()
         }
         playback = _Playback(sources, self.team, self._make_planner(self.team.planner), on_view)

@@ -20,6 +20,7 @@ from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
 from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.team_localization import RobotLocalization, localizes
 
 MAP_TOPIC = "/map"
 GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
@@ -131,6 +132,7 @@ class Source:
     Attributes:
         has: What the bag holds of it.
         config: Its configuration.
+        localize: Whether its odometry is corrected, if it is dead reckoning.
         views: Views so far.
         scans: Scans so far.
         poses: Poses so far.
@@ -140,6 +142,7 @@ class Source:
     has: BagRobot
     config: RobotConfig
     make: Callable[[str, StereoCamera, RobotConfig], Any]
+    localize: bool = False
     handlers: dict[str, Callable[[Any], Scan | Pose | RobotView | None]] = field(
         default_factory=dict
     )
@@ -163,6 +166,10 @@ class Source:
         else:
             self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
         self._intake = PoseIntake(self.config.pose)
+        self.localization: RobotLocalization | None = None
+        if self.localize and self._pose_topic() == "odom" and localizes(config):
+            self.localization = RobotLocalization(name, config)
+            self.handlers.update(self.localization.handlers)
 
     def _pose_topic(self) -> str:
         has = self.has.poses
@@ -194,6 +201,8 @@ class Source:
         pose = messages.read_pose(message, f"{self.has.name}/base_link")
         frame_id = message.header.frame_id
         config, recorded = self.config.pose, self._pose_topic() == "pose"
+        if self.localization is not None and frame_id.lstrip("/") != config.map_frame:
+            return self._intake(self.localization.take_odometry(pose), config.map_frame)
         if frame_id.lstrip("/") != config.map_frame and (recorded or not config.map_from_odom):
             remedy = ", or pose.map_from_odom (x, y, yaw of that frame in the map) in a --config"
             raise FrameError(

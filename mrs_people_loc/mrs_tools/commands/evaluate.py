@@ -52,6 +52,10 @@ def command(
             help="Follow people, or take each interval by itself, whatever the files say.",
         ),
     ] = None,
+    localize: Annotated[
+        bool,
+        typer.Option("--localize", help="Robots correct odometry that drifts, as their nodes do."),
+    ] = False,
     jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
 ) -> None:
     """Run bags through the pipeline, as fast as it goes, and score them against their truth.
@@ -71,6 +75,7 @@ def command(
         "use_map": use_map,
         "labels": labels,
         "tracking": tracking,
+        "localize": localize,
     }
     results = dict(zip(names, _evaluate(bags, options, jobs), strict=True))
     show(results, console)

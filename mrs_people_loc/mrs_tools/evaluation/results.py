@@ -135,6 +135,7 @@ def evaluate_bag(
     use_map: bool = False,
     labels: Labels | None = None,
     tracking: bool | None = None,
+    localize: bool = False,
     on_interval: Callable[[Interval], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Result:
@@ -151,6 +152,7 @@ def evaluate_bag(
             the bag, if there are any and `beside` is true.
         tracking: Whether people are followed, likewise; None: as the files say, but never where
             the labels say that it is not possible.
+        localize: Whether robots correct their odometry, likewise.
         on_interval: Called with each interval that is run.
         on_progress: Called with how much of the bag is done, 0 to 1.
 
@@ -176,7 +178,7 @@ def evaluate_bag(
         true = read_true_poses(reader, named_robots(reader))
     beside_exact = PlannerBesideExact(true)
     run = BagRun(
-        bag, configs, beside=beside, use_map=use_map, tracking=tracking,
+        bag, configs, beside=beside, use_map=use_map, tracking=tracking, localize=localize,
         planner=beside_exact if true else Planner,
     )  # fmt: skip
     result = evaluate_bag(

@@ -257,9 +257,28 @@ def team_parameters(world: World) -> dict[str, Any]:
         place = world.beliefs[name].map_from_odom
         if place is not None:
             parameters["pose"] = {"map_from_odom": [round(v, 6) for v in place]}
+        walls = _wall_sensors(world, name)
+        if walls:
+            parameters["walls"] = walls
+            odometry = world.scene.odometry
+            sigmas = [odometry.sigma, odometry.sigma, odometry.sigma_yaw]
+            parameters["localization"] = {"start_sigmas": sigmas}
         document[f"/{name}/robot_node"] = {"ros__parameters": parameters}
     document["/**/planner_node"] = {"ros__parameters": {"robots": list(world.names)}}
     return document
+
+
+def _wall_sensors(world: World, name: str) -> dict[str, Any]:
+    """Parameters of a robot's sonars and laser scanner; none if it has none."""
+    parameters: dict[str, Any] = {}
+    sonars = world.scene.sonars.get(name, ())
+    if sonars:
+        parameters["sonars"] = [f"sonar_{k}" for k in range(len(sonars))]
+        parameters["sonar_mountings"] = [v for s in sonars for v in (s.x, s.y, s.yaw)]
+    laser = world.scene.lasers.get(name)
+    if laser is not None:
+        parameters |= {"laser": True, "laser_mounting": [laser.x, laser.y, laser.yaw]}
+    return parameters
 
 
 def write_team(path: Path, world: World) -> None:

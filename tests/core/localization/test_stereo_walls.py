@@ -1,10 +1,12 @@
 import dataclasses
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.localization.stereo_walls import StereoWalls
@@ -124,6 +126,11 @@ def test_floor_alone_and_nothing_at_all(make_head, rectangle):
     assert len(StereoWalls(head.camera()).step(nothing, 0, NOBODY).walls) == 0
 
 
+def test_head_that_looks_straight_down_finds_nothing(make_head, rectangle):
+    head = make_head(fx=400.0, fy=400.0, mounting=Mounting(height=2.0, pitch=math.pi / 2))
+    assert len(find(head, floor(rectangle))) == 0
+
+
 def test_column_is_no_wall(make_head, rectangle):
     head = make_head(mounting=Mounting(height=1.0))
     middle, radius = 3.2, 0.8
@@ -189,3 +196,51 @@ def test_offset_of_the_principal_points(make_head, rectangle):
     )
     walls = find(head, board(rectangle, 2.0, 0.2), floor(rectangle))
     assert walls.distance.tolist() == pytest.approx([2.0], abs=0.01)
+
+
+def test_larger_image_gives_the_same(make_head, rectangle):
+    wall = board(rectangle, 2.2, 0.3)
+    small = find(make_head(mounting=Mounting(height=1.0)), wall, floor(rectangle))
+    large_head = make_head(
+        width=320, height=240, fx=210.92, fy=210.92, mounting=Mounting(height=1.0)
+    )
+    large = find(large_head, wall, floor(rectangle))
+    assert len(small) == len(large) == 1
+    assert large.distance[0] == pytest.approx(small.distance[0], abs=0.01)
+    assert large.bearing[0] == pytest.approx(small.bearing[0], abs=0.01)
+
+
+def test_wall_is_not_turned_towards_what_stands_before_it(make_head, rectangle):
+    head = make_head(mounting=Mounting(height=1.0))
+    wall = board(rectangle, 1.4, math.pi / 2, left=-9, right=1)
+    figures = [
+        board(rectangle, 2.6, 0.0, left=left, right=left + 0.4, high=1.8) for left in (0.15, 0.9)
+    ]
+    disparity = head.disparity(wall, *figures, floor(rectangle)) + np.float32(ROUNDED)
+    # Blocks of 9 pixels that see both a figure and the wall give something between.
+    seen = np.isfinite(disparity).astype(np.float32)
+    mean = cv2.blur(np.nan_to_num(disparity), (9, 9)) / np.maximum(cv2.blur(seen, (9, 9)), 1e-6)
+    nearest = cv2.dilate(np.nan_to_num(disparity), np.ones((9, 9), np.uint8))
+    blurred = np.where(nearest > disparity + 0.5, 0.75 * disparity + 0.25 * mean, disparity)
+    walls = StereoWalls(head.camera()).step(blurred.astype(np.float32), 0, NOBODY).walls
+    side = int(np.argmax(walls.bearing))
+    assert walls.bearing[side] == pytest.approx(math.pi / 2, abs=0.01)
+    assert walls.distance[side] == pytest.approx(1.4, abs=0.02)
+
+
+@given(
+    arrays(np.float32, (24, 32), elements=st.floats(-5, 60, width=32) | st.just(np.nan)),
+    mountings,
+    st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), max_size=3),
+)
+@settings(max_examples=60)
+def test_whatever_comes_walls_are_sound(make_head, coarse, mounting, people):
+    head = make_head(mounting=mounting)
+    disparity = np.kron(coarse, np.ones((5, 5), dtype=np.float32))
+    places = np.array(people, dtype=np.float64).reshape(-1, 2)
+    walls = StereoWalls(head.camera()).step(disparity, 0, places).walls
+    assert len(walls) <= 4
+    assert np.isfinite(walls.distance).all()
+    assert (walls.distance >= 0).all()
+    assert (np.linalg.eigvalsh(walls.covariance) > 0).all()
+    assert (walls.extent[:, 0] < walls.extent[:, 1]).all()

@@ -68,8 +68,9 @@ def rounded(points: Sequence[tuple[float, float]], radius: float = 1.0) -> np.nd
 
 def l_corridor(leg=55.0, half=1.25) -> World:
     walls = [
-        (-4, -half, leg + half, -half), (leg + half, -half, leg + half, leg + 4),
-        (leg - half, leg + 4, leg - half, half), (leg - half, half, -4, half),
+        (-4, -half, leg + half, -half), (leg + half, -half, leg + half, leg + 2),
+        (leg - half, leg + 2, leg - half, half), (leg - half, half, -4, half),
+        (leg + half, leg + 2, leg - half, leg + 2),
     ]  # fmt: skip
     return World(rounded([(0, 0), (leg, 0), (leg, leg)]), np.array(walls, dtype=float))
 

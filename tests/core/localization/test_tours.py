@@ -1,0 +1,83 @@
+"""Tours of more than 100 m, repeated: errors, and whether the stated covariances are true.
+
+Three robots with ordinary drift, each with its own estimate, a fifth of the messages lost. Sensors
+are slow here, so that it takes seconds; `mrs experiment` has the long form.
+"""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from core.localization.tours import Tour, as_walls, hall, l_corridor, straight_corridor
+
+RUNS = 8
+SLOW = {"rate": 8.0, "speed": 1.6, "walls_every": 4, "met_every": 8}
+
+
+def records(world, runs=RUNS, **settings):
+    return [Tour(world, seed=seed, **{**SLOW, **settings}).run() for seed in range(runs)]
+
+
+def distances(relative):
+    return np.hypot(relative[..., 0], relative[..., 1])
+
+
+def nees_inside(made):
+    """Share of times at which the mean over runs is within its 95 % bounds, and above them."""
+    mean = np.mean([record.nees() for record in made], axis=0)
+    low, high = chi2.ppf([0.025, 0.975], 3 * len(made)) / len(made)
+    return np.mean((mean > low) & (mean < high)), np.mean(mean > high)
+
+
+@pytest.fixture(scope="module")
+def in_l_corridor():
+    return records(l_corridor())
+
+
+@pytest.fixture(scope="module")
+def in_hall():
+    return records(hall(), walls_every=0)
+
+
+def test_tours_are_long():
+    assert min(world.length for world in (l_corridor(), straight_corridor(), hall())) > 100
+
+
+@pytest.mark.parametrize("where", ["in_l_corridor", "in_hall"])
+def test_covariances_are_true(where, request):
+    inside, above = nees_inside(request.getfixturevalue(where))
+    assert inside > 0.9
+    assert above < 0.06
+
+
+@pytest.mark.parametrize(("where", "limit"), [("in_l_corridor", 0.06), ("in_hall", 0.08)])
+def test_robots_know_where_they_are_to_each_other(where, limit, request):
+    made = request.getfixturevalue(where)
+    found = np.median(distances(np.array([record.relative() for record in made])))
+    drifted = np.median([distances(record.relative(record.odometry)) for record in made])
+    assert found < limit
+    assert found < 0.1 * drifted
+
+
+def test_known_walls_hold_the_robots_in_the_map():
+    world = l_corridor()
+    known = as_walls(world.walls, (0.005, 0.0005))
+    for record in records(world, 2, known=known):
+        errors = np.hypot(record.errors()[..., 0], record.errors()[..., 1])
+        assert np.median(np.abs(record.across())) < 0.03
+        # The wall at the end of each leg tells the way along it.
+        assert errors[-1].max() < 0.1
+
+
+def test_one_corridor_does_not_tell_the_way_along_it():
+    world = straight_corridor()
+    known = as_walls(world.walls, (0.005, 0.0005))
+    made = records(world, 4, known=known, met_every=0)
+    sigmas = np.sqrt([record.covariance[..., 0, 0] for record in made])  # the corridor is along x
+    along = np.array([record.along() for record in made])
+    across = np.array([record.across() for record in made])
+    assert np.median(np.abs(across)) < 0.03
+    assert np.mean(np.abs(along) < 3 * sigmas) > 0.95
+    # It grows as that of the odometry: 2 cm per root metre, and the start's 2 cm.
+    way = np.hypot(0.02 * np.sqrt(world.length - 1), 0.02)
+    np.testing.assert_allclose(sigmas[:, -1], way, rtol=0.1)
