@@ -513,13 +513,14 @@ def _check_covariances(covariances: Float, what: str, *, positive: bool = False)
     Raises:
         PoseError: One is no covariance.
     """
-    ok = np.isfinite(covariances).all() and not (np.abs(covariances) > _MAX_VARIANCE).any()
+    magnitudes = np.abs(covariances)
+    ok = bool((magnitudes <= _MAX_VARIANCE).all())  # NaN compares false
     if ok and len(covariances):
         transposed = covariances.transpose(0, 2, 1)
-        ok = bool(np.allclose(covariances, transposed, rtol=1e-6, atol=1e-12))
+        difference = np.abs(covariances - transposed)
         least, *_, greatest = np.linalg.eigvalsh(0.5 * (covariances + transposed)).T
-        tolerance = 1e-9 * np.abs(greatest)
-        ok = ok and bool((least > 0.0).all() if positive else (least >= -tolerance).all())
+        enough = least > 0.0 if positive else least >= -1e-9 * np.abs(greatest)
+        ok = bool((difference <= 1e-6 * magnitudes + 1e-12).all() and enough.all())
     if not ok:
         kind = "positive definite" if positive else "positive semidefinite"
         raise PoseError(

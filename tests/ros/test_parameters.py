@@ -102,6 +102,13 @@ BAD_STARTS: dict[str, tuple[str, list[str], list[str]]] = {
         "robot_node", _p("pose.map_from_odom:=[1.0, .nan, 0.0]"),
         [r"pose\.map_from_odom is .*nan.*; allowed: a list of numbers"],
     ),
+    "known walls that are not there": (
+        "robot_node", _p("walls.file:=nowhere.yaml"), [r"nowhere\.yaml"]
+    ),
+    "sensor without a mounting": (
+        "robot_node", _p("walls.laser:=true"),
+        [r"walls\.laser_mounting is empty; needs tf2_ros, .*; allowed here: x, y, yaw"],
+    ),
     "zones in the wrong order": (
         "robot_node", _p("zones.low:=1.5"),
         [r"zones\.low is 1\.5; allowed: less than zones\.high, 1\.4"],

@@ -440,7 +440,7 @@ def test_markers_show_people_centre_and_robots(run: Run) -> None:
         assert all(marker.header == message.header for marker in markers)
         drawn = {
             name: [m for m in markers[1:] if m.ns == name]
-            for name in ("people", "heights", "centre", "robots", "robot names")
+            for name in ("people", "heights", "centre", "robots", "robot names", "robot ellipses")
         }
         assert sum(map(len, drawn.values())) == len(markers) - 1
         assert len({(marker.ns, marker.id) for marker in markers}) == len(markers)
@@ -457,6 +457,11 @@ def test_markers_show_people_centre_and_robots(run: Run) -> None:
             scan.robot for scan in message.scans
         ]
         assert [m.pose for m in drawn["robots"]] == [scan.pose.pose for scan in message.scans]
+        for ellipse, scan in zip(drawn["robot ellipses"], message.scans, strict=True):
+            assert _xy(ellipse.pose.position) == _xy(scan.pose.pose.position)
+            variances = np.linalg.eigvalsh(np.reshape(scan.pose.covariance, (6, 6))[:2, :2])
+            axes = 2 * 3 * np.sqrt(variances)
+            assert (ellipse.scale.y, ellipse.scale.x) == pytest.approx(axes)
 
 
 def test_all_five_people_are_found_where_they_are(run: Run) -> None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from dataclasses import dataclass
 
 from mrs_people_loc.config.parameters import Section, field
 from mrs_people_loc.errors import ConfigError
+
+_TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -337,6 +340,11 @@ class WallSensors(Section):
     )
 
     def _check_relations(self) -> None:
+        for topic in self.sonars:
+            if not _TOPIC.fullmatch(topic) or self.sonars.count(topic) > 1:
+                raise ConfigError(
+                    f"walls.sonars has {topic!r}; allowed: names of ROS topics, each once"
+                )
         given, wanted = len(self.sonar_mountings), 3 * len(self.sonars)
         if given not in (0, wanted):
             raise ConfigError(

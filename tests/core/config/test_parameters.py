@@ -224,6 +224,12 @@ def test_allowed_values_without_limits_are_stated():
             )
             for px in (1, 3, 4, 10)
         ),
+        (
+            {"walls.sonars": ["a", "b"], "walls.sonar_mountings": [0.0] * 5},
+            "walls.sonar_mountings has 5 numbers; allowed for 2 sonars: none, or 6",
+        ),
+        ({"walls.sonars": ["sonar 1"]}, "walls.sonars has 'sonar 1'; allowed: names of ROS topics"),
+        ({"walls.sonars": ["a", "b", "a"]}, "walls.sonars has 'a'; allowed: .*, each once"),
         ({"bodies.vote": False}, "bodies.axis is true but bodies.vote is false; allowed: both"),
         ({"human.min_height": 2.3}, "human.min_height is 2.3; allowed: at most human.max_height"),
         ({"human.max_width": 0.1}, "human.min_width is 0.2; allowed: at most human.max_width, 0.1"),

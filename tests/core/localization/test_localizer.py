@@ -254,3 +254,47 @@ def test_claimed_covariance_that_is_none_does_no_harm():
     pose = a.state.poses["b"]
     assert np.linalg.eigvalsh(pose.covariance)[0] > 0
     assert (pose.x, pose.y) == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+# ---------------------------------------------------------------------------- what a node asks ----
+
+
+def test_what_was_measured_is_shared_for_a_while_and_no_longer():
+    localizer = Localizer("a", CONFIG)
+    drive(localizer, seconds=1.0)
+    localizer.take_walls(seen_at(2 * S, ((3.0, -1.0), (3.0, 1.0))))
+    localizer.take_absolute(Pose(2 * S, 0.5, 0.0, 0.0, covariance(0.1, 0.1, 0.1)))
+    told = localizer.share()
+    assert [len(told.walls), len(told.absolute)] == [1, 1]
+    for later_ns, count in ((250_000_000, 1), (350_000_000, 0)):
+        localizer.take_odometry(Pose(2 * S + later_ns, 0.5, 0.0, 0.0))
+        told = localizer.share()
+        assert [len(told.walls), len(told.absolute)] == [count, count]
+
+
+def test_dead_reckoning_between_two_odometries_is_interpolated():
+    localizer = Localizer("a", CONFIG)
+    drive(localizer, velocity=1.0, seconds=1.0)
+    odometry = localizer.odometry_at(S + 525_000_000)
+    assert odometry.x == pytest.approx(0.525)
+    assert odometry.position_variance == pytest.approx(0.525 * 0.02**2)
+    with pytest.raises(PoseError, match="the nearest odometry is"):
+        localizer.odometry_at(9 * S)
+
+
+def test_known_walls_may_come_while_it_runs():
+    localizer = Localizer("a", CONFIG)
+    drive(localizer, seconds=1.0)
+    sight = ((2.7, -1.0), (2.7, 1.0))  # 2.7 m ahead of x = 0.5: at 3.2 by the odometry
+    localizer.take_known(as_walls(np.array([((3.1, -2.0), (3.1, 2.0))]), (0.001, 0.001)))
+    localizer.take_walls(seen_at(2 * S, sight))
+    assert localizer.state.sources["a", "known walls"].accepted == 1
+    assert localizer.pose_at(2 * S).x == pytest.approx(0.4, abs=0.01)
+
+
+def test_other_noise_counts_from_the_next_odometry_on():
+    localizer = Localizer("a", CONFIG)
+    drive(localizer, velocity=1.0, seconds=1.0)
+    localizer.configure(dataclasses.replace(CONFIG, position_noise=0.1))
+    localizer.take_odometry(Pose(3 * S, 2.0, 0.0, 0.0))
+    assert localizer.share().odometry.position_variance == pytest.approx(0.02**2 + 0.1**2)

@@ -100,6 +100,12 @@ def test_reports_of_nodes_are_shown_with_advice():
         (Code.NO_POSE, "map_from_odom"),
         (Code.NO_PAIR, "docs/cameras.md"),
         (Code.SLOW, "too slow"),
+        (Code.CARRIED, "pose_in"),
+        (Code.MATE_DOUBTED, "localization.start"),
+        (Code.MAP_MISFIT, "walls.file"),
+        (Code.MATE_CLOCK, "synchronize"),
+        (Code.CORRECTIONS_REFUSED, "mounting"),
+        (Code.NOT_CORRECTED, "sensors of walls"),
         (Code.CLOCK_ASTRAY, ""),  # it says itself what to do
         (Code.NO_STAMPS, ""),
         (Code.OTHER_IMAGES, ""),
