@@ -17,6 +17,8 @@ UNCORRECTED_S = 30.0
 _REFUSED = 3
 #: ... until none was for so long [ns].
 _REFUSED_FOR_NS = 10_000_000_000
+#: A robot that was carried is reported for so long, also when its pose is right again [ns].
+_CARRIED_FOR_NS = 10_000_000_000
 #: Odometry that is older tells nothing about the time now [ns].
 _ODOMETRY_FOR_NS = 500_000_000
 
@@ -92,11 +94,11 @@ def of_localization(health: LocalizationHealth) -> Finding:
 
 def _problems(health: LocalizationHealth) -> Iterator[tuple[Code, str]]:
     state, own = health.state, health.state.trust.get(health.robot)
-    if own is not None and own.lost:
+    if own is not None and own.times_lost and state.stamp_ns - own.lost_ns < _CARRIED_FOR_NS:
         yield (
             Code.CARRIED,
-            "what the robot sees does not fit where it was: it was carried or its wheels slipped; "
-            "its pose is uncertain until observations fit again",
+            "what the robot sees did not fit where it was: it was carried or its wheels slipped; "
+            + ("its pose is uncertain until observations fit" if own.lost else "they fit again"),
         )
     if state.doubted:
         yield (
@@ -155,5 +157,6 @@ def _values(health: LocalizationHealth) -> dict[str, object]:
         "times_lost": 0 if own is None else own.times_lost,
         "late": state.late,
         "resets": state.resets,
+        "odometry_jumps": state.jumps,
     }
     return values

@@ -41,6 +41,7 @@ WELL = LocalizationState(
     clocks={},
     late=4,
     resets=1,
+    jumps=0,
 )
 
 
@@ -57,13 +58,18 @@ def test_figures_are_those_of_the_robot_itself():
         "known_walls.accepted": 7, "known_walls.refused": 2, "known_walls.innovation": "1.25",
         "known_walls.age_s": "0.5",
         "team": "robot_a, robot_b", "walls": 0, "times_lost": 1, "late": 4, "resets": 1,
+        "odometry_jumps": 0,
     }  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("changes", "code", "text"),
     [
-        ({"trust": {"robot_a": Trust(lost=True)}}, Code.CARRIED, "it was carried or its wheels"),
+        (
+            {"trust": {"robot_a": Trust(lost=True, lost_ns=NOW_NS, times_lost=1)}},
+            Code.CARRIED,
+            "it was carried or its wheels",
+        ),
         ({"doubted": {"robot_b": -1.02}}, Code.MATE_DOUBTED, r"robot_b \(off by 1.02 m\)"),
         (
             {"misfits": {3: Misfit(9, -1.0), 1: Misfit(5, 0.9)}},
@@ -93,7 +99,10 @@ def test_refused_kinds_are_named():
 
 
 def test_first_problem_is_the_most_serious_and_all_are_told():
-    changes = {"trust": {"robot_a": Trust(lost=True)}, "misfits": {0: Misfit(5, 1.0)}}
+    changes = {
+        "trust": {"robot_a": Trust(lost=True, lost_ns=NOW_NS, times_lost=1)},
+        "misfits": {0: Misfit(5, 1.0)},
+    }
     finding = of(changes)
     assert finding.code == Code.CARRIED
     assert finding.values["problems"] == "carried, map_misfit"
