@@ -230,3 +230,24 @@ def test_constants_of_tracks_and_groups_reach_them():
     planner = Planner(PlannerConfig(), tuning)
     assert planner.tracker.tuning is tuning.tracks
     assert planner.groups.tuning is tuning.groups
+
+
+def test_robots_that_are_unsure_together_tell_two_people_apart(make_cells):
+    """One robot sees somebody 0.6 m beside whom the other sees; their team may be 1 m off."""
+    body = {"body": 1, "score": 6.0, "sigma_range": 0.05, "sigma_across": 0.05}
+    given = {name: np.array([v], dtype=BODY_DTYPE[name]) for name, v in body.items()}
+    scans = [
+        Scan(robot, 0, dataclasses.replace(make_cells([(2.0, y)]), **given))
+        for robot, y in (("robot_a", 0.0), ("robot_b", 0.6))
+    ]
+    unsure = np.diag([1.0, 1.0, 1e-4])
+    poses = {name: Pose(0, 0.0, 0.0, 0.0, unsure) for name in ("robot_a", "robot_b")}
+    assert len(step(scans, poses, 0).persons) == 1
+    sure = np.diag([1e-4, 1e-4, 1e-6])
+    together = {name: dataclasses.replace(p, in_team=sure) for name, p in poses.items()}
+    people = step(scans, together, 0)
+    assert sorted(positions(people)[:, 1]) == pytest.approx([0.0, 0.6], abs=0.01)
+    for person in people.persons:
+        assert (np.linalg.eigvalsh(person.covariance) > 1.0 - 1e-4).all()
+    assert np.linalg.eigvalsh(people.group.covariance)[0] > 1.0 - 1e-4
+    assert people.poses == together

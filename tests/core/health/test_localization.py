@@ -43,6 +43,7 @@ WELL = LocalizationState(
     resets=1,
     jumps=0,
 )
+CARRIED = {"robot_a": Trust(lost=True, lost_ns=NOW_NS, times_lost=1)}
 
 
 def of(changes: dict[str, Any] | None = None, **health: Any) -> Any:
@@ -129,3 +130,12 @@ def test_observations_are_refused_after_three_in_a_row_and_for_ten_seconds():
     assert watch.refused(now + 2 * SECOND) == {"absolute"}
     assert watch.refused(now + 11 * SECOND) == {"absolute"}
     assert not watch.refused(now + 12 * SECOND)
+
+
+def test_carried_robot_is_reported_for_ten_seconds():
+    found = []
+    for seconds in (9, 11):
+        trust = Trust(times_lost=1, lost_ns=NOW_NS - seconds * SECOND)
+        found.append(of({"trust": {"robot_a": trust}}))
+    assert [finding.code for finding in found] == [Code.CARRIED, None]
+    assert "they fit again" in found[0].message

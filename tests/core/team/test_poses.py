@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseTuning, frame_of
+from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseTuning, frame_of, shared_effect
 
 PI = math.pi
 MS = 1_000_000
@@ -413,3 +413,51 @@ def test_tuning_sets_drift_and_jumps():
     assert poses.jumps == 0
     poses.add(Pose(2 * SECOND, 2.25, 0.0, 0.0))
     assert poses.jumps == 1
+
+
+# ------------------------------------------------------------------ relative to the team ----
+
+IN_TEAM = np.diag([0.01, 0.02, 0.001])
+
+
+def test_poses_have_the_newest_covariance_in_the_team_for_a_second():
+    poses = PoseBuffer()
+    poses.in_team = (pose(at_ms=0.0).stamp_ns, IN_TEAM)
+    for at_ms in (0.0, 999.0, 1000.0):
+        poses.add(pose(at_ms=at_ms))
+    told = [poses.at(pose(at_ms=t).stamp_ns, 0).in_team is not None for t in (0.0, 999.0, 1000.0)]
+    assert told == [True, True, False]
+
+
+def test_covariance_in_the_team_is_interpolated_and_grows_past_the_newest():
+    poses = PoseBuffer()
+    for at_ms, factor in ((0.0, 1.0), (40.0, 3.0)):
+        poses.in_team = (pose(at_ms=at_ms).stamp_ns, factor * IN_TEAM)
+        poses.add(pose(at_ms=at_ms, covariance=factor * IN_TEAM))
+    between = poses.at(pose(at_ms=10.0).stamp_ns, 10**9)
+    assert between.in_team == pytest.approx(1.5 * IN_TEAM)
+    ahead = poses.at(pose(at_ms=240.0).stamp_ns, 10**9)
+    assert ahead.in_team == pytest.approx(ahead.covariance)
+    assert (np.diag(ahead.in_team) > np.diag(3.0 * IN_TEAM)).all()
+
+
+def test_pose_relative_to_the_team_has_that_covariance():
+    in_team = dataclasses.replace(pose(covariance=np.eye(3)), in_team=IN_TEAM)
+    assert in_team.relative_to_team().covariance is IN_TEAM
+    alone = pose(covariance=np.eye(3))
+    assert alone.relative_to_team() is alone
+
+
+def test_effect_of_the_team_is_that_of_its_surest_robot():
+    """A robot at (0, 0) whose team may be turned by 0.1 rad; something 2 m ahead moves aside."""
+    turned = np.diag([0.0, 0.0, 0.01])
+    one = dataclasses.replace(pose(covariance=IN_TEAM + turned), in_team=IN_TEAM)
+    other = dataclasses.replace(pose(covariance=IN_TEAM + np.eye(3)), in_team=IN_TEAM)
+    effect = shared_effect([other, one], np.array([[2.0, 0.0]]))
+    assert effect[0] == pytest.approx(np.diag([0.0, 0.04]))
+
+
+def test_team_with_a_robot_of_independent_errors_has_no_shared_effect():
+    in_team = dataclasses.replace(pose(covariance=np.eye(3)), in_team=IN_TEAM)
+    for poses in ([in_team, pose()], []):
+        assert not shared_effect(poses, np.array([[2.0, 0.0]])).any()
