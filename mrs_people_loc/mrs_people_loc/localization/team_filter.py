@@ -258,26 +258,29 @@ class TeamFilter:
     def _suspects(self, state: TeamState, pair: tuple[str, str], stamp_ns: int) -> tuple[str, ...]:
         """Which of two robots, whose relative pose does not fit, are lost.
 
-        Those that fit no third robot lately; where that does not tell them apart: the team-mate if
-        the two never fitted, both if they did.
+        Those that fit no third robot and no map lately; where that does not tell them apart, those
+        that never did: they are new, and nothing confirms yet where they say that they are. Where
+        that does not, either: both if they fitted each other before; else the team-mate if it is
+        the own robot that does not fit, and of two team-mates none, until more is known.
         """
-        span_ns = round(1e9 * self.tuning.fitted_lately_s)
 
-        def fits_others(robot: str) -> bool:
-            met = any(
-                robot in other and other != pair and stamp_ns - value.fitted_ns < span_ns
+        def fitted_ns(robot: str) -> int:
+            met = (
+                value.fitted_ns
                 for other, value in state.meetings.items()
+                if robot in other and other != pair
             )
             absolute = state.sources.get((robot, "absolute"), Source()).stamp_ns
             known = state.sources.get((robot, "known walls"), Source()).stamp_ns
-            return met or stamp_ns - max(absolute, known) < span_ns
+            return max(absolute, known, *met)
 
-        lonely = tuple(robot for robot in pair if not fits_others(robot))
-        if len(lonely) == 1:
-            return lonely
+        for since_ns in (stamp_ns - round(1e9 * self.tuning.fitted_lately_s), 0):
+            lonely = tuple(robot for robot in pair if fitted_ns(robot) <= since_ns)
+            if len(lonely) == 1:
+                return lonely
         if state.meetings[pair].accepted:
             return pair
-        return tuple(robot for robot in pair if robot != self.robot)[-1:]
+        return tuple(robot for robot in pair if robot != self.robot and self.robot in pair)
 
     def _is_long(self, refused: int, since_ns: int, stamp_ns: int) -> bool:
         seconds = (stamp_ns - since_ns) / 1e9

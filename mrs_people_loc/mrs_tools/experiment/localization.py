@@ -67,6 +67,8 @@ CASES = (
     Case("sonars dead", _L, Trouble(sonars=False)),
     Case("map wrong by 1 m", _L, Trouble(known=True, map_off=1.0)),
     Case("robot_b says it is 1 m off", _L, Trouble(lies="robot_b")),
+    Case("robot_b says it is 1 m off from 60 s on", _L, Trouble(lies="robot_b", lies_from=60.0),
+         event_s=60.0),
     Case("20 % of messages lost", _L, Trouble(lost=0.2)),
     Case("robot_c cut off from 50 to 80 s", _L, Trouble(cut_off=("robot_c", 50.0, 80.0)),
          event_s=80.0),

@@ -53,7 +53,8 @@ class Trouble:
         sonars: ... and by their sonars.
         known: Whether they know the walls of the map,
         map_off: ... which is wrong by so much in x and in y [m].
-        lies: A robot that says that it is a metre from where it is.
+        lies: A robot that says that it is a metre from where it is,
+        lies_from: ... from this time on [s].
         lost: Share of the messages that are lost.
         cut_off: A robot that hears nobody and is heard by nobody, from when to when [s].
         start: Standard deviations with which the start is known, x, y [m] and yaw [rad]; None: as
@@ -65,6 +66,7 @@ class Trouble:
     known: bool = False
     map_off: float = 0.0
     lies: str = ""
+    lies_from: float = 0.0
     lost: float = 0.0
     cut_off: tuple[str, float, float] | None = None
     start: tuple[float, float, float] | None = None
@@ -218,7 +220,8 @@ class LightTeam:
 
     def _told(self, localizer: Localizer) -> TeamPose:
         told = localizer.share()
-        if told.robot == self._trouble.lies:
+        lies_from_ns = _START_NS + round(1e9 * self._trouble.lies_from)
+        if told.robot == self._trouble.lies and told.odometry.stamp_ns >= lies_from_ns:
             moved = dataclasses.replace(told.pose, x=told.pose.x + 1.0)
             told = dataclasses.replace(told, pose=moved)
         return told
