@@ -426,7 +426,7 @@ def read_laser_scan(message: Message) -> LaserScan:
         frame_id=str(message.header.frame_id).lstrip("/"),
         max_range=high,
         angles=angles[order],
-        ranges=np.where(measured, ranges, np.nan)[order],
+        ranges=np.where(measured | (ranges == np.inf), ranges, np.nan)[order],  # REP 117
     )
 
 

@@ -132,7 +132,7 @@ class Planner:
             scans: At most one per robot.
             poses: By robot, its pose in the common frame at its scan's stamp; also of robots
                 without a scan, which others may see. Detection and tracking use `Pose.in_team`
-                where there is one; the people's covariances are in the map all the same.
+                where all have one; the people's covariances are in the map all the same.
             time_ns: Time of the interval [ns]. Where it is older than the last one by more than
                 `clocks.RESET_NS`, all people are new.
 
@@ -141,7 +141,9 @@ class Planner:
             PoseError: A robot has no pose.
         """
         scans = _by_robot(scans, poses)
-        given, poses = poses, {name: pose.relative_to_team() for name, pose in poses.items()}
+        given = poses
+        if all(pose.in_team is not None for pose in given.values()):
+            poses = {name: pose.relative_to_team() for name, pose in given.items()}
         config, tuning, times = self.config, self.tuning, StageTimes()
         self.tracker.config, self.groups.config = config.tracking, config.groups
         expected = self.tracker.expect(time_ns) if config.tracking.enabled else NOBODY

@@ -14,7 +14,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import PointCloud2
 
 from mrs_people_loc import messages
-from mrs_people_loc.clocks import RESET_NS
+from mrs_people_loc.clocks import RESET_NS, RateLimit
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.health.agreement import Agreement
@@ -40,6 +40,8 @@ from planner_node.roster import Roster
 
 #: Periods of checking `max_wait`, and the graph for new robots [s].
 _TICK_S, _DISCOVERY_S = 0.01, 0.2
+#: Covariances relative to the team are taken at this rate per robot [Hz].
+_TEAM_RATE_HZ = 10.0
 #: What is counted of a robot's poses, beside the scans that were left out (`LEFT_OUT`).
 _JUMPS = "jumps"
 
@@ -77,6 +79,7 @@ class PlannerNode(ManagedNode):
         self._left_out_log = Throttle(LOG_PERIOD_S)
         self._losses: dict[str, dict[str, Growth]] = {}
         self._agreement = Agreement()
+        self._team_rates: dict[str, RateLimit] = {}
         self._relative_poses = RelativePoses()
         self._compared_ns: int | None = None
         self._outputs = Outputs(self)
@@ -152,6 +155,9 @@ class PlannerNode(ManagedNode):
         self._step()
 
     def _on_team_pose(self, message: TeamPose) -> None:
+        rate = self._team_rates.setdefault(message.robot, RateLimit())
+        if not rate.lets_through(messages.read_stamp(message), _TEAM_RATE_HZ):
+            return
         pose = messages.read_team_pose(message, self.config.map_frame).pose
         assert pose.in_team is not None
         self._collector.add_covariance_in_team(message.robot, pose.stamp_ns, pose.in_team)
@@ -182,7 +188,8 @@ class PlannerNode(ManagedNode):
         """Publishes where robots are to each other, by the people whom both see, if any listens."""
         if self._outputs.wants_relative_poses:
             seen = people_by_robot(result.fused, result.poses, self.config)
-            measured = self._relative_poses.step(seen, result.poses)
+            poses = {name: pose.relative_to_team() for name, pose in result.poses.items()}
+            measured = self._relative_poses.step(seen, poses)
             if measured:
                 self._outputs.publish_relative_poses(result.stamp_ns, measured, self.config)
 

@@ -47,8 +47,8 @@ def localizes(config: RobotConfig, frame_id: str) -> bool:
     """
     pose, localization = config.pose, config.localization
     starts = bool(localization.start or pose.map_from_odom)
-    needed = localization.run == "always" or (frame_id != pose.map_frame and starts)
-    return needed and may_localize(config)
+    apart = pose.source == "odom" and frame_id != pose.map_frame and starts
+    return (localization.run == "always" or apart) and may_localize(config)
 
 
 class RobotLocalization:

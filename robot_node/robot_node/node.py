@@ -98,11 +98,11 @@ class RobotNode(ManagedNode):
     def jumped_back(self) -> None:
         """Forgets what waits, and what was seen."""
         self._head.reset()
-        self._begin_anew()
-
-    def _begin_anew(self) -> None:
-        """Forgets what was seen, and where: the time, or stamps of images, jumped back."""
         self._pose.begin_anew()
+        self._forget_views()
+
+    def _forget_views(self) -> None:
+        """Forgets what was seen: the time, or stamps of images, jumped back."""
         self._sight = SightWatch(self.config.sight)
         self._floor = None
         self._stages = None
@@ -135,7 +135,7 @@ class RobotNode(ManagedNode):
         view = self._head.take_image(camera, message)
         if self._head.pairer.resets > resets:
             self.get_logger().warning(f"{camera} images: stamps jumped back; starting anew")
-            self._begin_anew()
+            self._forget_views()
         self._step(view)
 
     # ---- step ----

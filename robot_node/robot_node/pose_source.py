@@ -13,7 +13,7 @@ from rclpy.clock_type import ClockType
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import PoseError
+from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.robot import PoseState, of_pose
 from mrs_people_loc.sensing.camera import StereoCamera
@@ -40,6 +40,10 @@ def check(robot: RobotConfig) -> None:
     """
     config = robot.pose
     wall_finder.check(robot.walls)
+    if robot.localization.run == "always" and config.source not in ("odom", "pose_in"):
+        raise ConfigError(
+            f"localization.run is always but pose.source is {config.source}; allowed: odom, pose_in"
+        )
     if config.source == "static":
         static_pose(config, 0)
     if config.source == "tf":

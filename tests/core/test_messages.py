@@ -740,7 +740,7 @@ def test_laser_scan_matches_hand_computed_values():
     scan = messages.read_laser_scan(laser_scan())
     assert (scan.frame_id, scan.stamp_ns, scan.max_range) == ("robot_a/laser", 12_000_000_345, 8.0)
     np.testing.assert_allclose(scan.angles, [-1.0, -0.5, 0.0, 0.5, 1.0])
-    np.testing.assert_array_equal(scan.ranges, [1.0, np.nan, np.nan, np.nan, 3.0])
+    np.testing.assert_array_equal(scan.ranges, [1.0, np.nan, np.inf, np.nan, 3.0])
 
 
 def test_laser_scan_from_left_to_right_is_turned_round():

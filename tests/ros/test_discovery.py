@@ -87,7 +87,7 @@ def test_single_robot_is_not_waited_for(planner: PlannerPeer, robot: PlayedRobot
 def test_topics_of_no_robot_are_ignored(planner: PlannerPeer, robot: PlayedRobot) -> None:
     """The other topics were there before the robot that was found."""
     _answer(planner, robot)
-    wanted = {"/robot_a/points", "/robot_a/pose"}
+    wanted = {"/robot_a/points", "/robot_a/pose", "/team_poses"}
     planner.peer.until(  # the graph lags behind what is heard
         lambda: set(planner.peer.heard_by(planner.node)) == wanted,
         lambda: planner.peer.heard_by(planner.node),

@@ -177,7 +177,7 @@ PLANNER_TOPICS = {
 def test_planner_follows_lifecycle_transitions(planner: PlannerPeer) -> None:
     peer, node = planner.peer, planner.node
     played = PlayedRobot(peer, "robot_p", (0.0, 0.0, 0.0))
-    inputs = {"/robot_p/points", "/robot_p/pose"}
+    inputs = {"/robot_p/points", "/robot_p/pose", "/team_poses"}
     assert peer.state(node) == "unconfigured"
     assert peer.published_by(node) == {}
     for _ in range(2):

@@ -502,6 +502,7 @@ def test_planner_hears_scans_and_poses_only(run: Run) -> None:
     wanted |= {
         f"/{robot}/pose": ["geometry_msgs/msg/PoseWithCovarianceStamped"] for robot in ROBOTS
     }
+    wanted["/team_poses"] = ["mrs_people_msgs/msg/TeamPose"]
     assert run.peer.heard_by(PLANNER) == wanted
 
 

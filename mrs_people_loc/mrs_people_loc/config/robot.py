@@ -258,8 +258,9 @@ class Localization(Section):
     """Where the robot is: dead reckoning, corrected by walls, absolute poses and the team."""
 
     run: str = field(
-        "auto", "whether the robot's pose is estimated: auto (unless pose.source is static or tf, "
-        "or the poses are in the map frame already), always, never",
+        "auto", "whether the robot's pose is estimated: auto (where pose.source is odom, in its "
+        "own frame, whose place is given by pose.map_from_odom or localization.start), always "
+        "(pose.source odom or pose_in), never",
         choices=("auto", "always", "never"), live=False,
     )  # fmt: skip
     start: tuple[float, ...] = field(
@@ -285,8 +286,7 @@ class Localization(Section):
         low=0.0, high=1.0,
     )  # fmt: skip
     gate: float = field(
-        0.999, "observations are refused that are less likely than all but this share of the "
-        "right ones",
+        0.999, "share of correct observations that pass the chi-square gate",
         low=0.5, high=0.999999, live=False,
     )  # fmt: skip
     share_rate: float = field(
@@ -336,7 +336,7 @@ class WallSensors(Section):
         live=False,
     )  # fmt: skip
     occupied_from: int = field(
-        65, "cells of the grid from this value on are occupied [%]", low=1, high=100
+        65, "cells of the grid from this value on are occupied [%]", low=1, high=100, live=False
     )
 
     def _check_relations(self) -> None:

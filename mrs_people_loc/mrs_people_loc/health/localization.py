@@ -11,8 +11,10 @@ from mrs_people_loc.health.findings import WARN, Code, Finding
 from mrs_people_loc.localization.localizer import LocalizationState
 from mrs_people_loc.localization.team_state import Source
 
-#: A pose that nothing has corrected for so long is reported [s].
+#: A pose that nothing has corrected for so long is reported [s] ...
 UNCORRECTED_S = 30.0
+#: ... where its position's standard deviation is larger [m].
+UNSURE_M = 0.15
 #: Observations of a kind are reported after so many in a row that were refused ...
 _REFUSED = 3
 #: ... until none was for so long [ns].
@@ -125,12 +127,18 @@ def _problems(health: LocalizationHealth) -> Iterator[tuple[Code, str]]:
         yield Code.CORRECTIONS_REFUSED, f"observations do not fit and are refused: {refused}"
     corrected = [source.stamp_ns for source in health.own.values()]
     age_s = (state.stamp_ns - max([health.began_ns, *corrected])) / 1e9
-    if age_s > UNCORRECTED_S:
+    if age_s > UNCORRECTED_S and _is_unsure(state, health.robot):
         yield (
             Code.NOT_CORRECTED,
             f"nothing has corrected the pose for {age_s:.0f} s: no wall in sight, no absolute "
             "pose, no team-mate that sees the same; it is dead reckoning",
         )
+
+
+def _is_unsure(state: LocalizationState, robot: str) -> bool:
+    """Whether a robot's place is less sure than `UNSURE_M`: one that stands stays as sure."""
+    pose = state.poses.get(robot)
+    return pose is not None and float(np.linalg.eigvalsh(pose.covariance[:2, :2])[-1]) > UNSURE_M**2
 
 
 def _with_offsets(offsets: Mapping[str, float]) -> str:

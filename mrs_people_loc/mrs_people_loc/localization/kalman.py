@@ -101,7 +101,7 @@ def noted(
     now = Source(
         before.accepted + accepted,
         before.refused + (not accepted),
-        math.sqrt(squared / freedom),
+        math.sqrt(max(squared, 0.0) / freedom),
         stamp_ns if accepted else before.stamp_ns,
     )
     return changed(state, sources={**state.sources, (robot, kind): now})

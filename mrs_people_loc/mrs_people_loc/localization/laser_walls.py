@@ -63,7 +63,7 @@ def walls_of_laser(
     """
     if ranges.shape != angles.shape:
         raise ValueError(
-            f"there are {ranges.size} ranges and {angles.size} angles; wanted: as many"
+            f"there are {ranges.size} ranges and {angles.size} angles; wanted: equal numbers"
         )
     hit = (ranges >= tuning.min_range) & (ranges < max_range)  # NaN compares false
     cos, sin = np.cos(angles[hit]), np.sin(angles[hit])

@@ -40,9 +40,17 @@ _TICK_NS = 1_000_000_000
 _CLAIM_NS = 250_000_000
 #: A team-mate whose stamps differ by more from the own odometry's is not heard [ns].
 _MAX_CLOCK_NS = 1_000_000_000
+#: A team-mate that was not heard of for so long is silent [ns].
+_SILENT_NS = 2_000_000_000
+#: A team-mate whose clock differs is named for so long after it was heard [ns].
+_CLOCK_TOLD_NS = 10_000_000_000
 #: A team-mate that was not heard of for so long has left [ns].
 _LEFT_NS = 120_000_000_000
-#: What waits for odometry: at most so many.
+#: A message holds at most so many walls.
+_MAX_TOLD_WALLS = 40
+#: What waits for odometry: for so long at most [ns] ...
+_WAITS_NS = 3_000_000_000
+#: ... and so many.
 _MAX_PENDING = 200
 #: Bounds of standard deviations of poses that come [m], [rad].
 _LEAST_SIGMA, _LARGEST_SIGMA = 1e-4, 100.0
@@ -91,6 +99,7 @@ class _Mate:
     track: OdometryTrack = field(default_factory=OdometryTrack)
     received_ns: int = 0
     clock_ns: int = 0
+    at_ns: int = 0
     seen: dict[tuple[type[Observation], int], None] = field(default_factory=dict)
     backwards: int = 0
 
@@ -218,7 +227,7 @@ class Localizer:
         if told.robot == self.robot or newest is None:
             return
         mate = self._mates.setdefault(told.robot, _Mate())
-        mate.received_ns = received_ns
+        mate.received_ns, mate.at_ns = received_ns, newest.stamp_ns
         mate.clock_ns = told.odometry.stamp_ns - newest.stamp_ns
         if abs(mate.clock_ns) > _MAX_CLOCK_NS:
             return
@@ -292,7 +301,7 @@ class Localizer:
             raise PoseError("no odometry has arrived")
         pose = self._own_pose(newest, self._history.newest)
         oldest_ns = newest.stamp_ns - REPEATED_NS
-        walls = tuple(seen for t, seen in self._walls if t >= oldest_ns)
+        walls = _newest_walls([seen for t, seen in self._walls if t >= oldest_ns])
         absolute = tuple(measured for t, measured in self._absolute if t >= oldest_ns)
         return TeamPose(self.robot, pose, newest, walls, absolute)
 
@@ -320,7 +329,7 @@ class Localizer:
             clocks={
                 name: mate.clock_ns / 1e9
                 for name, mate in self._mates.items()
-                if abs(mate.clock_ns) > _MAX_CLOCK_NS
+                if abs(mate.clock_ns) > _MAX_CLOCK_NS and self._is_heard(name, _CLOCK_TOLD_NS)
             },
             late=self._late,
             resets=self._resets,
@@ -369,7 +378,10 @@ class Localizer:
                     (self._track_of(seen.other), seen.other_stamp_ns),
                 ]
             newest = [track.newest for track, _ in tracks]
-            if any(n is None or n.stamp_ns < t for n, (_, t) in zip(newest, tracks, strict=True)):
+            own = self._track.newest
+            if own is not None and own.stamp_ns - seen.stamp_ns > _WAITS_NS:
+                self._late += 1
+            elif any(n is None or n.stamp_ns < t for n, (_, t) in zip(newest, tracks, strict=True)):
                 waiting.append((kind, seen))
             elif all(track.covers(stamp_ns) for track, stamp_ns in tracks):
                 self._late += not self._add_own(seen)
@@ -417,10 +429,12 @@ class Localizer:
         self._history.add(Reached(robot, track.at(tick_ns)))
         if robot == self.robot:
             for name, mate in list(self._mates.items()):
+                if self._is_heard(name, _LEFT_NS):
+                    continue
                 last = mate.track.newest
-                if last is not None and newest.stamp_ns - last.stamp_ns > _LEFT_NS:
+                if last is not None:
                     self._history.add(Left(name, dataclasses.replace(last, stamp_ns=tick_ns)))
-                    del self._mates[name]
+                del self._mates[name]
 
     def _track_of(self, robot: str) -> OdometryTrack:
         if robot == self.robot:
@@ -429,14 +443,33 @@ class Localizer:
         return OdometryTrack() if mate is None else mate.track
 
     def _own_pose(self, odometry: Odometry, state: TeamState) -> Pose:
-        return _pose(odometry, state, self.robot)
+        """base_link in the map, also relative to the team-mates that are heard, if any is."""
+        pose = _pose(odometry, state, self.robot)
+        heard = [name for name in state.odometry if self._is_heard(name, _SILENT_NS)]
+        if not heard:
+            return pose
+        in_team = state.in_team(self.robot, odometry, heard)
+        return dataclasses.replace(pose, in_team=in_team)
+
+    def _is_heard(self, robot: str, within_ns: int) -> bool:
+        """Whether a team-mate was heard while the own odometry went on by no more than this."""
+        mate, newest = self._mates.get(robot), self._track.newest
+        return mate is not None and newest is not None and newest.stamp_ns - mate.at_ns < within_ns
 
 
 def _pose(odometry: Odometry, state: TeamState, robot: str) -> Pose:
     place, covariance = state.pose_of(robot, odometry)
     x, y, yaw = place.tolist()
-    in_team = state.in_team(robot, odometry)
-    return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), covariance, in_team)
+    return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), covariance)
+
+
+def _newest_walls(seen: list[SeenWalls]) -> tuple[SeenWalls, ...]:
+    """The newest of these, as many as a message may hold."""
+    count, first = 0, len(seen)
+    while first and count + len(seen[first - 1].walls) <= _MAX_TOLD_WALLS:
+        first -= 1
+        count += len(seen[first].walls)
+    return tuple(seen[first:])
 
 
 def _arrays(pose: Pose) -> tuple[Float, Float]:

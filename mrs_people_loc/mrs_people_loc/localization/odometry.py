@@ -20,12 +20,18 @@ from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
 from mrs_people_loc.localization.shared import Odometry
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.poses import Pose, frame_of
 
 #: How far the newest motion is extrapolated [ns].
 MAX_AHEAD_NS = 100_000_000
-#: Odometry that goes farther than this [m], and than at this speed [m/s], begins anew ...
+#: Covariances of the odometry's message count up to so many times the modelled growth.
+_MOST_STATED = 25.0
+#: Largest variances between two times: beyond, nothing is known [m^2, rad^2].
+_MAX_VARIANCES = 1e4, 10.0
+#: Odometry that goes farther than this [m], and than at this speed [m/s], ...
 _JUMP, _JUMP_SPEED = 1.0, 3.0
+#: ... or turns likewise [rad, rad/s], begins anew ...
+_TURN, _TURN_SPEED = 1.0, 6.0
 #: ... and what the robot did meanwhile is unknown: variances of position and heading [m^2, rad^2].
 _JUMP_VARIANCES = 0.5**2, 0.2**2
 
@@ -43,8 +49,8 @@ def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
     c, s = math.cos(begin.yaw), math.sin(begin.yaw)
     east, north = end.x - begin.x, end.y - begin.y
     dx, dy = c * east + s * north, c * north - s * east
-    position = max(end.position_variance - begin.position_variance, 0.0)
-    heading = max(end.heading_variance - begin.heading_variance, 0.0)
+    position = min(max(end.position_variance - begin.position_variance, 0.0), _MAX_VARIANCES[0])
+    heading = min(max(end.heading_variance - begin.heading_variance, 0.0), _MAX_VARIANCES[1])
     third, half = heading / 3.0, heading / 2.0
     covariance = np.array(
         [
@@ -113,7 +119,7 @@ class DeadReckoning:
             before, so_far = self._last
             if _is_jump(before, pose):
                 position, heading = _JUMP_VARIANCES
-                self._frame = self._frame @ before @ _inverse(pose)
+                self._frame = frame_of(self._frame @ before, pose)
                 self.jumps += 1
             else:
                 position, heading = self._growth(before, pose)
@@ -137,19 +143,18 @@ class DeadReckoning:
         # An error of the heading adds to the position's covariance in one direction only.
         xx, xy, yy = stated[0, 0], stated[0, 1], stated[1, 1]
         least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
-        return max(position, float(least)), max(heading, float(stated[2, 2]))
+        # Some bases state large covariances while they drive, and small ones while they stand.
+        return (
+            max(position, min(float(least), _MOST_STATED * position)),
+            max(heading, min(float(stated[2, 2]), _MOST_STATED * heading)),
+        )
 
 
 def _is_jump(before: Pose, pose: Pose) -> bool:
     seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
     way = math.hypot(pose.x - before.x, pose.y - before.y)
-    return way > max(_JUMP, _JUMP_SPEED * seconds)
-
-
-def _inverse(pose: Pose) -> Pose:
-    """Where a pose's frame is in the pose."""
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    return Pose(pose.stamp_ns, -c * pose.x - s * pose.y, s * pose.x - c * pose.y, -pose.yaw)
+    turn = abs(wrap_angle(pose.yaw - before.yaw))
+    return way > max(_JUMP, _JUMP_SPEED * seconds) or turn > max(_TURN, _TURN_SPEED * seconds)
 
 
 @dataclass

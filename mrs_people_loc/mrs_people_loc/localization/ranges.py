@@ -76,7 +76,7 @@ class LaserScan:
         frame_id: The scanner's frame; its plane is x, y.
         max_range: Farthest range that it measures [m].
         angles: Directions of the rays, from x to the left [rad], ascending, shape (n,).
-        ranges: [m], shape (n,); NaN where nothing was measured.
+        ranges: [m], shape (n,); NaN where nothing was measured, infinite where nothing was hit.
 
     Raises:
         RangeError: Naming what cannot be used, what it is and what is wanted.

@@ -419,7 +419,8 @@ def _vote(window: _Window, free: Bool, tuning: SonarTuning) -> tuple[float, Int]
     step = 2.0 * math.pi / tuning.directions
     of, widest = np.flatnonzero(free), window.cone + tuning.side_lobes
     nearest = np.rint(window.axis[of] / step).astype(np.intp)
-    aside = np.arange(-(reach := math.ceil(widest.max() / step)), reach + 1)
+    reach = math.ceil(widest.max() / step)
+    aside = np.arange(-reach, reach + 1)
     off_axis = np.abs((nearest[:, np.newaxis] + aside) * step - window.axis[of, np.newaxis])
     each, k = np.nonzero(off_axis < widest[of, np.newaxis])
     echo, row = of[each], (nearest[each] + aside[k]) % tuning.directions

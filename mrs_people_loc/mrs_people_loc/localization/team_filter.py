@@ -318,7 +318,9 @@ class TeamFilter:
             lost_ns=stamp_ns,
             times_lost=before.times_lost + 1,
         )
-        return _with_trust(state.widened(robot, self.tuning.lost_sigmas), robot, trust)
+        # Known walls did not fit because of the robot, not of the map.
+        wide = changed(state.widened(robot, self.tuning.lost_sigmas), misfits={})
+        return _with_trust(wide, robot, trust)
 
 
 def _beyond(offset: Float, within: tuple[float, float]) -> Float:

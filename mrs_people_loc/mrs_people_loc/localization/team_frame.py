@@ -15,9 +15,10 @@ def covariance_in_team(places: Float, covariance: Float, index: int) -> Float:
     """Covariance of one robot's pose relative to its team.
 
     It is what remains when the estimated poses of the team are moved and turned together to the
-    true ones by least squares: errors that all robots share, as those of a team that has seen
-    nothing known for long, leave each robot as sure of the others as it is. For a robot alone it is
-    zero. The linear map is the residual of a rigid alignment (Umeyama 1991, to first order).
+    true ones by least squares (Umeyama 1991, to first order): errors that all robots share, as
+    those of a team that has seen nothing known for long, are not in it. Residuals are smaller than
+    the errors, and not independent; with the factor k / (k - 1) the sum of two robots' covariances
+    is that of their difference where their errors are independent. For a robot alone it is zero.
 
     Args:
         places: x, y [m], yaw [rad] of each robot, shape (k, 3).
@@ -36,5 +37,5 @@ def covariance_in_team(places: Float, covariance: Float, index: int) -> Float:
     weighted = np.tile([1.0, 1.0, _LEVER_M**2], count)[:, np.newaxis] * stacked
     residual = -rigid[index] @ np.linalg.solve(stacked.T @ weighted, weighted.T)
     residual[:, 3 * index : 3 * index + 3] += np.eye(3)
-    made = residual @ covariance @ residual.T
+    made = residual @ covariance @ residual.T * count / max(count - 1, 1)
     return np.asarray(0.5 * (made + made.T))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -203,11 +203,12 @@ class TeamState:
         made, jacobian = carried_on(place, moved)
         return made, jacobian @ own @ jacobian.T + turned(noise, place[2])
 
-    def in_team(self, robot: str, odometry: Odometry) -> Float:
-        """Covariance of a robot's pose relative to the team, likewise, shape (3, 3)."""
-        count, i = len(self.odometry), self.at(robot)
-        places = self.mean[: 3 * count].reshape(-1, 3)
-        own = covariance_in_team(places, self.covariance[: 3 * count, : 3 * count], i // 3)
+    def in_team(self, robot: str, odometry: Odometry, others: Collection[str]) -> Float:
+        """Covariance of a robot's pose relative to it and these others, likewise, shape (3, 3)."""
+        team = [name for name in self.odometry if name == robot or name in others]
+        i, at = self.at(robot), np.concatenate([self.at(n) + np.arange(3) for n in team])
+        places = self.mean[at].reshape(-1, 3)
+        own = covariance_in_team(places, self.covariance[np.ix_(at, at)], team.index(robot))
         before = self.odometry[robot]
         if before.stamp_ns == odometry.stamp_ns:
             return own
@@ -264,10 +265,16 @@ class TeamState:
         )
 
     def without_robot(self, robot: str) -> TeamState:
-        """The state without a robot."""
+        """The state without a robot, and without what was noted about it."""
         i = self.at(robot)
         others = {name: value for name, value in self.odometry.items() if name != robot}
-        return changed(self._without(range(i, i + 3)), odometry=others)
+        return changed(
+            self._without(range(i, i + 3)),
+            odometry=others,
+            sources={key: value for key, value in self.sources.items() if key[0] != robot},
+            trust={name: value for name, value in self.trust.items() if name != robot},
+            meetings={pair: value for pair, value in self.meetings.items() if robot not in pair},
+        )
 
     def without_wall(self, index: int) -> TeamState:
         """The state without a wall."""

@@ -143,7 +143,8 @@ class TeamLocalization:
         if not self._robots:
             return
         seen = people_by_robot(people.fused, people.poses, config)
-        for relative in self._relative.step(seen, people.poses):
+        poses = {name: pose.relative_to_team() for name, pose in people.poses.items()}
+        for relative in self._relative.step(seen, poses):
             for robot in self._robots.values():
                 if robot.localizer is not None:
                     robot.localizer.take_relative(relative)
@@ -153,4 +154,4 @@ def localizes(config: RobotConfig) -> bool:
     """Whether a robot's odometry in a frame of its own is dead reckoning that can be corrected."""
     run, pose = config.localization.run, config.pose
     known = bool(pose.map_from_odom or config.localization.start)
-    return run != "never" and pose.source in ("odom", "pose_in") and known
+    return run != "never" and pose.source == "odom" and known

@@ -298,3 +298,64 @@ def test_other_noise_counts_from_the_next_odometry_on():
     localizer.configure(dataclasses.replace(CONFIG, position_noise=0.1))
     localizer.take_odometry(Pose(3 * S, 2.0, 0.0, 0.0))
     assert localizer.share().odometry.position_variance == pytest.approx(0.02**2 + 0.1**2)
+
+
+# --------------------------------------------------------------- team-mates that are silent ----
+
+
+def test_pose_is_relative_to_the_team_while_it_is_heard():
+    a, b = two()
+    stand((a, b), 1.0)
+    apart = a.share().pose
+    assert apart.in_team == pytest.approx(apart.covariance)  # nothing ties the two
+    tie = covariance(0.01, 0.01, 0.005)
+    a.take_relative(RelativePose("a", 2 * S, "b", 2 * S, np.zeros(3), tie))
+    newest = a.share().pose
+    assert newest.in_team is not None
+    assert (np.diag(newest.in_team) < 0.1 * np.diag(newest.covariance)).all()
+    alone = drive(a, velocity=0.5, seconds=3.0, start_ns=newest.stamp_ns + S)
+    assert alone.in_team is None
+    assert Localizer("c", CONFIG).take_odometry(Pose(S, 0.0, 0.0, 0.0)).in_team is None
+
+
+def test_team_mate_that_left_leaves_nothing_behind():
+    a, b = two()
+    stand((a, b), 1.0)
+    a.take_relative(RelativePose("a", 2 * S, "b", 2 * S, np.zeros(3), covariance(0.1, 0.1, 0.05)))
+    assert ("b", "relative") in a.state.sources
+    drive(a, velocity=0.0, seconds=125.0, start_ns=3 * S)
+    state = a.state
+    assert set(state.poses) == {"a"}
+    assert not [key for key in state.sources if key[0] == "b"]
+    assert "b" not in state.trust
+    assert not state.silent
+
+
+def test_clock_of_a_team_mate_that_left_is_told_no_longer():
+    a, b = Localizer("a", CONFIG), Localizer("b", CONFIG)
+    drive(a, seconds=1.0)
+    drive(b, seconds=1.0, start_ns=10 * S)
+    a.take_teammate(b.share(), 2 * S)
+    assert a.state.clocks == {"b": pytest.approx(9.0)}
+    drive(a, velocity=0.0, seconds=20.0, start_ns=3 * S)
+    assert a.state.clocks == {}
+
+
+def test_relative_pose_of_a_robot_that_tells_nothing_does_not_wait_for_ever():
+    a = Localizer("a", CONFIG)
+    drive(a, seconds=1.0)
+    a.take_relative(RelativePose("a", 2 * S, "c", 2 * S, np.zeros(3), covariance(0.1, 0.1, 0.05)))
+    assert a.state.late == 0
+    drive(a, velocity=0.0, seconds=4.0, start_ns=3 * S)
+    assert a.state.late == 1
+
+
+def test_message_holds_the_newest_walls_if_there_are_many():
+    a = Localizer("a", CONFIG)
+    drive(a, seconds=1.0)
+    walls = [((x, -1.0), (x, 1.0)) for x in np.arange(1.0, 4.0, 0.25)]
+    for k in range(5):
+        a.take_walls(seen_at(2 * S - k * 10_000_000, *walls))
+    told = a.share().walls
+    assert sum(len(seen.walls) for seen in told) == 36
+    assert len(told) == 3

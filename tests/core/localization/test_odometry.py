@@ -155,3 +155,26 @@ def test_track_forgets_what_is_old():
     assert not track.covers(10 * S)
     with pytest.raises(PoseError, match="the nearest odometry is"):
         track.at(10 * S)
+
+
+def test_covariance_that_is_large_only_while_driving_does_not_destroy_the_heading():
+    """A metre with a stated 1000 rad^2: 25 times the modelled growth at most."""
+    config = Localization()
+    reckoning = DeadReckoning(config)
+    reckoning.take(Pose(S, 0.0, 0.0, 0.0, np.diag([1e-9, 1e-9, 1e-9])))
+    made = reckoning.take(Pose(2 * S, 1.0, 0.0, 0.0, np.diag([1e-3, 1e-3, 1e3])))
+    assert made.heading_variance == pytest.approx(25.0 * config.heading_noise**2)
+
+
+def test_base_that_starts_again_beside_its_origin_leaves_the_heading():
+    reckoning = DeadReckoning(Localization())
+    reckoning.take(Pose(S, 0.5, 0.0, 1.5))
+    made = reckoning.take(Pose(S + 20_000_000, 0.0, 0.0, 0.0))
+    assert (made.x, made.y, made.yaw) == pytest.approx((0.5, 0.0, 1.5))
+    assert reckoning.jumps == 1
+
+
+def test_motion_of_unknown_errors_stays_finite():
+    _, covariance = motion(odometry(), odometry(stamp_ns=S, x=1.0, position=1e12, heading=1e12))
+    assert np.linalg.eigvalsh(covariance)[0] > 0
+    assert covariance.max() <= 1.1e4

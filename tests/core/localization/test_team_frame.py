@@ -24,11 +24,11 @@ def test_robot_alone_is_sure_of_its_place_in_its_team():
 
 
 def test_half_of_one_robots_error_along_the_line_of_two_is_each_ones():
-    """The team's middle is off by half of what one robot is off: each is half beside it."""
+    """The team's middle is off by half of what one robot is off; two of two have all of it."""
     covariance = np.zeros((6, 6))
     covariance[0, 0] = 4.0
     for index in (0, 1):
-        expected = np.diag([1.0, 0.0, 0.0])
+        expected = np.diag([2.0, 0.0, 0.0])
         made = covariance_in_team(team((-1.0, 5.0), (1.0, 5.0)), covariance, index)
         assert made == pytest.approx(expected, abs=1e-12)
 
@@ -59,3 +59,10 @@ def test_it_is_a_covariance(seed, count):
     made = covariance_in_team(places, random_covariance(seed, 3 * count), count - 1)
     assert np.array_equal(made, made.T)
     assert np.linalg.eigvalsh(made)[0] > -1e-9
+
+
+def test_independent_errors_of_two_robots_add_to_that_of_their_difference():
+    covariance = np.diag([0.01, 0.01, 0.0] * 2)
+    places = team((-2.0, 0.0), (2.0, 0.0))
+    one, other = (covariance_in_team(places, covariance, k) for k in (0, 1))
+    assert one[0, 0] + other[0, 0] == pytest.approx(0.02)
