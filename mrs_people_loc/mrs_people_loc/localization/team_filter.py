@@ -42,6 +42,8 @@ class FilterTuning:
     Attributes:
         lost_after: A robot is lost after so many observations in a row that do not fit ...
         lost_after_s: ... and this time [s].
+        start_patience: It takes so many times as many absolute poses, and as long, where none has
+            ever fitted.
         lost_sigmas: How much less sure its pose is then [m, m, rad].
         fitted_lately_s: What fitted within this time still speaks for a robot [s].
         claim_gain: Least weight with which a claim is fused.
@@ -56,6 +58,7 @@ class FilterTuning:
 
     lost_after: int = 5
     lost_after_s: float = 0.4
+    start_patience: int = 5
     lost_sigmas: tuple[float, float, float] = (1.0, 1.0, math.radians(30.0))
     fitted_lately_s: float = 2.0
     claim_gain: float = 0.05
@@ -134,11 +137,30 @@ class TeamFilter:
         state = noted(
             made if accepted else state, robot, "absolute", accepted, squared, 3, stamp_ns
         )
-        if accepted:
-            return self._fitted(state, robot, stamp_ns, True)
-        if state.sources[robot, "absolute"].accepted:
-            return self._refused(state, robot, stamp_ns)
-        return state
+        if not accepted:
+            return self._misplaced(state, robot, stamp_ns)
+        fitted = self._fitted(state, robot, stamp_ns, True)
+        return _with_trust(fitted, robot, changed(fitted.trust[robot], misplaced=0))
+
+    def _misplaced(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
+        """Notes that an absolute pose did not fit; if for long, the robot is lost.
+
+        Walls that its team has added fit wherever it is, and count nothing here; known ones do.
+        Where no absolute pose has ever fitted, the start is believed for longer.
+        """
+        before, tuning = state.trust.get(robot, Trust()), self.tuning
+        count = before.misplaced + 1
+        since_ns = before.misplaced_ns if before.misplaced else stamp_ns
+        patience = 1 if state.sources[robot, "absolute"].accepted else tuning.start_patience
+        known_ns = state.sources.get((robot, "known walls"), Source()).stamp_ns
+        is_known = known_ns > 0 and stamp_ns - known_ns < 1e9 * tuning.fitted_lately_s
+        if (
+            count >= patience * tuning.lost_after
+            and stamp_ns - since_ns >= patience * 1e9 * tuning.lost_after_s
+            and not is_known
+        ):
+            return self._lost(state, robot, stamp_ns)
+        return _with_trust(state, robot, changed(before, misplaced=count, misplaced_ns=since_ns))
 
     def _claimed(self, state: TeamState, claim: Claimed) -> TeamState:
         """Compares what a team-mate's filter says about its pose.
@@ -314,6 +336,7 @@ class TeamFilter:
             before,
             refused=0,
             since_ns=0,
+            misplaced=0,
             lost=True,
             lost_ns=stamp_ns,
             times_lost=before.times_lost + 1,

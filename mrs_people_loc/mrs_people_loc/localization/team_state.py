@@ -101,6 +101,8 @@ class Trust:
         lost: Whether it was carried away or placed wrongly, and nothing has fitted since.
         lost_ns: When that was noticed last [ns]; 0: never.
         times_lost: How often.
+        misplaced: Absolute poses in a row that did not fit.
+        misplaced_ns: When the first of these was [ns].
         disputed: Observations in a row that contradict what only one other robot has seen.
         claims_refused: Claims in a row of its pose that do not fit.
         off: How far the last refused claim or disputed wall was off [m].
@@ -115,6 +117,8 @@ class Trust:
     lost: bool = False
     lost_ns: int = 0
     times_lost: int = 0
+    misplaced: int = 0
+    misplaced_ns: int = 0
     disputed: int = 0
     claims_refused: int = 0
     off: float = 0.0

@@ -359,3 +359,42 @@ def test_message_holds_the_newest_walls_if_there_are_many():
     told = a.share().walls
     assert sum(len(seen.walls) for seen in told) == 36
     assert len(told) == 3
+
+
+# ------------------------------------------------------------- absolute poses that do not fit ----
+
+
+def place_by(localizer, y, begin_ns, seconds, walls=()):
+    """Stands with absolute poses at (0, y), ten a second; when it was first said to be lost [s]."""
+    for k in range(round(seconds * 10)):
+        stamp_ns = begin_ns + k * S // 10
+        localizer.take_odometry(Pose(stamp_ns, 0.0, 0.0, 0.0))
+        if walls:
+            localizer.take_walls(seen_at(stamp_ns, *walls))
+        localizer.take_absolute(Pose(stamp_ns, 0.0, y, 0.0, covariance(0.05, 0.05, 0.02)))
+        if localizer.state.trust["a"].times_lost:
+            return k / 10
+    return None
+
+
+def test_wrong_start_gives_way_to_absolute_poses():
+    localizer = Localizer("a", CONFIG)
+    assert place_by(localizer, 0.8, S, 5.0) == pytest.approx(2.4, abs=0.15)
+    place_by(localizer, 0.8, 10 * S, 1.0)
+    localizer.take_odometry(Pose(20 * S, 0.0, 0.0, 0.0))
+    localizer.take_absolute(Pose(20 * S, 0.0, 0.8, 0.0, covariance(0.05, 0.05, 0.02)))
+    assert localizer.pose_at(20 * S).y == pytest.approx(0.8, abs=0.02)
+
+
+def test_walls_of_its_own_do_not_hide_that_a_robot_was_carried():
+    localizer, wall = Localizer("a", CONFIG), (((3.0, -1.0), (3.0, 1.0)),)
+    assert place_by(localizer, 0.0, S, 2.0, wall) is None
+    assert place_by(localizer, 0.8, 3 * S, 5.0, wall) == pytest.approx(0.4, abs=0.15)
+
+
+def test_robot_at_known_walls_is_not_lost_by_absolute_poses_that_do_not_fit():
+    known = as_walls(np.array([((3.0, -1.0), (3.0, 1.0)), ((-1.0, 2.0), (1.0, 2.0))]), (0.01, 0.01))
+    localizer = Localizer("a", CONFIG, known)
+    seen = (((3.0, -1.0), (3.0, 1.0)), ((-1.0, 2.0), (1.0, 2.0)))
+    assert place_by(localizer, 0.8, S, 6.0, seen) is None
+    assert localizer.pose_at(S * 69 // 10).y == pytest.approx(0.0, abs=0.05)
