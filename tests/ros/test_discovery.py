@@ -100,6 +100,7 @@ def test_topics_of_no_robot_are_ignored(planner: PlannerPeer, robot: PlayedRobot
         "robot_a/points",
         "robot_a/pose",
         "state",
+        "team_poses",
     ]
 
 
