@@ -15,4 +15,4 @@ cmake -S msgs -B "$build" -G Ninja \
 cmake --build "$build"
 cmake --install "$build"
 cd "$venv" # away from the source folders
-python -c 'import mrs_people_msgs.msg as m; m.People(); m.Person(); m.Group(); m.RobotScan(); m.TeamPose(); m.Wall(); m.RelativePoses()'
+python -c 'import mrs_people_msgs.action as a, mrs_people_msgs.msg as m; a.GuideTour.Goal(); m.People(); m.Person(); m.Group(); m.RobotScan(); m.TeamPose(); m.Wall(); m.RelativePoses()'

@@ -10,6 +10,7 @@ Martinez-Garcia, Ohya & Yuta (2004); `config/paper.yaml` holds them.
 | `parameters` | one parameter, and sections of them |
 | `robot` | sections of `robot_node` |
 | `planner` | sections of `planner_node` |
+| `guide` | sections of `guide_node` |
 | `files` | parameter files, which describe a team |
 """
 
@@ -22,6 +23,7 @@ from mrs_people_loc.config.files import (
     load_yaml,
     robots_named,
 )
+from mrs_people_loc.config.guide import Base, Formation, GuideConfig, Pace, Safety
 from mrs_people_loc.config.parameters import (
     Parameter,
     Section,
@@ -58,11 +60,14 @@ __all__ = [
     "NODE_PARAMETERS",
     "PLANNER_NODE",
     "ROBOT_NODE",
+    "Base",
     "Bodies",
     "Clustering",
     "Disparity",
     "Floor",
+    "Formation",
     "Groups",
+    "GuideConfig",
     "Human",
     "Images",
     "Interval",
@@ -71,11 +76,13 @@ __all__ = [
     "Masking",
     "Mounting",
     "Noise",
+    "Pace",
     "Parameter",
     "PlannerConfig",
     "PoseInput",
     "Quantization",
     "RobotConfig",
+    "Safety",
     "Section",
     "Sight",
     "Splitting",

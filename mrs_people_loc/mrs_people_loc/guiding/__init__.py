@@ -1,0 +1,12 @@
+"""Guiding: a tour, the robots' posts around the group, and how robots drive to them.
+
+| module | |
+|---|---|
+| `tour` | a way with stops; its file |
+| `way` | places along a way |
+| `free_space` | where robots may drive, and what they see past walls, from the map |
+| `guidance` | what flows: posts of robots, state of a tour |
+| `formation` | posts around the group, chosen by what would be seen from them |
+| `guide` | `Guide.step`: people and poses in, posts and pace out |
+| `drive` | velocity of a differential drive on its way to a post |
+"""
