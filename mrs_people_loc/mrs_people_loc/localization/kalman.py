@@ -98,10 +98,5 @@ def noted(
 ) -> TeamState:
     """The state with one more observation in `sources`."""
     before = state.sources.get((robot, kind), Source())
-    now = Source(
-        before.accepted + accepted,
-        before.refused + (not accepted),
-        math.sqrt(max(squared, 0.0) / freedom),
-        stamp_ns if accepted else before.stamp_ns,
-    )
+    now = before.noted(accepted, squared, freedom, stamp_ns)
     return changed(state, sources={**state.sources, (robot, kind): now})

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float
-from mrs_people_loc.localization.wall_fit import WALL_FIT_TUNING, WallFitTuning, fit_walls, moved
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.wall_fit import WALL_FIT_TUNING, WallFitTuning, fit_walls
+from mrs_people_loc.localization.walls import Walls, moved
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -27,9 +26,9 @@ from mrs_people_loc.localization.observations import (
 from mrs_people_loc.localization.odometry import DeadReckoning, OdometryTrack
 from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
 from mrs_people_loc.localization.team_filter import FilterTuning, TeamFilter
-from mrs_people_loc.localization.team_state import Landmark, Misfit, Source, TeamState, Trust
+from mrs_people_loc.localization.team_state import Misfit, Source, TeamState, Trust
 from mrs_people_loc.localization.wall_landmarks import WallLandmarks
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.walls import Walls, moved
 from mrs_people_loc.team.poses import Pose
 
 #: What a robot measured is repeated in its messages for this long after it was taken [ns].
@@ -500,30 +499,13 @@ def _walls_of(state: TeamState) -> Walls:
     """The walls of a state in the map's normal form."""
     count, begin = len(state.walls), 3 * len(state.odometry)
     lines = state.mean[begin:].reshape(-1, 2)
-    covariances = state.covariance[begin:, begin:]
-    made = [
-        _normal_form(state.walls[k], lines[k], covariances[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])
-        for k in range(count)
-    ]
-    return Walls(
-        distance=np.array([one[0] for one in made]),
-        bearing=np.array([one[1] for one in made]),
-        covariance=np.array([one[2] for one in made]).reshape(-1, 2, 2),
-        extent=np.array([one[3] for one in made]).reshape(-1, 2),
+    blocks = state.covariance[begin:, begin:].reshape(count, 2, count, 2)
+    anchors = np.array([wall.anchor for wall in state.walls]).reshape(-1, 2)
+    beside_anchors = Walls(
+        distance=lines[:, 0],
+        bearing=lines[:, 1],
+        covariance=blocks[range(count), :, range(count)],
+        extent=np.array([wall.extent for wall in state.walls]).reshape(-1, 2),
         is_end=np.zeros((count, 2), dtype=bool),
     )
-
-
-def _normal_form(
-    wall: Landmark, line: Float, covariance: Float
-) -> tuple[float, float, Float, tuple[float, float]]:
-    bearing = float(line[1])
-    c, s = math.cos(bearing), math.sin(bearing)
-    x, y = wall.anchor
-    distance, along = float(line[0]) + c * x + s * y, c * y - s * x
-    jacobian = np.array([[1.0, along], [0.0, 1.0]])
-    begin, end = wall.extent[0] + along, wall.extent[1] + along
-    if distance < 0:
-        distance, bearing, begin, end = -distance, bearing + math.pi, -end, -begin
-        jacobian[0] *= -1.0
-    return distance, wrap_angle(bearing), jacobian @ covariance @ jacobian.T, (begin, end)
+    return moved(beside_anchors, anchors[:, 0], anchors[:, 1], 0.0)

@@ -30,7 +30,7 @@ from mrs_people_loc.localization.observations import (
     WallsSeen,
     pose_from,
 )
-from mrs_people_loc.localization.team_state import Meetings, Source, TeamState, Trust, changed
+from mrs_people_loc.localization.team_state import Source, TeamState, Trust, changed
 from mrs_people_loc.localization.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.walls import Walls
 
@@ -75,14 +75,7 @@ _TUNING = FilterTuning()
 
 
 class TeamFilter:
-    """Applies observations to a state.
-
-    Args:
-        robot: The robot whose filter it is.
-        config: The gate.
-        known: Known walls, in the map.
-        tuning: Constants.
-    """
+    """Applies observations to a state. Its arguments are those of `Localizer`."""
 
     def __init__(
         self,
@@ -139,28 +132,21 @@ class TeamFilter:
         )
         if not accepted:
             return self._misplaced(state, robot, stamp_ns)
-        fitted = self._fitted(state, robot, stamp_ns, True)
-        return _with_trust(fitted, robot, changed(fitted.trust[robot], misplaced=0))
+        return self._fitted(state, robot, stamp_ns, True)
 
     def _misplaced(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
-        """Notes that an absolute pose did not fit; if for long, the robot is lost.
+        """An absolute pose did not fit; if none did for long, the robot is lost.
 
         Walls that its team has added fit wherever it is, and count nothing here; known ones do.
         Where no absolute pose has ever fitted, the start is believed for longer.
         """
-        before, tuning = state.trust.get(robot, Trust()), self.tuning
-        count = before.misplaced + 1
-        since_ns = before.misplaced_ns if before.misplaced else stamp_ns
-        patience = 1 if state.sources[robot, "absolute"].accepted else tuning.start_patience
+        absolute, tuning = state.sources[robot, "absolute"], self.tuning
+        patience = 1 if absolute.accepted else tuning.start_patience
         known_ns = state.sources.get((robot, "known walls"), Source()).stamp_ns
         is_known = known_ns > 0 and stamp_ns - known_ns < 1e9 * tuning.fitted_lately_s
-        if (
-            count >= patience * tuning.lost_after
-            and stamp_ns - since_ns >= patience * 1e9 * tuning.lost_after_s
-            and not is_known
-        ):
-            return self._lost(state, robot, stamp_ns)
-        return _with_trust(state, robot, changed(before, misplaced=count, misplaced_ns=since_ns))
+        if is_known or not self._is_long(absolute.in_a_row, absolute.since_ns, stamp_ns, patience):
+            return state
+        return self._lost(state, robot, stamp_ns)
 
     def _claimed(self, state: TeamState, claim: Claimed) -> TeamState:
         """Compares what a team-mate's filter says about its pose.
@@ -255,24 +241,22 @@ class TeamFilter:
         state = made if accepted else state
         for robot in (seen.robot, seen.other):
             state = noted(state, robot, "relative", accepted, squared, 3, stamp_ns)
-        return self._meeting(state, seen, accepted, stamp_ns)
+        return self._meeting(state, seen, accepted, squared)
 
-    def _meeting(self, state: TeamState, seen: Met, fits: bool, stamp_ns: int) -> TeamState:
+    def _meeting(self, state: TeamState, seen: Met, fits: bool, squared: float) -> TeamState:
         """Notes how a relative pose fitted; if it does not for long, one of the two is lost."""
         pair = min(seen.robot, seen.other), max(seen.robot, seen.other)
-        before = state.meetings.get(pair, Meetings())
+        stamp_ns = seen.odometry.stamp_ns
+        met = state.meetings.get(pair, Source()).noted(fits, squared, 3, stamp_ns)
+        state = _with_meetings(state, pair, met)
         if fits:
-            now = Meetings(before.accepted + 1, 0, 0, stamp_ns)
-            state = _with_meetings(state, pair, now)
             for robot in pair:
                 if state.trust.get(robot, Trust()).lost:
                     state = self._fitted(state, robot, stamp_ns, True)
             return state
-        since_ns = before.since_ns if before.refused else stamp_ns
-        refused = changed(before, refused=before.refused + 1, since_ns=since_ns)
-        if not self._is_long(refused.refused, since_ns, stamp_ns):
-            return _with_meetings(state, pair, refused)
-        state = _with_meetings(state, pair, changed(before, refused=0, since_ns=0))
+        if not self._is_long(met.in_a_row, met.since_ns, stamp_ns):
+            return state
+        state = _with_meetings(state, pair, met.begun_anew())
         for robot in self._suspects(state, pair, stamp_ns):
             state = self._lost(state, robot, stamp_ns)
         return state
@@ -288,7 +272,7 @@ class TeamFilter:
 
         def fitted_ns(robot: str) -> int:
             met = (
-                value.fitted_ns
+                value.stamp_ns
                 for other, value in state.meetings.items()
                 if robot in other and other != pair
             )
@@ -304,9 +288,11 @@ class TeamFilter:
             return pair
         return tuple(robot for robot in pair if robot != self.robot and self.robot in pair)
 
-    def _is_long(self, refused: int, since_ns: int, stamp_ns: int) -> bool:
-        seconds = (stamp_ns - since_ns) / 1e9
-        return refused >= self.tuning.lost_after and seconds >= self.tuning.lost_after_s
+    def _is_long(self, refused: int, since_ns: int, stamp_ns: int, patience: int = 1) -> bool:
+        return (
+            refused >= patience * self.tuning.lost_after
+            and stamp_ns - since_ns >= patience * 1e9 * self.tuning.lost_after_s
+        )
 
     def _fitted(self, state: TeamState, robot: str, stamp_ns: int, shared: bool) -> TeamState:
         """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""
@@ -336,13 +322,16 @@ class TeamFilter:
             before,
             refused=0,
             since_ns=0,
-            misplaced=0,
             lost=True,
             lost_ns=stamp_ns,
             times_lost=before.times_lost + 1,
         )
         # Known walls did not fit because of the robot, not of the map.
         wide = changed(state.widened(robot, self.tuning.lost_sigmas), misfits={})
+        absolute = wide.sources.get((robot, "absolute"))
+        if absolute is not None:
+            anew = {**wide.sources, (robot, "absolute"): absolute.begun_anew()}
+            wide = changed(wide, sources=anew)
         return _with_trust(wide, robot, trust)
 
 
@@ -358,5 +347,5 @@ def _with_trust(state: TeamState, robot: str, trust: Trust) -> TeamState:
     return changed(state, trust={**state.trust, robot: trust})
 
 
-def _with_meetings(state: TeamState, pair: tuple[str, str], meetings: Meetings) -> TeamState:
+def _with_meetings(state: TeamState, pair: tuple[str, str], meetings: Source) -> TeamState:
     return changed(state, meetings={**state.meetings, pair: meetings})

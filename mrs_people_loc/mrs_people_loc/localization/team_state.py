@@ -74,7 +74,7 @@ class Landmark:
 
 @dataclass(frozen=True)
 class Source:
-    """How the observations of one kind of one robot fit.
+    """How the observations of one kind fit, of one robot or of two that meet.
 
     Attributes:
         accepted: How many, so far.
@@ -82,12 +82,40 @@ class Source:
         innovation: Of the last one: prediction error in sigmas (root of the normalized square over
             its degrees of freedom; 1 is usual).
         stamp_ns: Of the last accepted [ns]; 0: none.
+        in_a_row: How many were refused in a row, since ...
+        since_ns: ... this time [ns].
     """
 
     accepted: int = 0
     refused: int = 0
     innovation: float = 0.0
     stamp_ns: int = 0
+    in_a_row: int = 0
+    since_ns: int = 0
+
+    def noted(self, accepted: bool, squared: float, freedom: int, stamp_ns: int) -> Source:
+        """The same after one more observation.
+
+        Args:
+            accepted: Whether it fitted.
+            squared: Squared Mahalanobis length of the prediction error.
+            freedom: Its degrees of freedom.
+            stamp_ns: Time [ns].
+        """
+        innovation = math.sqrt(max(squared, 0.0) / freedom)
+        if accepted:
+            return Source(self.accepted + 1, self.refused, innovation, stamp_ns)
+        return changed(
+            self,
+            refused=self.refused + 1,
+            innovation=innovation,
+            in_a_row=self.in_a_row + 1,
+            since_ns=self.since_ns if self.in_a_row else stamp_ns,
+        )
+
+    def begun_anew(self) -> Source:
+        """The same where the next refused one is the first in a row."""
+        return changed(self, in_a_row=0, since_ns=0)
 
 
 @dataclass(frozen=True)
@@ -101,8 +129,6 @@ class Trust:
         lost: Whether it was carried away or placed wrongly, and nothing has fitted since.
         lost_ns: When that was noticed last [ns]; 0: never.
         times_lost: How often.
-        misplaced: Absolute poses in a row that did not fit.
-        misplaced_ns: When the first of these was [ns].
         disputed: Observations in a row that contradict what only one other robot has seen.
         claims_refused: Claims in a row of its pose that do not fit.
         off: How far the last refused claim or disputed wall was off [m].
@@ -117,31 +143,12 @@ class Trust:
     lost: bool = False
     lost_ns: int = 0
     times_lost: int = 0
-    misplaced: int = 0
-    misplaced_ns: int = 0
     disputed: int = 0
     claims_refused: int = 0
     off: float = 0.0
     claimed_ns: int = 0
     contact_ns: int = 0
     pulled: float = 0.0
-
-
-@dataclass(frozen=True)
-class Meetings:
-    """How relative poses of two robots fit.
-
-    Attributes:
-        accepted: How many did, so far.
-        refused: How many in a row did not.
-        since_ns: When the first of these was [ns].
-        fitted_ns: When one fitted last [ns]; 0: never.
-    """
-
-    accepted: int = 0
-    refused: int = 0
-    since_ns: int = 0
-    fitted_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -170,7 +177,7 @@ class TeamState:
         walls: In the order of `mean`.
         sources: How observations fit, by robot and kind.
         trust: By robot.
-        meetings: By pair of robots.
+        meetings: How relative poses fit, by pair of robots.
         misfits: Known walls that were never recognized but seen elsewhere, by index.
     """
 
@@ -180,7 +187,7 @@ class TeamState:
     walls: tuple[Landmark, ...] = ()
     sources: Mapping[tuple[str, str], Source] = field(default_factory=dict)
     trust: Mapping[str, Trust] = field(default_factory=dict)
-    meetings: Mapping[tuple[str, str], Meetings] = field(default_factory=dict)
+    meetings: Mapping[tuple[str, str], Source] = field(default_factory=dict)
     misfits: Mapping[int, Misfit] = field(default_factory=dict)
 
     def at(self, robot: str) -> int:

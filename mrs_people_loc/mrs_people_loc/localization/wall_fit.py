@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.walls import Walls, moved
 
 
 @dataclass(frozen=True)
@@ -169,35 +169,6 @@ def walls_of(lines: Sequence[Line], x: float = 0.0, y: float = 0.0) -> Walls:
         np.array([line.is_end for line in lines], dtype=np.bool_).reshape(count, 2),
     )
     return moved(walls, x, y, 0.0)
-
-
-def moved(walls: Walls, x: float, y: float, yaw: float) -> Walls:
-    """Walls of a frame at x, y [m], turned by yaw [rad], in the frame around it.
-
-    Distances become at least 0, bearings those in (-pi, pi].
-    """
-    bearing = walls.bearing + yaw
-    cos, sin = np.cos(bearing), np.sin(bearing)
-    along = y * cos - x * sin
-    distance = walls.distance + x * cos + y * sin
-    jacobian = np.zeros((len(walls), 2, 2))
-    jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
-    jacobian[:, 0, 1] = along
-    covariance = jacobian @ walls.covariance @ jacobian.transpose(0, 2, 1)
-    flip = distance < 0.0
-    sign = np.where(flip, -1.0, 1.0)
-    covariance[:, 0, 1] *= sign
-    covariance[:, 1, 0] *= sign
-    extent = walls.extent + along[:, np.newaxis]
-    bearing = np.where(flip, bearing + np.pi, bearing)
-    flip = flip[:, np.newaxis]
-    return Walls(
-        distance=distance * sign,
-        bearing=np.pi - np.mod(np.pi - bearing, 2.0 * np.pi),
-        covariance=covariance,
-        extent=np.where(flip, -extent[:, ::-1], extent),
-        is_end=np.where(flip, walls.is_end[:, ::-1], walls.is_end),
-    )
 
 
 def meeting(walls: Walls, tuning: WallFitTuning = WALL_FIT_TUNING) -> Walls:

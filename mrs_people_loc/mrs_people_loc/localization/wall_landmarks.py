@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.geometry import squared_mahalanobis, wrap_angle
 from mrs_people_loc.localization.kalman import corrected, noted, wrapped
 from mrs_people_loc.localization.observations import (
     Point,
@@ -155,9 +155,7 @@ class WallLandmarks:
     def _take_one(
         self, state: TeamState, seen: _Seen, verdict: Verdict
     ) -> tuple[TeamState, Verdict]:
-        candidates = [
-            changed(c, squared=self._squared(state, seen, c)) for c in self._candidates(state, seen)
-        ]
+        candidates = self._candidates(state, seen)
         fits = sorted(
             (c for c in candidates if c.squared <= self.gates[2]), key=lambda c: c.squared
         )
@@ -239,7 +237,14 @@ class WallLandmarks:
             if k not in there and (misfit is None or misfit.count < self.tuning.misfits):
                 wall, line = self.known.landmarks[k], self.known.lines[k].tolist()
                 found.append(self._candidate(k, False, wall, line, place, seen, sigmas))
-        return [candidate for candidate in found if candidate is not None]
+        candidates = [candidate for candidate in found if candidate is not None]
+        if not candidates:
+            return []
+        squared = squared_mahalanobis(
+            np.array([(c.offset, c.turn) for c in candidates]),
+            np.array([self._of_residual(state, seen, c) for c in candidates]),
+        )
+        return [changed(c, squared=s) for c, s in zip(candidates, squared.tolist(), strict=True)]
 
     def _candidate(
         self,
@@ -272,8 +277,8 @@ class WallLandmarks:
             return None
         return _Candidate(index, in_state, side, offset, turn, extent)
 
-    def _squared(self, state: TeamState, seen: _Seen, candidate: _Candidate) -> float:
-        """Squared Mahalanobis length of the difference between seen and predicted."""
+    def _of_residual(self, state: TeamState, seen: _Seen, candidate: _Candidate) -> Float:
+        """Covariance of the difference between seen and predicted, shape (2, 2)."""
         i = state.at(seen.robot)
         robot = np.arange(i, i + 3)
         if candidate.in_state:
@@ -288,10 +293,7 @@ class WallLandmarks:
             covariance[3:, 3:] = self.known.covariances[k]
             anchor = self.known.landmarks[k].anchor
         _, jacobian = wall_from(part, anchor, candidate.side)
-        of_residual = jacobian @ covariance @ jacobian.T + seen.covariance
-        (xx, xy), (_, yy) = of_residual.tolist()
-        x, y = candidate.offset, candidate.turn
-        return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
+        return np.asarray(jacobian @ covariance @ jacobian.T + seen.covariance)
 
     def _recognized(
         self, state: TeamState, seen: _Seen, candidate: _Candidate
@@ -392,22 +394,15 @@ class WallLandmarks:
         state = self._without_surplus(state, seen.stamp_ns)
         i = state.at(seen.robot)
         place = state.mean[i : i + 3]
-        middle = 0.5 * (seen.extent[0] + seen.extent[1])
-        bearing = float(place[2] + seen.line[1])
-        c, s = math.cos(bearing), math.sin(bearing)
-        distance = float(seen.line[0])
-        anchor = (
-            float(place[0]) + distance * c - middle * s,
-            float(place[1]) + distance * s + middle * c,
-        )
-        line, by_pose, by_seen = wall_at(place, seen.line, anchor)
+        x, y, yaw = place.tolist()
+        distance, bearing = seen.line.tolist()
+        wall = _landmark(distance, yaw + bearing, seen.extent, origin=(x, y))
+        line, by_pose, by_seen = wall_at(place, seen.line, wall.anchor)
         across = by_pose @ state.covariance[i : i + 3]
         covariance = (
             by_pose @ state.covariance[i : i + 3, i : i + 3] @ by_pose.T
             + by_seen @ seen.covariance @ by_seen.T
         )
-        half = 0.5 * (seen.extent[1] - seen.extent[0])
-        wall = Landmark(anchor, (-half, half))
         wall = wall.seen_by(seen.robot, wall.extent, seen.stamp_ns)
         return state.with_wall(wall, line, across, covariance)
 
@@ -440,14 +435,12 @@ class _KnownWalls:
         self.is_end = [(bool(ends[0]), bool(ends[1])) for ends in walls.is_end]
         for k in range(count):
             distance, bearing = float(walls.distance[k]), float(walls.bearing[k])
-            c, s = math.cos(bearing), math.sin(bearing)
             begin, end = walls.extent[k].tolist()
-            middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
-            anchor = distance * c - middle * s, distance * s + middle * c
-            self.lines[k], jacobian = beside_anchor(distance, bearing, anchor)
+            wall = _landmark(distance, bearing, (begin, end), known=k)
+            self.lines[k], jacobian = beside_anchor(distance, bearing, wall.anchor)
             self.covariances[k] = jacobian @ walls.covariance[k] @ jacobian.T
-            self.landmarks.append(Landmark(anchor, (-half, half), k))
-            self._middles[k], self._halves[k] = anchor, half
+            self.landmarks.append(wall)
+            self._middles[k], self._halves[k] = wall.anchor, wall.extent[1]
 
     def near(self, place: Point, distance: float) -> list[int]:
         """Those that may be within a distance of a place [m]."""
@@ -455,6 +448,21 @@ class _KnownWalls:
             return []
         away = np.hypot(self._middles[:, 0] - place[0], self._middles[:, 1] - place[1])
         return [int(k) for k in np.flatnonzero(away < self._halves + distance)]
+
+
+def _landmark(
+    distance: float,
+    bearing: float,
+    extent: Point,
+    *,
+    origin: Point = (0.0, 0.0),
+    known: int = -1,
+) -> Landmark:
+    """A wall whose anchor is in the middle of its extent, in normal form beside an origin [m]."""
+    c, s = math.cos(bearing), math.sin(bearing)
+    middle, half = 0.5 * (extent[0] + extent[1]), 0.5 * (extent[1] - extent[0])
+    anchor = origin[0] + distance * c - middle * s, origin[1] + distance * s + middle * c
+    return Landmark(anchor, (-half, half), known)
 
 
 def _kind(wall: Landmark) -> str:

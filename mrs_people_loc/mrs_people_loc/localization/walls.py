@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
 
 
@@ -28,3 +30,33 @@ class Walls(StructOfArrays):
     covariance: Float
     extent: Float
     is_end: Bool
+
+
+def moved(walls: Walls, x: float | Float, y: float | Float, yaw: float) -> Walls:
+    """Walls of a frame at x, y [m], turned by yaw [rad], in the frame around it.
+
+    Distances become at least 0, bearings those in (-pi, pi]. `x` and `y` may differ from wall to
+    wall, shape (n,).
+    """
+    bearing = walls.bearing + yaw
+    cos, sin = np.cos(bearing), np.sin(bearing)
+    along = y * cos - x * sin
+    distance = walls.distance + x * cos + y * sin
+    jacobian = np.zeros((len(walls), 2, 2))
+    jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
+    jacobian[:, 0, 1] = along
+    covariance = jacobian @ walls.covariance @ jacobian.transpose(0, 2, 1)
+    flip = distance < 0.0
+    sign = np.where(flip, -1.0, 1.0)
+    covariance[:, 0, 1] *= sign
+    covariance[:, 1, 0] *= sign
+    extent = walls.extent + along[:, np.newaxis]
+    bearing = np.where(flip, bearing + np.pi, bearing)
+    flip = flip[:, np.newaxis]
+    return Walls(
+        distance=distance * sign,
+        bearing=np.pi - np.mod(np.pi - bearing, 2.0 * np.pi),
+        covariance=covariance,
+        extent=np.where(flip, -extent[:, ::-1], extent),
+        is_end=np.where(flip, walls.is_end[:, ::-1], walls.is_end),
+    )

@@ -11,6 +11,7 @@ from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.localization.localizer import Localizer
 from mrs_people_loc.localization.shared import RelativePose, SeenWalls
+from mrs_people_loc.localization.team_state import Trust
 from mrs_people_loc.team.poses import Pose
 
 S = 1_000_000_000
@@ -372,7 +373,7 @@ def place_by(localizer, y, begin_ns, seconds, walls=()):
         if walls:
             localizer.take_walls(seen_at(stamp_ns, *walls))
         localizer.take_absolute(Pose(stamp_ns, 0.0, y, 0.0, covariance(0.05, 0.05, 0.02)))
-        if localizer.state.trust["a"].times_lost:
+        if localizer.state.trust.get("a", Trust()).times_lost:
             return k / 10
     return None
 
