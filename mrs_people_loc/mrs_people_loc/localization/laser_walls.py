@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.wall_fit import WALL_FIT_TUNING, WallFitTuning, fit_walls
 from mrs_people_loc.localization.walls import Walls, moved
 
@@ -89,8 +90,7 @@ def _near_people(
 ) -> Bool:
     """Which points of the scanner's frame are at people, shape (n,)."""
     x, y, yaw = mounting
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    points = xy @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
+    points = xy @ rotation_2d(yaw).T + (x, y)
     apart = np.linalg.norm(points[:, np.newaxis] - people, axis=2)
     return np.asarray((apart < radius).any(axis=1))
 

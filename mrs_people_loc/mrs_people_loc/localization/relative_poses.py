@@ -221,13 +221,15 @@ class RelativePoses:
             seen: By robot, the people that it sees; robots may be left out.
             poses: By robot, its pose in the map at that stamp. Over a window, what lies between two
                 poses of a robot is taken for exact; where a robot is, for as sure as the
-                covariance says, or else wrong by `mistaken` in the tuning.
+                covariance says (that relative to the team, where it is known), or else wrong by
+                `mistaken` in the tuning.
 
         Returns:
             The measurements of a window that ends with this interval; none, as a rule.
         """
         for name, people in seen.items():
-            self._robots.setdefault(name, _Robot()).take(people, poses[name], self.tuning)
+            pose = poses[name].relative_to_team()
+            self._robots.setdefault(name, _Robot()).take(people, pose, self.tuning)
         self._intervals += 1
         stamps = [people.stamp_ns for r in self._robots.values() for people, _ in r.seen]
         span_ns = max(stamps, default=0) - min(stamps, default=0)

@@ -71,8 +71,7 @@ class TeamLocalization:
         if not self._robots:
             return
         seen = people_by_robot(people.fused, people.poses, config)
-        poses = {name: pose.relative_to_team() for name, pose in people.poses.items()}
-        for relative in self._relative.step(seen, poses):
+        for relative in self._relative.step(seen, people.poses):
             for robot in self._robots.values():
                 if robot.localizer is not None:
                     robot.localizer.take_relative(relative)

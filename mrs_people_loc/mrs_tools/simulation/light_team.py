@@ -214,9 +214,7 @@ class LightTeam:
         stamp_ns = stamp_of(step)
         heard = [name for name in self.names if not self._is_cut_off(name, time)]
         seen = {name: _places(stamp_ns, self._people[name][step // _VIEW]) for name in heard}
-        poses = {
-            name: self._localizers[name].pose_at(stamp_ns).relative_to_team() for name in heard
-        }
+        poses = {name: self._localizers[name].pose_at(stamp_ns) for name in heard}
         for relative in self._relative.step(seen, poses):
             self._underway += [(name, relative) for name in self.names]
 
