@@ -20,6 +20,7 @@ from mrs_people_loc.health.localization import (
     of_localization,
     own_sources,
 )
+from mrs_people_loc.localization.localizer import LocalizationState
 from mrs_people_loc.localization.robot_localization import (
     RobotLocalization,
     localizes,
@@ -54,6 +55,7 @@ class LocalizationTopics:
         self._config: RobotConfig = node.config
         self._parent, _, self._robot = str(node.get_namespace()).rstrip("/").rpartition("/")
         self._own = RobotLocalization(self._robot, self._config)
+        self._state: LocalizationState | None = None
         self._refusals = RefusalWatch()
         self._walls = WallTopics(node, base_frame, look_up, self._own)
         self._listens = False
@@ -72,6 +74,7 @@ class LocalizationTopics:
     def begin_anew(self) -> None:
         """Forgets where the robot is: the time was set back, or its start was changed."""
         self._own.begin_anew()
+        self._state = None
         self._refusals = RefusalWatch()
 
     def changed(self, config: RobotConfig) -> None:
@@ -140,20 +143,20 @@ class LocalizationTopics:
         """Updates what `findings` reports; publishes the walls, for display, if anybody asks."""
         if self._own.localizer is None:
             return
-        state = self._own.localizer.state
+        state = self._state = self._own.localizer.state
         now_ns, frame = self._now_ns(), self._config.pose.map_frame
         self._refusals.update(own_sources(self._robot, state), now_ns)
         if self._drawn is not None and self._drawn.get_subscription_count():
             self._drawn.publish(wall_markers(now_ns, frame, self._robot, state.walls))
 
     def findings(self) -> list[Finding]:
-        """How it goes; nothing where it does not run."""
-        if self._own.localizer is None:
+        """How it went when it was observed last; nothing where it does not run."""
+        if self._state is None:
             return []
         now_ns = self._now_ns()
         health = LocalizationHealth(
             robot=self._robot,
-            state=self._own.localizer.state,
+            state=self._state,
             began_ns=self._own.began_ns,
             now_ns=now_ns,
             refused=self._refusals.refused(now_ns),

@@ -136,6 +136,8 @@ class Localizer:
         self._walls: list[tuple[int, SeenWalls]] = []
         self._absolute: list[tuple[int, Pose]] = []
         self._taken: dict[tuple[type[Observation], int], None] = {}
+        # The robot's last pose, and what it was made from.
+        self._placed: tuple[Odometry, TeamState, list[str], Pose] | None = None
 
     def begin_anew(self) -> None:
         """Forgets everything; the next odometry is the start."""
@@ -443,12 +445,16 @@ class Localizer:
 
     def _own_pose(self, odometry: Odometry, state: TeamState) -> Pose:
         """base_link in the map, also relative to the team-mates that are heard, if any is."""
-        pose = _pose(odometry, state, self.robot)
         heard = [name for name in state.odometry if self._is_heard(name, _SILENT_NS)]
-        if not heard:
-            return pose
-        in_team = state.in_team(self.robot, odometry, heard)
-        return dataclasses.replace(pose, in_team=in_team)
+        last = self._placed
+        if last and last[0] is odometry and last[1] is state and last[2] == heard:
+            return last[3]
+        pose = _pose(odometry, state, self.robot)
+        if heard:
+            in_team = state.in_team(self.robot, odometry, heard)
+            pose = dataclasses.replace(pose, in_team=in_team)
+        self._placed = odometry, state, heard, pose
+        return pose
 
     def _is_heard(self, robot: str, within_ns: int) -> bool:
         """Whether a team-mate was heard while the own odometry went on by no more than this."""

@@ -1,6 +1,6 @@
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -375,6 +375,20 @@ def test_covariance_may_be_unknown():
     found = team.run(5.0)
     assert found
     assert max(np.hypot(*team.error(one)[:2]) for one in found) < 0.3
+
+
+def test_covariance_relative_to_the_team_is_what_counts():
+    """A team that has drifted by metres as a whole, and knows its shape."""
+    of_shape, lost = draw(7, 3, sigmas=(0.1, 0.1, 0.03)), draw(7, 3, sigmas=(9.0, 9.0, 2.0))
+    drawn = of_shape.pose
+    of_shape.pose = lambda name, t: replace(
+        drawn(name, t), covariance=lost.pose(name, t).covariance, in_team=drawn(name, t).covariance
+    )
+    told = draw(7, 3, sigmas=(0.1, 0.1, 0.03)).run(2.0)
+    assert told
+    for one, other in zip(of_shape.run(2.0), told, strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
 
 
 def test_robot_that_leaves_and_comes_back():
