@@ -130,7 +130,7 @@ class LocalizationTopics:
         if message.robot == self._robot or localizer is None:
             return
         told = messages.read_team_pose(message, self._config.pose.map_frame)
-        localizer.take_teammate(told, self._now_ns())
+        localizer.take_teammate(told)
 
     def _on_relative_poses(self, message: RelativePoses) -> None:
         for relative in messages.read_relative_poses(message):

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
@@ -246,8 +247,6 @@ def _faces(occupied: Bool, free: Bool) -> _Faces:
 
 def _edges(free: Bool, tolerance: float, least: float) -> list[tuple[Float, Float]]:
     """Edges of polygons about the free cells, in cells, the longest first."""
-    import cv2  # here: a robot without a grid is there sooner
-
     outlines, _ = cv2.findContours(free.view(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     edges: list[Float] = []
     for outline in outlines:

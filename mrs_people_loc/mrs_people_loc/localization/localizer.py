@@ -69,7 +69,6 @@ class LocalizationState:
         misfits: Known walls that are not where the map says, by index.
         walls: Walls of the state in the map, with their covariances.
         known: Index of each among the known walls; -1: it is none.
-        silent: By team-mate: for how long nothing was heard [s].
         clocks: By team-mate whose clock is too far off: by how much [s].
         late: Observations that came too late, or for whose time there is no odometry, so far.
         resets: How often the clock jumped back, so far.
@@ -84,7 +83,6 @@ class LocalizationState:
     misfits: Mapping[int, Misfit]
     walls: Walls
     known: tuple[int, ...]
-    silent: Mapping[str, float]
     clocks: Mapping[str, float]
     late: int
     resets: int
@@ -96,7 +94,6 @@ class _Mate:
     """What came from a team-mate."""
 
     track: OdometryTrack = field(default_factory=OdometryTrack)
-    received_ns: int = 0
     clock_ns: int = 0
     at_ns: int = 0
     seen: dict[tuple[type[Observation], int], None] = field(default_factory=dict)
@@ -217,18 +214,13 @@ class Localizer:
         _check_rank(relative.covariance)
         self._wait_for_odometry(Met, relative)
 
-    def take_teammate(self, told: TeamPose, received_ns: int) -> None:
-        """Takes what a team-mate tells; what it told before is recognized.
-
-        Args:
-            told: The message.
-            received_ns: When it came, by any clock that goes forward [ns].
-        """
+    def take_teammate(self, told: TeamPose) -> None:
+        """Takes what a team-mate tells; what it told before is recognized."""
         newest = self._track.newest
         if told.robot == self.robot or newest is None:
             return
         mate = self._mates.setdefault(told.robot, _Mate())
-        mate.received_ns, mate.at_ns = received_ns, newest.stamp_ns
+        mate.at_ns = newest.stamp_ns
         mate.clock_ns = told.odometry.stamp_ns - newest.stamp_ns
         if abs(mate.clock_ns) > _MAX_CLOCK_NS:
             return
@@ -316,7 +308,6 @@ class Localizer:
             last = self._track_of(robot).newest
             if last is not None:
                 poses[robot] = _pose(last, state, robot)
-        now_ns = max((mate.received_ns for mate in self._mates.values()), default=0)
         return LocalizationState(
             stamp_ns=newest_ns,
             poses=poses,
@@ -326,7 +317,6 @@ class Localizer:
             misfits={k: misfit for k, misfit in state.misfits.items() if misfit.count >= 5},
             walls=_walls_of(state),
             known=tuple(wall.known for wall in state.walls),
-            silent={n: (now_ns - m.received_ns) / 1e9 for n, m in self._mates.items()},
             clocks={
                 name: mate.clock_ns / 1e9
                 for name, mate in self._mates.items()

@@ -113,7 +113,7 @@ class _Playback:
 
     def _take_pose(self, source: Source, pose: Pose, now_ns: int) -> None:
         self._collector.add_pose(source.has.name, pose, now_ns)
-        self._team.share(source.has.name, now_ns)
+        self._team.share(source.has.name)
         source.poses += 1
 
     def _take_scan(self, source: Source, made: RobotView | Scan, now_ns: int) -> None:

@@ -56,7 +56,7 @@ class TeamLocalization:
         self._robots = robots
         self._relative = RelativePoses()
 
-    def share(self, robot: str, now_ns: int) -> None:
+    def share(self, robot: str) -> None:
         """A robot that has new odometry tells the others where it is, if it is time."""
         mine = self._robots.get(robot)
         told = None if mine is None else mine.share()
@@ -64,7 +64,7 @@ class TeamLocalization:
             return
         for name, other in self._robots.items():
             if name != robot and other.localizer is not None:
-                other.localizer.take_teammate(told, now_ns)
+                other.localizer.take_teammate(told)
 
     def measure(self, people: People, config: PlannerConfig) -> None:
         """Takes an interval of the planner: where robots are to each other, by their people."""

@@ -79,7 +79,7 @@ def _seen(one: Localizer, seen: SeenWalls) -> None:
 
 
 def _heard(one: Localizer, message: TeamPose, stamp_ns: int) -> None:
-    one.take_teammate(message, stamp_ns)
+    one.take_teammate(message)
     one.pose_at(stamp_ns)
 
 

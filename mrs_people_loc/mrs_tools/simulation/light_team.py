@@ -175,7 +175,7 @@ class LightTeam:
         planner = Planner(PlannerConfig(tracking=Tracking(enabled=False)))
         for step in range(0, len(tour.times), _VIEW):
             time = float(tour.times[step])
-            self._deliver(stamp_of(step), time)
+            self._deliver(time)
             for name, localizer in self._localizers.items():
                 pose = localizer.take_odometry(_pose(stamp_of(step), tour.odometry[name][step]))
                 localized[name].append(pose)
@@ -226,7 +226,7 @@ class LightTeam:
             told = dataclasses.replace(told, pose=moved)
         return told
 
-    def _deliver(self, now_ns: int, time: float) -> None:
+    def _deliver(self, time: float) -> None:
         underway, self._underway = self._underway, []
         for to, message in underway:
             sender = message.robot if isinstance(message, TeamPose) else ""
@@ -235,7 +235,7 @@ class LightTeam:
             if self._is_cut_off(to, time) or self._is_cut_off(sender, time):
                 continue
             if isinstance(message, TeamPose):
-                self._localizers[to].take_teammate(message, now_ns)
+                self._localizers[to].take_teammate(message)
             else:
                 self._localizers[to].take_relative(message)
 

@@ -37,7 +37,6 @@ WELL = LocalizationState(
     misfits={},
     walls=NO_WALLS,
     known=(),
-    silent={},
     clocks={},
     late=4,
     resets=1,

@@ -129,7 +129,7 @@ def hear(*localizers):
     for told in [(one, one.share()) for one in localizers]:
         for other in localizers:
             if other is not told[0]:
-                other.take_teammate(told[1], told[1].odometry.stamp_ns)
+                other.take_teammate(told[1])
 
 
 def two(offset=(0.0, 0.0, 0.0)):
@@ -249,8 +249,7 @@ def test_claimed_covariance_that_is_none_does_no_harm():
         odometry = dataclasses.replace(told.odometry, stamp_ns=stamp_ns)
         a.take_odometry(Pose(stamp_ns, 0.0, 0.0, 0.0))
         a.take_teammate(
-            dataclasses.replace(told, pose=Pose(stamp_ns, 0.0, 0.0, 0.0, bad), odometry=odometry),
-            stamp_ns,
+            dataclasses.replace(told, pose=Pose(stamp_ns, 0.0, 0.0, 0.0, bad), odometry=odometry)
         )
     pose = a.state.poses["b"]
     assert np.linalg.eigvalsh(pose.covariance)[0] > 0
@@ -329,14 +328,13 @@ def test_team_mate_that_left_leaves_nothing_behind():
     assert set(state.poses) == {"a"}
     assert not [key for key in state.sources if key[0] == "b"]
     assert "b" not in state.trust
-    assert not state.silent
 
 
 def test_clock_of_a_team_mate_that_left_is_told_no_longer():
     a, b = Localizer("a", CONFIG), Localizer("b", CONFIG)
     drive(a, seconds=1.0)
     drive(b, seconds=1.0, start_ns=10 * S)
-    a.take_teammate(b.share(), 2 * S)
+    a.take_teammate(b.share())
     assert a.state.clocks == {"b": pytest.approx(9.0)}
     drive(a, velocity=0.0, seconds=20.0, start_ns=3 * S)
     assert a.state.clocks == {}

@@ -299,7 +299,7 @@ class Tour:
         if self.on_message is not None:
             told = self.on_message(step, told, sender, receiver)
         if told is not None:
-            receiver.localizer.take_teammate(told, told.odometry.stamp_ns)
+            receiver.localizer.take_teammate(told)
 
     def _meet(self, stamp_ns, robots, rng):
         truth = np.array([robot.truth for robot in robots])
