@@ -27,9 +27,10 @@ from mrs_people_loc.errors import (
     StampError,
 )
 from mrs_people_loc.geometry import wrap_angle, yaw_from_quaternion
-from mrs_people_loc.localization.ranges import LaserScan, SonarRange
-from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
+from mrs_people_loc.localization.walls.ranges import LaserScan, SonarRange
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 from mrs_people_loc.sensing.camera import CameraModel
 from mrs_people_loc.team.masking import OccupancyGrid

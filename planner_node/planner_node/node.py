@@ -26,8 +26,8 @@ from mrs_people_loc.health.team import (
     of_member,
     of_people,
 )
-from mrs_people_loc.localization.relative_poses import RelativePoses
-from mrs_people_loc.localization.seen_people import people_by_robot
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.intervals import Closed, IntervalCollector
 from mrs_people_loc.team.masking import OccupancyGrid as Grid

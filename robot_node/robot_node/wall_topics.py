@@ -10,8 +10,8 @@ from sensor_msgs.msg import LaserScan, Range
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import WallSensors
-from mrs_people_loc.localization.known_walls import read_walls, walls_of_grid
 from mrs_people_loc.localization.robot_localization import Mounting, RobotLocalization
+from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import tf
 from mrs_ros.managed_node import ManagedNode

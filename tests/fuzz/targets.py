@@ -26,9 +26,9 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
-from mrs_people_loc.localization.known_walls import read_walls, walls_of_grid
-from mrs_people_loc.localization.shared import Odometry
-from mrs_people_loc.localization.sonar_walls import SonarTuning, SonarWalls
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
+from mrs_people_loc.localization.walls.sonar import SonarTuning, SonarWalls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector

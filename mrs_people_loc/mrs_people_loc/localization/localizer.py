@@ -12,8 +12,8 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.localization.history import History
-from mrs_people_loc.localization.observations import (
+from mrs_people_loc.localization.filter.history import History
+from mrs_people_loc.localization.filter.observations import (
     Claimed,
     Joined,
     Left,
@@ -23,12 +23,12 @@ from mrs_people_loc.localization.observations import (
     Reached,
     WallsSeen,
 )
-from mrs_people_loc.localization.odometry import DeadReckoning, OdometryTrack
-from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
-from mrs_people_loc.localization.team_filter import FilterTuning, TeamFilter
-from mrs_people_loc.localization.team_state import Misfit, Source, TeamState, Trust
-from mrs_people_loc.localization.wall_landmarks import WallLandmarks
-from mrs_people_loc.localization.walls import Walls, moved
+from mrs_people_loc.localization.filter.team_filter import FilterTuning, TeamFilter
+from mrs_people_loc.localization.filter.team_state import Misfit, Source, TeamState, Trust
+from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
+from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls, moved
 from mrs_people_loc.team.poses import Pose
 
 #: What a robot measured is repeated in its messages for this long after it was taken [ns].

@@ -19,7 +19,6 @@ from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.localization.shared import Odometry
 from mrs_people_loc.team.poses import Pose, frame_of, is_jump
 
 #: How far the newest motion is extrapolated [ns].
@@ -33,6 +32,31 @@ _MAX_VARIANCES = 1e4, 10.0
 _TURN, _TURN_SPEED = 1.0, 6.0
 #: ... and what the robot did meanwhile is unknown: variances of position and heading [m^2, rad^2].
 _JUMP_VARIANCES = 0.5**2, 0.2**2
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """Dead reckoning since a robot's start.
+
+    The errors of two pieces of the way are independent, so what lies between two of these has the
+    differences of the variances, whatever was lost between them.
+
+    Attributes:
+        stamp_ns: Time [ns].
+        x: Position in the odometry's frame [m].
+        y: Position [m].
+        yaw: Heading [rad].
+        position_variance: Variance of the position, along the way and likewise across, that the way
+            so far has added by itself, without the effect of the heading [m^2]; it never falls.
+        heading_variance: Likewise of the heading [rad^2].
+    """
+
+    stamp_ns: int
+    x: float
+    y: float
+    yaw: float
+    position_variance: float
+    heading_variance: float
 
 
 def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:

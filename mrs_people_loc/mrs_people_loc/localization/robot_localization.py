@@ -7,15 +7,15 @@ import numpy as np
 from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.clocks import RateLimit
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.localization.known_walls import read_walls
-from mrs_people_loc.localization.laser_walls import walls_of_laser
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.people_in_view import people_in
-from mrs_people_loc.localization.ranges import LaserScan, SonarRange
-from mrs_people_loc.localization.shared import SeenWalls, TeamPose
-from mrs_people_loc.localization.sonar_walls import SonarWalls
-from mrs_people_loc.localization.stereo_walls import StereoWalls
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.shared import TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
+from mrs_people_loc.localization.walls.known import read_walls
+from mrs_people_loc.localization.walls.laser import walls_of_laser
+from mrs_people_loc.localization.walls.people_in_view import people_in
+from mrs_people_loc.localization.walls.ranges import LaserScan, SonarRange
+from mrs_people_loc.localization.walls.sonar import SonarWalls
+from mrs_people_loc.localization.walls.stereo import StereoWalls
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose

@@ -11,9 +11,9 @@ from typing import Any
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, WallSensors
-from mrs_people_loc.localization.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.localization.robot_localization import Mounting, RobotLocalization
-from mrs_people_loc.localization.seen_people import people_by_robot
 from mrs_people_loc.planner import People
 
 

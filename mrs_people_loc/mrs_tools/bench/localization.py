@@ -11,8 +11,8 @@ import numpy as np
 from mrs_people_loc import timing
 from mrs_people_loc.config import Localization
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.shared import SeenWalls, TeamPose
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.shared import TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.team.poses import Pose
 
 #: Numbers of robots; poses and frames per second; seconds that are timed, and before.

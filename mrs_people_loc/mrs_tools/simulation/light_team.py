@@ -17,10 +17,10 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization, PlannerConfig, Tracking
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.relative_poses import RelativePoses
-from mrs_people_loc.localization.seen_people import SeenPeople
-from mrs_people_loc.localization.shared import RelativePose, SeenWalls, TeamPose
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.seen_people import SeenPeople
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_tools.bags.estimates import estimate_of

@@ -9,9 +9,10 @@ import pytest
 from core.localization.tours import as_walls
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
+from mrs_people_loc.localization.filter.team_state import Trust
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.shared import RelativePose, SeenWalls
-from mrs_people_loc.localization.team_state import Trust
+from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.team.poses import Pose
 
 S = 1_000_000_000

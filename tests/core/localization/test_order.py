@@ -18,7 +18,8 @@ from core.localization.test_localizer import (
 )
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.shared import Odometry, RelativePose, TeamPose
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
 from mrs_people_loc.team.poses import Pose
 
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from core.localization.test_laser_walls import AHEAD
-from core.localization.test_laser_walls import scan as ranges_to
-from core.localization.test_people_in_view import scan as view_of
+from core.localization.walls.test_laser import AHEAD
+from core.localization.walls.test_laser import scan as ranges_to
+from core.localization.walls.test_people_in_view import scan as view_of
 from mrs_people_loc.config import Localization, PoseInput, RobotConfig, WallSensors
-from mrs_people_loc.localization.ranges import LaserScan
 from mrs_people_loc.localization.robot_localization import RobotLocalization, localizes
+from mrs_people_loc.localization.walls.ranges import LaserScan
 from mrs_people_loc.team.poses import Pose
 
 S = 1_000_000_000

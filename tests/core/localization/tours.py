@@ -10,8 +10,8 @@ import numpy as np
 from mrs_people_loc.config import Localization
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.shared import RelativePose, SeenWalls
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.team.poses import Pose
 
 START = (0.02, 0.02, 0.01)

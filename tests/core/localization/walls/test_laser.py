@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.laser_walls import walls_of_laser
+from mrs_people_loc.localization.walls.laser import walls_of_laser
 
 NOBODY = np.zeros((0, 2))
 ROUND = np.linspace(-math.pi, math.pi, 720, endpoint=False)

@@ -11,10 +11,9 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.observations import Point
-from mrs_people_loc.localization.odometry import carried_on, motion, turned
-from mrs_people_loc.localization.shared import Odometry
-from mrs_people_loc.localization.team_frame import covariance_in_team
+from mrs_people_loc.localization.filter.observations import Point
+from mrs_people_loc.localization.filter.team_frame import covariance_in_team
+from mrs_people_loc.localization.odometry import Odometry, carried_on, motion, turned
 
 _Value = TypeVar("_Value")
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_people_loc.localization.relative_poses import RelativePoses
-from mrs_people_loc.localization.seen_people import people_by_robot
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose
@@ -18,7 +18,7 @@ pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 
 from mrs_tools.bags.offline import BagRun
 
-BAGS = Path(__file__).resolve().parents[3] / "bags"
+BAGS = Path(__file__).resolve().parents[4] / "bags"
 
 
 @pytest.fixture(scope="module", params=["paper_formation", "walking_group"])

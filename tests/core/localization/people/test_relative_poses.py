@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_people_loc.localization.relative_poses import (
+from mrs_people_loc.localization.people.relative_poses import (
     RelativePoses,
     RelativePosesTuning,
     tracks_of,
 )
-from mrs_people_loc.localization.seen_people import SeenPeople
+from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.team.poses import Pose
 
 #: Standard deviations along and across the line of sight [m].

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import PlannerConfig
-from mrs_people_loc.localization.seen_people import people_by_robot
+from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import Localization
-from mrs_people_loc.localization.observations import Joined, Met, pose_from
-from mrs_people_loc.localization.shared import Odometry
-from mrs_people_loc.localization.team_filter import FilterTuning, TeamFilter
-from mrs_people_loc.localization.team_state import TeamState
+from mrs_people_loc.localization.filter.observations import Joined, Met, pose_from
+from mrs_people_loc.localization.filter.team_filter import FilterTuning, TeamFilter
+from mrs_people_loc.localization.filter.team_state import TeamState
+from mrs_people_loc.localization.odometry import Odometry
 
 S = 1_000_000_000
 TRUE = {

@@ -24,9 +24,9 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_people_loc.localization.ranges import SonarRange
-from mrs_people_loc.localization.shared import Odometry, SeenWalls
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.walls import SeenWalls, Walls
+from mrs_people_loc.localization.walls.ranges import SonarRange
 
 
 @dataclass(frozen=True)

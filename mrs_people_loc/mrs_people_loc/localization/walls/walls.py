@@ -32,6 +32,19 @@ class Walls(StructOfArrays):
     is_end: Bool
 
 
+@dataclass(frozen=True)
+class SeenWalls:
+    """Walls that a robot sees at one time.
+
+    Attributes:
+        stamp_ns: Time of the measurement [ns].
+        walls: In the robot's base_link.
+    """
+
+    stamp_ns: int
+    walls: Walls
+
+
 def moved(walls: Walls, x: float | Float, y: float | Float, yaw: float) -> Walls:
     """Walls of a frame at x, y [m], turned by yaw [rad], in the frame around it.
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float, Int, StructOfArrays
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_people_loc.localization.alignment import (
+from mrs_people_loc.localization.people.alignment import (
     ALIGNMENT_TUNING,
     Alignment,
     AlignmentTuning,
@@ -37,7 +37,7 @@ from mrs_people_loc.localization.alignment import (
     align,
     fit,
 )
-from mrs_people_loc.localization.seen_people import SeenPeople
+from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.localization.shared import RelativePose
 from mrs_people_loc.neighbours import connected
 from mrs_people_loc.team.fusion import map_from_robot

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.localization.observations import (
+from mrs_people_loc.localization.filter.observations import (
     beside_anchor,
     end_from,
     pose_from,

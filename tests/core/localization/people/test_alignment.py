@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.alignment import Places, align, fit
+from mrs_people_loc.localization.people.alignment import Places, align, fit
 
 #: Standard deviations of 1 m, 1 m and 25 degrees.
 WIDE = np.diag([1.0, 1.0, math.radians(25.0) ** 2])

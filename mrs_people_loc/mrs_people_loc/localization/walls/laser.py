@@ -8,8 +8,8 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.wall_fit import WALL_FIT_TUNING, WallFitTuning, fit_walls
 from mrs_people_loc.localization.walls import Walls, moved
+from mrs_people_loc.localization.walls.fit import WALL_FIT_TUNING, WallFitTuning, fit_walls
 
 
 @dataclass(frozen=True)

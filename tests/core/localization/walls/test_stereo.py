@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mrs_people_loc.config import Mounting
-from mrs_people_loc.localization.stereo_walls import StereoWalls
+from mrs_people_loc.localization.walls.stereo import StereoWalls
 
 NOBODY = np.zeros((0, 2))
 #: StereoBM's results are on average so much above the truth [px]; what is drawn here is the truth.

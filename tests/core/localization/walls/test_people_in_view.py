@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mrs_people_loc.localization.people_in_view import people_in
+from mrs_people_loc.localization.walls.people_in_view import people_in
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.geometry import squared_mahalanobis, wrap_angle
-from mrs_people_loc.localization.kalman import corrected, noted, wrapped
-from mrs_people_loc.localization.observations import (
+from mrs_people_loc.localization.filter.kalman import corrected, noted, wrapped
+from mrs_people_loc.localization.filter.observations import (
     Point,
     WallsSeen,
     beside_anchor,
@@ -19,7 +19,7 @@ from mrs_people_loc.localization.observations import (
     wall_at,
     wall_from,
 )
-from mrs_people_loc.localization.team_state import Landmark, Misfit, TeamState, changed
+from mrs_people_loc.localization.filter.team_state import Landmark, Misfit, TeamState, changed
 from mrs_people_loc.localization.walls import Walls
 
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.wall_fit import Line, fit_walls, meeting, walls_of
 from mrs_people_loc.localization.walls import Walls, moved
+from mrs_people_loc.localization.walls.fit import Line, fit_walls, meeting, walls_of
 
 SIGMA = 0.01
 

@@ -18,8 +18,8 @@ from scipy.special import chdtri
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization
-from mrs_people_loc.localization.kalman import corrected, noted, share_of_claim, wrapped
-from mrs_people_loc.localization.observations import (
+from mrs_people_loc.localization.filter.kalman import corrected, noted, share_of_claim, wrapped
+from mrs_people_loc.localization.filter.observations import (
     Claimed,
     Joined,
     Left,
@@ -30,8 +30,8 @@ from mrs_people_loc.localization.observations import (
     WallsSeen,
     pose_from,
 )
-from mrs_people_loc.localization.team_state import Source, TeamState, Trust, changed
-from mrs_people_loc.localization.wall_landmarks import WallLandmarks
+from mrs_people_loc.localization.filter.team_state import Source, TeamState, Trust, changed
+from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.walls import Walls
 
 

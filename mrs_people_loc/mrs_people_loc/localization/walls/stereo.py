@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
-from mrs_people_loc.localization.shared import SeenWalls
-from mrs_people_loc.localization.wall_fit import Line, meeting, walls_of
+from mrs_people_loc.localization.walls import SeenWalls
+from mrs_people_loc.localization.walls.fit import Line, meeting, walls_of
 from mrs_people_loc.precision import PIXEL_SIGMA_PX
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import SUBPIXELS

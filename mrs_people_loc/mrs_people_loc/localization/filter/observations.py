@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.localization.odometry import Odometry
 from mrs_people_loc.localization.walls import Walls
 
 Point = tuple[float, float]

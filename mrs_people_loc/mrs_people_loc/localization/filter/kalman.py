@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
-from mrs_people_loc.localization.team_state import Source, TeamState, changed
+from mrs_people_loc.localization.filter.team_state import Source, TeamState, changed
 
 #: Residual and Jacobian of the prediction, given the part of the state that is concerned.
 Model = Callable[[Float], tuple[Float, Float]]

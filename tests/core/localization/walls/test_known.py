@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrs_people_loc.errors import ConfigError, GridError
-from mrs_people_loc.localization.known_walls import read_walls, walls_of_grid
 from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
 from mrs_people_loc.team.masking import OccupancyGrid
 
 CELL = 0.05

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 from dataclasses import dataclass, field
 
-from mrs_people_loc.localization.observations import (
+from mrs_people_loc.localization.filter.observations import (
     Claimed,
     Joined,
     Left,
@@ -15,8 +15,8 @@ from mrs_people_loc.localization.observations import (
     Reached,
     WallsSeen,
 )
-from mrs_people_loc.localization.team_filter import TeamFilter
-from mrs_people_loc.localization.team_state import TeamState
+from mrs_people_loc.localization.filter.team_filter import TeamFilter
+from mrs_people_loc.localization.filter.team_state import TeamState
 
 #: At one stamp, in this order.
 _ORDER = (Joined, Reached, Placed, WallsSeen, Met, Claimed, Left)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_people_loc.localization.ranges import SonarRange
-from mrs_people_loc.localization.shared import Odometry, SeenWalls
-from mrs_people_loc.localization.sonar_walls import SonarWalls
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.walls import SeenWalls
+from mrs_people_loc.localization.walls.ranges import SonarRange
+from mrs_people_loc.localization.walls.sonar import SonarWalls
 from mrs_tools.simulation.range_sensors import people_circles, sonar_ranges
 from mrs_tools.simulation.scene import Sonar
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.localization.team_frame import covariance_in_team
+from mrs_people_loc.localization.filter.team_frame import covariance_in_team
 
 
 def team(*xy: tuple[float, float]) -> np.ndarray:
