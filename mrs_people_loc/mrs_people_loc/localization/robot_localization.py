@@ -8,10 +8,11 @@ from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.clocks import RateLimit
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.localization.localizer import Localizer
+from mrs_people_loc.localization.odometry import motion
 from mrs_people_loc.localization.shared import TeamPose
 from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.localization.walls.known import read_walls
-from mrs_people_loc.localization.walls.laser import walls_of_laser
+from mrs_people_loc.localization.walls.laser import unskewed, walls_of_laser
 from mrs_people_loc.localization.walls.people_in_view import people_in
 from mrs_people_loc.localization.walls.ranges import LaserScan, SonarRange
 from mrs_people_loc.localization.walls.sonar import SonarWalls
@@ -126,15 +127,25 @@ class RobotLocalization:
         self._take(self._stereo.step(disparity, scan.stamp_ns, people))
 
     def take_laser(self, scan: LaserScan, mounting: Mounting) -> None:
-        """Finds walls in a scan of a laser scanner, beside the people of the last view."""
+        """Finds walls in a scan of a laser scanner, beside the people of the last view.
+
+        Raises:
+            PoseError: The scan takes time, and there is no odometry near its beginning or end.
+        """
         if self.localizer is None:
             return
         stamp_ns, people = self._people
         if abs(scan.stamp_ns - stamp_ns) > _PEOPLE_FOR_NS:
             people = _NO_PEOPLE
+        ranges, angles = scan.ranges, scan.angles
+        if scan.sweep_s:
+            end_ns = scan.stamp_ns + round(1e9 * abs(scan.sweep_s))
+            at = self.localizer.odometry_at
+            moved_by, _ = motion(at(scan.stamp_ns), at(end_ns))
+            ranges, angles = unskewed(scan, moved_by, mounting)
         walls = walls_of_laser(
-            scan.ranges,
-            scan.angles,
+            ranges,
+            angles,
             sigma=self._config.walls.laser_sigma,
             max_range=scan.max_range,
             mounting=mounting,

@@ -50,11 +50,13 @@ def read_laser_scan(message: Message) -> LaserScan:
         ranges = np.array(message.ranges, dtype=np.float64)
         measured = (ranges >= low) & (ranges <= high)
         angles: Float = first + step * np.arange(len(ranges), dtype=np.float64)
-    order = slice(None, None, 1 if step > 0 else -1)
+    forward = 1 if step > 0 else -1
+    order = slice(None, None, forward)
     return LaserScan(
         stamp_ns=read_stamp(message),
         frame_id=str(message.header.frame_id).lstrip("/"),
         max_range=high,
         angles=angles[order],
         ranges=np.where(measured | (ranges == np.inf), ranges, np.nan)[order],  # REP 117
+        sweep_s=forward * float(message.time_increment) * max(len(ranges) - 1, 0),
     )

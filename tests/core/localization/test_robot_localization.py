@@ -75,3 +75,19 @@ def test_laser_sees_no_wall_at_people_of_the_last_view_for_half_a_second(make_he
     own.take_view(view, nothing, camera)
     assert walls_known(own, S // 2) == 0
     assert walls_known(own, S // 2 + 1000) == 1
+
+
+def test_walls_in_a_laser_scan_are_as_seen_at_its_stamp():
+    """The robot turns by 0.2 rad while the scanner sweeps from right to left, towards a wall."""
+    own = RobotLocalization("robot_a", RobotConfig(walls=WallSensors(stereo=False)))
+    turned = np.linspace(0.0, 0.2, len(AHEAD))
+    ranges = 2.0 / np.cos(AHEAD + turned)
+    for part in (0.0, 0.5, 1.0, 1.5):
+        own.take_odometry(Pose(S + round(part * S / 10), 0.0, 0.0, 0.2 * part))
+    own.take_laser(LaserScan(S, "laser", 10.0, AHEAD, ranges, 0.1), (0.0, 0.0, 0.0))
+    told = own.share()
+    assert told is not None
+    (seen,) = told.walls
+    assert (seen.stamp_ns, len(seen.walls)) == (S, 1)
+    assert seen.walls.distance[0] == pytest.approx(2.0, abs=1e-6)
+    assert seen.walls.bearing[0] == pytest.approx(0.0, abs=1e-6)

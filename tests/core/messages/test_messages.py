@@ -732,6 +732,7 @@ def laser_scan(**changes) -> SimpleNamespace:
     values = {
         "header": header("robot_a/laser"), "angle_min": -1.0, "angle_increment": 0.5,
         "range_min": 0.1, "range_max": 8.0, "ranges": [1.0, 0.05, math.inf, 8.5, 3.0],
+        "time_increment": 0.0,
     }  # fmt: skip
     return SimpleNamespace(**values | changes)
 
@@ -751,6 +752,14 @@ def test_laser_scan_from_left_to_right_is_turned_round():
     np.testing.assert_array_equal(scan.ranges, [3.0, 2.0, 1.0])
 
 
+def test_laser_scan_says_how_long_it_took():
+    assert messages.read_laser_scan(laser_scan(time_increment=0.02)).sweep_s == pytest.approx(0.08)
+    turned = laser_scan(
+        angle_min=1.0, angle_increment=-0.5, ranges=[1.0, 2.0, 3.0], time_increment=0.02
+    )
+    assert messages.read_laser_scan(turned).sweep_s == pytest.approx(-0.04)
+
+
 @pytest.mark.parametrize(
     ("changes", "error"),
     [
@@ -761,6 +770,8 @@ def test_laser_scan_from_left_to_right_is_turned_round():
         ({"range_max": math.nan}, "max_range is nan m"),
         ({"range_max": 0.0}, "max_range is 0.0 m; wanted: more than 0"),
         ({"range_min": -1.0}, "range_min is -1.0 m; wanted: at least 0"),
+        ({"time_increment": 1.0}, "scan takes 4.0 s (time_increment times its rays); allowed"),
+        ({"time_increment": math.nan}, "scan takes nan s"),
     ],
 )
 def test_a_bad_laser_scan_is_refused(changes, error):

@@ -10,6 +10,7 @@ from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.walls import Walls, moved
 from mrs_people_loc.localization.walls.fit import WALL_FIT_TUNING, WallFitTuning, fit_walls
+from mrs_people_loc.localization.walls.ranges import LaserScan
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,36 @@ class LaserWallTuning:
 
 
 LASER_WALL_TUNING = LaserWallTuning()
+
+
+def unskewed(
+    scan: LaserScan, moved_by: Float, mounting: tuple[float, float, float]
+) -> tuple[Float, Float]:
+    """Ranges and angles of a scan as if the robot had stood still at its stamp.
+
+    Args:
+        scan: The scan.
+        moved_by: x, y [m], yaw [rad] of base_link at the scan's last ray, in base_link at its
+            first one, shape (3,); in between it moves evenly.
+        mounting: Of the scanner in base_link: x, y [m], yaw [rad].
+
+    Returns:
+        Ranges [m] and angles [rad], each of shape (n,), as those of the scan.
+    """
+    part = np.linspace(0.0, 1.0, len(scan.angles))
+    if scan.sweep_s < 0:
+        part = part[::-1]
+    x, y, yaw = mounting
+    turn = part * moved_by[2]
+    cos, sin = np.cos(turn), np.sin(turn)
+    scanner = np.stack([cos * x - sin * y - x, sin * x + cos * y - y], axis=1)
+    origin = (scanner + part[:, np.newaxis] * moved_by[:2]) @ rotation_2d(yaw)
+    angles = scan.angles + turn
+    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    # In the direction of each ray, and across.
+    along = scan.ranges + np.einsum("ij,ij->i", origin, ray)
+    across = origin[:, 1] * ray[:, 0] - origin[:, 0] * ray[:, 1]
+    return np.hypot(along, across), angles + np.nan_to_num(np.arctan2(across, along))
 
 
 def walls_of_laser(

@@ -14,6 +14,8 @@ from mrs_people_loc.errors import RangeError
 _LONGEST_RANGE = 100.0
 #: More than any scanner has; a scan of more is refused.
 _MAX_RAYS = 100_000
+#: No scanner takes longer for a scan [s].
+_LONGEST_SWEEP_S = 2.0
 #: A full turn, and what float32 makes of it [rad].
 _MAX_TURN = 2.0 * math.pi + 0.01
 
@@ -77,6 +79,8 @@ class LaserScan:
         max_range: Farthest range that it measures [m].
         angles: Directions of the rays, from x to the left [rad], ascending, shape (n,).
         ranges: [m], shape (n,); NaN where nothing was measured, infinite where nothing was hit.
+        sweep_s: Time from the ray of the first angle to that of the last one [s]; negative: the
+            last one was the first in time. 0: all at once, or not known.
 
     Raises:
         RangeError: Naming what cannot be used, what it is and what is wanted.
@@ -87,6 +91,7 @@ class LaserScan:
     max_range: float
     angles: Float
     ranges: Float
+    sweep_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks all values."""
@@ -98,6 +103,11 @@ class LaserScan:
             raise RangeError(
                 f"angles have shape {self.angles.shape} and ranges {self.ranges.shape}; wanted: "
                 "both (n,)"
+            )
+        if not abs(self.sweep_s) <= _LONGEST_SWEEP_S:
+            raise RangeError(
+                f"scan takes {self.sweep_s} s (time_increment times its rays); allowed: up to "
+                f"{_LONGEST_SWEEP_S:g} s"
             )
         if not np.isfinite(self.angles).all() or (np.diff(self.angles) <= 0).any():
             raise RangeError("angles are no ascending, finite ones [rad]")

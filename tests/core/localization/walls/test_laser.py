@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.walls.laser import walls_of_laser
+from mrs_people_loc.localization.walls.laser import unskewed, walls_of_laser
+from mrs_people_loc.localization.walls.ranges import LaserScan
 
 NOBODY = np.zeros((0, 2))
 ROUND = np.linspace(-math.pi, math.pi, 720, endpoint=False)
@@ -118,3 +119,31 @@ def test_covariance_holds_what_ranges_have_in_common():
     error = np.array([walls.distance[0] - 2.0, walls.bearing[0]])
     assert error @ np.linalg.solve(walls.covariance[0], error) < 9.2  # 99 %
     assert math.sqrt(walls.covariance[0, 0, 0]) < 0.03
+
+
+@pytest.mark.parametrize("sweep_s", [0.1, -0.1])
+def test_scan_of_a_robot_that_drives_and_turns_is_that_of_one_that_stands(sweep_s):
+    """Each ray is measured where the scanner was at its time, in a room, with an open side."""
+    walls = [((-2, -3), (4, -3)), ((4, -3), (4, 1)), ((4, 1), (-2, 1))]
+    moved_by, mounting = np.array([0.08, 0.02, 0.15]), (0.2, -0.1, 0.5)
+    angles = np.linspace(-2.2, 2.2, 90)
+    part = np.linspace(0.0, 1.0, 90)[:: 1 if sweep_s > 0 else -1]
+    ranges = np.array([scan(walls, [a], placed(p * moved_by, mounting))[0]
+                       for a, p in zip(angles, part, strict=True)])  # fmt: skip
+    ranges[40] = np.nan
+    found, bearings = unskewed(
+        LaserScan(1, "laser", 10.0, angles, ranges, sweep_s), moved_by, mounting
+    )
+    assert np.isfinite(bearings).all()
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(ranges))
+    hit = np.isfinite(found)
+    assert hit.sum() > 70
+    expected = scan(walls, bearings, placed(np.zeros(3), mounting))
+    np.testing.assert_allclose(found[hit], expected[hit], atol=1e-9)
+    assert np.abs(found[hit] - ranges[hit]).max() > 0.05
+
+
+def placed(base, mounting):
+    """The pose of a scanner on a robot at a pose."""
+    x, y = rotation_2d(base[2]) @ mounting[:2] + base[:2]
+    return x, y, base[2] + mounting[2]
