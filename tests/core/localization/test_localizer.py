@@ -96,6 +96,25 @@ def test_known_wall_corrects_across_and_heading_but_not_along():
     assert localizer.state.sources["a", "known walls"].accepted == 39
 
 
+def test_known_wall_that_was_elsewhere_is_used_again_after_it_has_agreed():
+    """It drives along the wall y = 2, before which shelves stand for 8 m."""
+    localizer = Localizer("a", CONFIG, as_walls([(-5, 2, 40, 2)]))
+    accepted = {}
+    for k in range(400):
+        stamp_ns, x = S + k * S // 10, 0.05 * k
+        localizer.take_odometry(Pose(stamp_ns, x, 0.0, 0.0))
+        if x < 8.0 or x > 11.0:
+            y = 1.0 if x < 8.0 else 2.0
+            localizer.take_walls(seen_at(stamp_ns, (-1.0, y, 1.0, y)))
+        source = localizer.state.sources["a", "known walls"]
+        accepted[round(x, 2)] = source.accepted, set(localizer.state.misfits)
+    assert accepted[8.0] == (0, {0})
+    assert accepted[12.0] == (0, {0})  # it has agreed for a metre
+    count, misfits = accepted[19.0]
+    assert count > 20  # beside the wall that was unknown meanwhile
+    assert misfits == set()
+
+
 def test_absolute_pose_is_weighed_by_its_covariance():
     localizer = Localizer("a", CONFIG)
     localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))

@@ -157,10 +157,12 @@ class Misfit:
     Attributes:
         count: How often it was seen elsewhere.
         offset: How far, the mean [m]; positive: farther from the robot than in the map.
+        agreed: How often in a row a wall was seen where the map says, since it is not looked for.
     """
 
     count: int
     offset: float
+    agreed: int = 0
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,8 @@ class WallTuning:
         new_sigmas: Walls that are measured worse than this are not added [m, rad].
         end_sigma: Standard deviation of the place of a wall's end [m].
         misfits: A known wall that was seen elsewhere so often, and never recognized, is no longer
-            looked for.
+            looked for ...
+        forgiven: ... until a wall was seen where the map says so often in a row.
         near: Known walls farther than this are not looked for [m].
     """
 
@@ -63,6 +64,7 @@ class WallTuning:
     new_sigmas: tuple[float, float] = (0.2, 0.2)
     end_sigma: float = 0.1
     misfits: int = 10
+    forgiven: int = 50
     near: float = 10.0
 
 
@@ -155,6 +157,7 @@ class WallLandmarks:
     def _take_one(
         self, state: TeamState, seen: _Seen, verdict: Verdict
     ) -> tuple[TeamState, Verdict]:
+        state = self._forgiven(state, seen)
         candidates = self._candidates(state, seen)
         fits = sorted(
             (c for c in candidates if c.squared <= self.gates[2]), key=lambda c: c.squared
@@ -222,10 +225,7 @@ class WallLandmarks:
 
     def _candidates(self, state: TeamState, seen: _Seen) -> list[_Candidate]:
         """Walls that are roughly where one is seen."""
-        i = state.at(seen.robot)
-        place = state.mean[i : i + 3].tolist()
-        variances = np.diagonal(state.covariance)[i : i + 3].tolist()
-        sigmas = 3.0 * math.sqrt(variances[0] + variances[1]), 3.0 * math.sqrt(variances[2])
+        place, sigmas = _place_of(state, seen.robot)
         lines = state.mean[3 * len(state.odometry) :].reshape(-1, 2).tolist()
         found = [
             self._candidate(k, True, wall, lines[k], place, seen, sigmas)
@@ -233,8 +233,7 @@ class WallLandmarks:
         ]
         there = {wall.known for wall in state.walls}
         for k in self.known.near((place[0], place[1]), self.tuning.near):
-            misfit = state.misfits.get(k)
-            if k not in there and (misfit is None or misfit.count < self.tuning.misfits):
+            if k not in there and not self._is_misfit(state, k):
                 wall, line = self.known.landmarks[k], self.known.lines[k].tolist()
                 found.append(self._candidate(k, False, wall, line, place, seen, sigmas))
         candidates = [candidate for candidate in found if candidate is not None]
@@ -370,6 +369,32 @@ class WallLandmarks:
             for robot, sight in state.walls[candidate.index].sights.items()
         )
 
+    def _is_misfit(self, state: TeamState, index: int) -> bool:
+        """Whether a known wall is no longer looked for."""
+        misfit = state.misfits.get(index)
+        return misfit is not None and misfit.count >= self.tuning.misfits
+
+    def _forgiven(self, state: TeamState, seen: _Seen) -> TeamState:
+        """Counts misfits where a wall is seen where the map says; enough make them known again."""
+        if not state.misfits:
+            return state
+        misfits = dict(state.misfits)
+        place, sigmas = _place_of(state, seen.robot)
+        for k, misfit in state.misfits.items():
+            if not self._is_misfit(state, k):
+                continue
+            wall, line = self.known.landmarks[k], self.known.lines[k].tolist()
+            candidate = self._candidate(k, False, wall, line, place, seen, sigmas)
+            if candidate is None or not _overlap(candidate.extent, wall.extent):
+                continue
+            if self._is_close(candidate):
+                misfits[k] = changed(misfit, agreed=misfit.agreed + 1)
+            elif abs(candidate.turn) < self.tuning.same_turn:
+                misfits[k] = changed(misfit, agreed=0)
+            if misfits[k].agreed >= self.tuning.forgiven:
+                del misfits[k]
+        return changed(state, misfits=misfits)
+
     def _misfitted(self, state: TeamState, seen: _Seen, candidates: list[_Candidate]) -> TeamState:
         """Counts known walls that are not seen where an unknown one is."""
         misfits = dict(state.misfits)
@@ -448,6 +473,14 @@ class _KnownWalls:
             return []
         away = np.hypot(self._middles[:, 0] - place[0], self._middles[:, 1] - place[1])
         return [int(k) for k in np.flatnonzero(away < self._halves + distance)]
+
+
+def _place_of(state: TeamState, robot: str) -> tuple[list[float], tuple[float, float]]:
+    """A robot's pose, and three sigmas of its place [m] and heading [rad]."""
+    i = state.at(robot)
+    variances = np.diagonal(state.covariance)[i : i + 3].tolist()
+    sigmas = 3.0 * math.sqrt(variances[0] + variances[1]), 3.0 * math.sqrt(variances[2])
+    return state.mean[i : i + 3].tolist(), sigmas
 
 
 def _landmark(
