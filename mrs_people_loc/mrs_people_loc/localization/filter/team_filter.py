@@ -207,14 +207,16 @@ class TeamFilter:
         """Whether two filters may differ so much.
 
         Those that hear each other differ little. After a silence they may differ by as much as
-        they are unsure; a claim that pulls farther than that is false.
+        they are unsure; a claim that pulls farther than that is false. One that agrees pulls no
+        more, however far those before it did.
         """
         tuning = self.tuning
         if self._is_in_contact_again(trust, stamp_ns):
             return trust.pulled < tuning.max_offset + 3.0 * math.sqrt(own[0, 0] + own[1, 1])
         near = math.hypot(offset[0], offset[1]) < tuning.max_offset
         near = near and bool(abs(offset[2]) < tuning.max_turn)
-        return near and trust.pulled < tuning.max_offset
+        agrees = not _beyond(offset, tuning.agree_within).any()
+        return agrees or (near and trust.pulled < tuning.max_offset)
 
     def _with_pose(self, state: TeamState, seen: Placed) -> tuple[TeamState, float]:
         """The state after a measured pose, and the squared length of its residual."""

@@ -1,10 +1,10 @@
-"""Who is lost, when relative poses of two robots do not fit."""
+"""Who is lost, when relative poses of two robots do not fit; who is doubted after a silence."""
 
 import numpy as np
 import pytest
 
 from mrs_people_loc.config import Localization
-from mrs_people_loc.localization.filter.observations import Joined, Met, pose_from
+from mrs_people_loc.localization.filter.observations import Claimed, Joined, Met, pose_from
 from mrs_people_loc.localization.filter.team_filter import FilterTuning, TeamFilter
 from mrs_people_loc.localization.filter.team_state import TeamState
 from mrs_people_loc.localization.odometry import Odometry
@@ -96,3 +96,26 @@ def test_both_are_lost_if_they_fitted_each_other_alone():
     carried = {**TRUE, "b": TRUE["b"] + [0.0, 1.0, 0.0]}
     state = met(team, state, ("b", "c"), 10.0, REFUSED, carried)
     assert lost(state) == {"b", "c"}
+
+
+def test_team_mate_that_pulled_the_team_far_after_a_silence_is_not_doubted_once_it_agrees():
+    """Both have drifted for long; b, which does not hear a, is 0.9 m from where a has it."""
+    team, covariance, state = (
+        TeamFilter("a", Localization()),
+        np.diag([0.25, 0.25, 0.01]),
+        TeamState(),
+    )
+    for robot in "ab":
+        state = team.apply(state, Joined(robot, standing(0), TRUE[robot], covariance))
+
+    def refused_after(east, *seconds):
+        nonlocal state
+        for second in seconds:
+            said = TRUE["b"] + (east, 0.0, 0.0)
+            state = team.apply(state, Claimed("b", standing(second), said, covariance))
+        return state.trust["b"].claims_refused
+
+    assert refused_after(0.0, 0.5) == 0
+    assert refused_after(0.9, *np.arange(20.0, 30.0, 0.25)) == 0
+    assert off(state, "b") == pytest.approx(0.9, abs=0.05)
+    assert refused_after(1.4, 30.0, 30.25, 30.5) == 3
