@@ -196,6 +196,10 @@ class TeamFilter:
         silent_s = (stamp_ns - trust.claimed_ns) / 1e9
         if trust.claimed_ns and silent_s > self.tuning.silence_s:
             trust = changed(trust, contact_ns=stamp_ns, pulled=0.0)
+        elif self._is_in_contact_again(trust, trust.claimed_ns) != self._is_in_contact_again(
+            trust, stamp_ns
+        ):
+            trust = changed(trust, pulled=0.0)
         return changed(trust, claimed_ns=stamp_ns)
 
     def _is_in_contact_again(self, trust: Trust, stamp_ns: int) -> bool:

@@ -133,7 +133,8 @@ class Trust:
         off: How far the last refused claim or disputed wall was off [m].
         claimed_ns: When it claimed its pose last [ns]; 0: never.
         contact_ns: When it was heard again after its last silence [ns]; 0: it was never silent.
-        pulled: By how much its claims moved the team since then [m].
+        pulled: By how much its claims moved the team since then, or since filters had time to agree
+            [m].
     """
 
     refused: int = 0

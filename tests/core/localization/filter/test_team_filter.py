@@ -118,4 +118,6 @@ def test_team_mate_that_pulled_the_team_far_after_a_silence_is_not_doubted_once_
     assert refused_after(0.0, 0.5) == 0
     assert refused_after(0.9, *np.arange(20.0, 30.0, 0.25)) == 0
     assert off(state, "b") == pytest.approx(0.9, abs=0.05)
-    assert refused_after(1.4, 30.0, 30.25, 30.5) == 3
+    # Nor if it differs by a little, but it is if it differs by much.
+    assert refused_after(1.05, *np.arange(30.0, 35.0, 0.25)) == 0
+    assert refused_after(1.5, 35.0, 35.25, 35.5) == 3
