@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan, Range
 from visualization_msgs.msg import MarkerArray
 
-from mrs_people_loc.localization.shared import Odometry as OdometryValue
+from mrs_people_loc.localization.odometry import Odometry as OdometryValue
 from mrs_people_loc.localization.shared import RelativePose
 from mrs_people_loc.localization.shared import TeamPose as TeamPoseValue
 from mrs_people_loc.team.poses import Pose
