@@ -104,6 +104,9 @@ class Trust:
         times_lost: How often.
         misplaced: Absolute poses in a row that did not fit.
         misplaced_ns: When the first of these was [ns].
+        contradicted: Sights with walls that fit and walls that contradict, since it recognized one
+            of the latter.
+        contradicted_ns: When the first of these was [ns].
         disputed: Observations in a row that contradict what only one other robot has seen.
         claims_refused: Claims in a row of its pose that do not fit.
         off: How far the last refused claim or disputed wall was off [m].
@@ -120,6 +123,8 @@ class Trust:
     times_lost: int = 0
     misplaced: int = 0
     misplaced_ns: int = 0
+    contradicted: int = 0
+    contradicted_ns: int = 0
     disputed: int = 0
     claims_refused: int = 0
     off: float = 0.0
