@@ -21,34 +21,39 @@ def corrected(
 ) -> tuple[TeamState, float]:
     """The state after an observation: iterated Kalman update (Bell & Cathey 1993).
 
+    The correction is applied, and the covariance carried over to the corrected mean, by
+    `TeamState.stepped`.
+
     Args:
         state: Before.
-        columns: Indices of the part of the state that it concerns, shape (k,).
+        columns: Indices of the part of the state that it concerns, the pose of a robot first,
+            shape (k,).
         model: Residual, shape (m,), and Jacobian, shape (m, k), at that part.
         noise: Covariance of the observation, shape (m, m).
 
     Returns:
         The state, and the squared Mahalanobis length of the residual before.
     """
-    before = state.mean[columns]
-    residual, jacobian = model(before)
+    residual, jacobian = model(state.mean[columns])
     rows = state.covariance[:, columns]
     across, gain, squared = _gain(rows, columns, jacobian, noise, residual)
     step = gain @ residual
+    mean, carried = state.stepped(step, columns[:3])
     for _ in range(_ITERATIONS):
         if np.abs(step[columns]).max() < _ITERATE_FROM:
             break
-        moved = step[columns]
-        residual, jacobian = model(before + moved)
+        residual, jacobian = model(mean[columns])
+        jacobian = jacobian @ carried[columns[:, np.newaxis], columns]
         across, gain, _ = _gain(rows, columns, jacobian, noise, residual)
-        again = gain @ (residual + jacobian @ moved)
+        again = gain @ (residual + jacobian @ step[columns])
         done = np.abs(again - step).max() < 1e-3 * _ITERATE_FROM
         step = again
+        mean, carried = state.stepped(step, columns[:3])
         if done:
             break
-    covariance = state.covariance - gain @ across.T
+    covariance = carried @ (state.covariance - gain @ across.T) @ carried.T
     covariance = 0.5 * (covariance + covariance.T)
-    return changed(state, mean=state.mean + step, covariance=covariance), squared
+    return changed(state, mean=mean, covariance=covariance), squared
 
 
 def _gain(

@@ -31,7 +31,7 @@ from mrs_people_loc.localization.filter.observations import (
     pose_from,
 )
 from mrs_people_loc.localization.filter.team_state import Source, TeamState, Trust, changed
-from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
+from mrs_people_loc.localization.filter.wall_landmarks import Verdict, WallLandmarks
 from mrs_people_loc.localization.walls import Walls
 
 
@@ -42,6 +42,8 @@ class FilterTuning:
     Attributes:
         lost_after: A robot is lost after so many observations in a row that do not fit ...
         lost_after_s: ... and this time [s].
+        contradicted_s: Likewise where other walls of the same sights fit, as they do if it was
+            carried along them [s].
         start_patience: It takes so many times as many absolute poses, and as long, where none has
             ever fitted.
         lost_sigmas: How much less sure its pose is then [m, m, rad].
@@ -58,6 +60,7 @@ class FilterTuning:
 
     lost_after: int = 5
     lost_after_s: float = 0.4
+    contradicted_s: float = 2.0
     start_patience: int = 5
     lost_sigmas: tuple[float, float, float] = (1.0, 1.0, math.radians(30.0))
     fitted_lately_s: float = 2.0
@@ -118,10 +121,23 @@ class TeamFilter:
             trust = changed(trust, disputed=trust.disputed + 1, off=verdict.off)
             state = _with_trust(state, seen.robot, trust)
         if verdict.fitted:
-            return self._fitted(state, seen.robot, seen.odometry.stamp_ns, verdict.shared)
+            state = self._fitted(state, seen.robot, seen.odometry.stamp_ns, verdict.shared)
+            return self._contradicted(state, seen, verdict) if verdict.refused else state
         if verdict.refused:
             return self._refused(state, seen.robot, seen.odometry.stamp_ns)
         return state
+
+    def _contradicted(self, state: TeamState, seen: WallsSeen, verdict: Verdict) -> TeamState:
+        """Notes that some walls fitted and others did not; if for long, the robot is lost."""
+        trust, stamp_ns = state.trust[seen.robot], seen.odometry.stamp_ns
+        is_new = not trust.contradicted or verdict.missed_ns > trust.contradicted_ns
+        since_ns = stamp_ns if is_new else trust.contradicted_ns
+        count = 1 if is_new else trust.contradicted + 1
+        seconds = (stamp_ns - since_ns) / 1e9
+        if count >= self.tuning.lost_after and seconds >= self.tuning.contradicted_s:
+            return self._lost(state, seen.robot, stamp_ns)
+        trust = changed(trust, contradicted=count, contradicted_ns=since_ns)
+        return _with_trust(state, seen.robot, trust)
 
     def _placed(self, state: TeamState, seen: Placed) -> TeamState:
         robot, stamp_ns = seen.robot, seen.odometry.stamp_ns
@@ -328,6 +344,7 @@ class TeamFilter:
             before,
             refused=0,
             since_ns=0,
+            contradicted=0,
             lost=True,
             lost_ns=stamp_ns,
             times_lost=before.times_lost + 1,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
@@ -128,6 +129,9 @@ class Trust:
         lost: Whether it was carried away or placed wrongly, and nothing has fitted since.
         lost_ns: When that was noticed last [ns]; 0: never.
         times_lost: How often.
+        contradicted: Sights with walls that fit and walls that contradict, since it recognized one
+            of the latter.
+        contradicted_ns: When the first of these was [ns].
         disputed: Observations in a row that contradict what only one other robot has seen.
         claims_refused: Claims in a row of its pose that do not fit.
         off: How far the last refused claim or disputed wall was off [m].
@@ -143,6 +147,8 @@ class Trust:
     lost: bool = False
     lost_ns: int = 0
     times_lost: int = 0
+    contradicted: int = 0
+    contradicted_ns: int = 0
     disputed: int = 0
     claims_refused: int = 0
     off: float = 0.0
@@ -302,6 +308,47 @@ class TeamState:
         covariance[range(i, i + 3), range(i, i + 3)] += np.square(sigmas)
         return changed(self, covariance=covariance)
 
+    def stepped(self, step: Float, reference: Int) -> tuple[Float, Float]:
+        """The mean after a correction, and how errors about it follow from those before.
+
+        Robots and walls that see only each other do not know where they are as a whole. An EKF
+        whose errors are differences of coordinates believes to learn it, as what a common turn
+        does to them depends on the estimate (Huang, Mourikis & Roumeliotis 2010, "Observability-
+        based rules for designing consistent EKF SLAM"). Here the error of a pose is a motion of the
+        map, as in the right-invariant EKF (Barrau & Bonnabel 2015, "An EKF-SLAM algorithm with
+        consistency properties"): the same error of all poses is a motion of the whole team. A line
+        has no error along it, but where a common motion brings it depends on that, too, once its
+        bearing is corrected: it is taken from the robot that observes.
+
+        Args:
+            step: Correction, shape (n,).
+            reference: Indices of the pose of the robot that observes, shape (3,).
+
+        Returns:
+            The mean, shape (n,), and the matrix, shape (n, n), that turns errors at the mean
+            before into those at this one.
+        """
+        robots, n = 3 * len(self.odometry), len(step)
+        mean, carried = self.mean + step, np.eye(n)
+        # Vectors of the plane are complex numbers.
+        x, y, turn = step[:robots].reshape(-1, 3).T
+        way = _chord(x + 1j * y, turn)
+        mean[0:robots:3] += way.real - x
+        mean[1:robots:3] += way.imag - y
+        i = np.arange(0, robots, 3)
+        carried[i, i + 2], carried[i + 1, i + 2] = -way.imag, way.real
+        if not self.walls:
+            return mean, carried
+        (x, y, _), (dx, dy, turn) = self.mean[reference].tolist(), step[reference].tolist()
+        off = complex(x, y) - np.array([complex(*wall.anchor) for wall in self.walls])
+        shift = complex(dx, dy) - 1j * turn * off
+        before = np.exp(1j * self.mean[robots + 1 :: 2])
+        rise = np.exp(1j * mean[robots + 1 :: 2]) - before
+        mean[robots::2] += (before.conj() * (_chord(shift, -step[robots + 1 :: 2]) - shift)).real
+        by = np.stack([rise.real, rise.imag, (rise.conj() * -1j * off).real], axis=1)
+        carried[robots::2, reference] = by
+        return mean, carried
+
     def moved(self, origin: Float, target: Float) -> TeamState:
         """The state moved and turned as a whole, so that one pose becomes another.
 
@@ -331,6 +378,12 @@ class TeamState:
     def _without(self, indices: range) -> TeamState:
         keep = np.delete(np.arange(len(self.mean)), indices)
         return changed(self, mean=self.mean[keep], covariance=self.covariance[np.ix_(keep, keep)])
+
+
+def _chord(way: NDArray[np.complex128], turn: Float) -> NDArray[np.complex128]:
+    """Where ways lead that turn evenly by an angle: the exponential map of SE(2)."""
+    half = 0.5 * turn + 1e-200  # not 0
+    return np.asarray(way * np.exp(1j * half) * (np.sin(half) / half))
 
 
 def _inserted(covariance: Float, at: int, across: Float, own: Float) -> Float:

@@ -78,12 +78,14 @@ class Verdict:
     Attributes:
         fitted: Number that were recognized.
         refused: Number that contradict established walls.
+        missed_ns: When the robot recognized one of these last [ns]; 0: never.
         shared: Whether a recognized one is known, or was seen by another robot.
         off: How far one is from where only one other robot has seen it [m]; None: none is.
     """
 
     fitted: int = 0
     refused: int = 0
+    missed_ns: int = 0
     shared: bool = False
     off: float | None = None
 
@@ -170,10 +172,15 @@ class WallLandmarks:
         strong = [c for c in against if self._contradicts(state, seen, c)]
         close = [c for c in against if self._is_close(c)]
         for candidate in (strong + close)[:1]:
-            kind = _kind(state.walls[candidate.index])
-            state = noted(state, seen.robot, kind, False, candidate.squared, 2, seen.stamp_ns)
-            refused = verdict.refused + bool(strong)
-            return state, changed(verdict, refused=refused)
+            wall = state.walls[candidate.index]
+            state = noted(
+                state, seen.robot, _kind(wall), False, candidate.squared, 2, seen.stamp_ns
+            )
+            if not strong:
+                return state, verdict
+            missed_ns = wall.sights[seen.robot].stamp_ns if seen.robot in wall.sights else 0
+            missed_ns = max(verdict.missed_ns, missed_ns)
+            return state, changed(verdict, refused=verdict.refused + 1, missed_ns=missed_ns)
         verdict = self._disputed(state, seen, against, verdict)
         return self._added(self._misfitted(state, seen, candidates), seen), verdict
 
