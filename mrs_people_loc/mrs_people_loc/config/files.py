@@ -28,6 +28,7 @@ from typing import Any
 
 import yaml
 
+from mrs_people_loc.config.guide import GuideConfig
 from mrs_people_loc.config.parameters import Section, Value, flatten
 from mrs_people_loc.config.planner import PlannerConfig
 from mrs_people_loc.config.robot import RobotConfig
@@ -35,9 +36,14 @@ from mrs_people_loc.errors import ConfigError
 
 ROBOT_NODE = "robot_node"
 PLANNER_NODE = "planner_node"
-_CONFIG_TYPES: dict[str, type[Section]] = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}
+GUIDE_NODE = "guide_node"
+_CONFIG_TYPES: dict[str, type[Section]] = {
+    ROBOT_NODE: RobotConfig,
+    PLANNER_NODE: PlannerConfig,
+    GUIDE_NODE: GuideConfig,
+}
 #: Names of our nodes in a file; a wildcard stands for one name (*) or for any number of them (**).
-_NODE_KEY = re.compile(rf"(/(\w+|\*\*?))*/({ROBOT_NODE}|{PLANNER_NODE}|\*\*?)")
+_NODE_KEY = re.compile(rf"(/(\w+|\*\*?))*/({'|'.join(_CONFIG_TYPES)}|\*\*?)")
 #: A node whose name is as like one of ours as that is taken for a misspelling of it.
 _NEARLY_OURS = 0.85
 #: What PyYAML raises besides its own errors (for `!!int x`), and reading for bad UTF-8.
