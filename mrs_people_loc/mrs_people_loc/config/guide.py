@@ -62,7 +62,8 @@ class Safety(Section):
     """When robots stand, and what they keep off."""
 
     people_timeout: float = field(
-        0.45, "robots stand while people are older than this; they slow down from half of it on [s]",
+        0.45, "robots stand while people are older than this; they slow down from half of it on "
+        "[s]",
         low=0.1, high=5.0,
     )  # fmt: skip
     pose_timeout: float = field(
@@ -118,7 +119,8 @@ class GuideConfig(Section):
     )
     map_frame: str = field("map", "the common frame", live=False)
     drive: str = field(
-        "cmd_vel", "how robots are driven: cmd_vel: by velocities from here; nav2: by goals for Nav2",
+        "cmd_vel", "how robots are driven: cmd_vel: by velocities from here; nav2: by goals for "
+        "Nav2",
         choices=("cmd_vel", "nav2"), live=False,
     )  # fmt: skip
     pace: Pace = dataclasses.field(default_factory=Pace)
