@@ -9,4 +9,5 @@
 | `formation` | posts around the group, chosen by what would be seen from them |
 | `guide` | `Guide.step`: people and poses in, posts and pace out |
 | `drive` | velocity of a differential drive on its way to a post |
+| `steering` | velocities of all robots, from posts, people and poses that come now and then |
 """

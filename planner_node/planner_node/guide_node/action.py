@@ -12,7 +12,6 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
 from mrs_people_loc.errors import PeopleLocError
-from mrs_people_loc.guiding.guidance import State
 from mrs_ros.managed_node import ManagedNode
 
 
@@ -21,18 +20,18 @@ class End:
     """How a tour ended.
 
     Attributes:
-        state: FINISHED; CANCELLED: it was asked to end; another one: it could not go on.
-        message: In words.
+        finished: Whether the group is at its end.
+        message: How, in words.
         lost: Ids of those without whom it went on.
     """
 
-    state: State
+    finished: bool
     message: str
     lost: Sequence[int] = ()
 
 
 class TourAction:
-    """The action server: one goal at a time.
+    """The server of the action, which has one goal at a time.
 
     Args:
         node: The guide's node.
@@ -63,21 +62,21 @@ class TourAction:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a goal has not got its result yet."""
+        """Whether a goal has no result yet."""
         return self._handle is not None
 
     def tell(self, status: GuideStatus) -> None:
-        """Tells whoever asked for the tour how it goes on."""
+        """Tells the client how the tour goes on."""
         if self._handle is not None:
             self._handle.publish_feedback(GuideTour.Feedback(status=status))
 
     def end(self, end: End) -> None:
-        """Gives the goal its result, if the tour was asked for by one."""
+        """Gives the goal its result; a tour that no goal asked for has none."""
         if self._ended is not None and not self._ended.done():
             self._ended.set_result(end)
 
     def _on_goal(self, _: Any) -> GoalResponse:
-        # A goal that is rejected has no message. What is wrong with one is told by its result.
+        # A rejection has no message: what is wrong with a goal is in its result.
         return GoalResponse.ACCEPT if self._node.is_active else GoalResponse.REJECT
 
     def _on_cancel(self, handle: Any) -> CancelResponse:
@@ -86,27 +85,21 @@ class TourAction:
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: Any) -> Any:
-        result = GuideTour.Result()
         try:
             self._begin(handle.request)
         except PeopleLocError as err:
             self._node.get_logger().warning(f"tour refused: {err}")
             handle.abort()
-            result.message = str(err)
-            return result
+            return GuideTour.Result(message=str(err))
         self._handle, self._ended = handle, Future(executor=self._node.executor)
         if handle.is_cancel_requested:
             self._cancel()
-        try:
-            end = await self._ended
-        finally:
-            self._handle = self._ended = None
-        result.finished = end.state == State.FINISHED
-        result.message, result.lost = end.message, list(end.lost)
-        if result.finished:
+        end = await self._ended
+        self._handle = self._ended = None
+        if end.finished:
             handle.succeed()
         elif handle.is_cancel_requested:
             handle.canceled()
         else:
             handle.abort()
-        return result
+        return GuideTour.Result(finished=end.finished, message=end.message, lost=list(end.lost))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from action_msgs.srv import CancelGoal
@@ -11,6 +12,7 @@ from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 
 from mrs_people_loc.guiding.guidance import Post
+from mrs_people_loc.guiding.steering import Velocity
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode
@@ -21,10 +23,6 @@ _ZEROS = 10
 _ACKNOWLEDGED_S = 0.2
 #: Only the newest velocity or goal counts.
 _COMMANDS = QoSProfile(depth=1)
-
-#: Speed ahead [m/s] and rate of turn [rad/s].
-Velocity = tuple[float, float]
-_ZERO: Velocity = (0.0, 0.0)
 
 
 class Velocities:
@@ -55,15 +53,18 @@ class Velocities:
     def drive(self, velocities: Mapping[str, Velocity]) -> None:
         """Sends velocities; robots without one stand."""
         for robot, publisher in self._publishers.items():
-            publisher.publish(self._message(robot, velocities.get(robot, _ZERO)))
+            publisher.publish(self._message(robot, velocities.get(robot, (0.0, 0.0))))
 
-    def stand(self) -> None:
+    def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
+        """Does nothing: robots are driven to their posts by velocities."""
+
+    def stop(self, poses: Mapping[str, Pose]) -> None:
         """Sends zero now; `keep_standing` repeats it for a while."""
         self.drive({})
         self._zeros = _ZEROS
 
     def keep_standing(self) -> None:
-        """To be called at the rate of velocities while there is no tour."""
+        """Called at the rate of velocities while there is no tour."""
         if self._zeros:
             self._zeros -= 1
             self.drive({})
@@ -114,28 +115,38 @@ class Goals:
             self._node.offer(PoseStamped, f"{robot}/{topic}", _COMMANDS)
             for topic in (self.topic, "goal_pose")
         )
-        return update, start, self._node.ask(
-            CancelGoal, f"{robot}/navigate_to_pose/_action/cancel_goal"
-        )  # fmt: skip
+        name = f"{robot}/navigate_to_pose/_action/cancel_goal"
+        cancel = self._node.create_client(CancelGoal, name)
+        self._node.until_cleanup(partial(self._node.destroy_client, cancel))
+        return update, start, cancel
 
-    def send(self, posts: Mapping[str, Post]) -> None:
-        """Moves goals to posts."""
-        for robot, post in posts.items():
-            if robot in self._publishers:
+    def drive(self, velocities: Mapping[str, Velocity]) -> None:
+        """Does nothing: Nav2 drives."""
+
+    def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
+        """Moves goals to posts; of robots without one, to where these are, so that they stand."""
+        for robot in self._publishers:
+            post = posts.get(robot)
+            if post is not None:
                 self._move(robot, Pose(0, float(post.xy[0]), float(post.xy[1]), post.yaw))
-
-    def hold(self, poses: Mapping[str, Pose]) -> None:
-        """Moves goals to where the robots are, so that they stand."""
-        for robot in self._publishers.keys() & poses:
-            self._move(robot, poses[robot])
+            elif robot in self._started and robot in poses:
+                self._move(robot, poses[robot])
 
     def stop(self, poses: Mapping[str, Pose]) -> None:
         """Ends the navigation of all robots."""
-        self.hold(poses)
+        self.send({}, poses)
         for robot in self._started:
             # No id and no time: all goals.
             self._publishers[robot][2].call_async(CancelGoal.Request())
         self._started.clear()
+
+    def keep_standing(self) -> None:
+        """Does nothing: navigation has ended."""
+
+    def finish(self) -> None:
+        """Waits until the last goals have arrived, before the process ends."""
+        for update, *_ in self._publishers.values():
+            update.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
     def _move(self, robot: str, pose: Pose) -> None:
         update, start, _ = self._publishers[robot]
@@ -153,18 +164,3 @@ class Goals:
         now_ns = int(self._node.get_clock().now().nanoseconds)
         self._last_ns = max(now_ns, self._last_ns + 1)
         return self._last_ns
-
-
-def without_base(
-    robots: Iterable[str], topic: str, count: Callable[[str], int], resolve: Callable[[str], str]
-) -> list[str]:
-    """Full names of the topics of robots to which nobody subscribes.
-
-    Args:
-        robots: Names of the robots.
-        topic: `cmd_vel` or `goal_update`.
-        count: Number of subscribers by full name.
-        resolve: Full name by relative one.
-    """
-    names = (resolve(f"{robot}/{topic}") for robot in robots)
-    return [name for name in names if not count(name)]
