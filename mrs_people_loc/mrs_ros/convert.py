@@ -20,8 +20,8 @@ from geometry_msgs.msg import (
     Vector3,
 )
 from geometry_msgs.msg import Pose as RosPose
-from mrs_people_msgs.msg import GuideStatus, RelativePoses, RobotPost, RobotScan, Wall
 from mrs_people_msgs.msg import Group as GroupMessage
+from mrs_people_msgs.msg import GuideStatus, RelativePoses, RobotPost, RobotScan, Wall
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
 from mrs_people_msgs.msg import RelativePose as RelativePoseMessage

@@ -1,6 +1,6 @@
 """Starts every robot of a team and the planner: ros2 launch planner_node team.launch.py team:=FILE.
 
-The same processes as `mrs up FILE`; with `guide:=true` guide_node, too, as by `mrs up FILE --guide`.
+The same processes as `mrs up FILE`; with `guide:=true` guide_node, too, as `mrs up FILE --guide`.
 With a computer on each robot, start there `ros2 launch robot_node robot.launch.py robot:=NAME
 team:=FILE`, and the planner on its own with `ros2 run planner_node planner_node --ros-args
 --params-file FILE`; likewise `ros2 run planner_node guide_node`.

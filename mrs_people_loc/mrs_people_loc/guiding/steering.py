@@ -117,9 +117,7 @@ class Steering:
         self._velocities = {robot: self._drive(robot, poses, now_ns, dt) for robot in self.robots}
         return dict(self._velocities)
 
-    def _drive(
-        self, robot: str, poses: Mapping[str, Pose], now_ns: int, dt: float
-    ) -> Velocity:
+    def _drive(self, robot: str, poses: Mapping[str, Pose], now_ns: int, dt: float) -> Velocity:
         safety = self.config.safety
         share = min(
             limit(self.people_age_s(now_ns), safety.people_timeout),
@@ -136,9 +134,9 @@ class Steering:
             people_velocity=self._people_velocity,
             people_age=self.people_age_s(now_ns),
             robots=np.array([(poses[name].x, poses[name].y) for name in others]).reshape(-1, 2),
-            robots_velocity=np.array(
-                [self._motion(name, poses[name]) for name in others]
-            ).reshape(-1, 2),
+            robots_velocity=np.array([self._motion(name, poses[name]) for name in others]).reshape(
+                -1, 2
+            ),
             space=self.space,
             path=self._paths.get(robot),
             limit=share,

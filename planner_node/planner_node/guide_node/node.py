@@ -90,18 +90,19 @@ class GuideNode(ManagedNode):
 
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
-        self._end("guide_node was deactivated")
+        self._end_tour("guide_node was deactivated")
         self.destroy_timer(self._timer)
         self._forget()
 
     def destroy_node(self) -> None:
         """Lets the robots stand before the node is destroyed."""
         if self.is_active and self._underway is not None:
-            self._end("guide_node has ended")
+            self._end_tour("guide_node has ended")
             self._bases.finish()
+            executor = self.executor if self._action.is_busy else None
             with contextlib.suppress(Exception):  # what ends the node may be an error in there
-                for _ in range(_LAST_TURNS if self._action.is_busy else 0):
-                    self.executor.spin_once(timeout_sec=_TURN_S)
+                for _ in range(_LAST_TURNS if executor else 0):
+                    executor.spin_once(timeout_sec=_TURN_S)
         super().destroy_node()
 
     def changed(self, config: GuideConfig) -> None:
@@ -112,7 +113,7 @@ class GuideNode(ManagedNode):
 
     def jumped_back(self) -> None:
         """Ends the tour: nobody knows where the people are now."""
-        self._end("the time jumped back")
+        self._end_tour("the time jumped back")
         self._forget()
 
     def _forget(self) -> None:
@@ -156,20 +157,21 @@ class GuideNode(ManagedNode):
         grid = messages.read_occupancy_grid(message, self.config.map_frame)
         before, self._grid = self._grid, grid
         if self._underway is not None and (before is None or not _are_same(before, grid)):
-            self._underway.steering.space = self._space(self._underway.tour)
+            space = self._space(self._underway.tour)
+            self._underway.guide.space = self._underway.steering.space = space
 
     def _on_path(self, message: Path) -> None:
         if not message.poses:
             self._cancel()
             return
-        self._begin(tour_of_path(message, self.config.map_frame))
+        self._begin_tour(tour_of_path(message, self.config.map_frame))
 
     # ---- tours ----
 
     def _begin_goal(self, goal: Any) -> None:
-        self._begin(tour_of_goal(goal, self.config.map_frame))
+        self._begin_tour(tour_of_goal(goal, self.config.map_frame))
 
-    def _begin(self, tour: Tour) -> None:
+    def _begin_tour(self, tour: Tour) -> None:
         """Begins a tour.
 
         Raises:
@@ -181,7 +183,7 @@ class GuideNode(ManagedNode):
         config = dataclasses.replace(self.config, robots=robots)
         space = self._space(tour)
         check_tour(tour, space, config.safety.wall_distance)
-        guide, steering = Guide(config), Steering(config, space, robots)
+        guide, steering = Guide(config, space), Steering(config, space, robots)
         for robot, (pose, came_ns) in self._poses.items():
             steering.take_pose(robot, pose, came_ns)
         guide.begin(tour)
@@ -207,7 +209,8 @@ class GuideNode(ManagedNode):
         if not 1 <= len(robots) <= _MOST_GUIDES:
             named = ", ".join(robots) or "the planner uses no robot's scans"
             raise TourError(
-                f"robots of the tour: {named}; allowed: 1 to {_MOST_GUIDES}, in the parameter robots"
+                f"robots of the tour: {named}; allowed: 1 to {_MOST_GUIDES}, by the parameter "
+                "`robots`"
             )
         leader = self.config.leader
         if leader and leader not in robots:
@@ -237,9 +240,9 @@ class GuideNode(ManagedNode):
         return FreeSpace(self._grid, occupied_from=occupied_from, around=tour.points)
 
     def _cancel(self) -> None:
-        self._end("cancelled")
+        self._end_tour("cancelled")
 
-    def _end(self, message: str, *, finished: bool = False) -> None:
+    def _end_tour(self, message: str, *, finished: bool = False) -> None:
         """Ends the tour under way, if there is one: the robots stand."""
         underway, self._underway = self._underway, None
         if underway is None:
@@ -267,7 +270,7 @@ class GuideNode(ManagedNode):
         self._publish(underway, guidance)
         if guidance.state not in RUNNING:
             finished = guidance.state == State.FINISHED
-            self._end(guidance.reason or "the group is there", finished=finished)
+            self._end_tour(guidance.reason or "the group is there", finished=finished)
             return
         steering.take_posts(guidance.posts)
         self._bases.send(guidance.posts, steering.poses())
@@ -299,7 +302,7 @@ class GuideNode(ManagedNode):
             work()
         except Exception as err:
             self.get_logger().error(traceback.format_exc())
-            self._end(f"error in guide_node: {err!r}")
+            self._end_tour(f"error in guide_node: {err!r}")
 
     # ---- diagnostics ----
 
