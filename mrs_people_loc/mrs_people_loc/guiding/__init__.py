@@ -6,6 +6,7 @@
 | `way` | places along a way |
 | `free_space` | where robots may drive, and what they see past walls, from the map |
 | `guidance` | what flows: posts of robots, state of a tour |
+| `views` | who would be seen from where |
 | `formation` | posts around the group, chosen by what would be seen from them |
 | `guide` | `Guide.step`: people and poses in, posts and pace out |
 | `drive` | velocity of a differential drive on its way to a post |

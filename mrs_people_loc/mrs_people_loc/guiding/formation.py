@@ -37,7 +37,8 @@ class FormationTuning:
         rows: Posts behind the group are the distance from people and so many times the distance
             from robot to robot behind the last person.
         columns: ... and so far to the left of the group's middle [m].
-        beside: Posts beside a standing group: at these shares of its length, from its rear on.
+        beside: Posts beside a standing group: at these shares of its length, from its rear on,
+        off: ... and so many times the distance to its left and right.
         ahead: While the group moves a post has to be free for so far ahead [m].
         narrowing: Where a post is not free, its distance from the way shrinks by these factors.
         closer: A post may be nearer to people than the distance, by this factor: they move.
@@ -53,6 +54,7 @@ class FormationTuning:
     rows: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0)
     columns: tuple[float, ...] = (0.0, -0.7, 0.7, -1.3, 1.3, -2.0, 2.0)
     beside: tuple[float, ...] = (0.0, 0.5, 1.0)
+    off: tuple[float, ...] = (1.0, 1.6)
     ahead: tuple[float, ...] = (0.0, 0.5, 1.0)
     narrowing: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
     closer: float = 0.85
@@ -105,9 +107,7 @@ class _Frame:
 
     def towards(self, other: _Frame, step: float) -> _Frame:
         """This one, each number by at most a step nearer to that of another."""
-        one, two = (
-            np.array([f.rear, f.front, f.left, f.half_width]) for f in (self, other)
-        )
+        one, two = (np.array([f.rear, f.front, f.left, f.half_width]) for f in (self, other))
         return _Frame(*(one + np.clip(two - one, -step, step)).tolist())
 
 
@@ -273,9 +273,7 @@ class FormationPlanner:
             self._held[name] = int(candidates.number[row])
         return posts
 
-    def _candidates(
-        self, now: Scenery, frame: _Frame, fixed: Mapping[str, Post]
-    ) -> _Candidates:
+    def _candidates(self, now: Scenery, frame: _Frame, fixed: Mapping[str, Post]) -> _Candidates:
         """Posts that are free, off people and apart from those that are taken."""
         tuning, config = self._tuning, self._config
         apart, distance = self._apart, config.formation.distance
@@ -285,10 +283,11 @@ class FormationPlanner:
         left = np.tile(columns, len(rows))
         still = now.now_s - self._moved_s >= config.formation.hold
         if still and not now.moving:
-            shares = np.repeat(tuning.beside, 2)
-            aside = frame.half_width + distance
-            along = np.append(along, frame.rear + shares * (frame.front - frame.rear))
-            left = np.append(left, np.tile([-aside, aside], len(tuning.beside)))
+            off = frame.half_width + distance * np.array(tuning.off)
+            share, aside = np.meshgrid(tuning.beside, np.append(-off, off))
+            length = frame.front - frame.rear
+            along = np.append(along, frame.rear + share.ravel() * length)
+            left = np.append(left, aside.ravel())
         xy, free = self._narrowed(along, frame.left + left, now.moving)
         near = np.linalg.norm(xy[:, np.newaxis] - now.people, axis=2) < tuning.closer * distance
         taken = np.array([post.xy for post in fixed.values()]).reshape(-1, 2)
@@ -351,7 +350,7 @@ class FormationPlanner:
             if worth[best] <= worth[same] * (1.0 + config.hysteresis):
                 return current
         self._chosen_s = now.now_s
-        return sets[best]
+        return np.asarray(sets[best])
 
     def _worth(
         self, now: Scenery, candidates: _Candidates, fixed: Mapping[str, Post], sets: Int

@@ -89,9 +89,7 @@ def _cover(places: Float, people: Float, discs: Float, radius: float) -> tuple[F
     half = np.arcsin(PERSON_RADIUS / distance)[..., np.newaxis]
     half_disc = np.arcsin(np.clip(radius / np.maximum(between, 1e-9), 0.0, 1.0))[:, np.newaxis]
     bearing = np.arctan2(away[..., 1], away[..., 0])
-    turn = _wrapped(
-        np.arctan2(off[..., 1], off[..., 0])[:, np.newaxis] - bearing[..., np.newaxis]
-    )
+    turn = _wrapped(np.arctan2(off[..., 1], off[..., 0])[:, np.newaxis] - bearing[..., np.newaxis])
     # A disc is in front if it is nearer; at the place itself it is the robot that looks.
     before = (between[:, np.newaxis] < distance[..., np.newaxis] - 1e-6) & (
         between[:, np.newaxis] > 1e-6
