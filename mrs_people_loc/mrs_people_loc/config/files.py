@@ -11,6 +11,9 @@ For example::
     /**/planner_node:
       ros__parameters:
         robots: [robot_a, robot_b]
+    /**/guide_node:
+      ros__parameters:
+        pace: {speed: 0.5}
 
 Sections of other nodes, such as a camera's driver, are left alone; but a name that is nearly that
 of one of ours (`/robot_a/robto_node`) is an error.
@@ -22,7 +25,7 @@ import difflib
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +62,12 @@ class Team:
     Attributes:
         planner: The planner's configuration.
         robots: Configuration of each robot of the team, by name.
+        guide: The guide's configuration.
     """
 
     planner: PlannerConfig
     robots: Mapping[str, RobotConfig]
+    guide: GuideConfig = field(default_factory=GuideConfig)
 
 
 def robots_named(*paths: str | Path) -> tuple[str, ...]:
@@ -113,6 +118,7 @@ def load_team(
             )
             for name in names
         },
+        guide=GuideConfig.from_mapping(_merge(sections, f"/{GUIDE_NODE}")),
     )
 
 
