@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mrs_people_loc.config import GuideConfig, Groups
+from mrs_people_loc.config import Groups, GuideConfig
 from mrs_people_loc.following import groups as following
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Guidance, State
@@ -84,7 +84,6 @@ class World:
     def now_ns(self) -> int:
         return START_NS + round(self.time_s * 1e9)
 
-    @property
     def last(self) -> Guidance:
         return self.said[-1][1]
 
@@ -112,7 +111,9 @@ class World:
             if name not in self.silent:
                 self.last_seen[name] = self.time_s
         poses = {
-            name: Pose(START_NS + round(self.last_seen[name] * 1e9), *xy, 0.0)
+            name: Pose(
+                START_NS + round(self.last_seen[name] * 1e9), float(xy[0]), float(xy[1]), 0.0
+            )
             for name, xy in self.robots.items()
         }
         guidance = self.guide.step(people, groups, poses, self.now_ns)
@@ -148,7 +149,7 @@ class World:
         for _ in range(round(longest_s / STEP_S)):
             if self.step().state == state:
                 return
-        raise AssertionError(f"not {state!r} within {longest_s} s: {self.last}")
+        raise AssertionError(f"not {state!r} within {longest_s} s: {self.last()}")
 
     def events(self) -> list[str]:
         return [event for _, guidance in self.said for event in guidance.events]
