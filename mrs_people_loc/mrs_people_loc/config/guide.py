@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from mrs_people_loc.config.parameters import Section, field
+from mrs_people_loc.config.parameters import Section, check_robots, field
 from mrs_people_loc.errors import ConfigError
 
 
@@ -55,6 +55,13 @@ class Formation(Section):
         low=0.0, high=1.0,
     )  # fmt: skip
     hold: float = field(3.0, "... and not sooner than after this time [s]", low=0.0, high=60.0)
+
+    def _check_relations(self) -> None:
+        if self.nearest >= self.reach:
+            raise ConfigError(
+                f"formation.nearest is {self.nearest:g}; "
+                f"allowed: less than formation.reach, {self.reach:g}"
+            )
 
 
 @dataclass(frozen=True)
@@ -127,3 +134,16 @@ class GuideConfig(Section):
     formation: Formation = dataclasses.field(default_factory=Formation)
     safety: Safety = dataclasses.field(default_factory=Safety)
     base: Base = dataclasses.field(default_factory=Base)
+
+    def _check_relations(self) -> None:
+        check_robots("robots", self.robots)
+        check_robots("looks_back", self.looks_back)
+        if self.leader:
+            check_robots("leader", (self.leader,))
+        for parameter, names in (("leader", (self.leader,)), ("looks_back", self.looks_back)):
+            for name in filter(None, names):
+                if self.robots and name not in self.robots:
+                    raise ConfigError(
+                        f"{parameter} has {name!r}; allowed: those of `robots`, "
+                        f"{', '.join(self.robots)}"
+                    )
