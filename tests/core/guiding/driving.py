@@ -1,6 +1,7 @@
 """Robots with wheels, and people who walk, for the tests of driving."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -75,7 +76,7 @@ class World:
     """
 
     robots: list[Robot]
-    people: object = None
+    people: Callable[[float], object] | None = None
     space: FreeSpace = field(default_factory=FreeSpace.unbounded)
     age: float = 0.0
     sigma: float = 0.0
