@@ -8,6 +8,8 @@
 | `guidance` | what flows: posts of robots, state of a tour |
 | `views` | who would be seen from where |
 | `formation` | posts around the group, chosen by what would be seen from them |
+| `guided_group` | who is guided, how far along the way they are, who falls behind |
+| `pace` | how fast the leader goes |
 | `guide` | `Guide.step`: people and poses in, posts and pace out |
 | `drive` | velocity of a differential drive on its way to a post |
 """
