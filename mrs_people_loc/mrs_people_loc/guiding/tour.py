@@ -17,7 +17,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import ConfigError, TourError
+from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.way import Way
 
 #: Shortest and longest way [m].
@@ -39,13 +40,6 @@ _LONGEST_WAIT = 3600.0
 _STEP = 0.05
 _KEYS = ("name", "frame", "points", "stops", "speed")
 _STOP_KEYS = ("name", "at", "wait")
-
-
-class Space(Protocol):
-    """Where robots may drive."""
-
-    def clearance(self, xy: Float) -> Float:
-        """Distances of places, shape (..., 2), from walls and furniture [m], shape (...)."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +133,7 @@ def tour_from(
     return Tour(name, given, way, _stops(way, stops), speed, frame)
 
 
-def check_tour(tour: Tour, space: Space, radius: float) -> None:
+def check_tour(tour: Tour, space: FreeSpace, radius: float) -> None:
     """Checks that robots may drive along a tour.
 
     Args:
