@@ -143,6 +143,8 @@ class ManagedNode(LifecycleNode):
     def offer(self, message_type: type, topic: str, qos: QoSProfile | int) -> Any:
         """Makes a publisher that works while the node is active."""
         publisher = self.create_lifecycle_publisher(message_type, topic, qos)
+        if self._active:
+            publisher.on_activate(None)  # the others were with the node
         self.until_cleanup(lambda: self.destroy_lifecycle_publisher(publisher))
         return publisher
 

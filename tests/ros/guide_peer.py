@@ -56,7 +56,7 @@ class GuideWorld:
         self.velocity = np.zeros_like(self.people)
         self.speaks = {"poses", "people"}
         self.commands: list[tuple[float, str, float, float]] = []
-        self._twists = {robot: (0.0, 0.0) for robot in places}
+        self._twists = dict.fromkeys(places, (0.0, 0.0))
         node = peer.node
         self._poses = {
             robot: node.create_publisher(
@@ -102,7 +102,7 @@ class GuideWorld:
         )
         offset = behind - self.people
         away = np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-9)
-        self.velocity = offset / away * np.minimum(SPEED, away / POSES_S / 4)
+        self.velocity[:] = offset / away * np.minimum(SPEED, away / POSES_S / 4)
         self.people += POSES_S * self.velocity
         now = time.time_ns()
         if "poses" in self.speaks:
@@ -190,7 +190,9 @@ def path_of(*points: tuple[float, float], frame_id: str = "map") -> Path:
     return path
 
 
-def map_of(width_m: float, height_m: float, walls: Sequence[tuple[float, float, float, float]]) -> OccupancyGrid:
+def map_of(
+    width_m: float, height_m: float, walls: Sequence[tuple[float, float, float, float]]
+) -> OccupancyGrid:
     """A map from (-5, -5) on, free but for boxes (x0, y0, x1, y1) [m]."""
     resolution = 0.1
     data = np.zeros((round(height_m / resolution), round(width_m / resolution)), np.int8)
