@@ -158,12 +158,15 @@ class Drive:
     """Drives one robot to its post.
 
     Args:
-        config: Limits of its base and what it keeps off.
+        config: Limits of its base and what it keeps off; may be replaced at any time.
         tuning: Constants.
+
+    Attributes:
+        config: Limits of the base and what it keeps off.
     """
 
     def __init__(self, config: GuideConfig, *, tuning: DriveTuning = DRIVE_TUNING) -> None:
-        self._config, self._tuning = config, tuning
+        self.config, self._tuning = config, tuning
         self._arrived = self._aligned = self._backwards = False
         self._blocked_s = self._giving_way_s = 0.0
 
@@ -230,7 +233,7 @@ class Drive:
         self, twist: tuple[float, float], wanted: tuple[float, float], dt: float
     ) -> tuple[float, float]:
         """What of the wanted velocity can be reached by then."""
-        base, after = self._config.base, np.array([dt])
+        base, after = self.config.base, np.array([dt])
         v = _ramp(twist[0], np.array([[wanted[0]]]), after, base.acceleration, base.deceleration)
         turn = base.turn_acceleration
         w = _ramp(twist[1], np.array([[wanted[1]]]), after, turn, turn)
@@ -246,7 +249,7 @@ class Drive:
         robots_velocity: Float | None,
     ) -> _Others:
         """Everybody near: people as they go on and as they stop, team-mates likewise."""
-        safety, tuning = self._config.safety, self._tuning
+        safety, tuning = self.config.safety, self._tuning
         still = safety.person_distance, tuning.gain_still, tuning.aside
         walking = safety.person_distance, tuning.gain_walking, tuning.aside
         mate = safety.robot_distance, tuning.gain_robot, 0.0
@@ -264,8 +267,8 @@ class Drive:
             ]
         )
         away = np.linalg.norm(others.xy - (pose.x, pose.y), axis=1)
-        fastest = np.linalg.norm(others.velocity, axis=1) + self._config.base.max_speed
-        reach = others.keep + fastest * tuning.horizon + self._config.base.max_speed / others.gain
+        fastest = np.linalg.norm(others.velocity, axis=1) + self.config.base.max_speed
+        reach = others.keep + fastest * tuning.horizon + self.config.base.max_speed / others.gain
         return others.select(away < reach)
 
     def _carrot(self, here: Float, post: Post, path: Float | None, space: FreeSpace) -> Float:
@@ -281,8 +284,8 @@ class Drive:
         right = np.array([ahead[1], -ahead[0]])
         if (mate - here) @ right > self._tuning.pass_left:
             right = -right
-        beside = mate + (self._config.safety.robot_distance + self._tuning.pass_by) * right
-        if space.clearance(beside) < self._config.safety.wall_distance:
+        beside = mate + (self.config.safety.robot_distance + self._tuning.pass_by) * right
+        if space.clearance(beside) < self.config.safety.wall_distance:
             return carrot
         return np.asarray(beside)
 
@@ -291,7 +294,7 @@ class Drive:
         ahead = (carrot - here) / max(float(np.linalg.norm(carrot - here)), 1e-6)
         offset = mates.xy - here
         distance = np.linalg.norm(offset, axis=1)
-        left = float(np.linalg.norm(post.xy - here)) + self._config.safety.robot_distance
+        left = float(np.linalg.norm(post.xy - here)) + self.config.safety.robot_distance
         meets = distance < min(self._tuning.pass_within, left)
         meets &= (offset @ ahead > 0.5 * distance) & (mates.velocity @ ahead < 0.1)
         if not meets.any():
@@ -336,13 +339,13 @@ class Drive:
         ahead = points[nearest : nearest + 1 + round(self._tuning.near / 0.05)][::-2]
         part = np.linspace(0.1, 1.0, 10)[:, np.newaxis, np.newaxis]
         clearance = space.clearance(here + part * (ahead - here)).min(axis=0)
-        good = clearance >= min(self._config.safety.wall_distance, clearance.max())
+        good = clearance >= min(self.config.safety.wall_distance, clearance.max())
         found: Float = ahead[int(good.argmax())]
         return found
 
     def _wanted(self, pose: Pose, post: Post, carrot: Float, limit: float) -> tuple[float, float]:
         """Speed and rate of turn with which nothing is in the way."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         here = np.array([pose.x, pose.y])
         left, off = float(np.linalg.norm(post.xy - here)), carrot - here
         bearing = math.atan2(off[1], off[0])
@@ -363,7 +366,7 @@ class Drive:
 
     def _goes_backwards(self, pose: Pose, post: Post, bearing: float, left: float) -> bool:
         """Whether it drives backwards: as it turns least now and on the post."""
-        if self._config.base.max_reverse <= 0.0:
+        if self.config.base.max_reverse <= 0.0:
             return False
         ahead = math.cos(post.yaw - bearing) + 0.7 * math.cos(pose.yaw - bearing)
         ahead += -0.4 if self._backwards else 0.4
@@ -371,7 +374,7 @@ class Drive:
 
     def _turn(self, error: float, limit: float) -> float:
         """Rate of turn that takes away an error of the heading."""
-        base = self._config.base
+        base = self.config.base
         brakes = math.sqrt(base.turn_acceleration * abs(error))
         fastest = min(base.max_turn * limit, brakes)
         return max(-fastest, min(fastest, _TURN_GAIN * error))
@@ -380,7 +383,7 @@ class Drive:
         self, speed: float, limit: float, wanted: tuple[float, float]
     ) -> tuple[Float, Float]:
         """Speeds and rates of turn that are tried, shapes (n,)."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         ahead, back = min(speed, base.max_speed), min(speed, base.max_reverse)
         speeds = np.concatenate([[wanted[0], 0.0], np.linspace(-back, ahead, tuning.speeds)])
         turn = base.max_turn * limit
@@ -398,7 +401,7 @@ class Drive:
         space: FreeSpace,
     ) -> Bool:
         """Which arcs keep off people, robots and walls until the robot stands, shape (n,)."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         fastest = max(abs(twist[0]), base.max_speed, base.max_reverse)
         after = tuning.reaction + fastest / base.deceleration
         times: Float = _STEP * np.arange(1.0, math.ceil(after / _STEP) + 1)
@@ -414,7 +417,7 @@ class Drive:
             allowed &= (towards <= most).all(axis=(1, 2))
         clearance = space.clearance(arcs.xy)
         now = float(space.clearance(np.array([pose.x, pose.y])))
-        wall = self._config.safety.wall_distance
+        wall = self.config.safety.wall_distance
         allowed &= (clearance >= min(wall, now - _ROUNDING)).all(axis=1)
         if now < wall:
             allowed &= clearance[:, -1] >= now
@@ -432,7 +435,7 @@ class Drive:
         space: FreeSpace,
     ) -> Float:
         """What is against each arc, shape (n,)."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         times: Float = _LATER_STEP * np.arange(1.0, round(tuning.horizon / _LATER_STEP) + 1)
         arcs = self._arcs(pose, twist, speeds, turns, times)
         cost = _SPEED_COST * ((speeds - wanted[0]) / base.max_speed) ** 2
@@ -442,7 +445,7 @@ class Drive:
         if len(others):
             free = (_offsets(arcs, others, times)[1] - others.keep).min(axis=(1, 2))
             cost += _NEAR_COST * np.clip(1.0 - free / tuning.clear[0], 0.0, 3.0) ** 2
-        free = space.clearance(arcs.xy).min(axis=1) - self._config.safety.wall_distance
+        free = space.clearance(arcs.xy).min(axis=1) - self.config.safety.wall_distance
         return np.asarray(cost + _WALL_COST * np.clip(1.0 - free / tuning.clear[1], 0.0, 3.0) ** 2)
 
     def _arcs(
@@ -455,7 +458,7 @@ class Drive:
         brakes_at: float | None = None,
     ) -> _Arcs:
         """Where the robot gets with wanted speeds and rates of turn, within its limits."""
-        base = self._config.base
+        base = self.config.base
         up, down, turn = base.acceleration, base.deceleration, base.turn_acceleration
         v = _ramp(twist[0], speeds[:, np.newaxis], times, up, down)
         w = _ramp(twist[1], turns[:, np.newaxis], times, turn, turn)
