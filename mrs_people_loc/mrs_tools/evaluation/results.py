@@ -22,6 +22,7 @@ import numpy as np
 from mrs_people_loc.config import Groups, PlannerConfig
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.planner import Planner
+from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_tools.bags.estimates import estimate_of, has_people, read_recorded
 from mrs_tools.bags.guided_tours import read_statuses
 from mrs_tools.bags.labels import Labels, labels_beside
@@ -33,7 +34,7 @@ from mrs_tools.bags.robot_poses import (
     read_true_poses,
 )
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.bags.sources import RobotView, robots_of
+from mrs_tools.bags.sources import RobotView, read_grid, robots_of
 from mrs_tools.bags.truth import TRUTH_TOPIC, read_truth
 from mrs_tools.evaluation.team_poses import PlannerBesideExact, TeamScores, score_team
 from mrs_tools.scoring.detections import DetectionScores, score_detections
@@ -60,6 +61,7 @@ class Result:
         team: Scores of the robots' poses, and of the people beside those with exact poses.
         tour: Scores of guided tours.
         tour_record: The tour as it was recorded; None: none, or several bags.
+        grid: Walls and furniture of the tour, if they are known.
         duration_s: From the first to the last message of the bag [s].
         counts: By robot, for each of its views the numbers named in `STAGES`.
         times_ms: By stage, what it took each time [ms]; `robot` and `planner` are what one view
@@ -76,6 +78,7 @@ class Result:
     team: TeamScores = field(default_factory=TeamScores)
     tour: TourScores = field(default_factory=TourScores)
     tour_record: TourRecord | None = None
+    grid: OccupancyGrid | None = None
     duration_s: float = 0.0
     counts: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     times_ms: dict[str, list[float]] = field(default_factory=dict)
@@ -253,6 +256,7 @@ def _tour_scored(result: Result, bag: BagReader) -> Result:
     robots = read_true_poses(bag, named_robots(bag))
     result.tour_record = TourRecord(statuses, result.truth, robots, estimates)
     result.tour = score_tour(result.tour_record)
+    result.grid = read_grid(bag, PlannerConfig().map_frame)
     return result
 
 

@@ -67,7 +67,8 @@ def test_what_the_guide_said_is_read(bag):
 
 def test_a_tour_is_scored(bag, tmp_path):
     file = tmp_path / "figures.json"
-    result = CliRunner().invoke(app, ["evaluate", str(bag), "--json", str(file)])
+    arguments = ["evaluate", str(bag), "--json", str(file)]
+    result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     tour = json.loads(file.read_text())["tour"]
     assert (tour["tours"], tour["finished"], tour["people"], tour["lost"]) == (1, 1, 2, 0)
