@@ -39,6 +39,8 @@ class DriveTuning:
             [1/s].
         gain_walking: ... if they go on [1/s]; less, for they may also turn.
         gain_robot: ... towards a team-mate [1/s].
+        aside: People's places have errors: of any speed near them, this share counts as towards
+            them.
         tolerance: Speeds towards somebody under this are none [m/s].
         clear: More distance than this beyond the smallest one is as good as any [m]: to people and
             robots, to walls.
@@ -59,6 +61,7 @@ class DriveTuning:
     gain_still: float = 1.5
     gain_walking: float = 0.8
     gain_robot: float = 1.5
+    aside: float = 0.25
     tolerance: float = 0.03
     clear: tuple[float, float] = (0.35, 0.15)
     near: float = 0.8
@@ -103,12 +106,14 @@ class _Others(StructOfArrays):
         velocity: [m/s], shape (n, 2).
         keep: Smallest distance to them [m], shape (n,).
         gain: Speed towards them by distance [1/s], shape (n,).
+        aside: Share of any speed that counts as towards them, shape (n,).
     """
 
     xy: Float
     velocity: Float
     keep: Float
     gain: Float
+    aside: Float
 
 
 @dataclass(frozen=True)
@@ -210,20 +215,20 @@ class Drive:
     ) -> _Others:
         """Everybody near: people as they go on and as they stop, team-mates likewise."""
         safety, tuning = self._config.safety, self._tuning
+        still = safety.person_distance, tuning.gain_still, tuning.aside
+        walking = safety.person_distance, tuning.gain_walking, tuning.aside
+        mate = safety.robot_distance, tuning.gain_robot, 0.0
         kinds = [
-            (people, np.zeros_like(people), safety.person_distance, tuning.gain_still),
-            (
-                people + people_velocity * people_age, people_velocity,
-                safety.person_distance, tuning.gain_walking,
-            ),
-            (robots, np.zeros_like(robots), safety.robot_distance, tuning.gain_robot),
-        ]  # fmt: skip
+            (people, np.zeros_like(people), still),
+            (people + people_velocity * people_age, people_velocity, walking),
+            (robots, np.zeros_like(robots), mate),
+        ]
         if robots_velocity is not None:
-            kinds.append((robots, robots_velocity, safety.robot_distance, tuning.gain_robot))
+            kinds.append((robots, robots_velocity, mate))
         others = _Others.concatenate(
             [
-                _Others(xy, velocity, np.full(len(xy), keep), np.full(len(xy), gain))
-                for xy, velocity, keep, gain in kinds
+                _Others(xy, velocity, *np.broadcast_to(np.array([how]).T, (3, len(xy))))
+                for xy, velocity, how in kinds
             ]
         )
         away = np.linalg.norm(others.xy - (pose.x, pose.y), axis=1)
@@ -347,6 +352,7 @@ class Drive:
             ahead = np.stack([np.cos(arcs.yaw), np.sin(arcs.yaw)], axis=-1)
             moves = ahead * arcs.speed[..., np.newaxis]
             towards = np.einsum("ktnd,ktd->ktn", offset, moves) / np.maximum(distance, 1e-6)
+            towards += others.aside * np.abs(arcs.speed)[..., np.newaxis]
             most = np.maximum(others.gain * (distance - others.keep), tuning.tolerance)
             allowed &= (towards <= most).all(axis=(1, 2))
         clearance = space.clearance(arcs.xy)

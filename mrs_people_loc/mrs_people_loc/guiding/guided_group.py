@@ -146,9 +146,27 @@ class GuidedGroup:
 
     @property
     def stretch(self) -> float:
-        """Length of the group along the way, with those who have fallen behind but follow [m]."""
-        ways = [one.way_m for one in self.guided if one.followed]
-        return max(0.0, self.foremost_m - min(ways)) if ways else 0.0
+        """Length of the group, with those who have fallen behind but are followed [m].
+
+        It is summed from person to person: along the way, but no more than straight on, for people
+        cut corners.
+        """
+        there = sorted((one for one in self.guided if one.followed), key=lambda one: one.way_m)
+        if len(there) < 2:
+            return 0.0
+        ways = np.minimum([one.way_m for one in there], self.foremost_m)
+        xy = np.array([one.xy for one in there])
+        return float(np.minimum(np.diff(ways), np.hypot(*np.diff(xy, axis=0).T)).sum())
+
+    def gap(self, leader_m: float, leader: Float) -> float:
+        """How far a leader is ahead of the foremost, along the way or straight, the less [m].
+
+        Args:
+            leader_m: How far along the way it is [m].
+            leader: Where it is [m], shape (2,).
+        """
+        away = [float(np.hypot(*(one.xy - leader))) for one in self.together]
+        return min([leader_m - self.foremost_m, *away])
 
     def gather(
         self, people: Sequence[Person], groups: Sequence[Group], leader: Float, now_s: float
