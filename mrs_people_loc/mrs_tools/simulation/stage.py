@@ -27,6 +27,10 @@ from mrs_tools.simulation.scene import Person, Scene
 from mrs_tools.simulation.textures import Atlas
 
 _ROBOT = -10
+#: What a person covers of the view, seen from the front [m^2]: the mean of this simulator's people.
+_BODY_AREA = 0.57
+#: Height that distances to people are measured to [m].
+_CHEST = 1.0
 
 
 class Stage:
@@ -151,3 +155,27 @@ class Stage:
         origin = heading @ (lens + turn @ camera.centre) + [place.x, place.y, 0.0]
         rays = camera.rays[samples].reshape(-1, 3)
         return origin, rays @ rotation.T.astype(np.float32)
+
+    def seen_pixels(
+        self, name: str, robot: Place, people: Sequence[Place], pixels: NDArray
+    ) -> NDArray:
+        """Pixels of those whom a robot sees, shape (people,).
+
+        0 for who is farther away than `visibility.range`, or shows less than `visibility.share` of
+        the pixels that a whole person has at that distance.
+
+        Args:
+            name: The robot.
+            robot: Where it is.
+            people: Where they are.
+            pixels: How much of each its left camera shows, shape (people,).
+        """
+        limits, camera = self.scene.visibility, self.stereo[name]
+        above = camera.mounting.height - _CHEST
+        x, y = np.array([(place.x, place.y) for place in people]).reshape(-1, 2).T
+        away = np.sqrt((x - robot.x) ** 2 + (y - robot.y) ** 2 + above**2)
+        whole = _BODY_AREA * camera.fx * camera.fy / np.maximum(away, 0.1) ** 2
+        seen: NDArray = np.where(
+            (away <= limits.range) & (pixels >= limits.share * whole), pixels, 0.0
+        )
+        return seen

@@ -22,10 +22,6 @@ from mrs_tools.simulation.scene import Person, Robot, Scene
 from mrs_tools.simulation.stage import Stage
 from mrs_tools.simulation.walks import Walked, walk_together
 
-#: What a person covers of the view, seen from the front [m^2]: the mean of this simulator's people.
-_BODY_AREA = 0.57
-#: Height that distances to people are measured to [m].
-_CHEST = 1.0
 #: For so many instants the bodies are kept.
 _INSTANTS = 4
 
@@ -58,7 +54,7 @@ class World:
     Attributes:
         scene: The scene.
         names: Names of the robots.
-        raw: Whether a robot gives raw images, by name.
+        stage: What the scene looks like.
         cameras: Each robot's cameras, by name.
         beliefs: What each robot says about its pose, by name.
         has_group: Whether somebody is known to walk in a group.
@@ -70,9 +66,8 @@ class World:
         self._duration = (scene.timing.frames - 1) / scene.timing.rate + max(
             [r.phase for r in scene.robots.values()], default=0.0
         )
-        self._stage = Stage(scene)
-        self.raw, self.cameras = self._stage.raw, self._stage.cameras
-        self.stereo = self._stage.stereo
+        self.stage = Stage(scene)
+        self.cameras = self.stage.cameras
         self._walked = self._walk()
         self._build_robots()
         self._build_people()
@@ -137,19 +132,19 @@ class World:
             self._walk_about(walkers, recorded)
         self._tracks += recorded
         for k in range(len(recorded)):
-            people.append(self._stage.draw_person(self._rng(13, k)))
+            people.append(self.stage.draw_person(self._rng(13, k)))
         self.people = people
-        self._bodies = self._stage.bodies(people)
+        self._bodies = self.stage.bodies(people)
 
     @property
     def room(self) -> Mesh:
         """The room and its furniture, in the map."""
-        return self._stage.room
+        return self.stage.room
 
     @property
     def assets(self) -> dict[str, Source]:
         """Where the meshes in the scene are from, by file."""
-        return self._stage.assets
+        return self.stage.assets
 
     def _recorded_tracks(self) -> list[Track]:
         """Tracks of recorded people; their groups are added to those of the scene."""
@@ -270,17 +265,12 @@ class World:
         Args:
             frames: One per robot.
         """
-        limits = self.scene.visibility
         best = np.zeros(len(self.people))
         for frame in frames:
             time = self.time_of(frame.index) + self.scene.robots[frame.robot].phase
-            robot, camera = self.robot_place(frame.robot, time), self.stereo[frame.robot]
-            above = camera.mounting.height - _CHEST
-            for k, place in enumerate(self.person_places(time)):
-                away = math.hypot(place.x - robot.x, place.y - robot.y, above)
-                whole = _BODY_AREA * camera.fx * camera.fy / max(away, 0.1) ** 2
-                if away <= limits.range and frame.pixels[k] >= limits.share * whole:
-                    best[k] = max(best[k], frame.pixels[k])
+            robot, people = self.robot_place(frame.robot, time), self.person_places(time)
+            seen = self.stage.seen_pixels(frame.robot, robot, people, frame.pixels)
+            best = np.maximum(best, seen)
         return best
 
     def _lights(self, name: str, time: float) -> tuple[dict[str, NDArray], NDArray]:
@@ -316,7 +306,7 @@ class World:
         self, name: str, camera: Camera, time: float, chosen: slice
     ) -> tuple[NDArray, NDArray]:
         """Lens and directions in the map."""
-        return self._stage.rays(name, camera, self._robot_tracks[name].at(time), chosen)
+        return self.stage.rays(name, camera, self._robot_tracks[name].at(time), chosen)
 
     def _caster(self, name: str, time: float) -> Caster:
         """Everything that a robot can see at a time; its own body is not."""
@@ -325,9 +315,9 @@ class World:
         if key not in self._casters:
             parts = [self.room, *self._people_meshes(time)]
             for other, place in others.items():
-                mesh = self._stage.robot_meshes[other]
+                mesh = self.stage.robot_meshes[other]
                 parts.append(mesh.placed(place.x, place.y, place.yaw))
-            self._casters = {key: Caster(merge(parts), self._stage.atlas, self._stage.light)}
+            self._casters = {key: Caster(merge(parts), self.stage.atlas, self.stage.light)}
         return self._casters[key]
 
     def _people_meshes(self, time: float) -> list[Mesh]:
