@@ -12,4 +12,5 @@
 | `pace` | how fast the leader goes |
 | `guide` | `Guide.step`: people and poses in, posts and pace out |
 | `drive` | velocity of a differential drive on its way to a post |
+| `steering` | velocities of all robots, from posts, people and poses that come now and then |
 """
