@@ -28,6 +28,7 @@ PACKAGES = {  # ROS package -> its folder
 EXECUTABLES = [
     ("mrs_people_loc", "mrs"),
     ("planner_node", "planner_node"),
+    ("planner_node", "guide_node"),
     ("robot_node", "robot_node"),
 ]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
@@ -124,7 +125,8 @@ def test_script_runs_the_python_of_its_own_prefix(
         path.parent.mkdir(parents=True)
         path.write_text(text)
         path.chmod(0o755)
-    module = {"mrs": "mrs_tools"}.get(executable, executable)
+    modules = {"mrs": "mrs_tools", "guide_node": "planner_node.guide_node"}
+    module = modules.get(executable, executable)
 
     def reported(environment: dict[str, str]) -> list[str]:
         command = [str(script), "--team", "a b"]
@@ -228,6 +230,7 @@ SYSTEM_KEYS = {
     "python3-yaml",
 }
 JAZZY_KEYS = {
+    "action_msgs",
     "ament_cmake",
     "ament_index_python",
     "builtin_interfaces",

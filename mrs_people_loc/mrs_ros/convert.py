@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -21,10 +21,10 @@ from geometry_msgs.msg import (
 )
 from geometry_msgs.msg import Pose as RosPose
 from mrs_people_msgs.msg import Group as GroupMessage
+from mrs_people_msgs.msg import GuideStatus, RelativePoses, RobotPost, RobotScan, Wall
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
 from mrs_people_msgs.msg import RelativePose as RelativePoseMessage
-from mrs_people_msgs.msg import RelativePoses, RobotScan, Wall
 from mrs_people_msgs.msg import TeamPose as TeamPoseMessage
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
@@ -32,6 +32,7 @@ from stereo_msgs.msg import DisparityImage
 
 from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
+from mrs_people_loc.guiding.guidance import Guidance, Post
 from mrs_people_loc.localization.shared import RelativePose, SeenWalls, TeamPose
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
@@ -390,3 +391,51 @@ def short_term_map(result: People, frame_id: str) -> PointCloud2:
     records["robot"], records["cluster"] = fused.robot, label
     records["person"] = person_of_cluster[label]
     return cloud(result.stamp_ns, frame_id, records)
+
+
+def guide_status(
+    tour: str, guidance: Guidance, poses: Mapping[str, Pose], frame_id: str
+) -> GuideStatus:
+    """How a tour goes on as the message on `guide_status`.
+
+    Args:
+        tour: Name of the tour.
+        guidance: How it goes on.
+        poses: Where the robots are.
+        frame_id: The common frame.
+    """
+    posts = [_post(robot, post, poses.get(robot)) for robot, post in guidance.posts.items()]
+    faults = [
+        RobotPost(robot=robot, distance=math.nan, fault=fault)
+        for robot, fault in guidance.faults.items()
+        if robot not in guidance.posts
+    ]
+    return GuideStatus(
+        header=header(guidance.stamp_ns, frame_id),
+        tour=tour,
+        state=int(guidance.state),
+        reason=guidance.reason,
+        stop=guidance.stop,
+        way=guidance.way_m,
+        length=guidance.length_m,
+        speed=guidance.speed,
+        people=list(guidance.people),
+        stragglers=list(guidance.stragglers),
+        lost=list(guidance.lost),
+        posts=[*posts, *faults],
+    )
+
+
+def _post(robot: str, post: Post, pose: Pose | None) -> RobotPost:
+    away = math.nan
+    if pose is not None:
+        away = math.hypot(post.xy[0] - pose.x, post.xy[1] - pose.y)
+    return RobotPost(robot=robot, role=int(post.role), post=post_pose(post), distance=away)
+
+
+def post_pose(post: Post) -> RosPose:
+    """Where a robot belongs."""
+    made = floor_pose(post.xy)
+    x, y, z, w = quaternion_from_yaw(post.yaw)
+    made.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    return made

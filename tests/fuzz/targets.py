@@ -346,6 +346,8 @@ def take_people(data: bytes) -> None:
     if message is not None:
         with contextlib.suppress(PeopleLocError):
             messages.read_people_scans(message)
+        with contextlib.suppress(PeopleLocError):
+            messages.read_people(message, "map")
         read_estimate(message)
 
 

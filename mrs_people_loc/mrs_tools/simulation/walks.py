@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.guiding.way import Way
 from mrs_tools.simulation.motion import LEAD_S, STEP_S, Track, push, rounded, times
 from mrs_tools.simulation.rooms import SIZES
 from mrs_tools.simulation.scene import Person, Robot, Scene
@@ -40,6 +41,8 @@ _DOOR = 0.7
 _ROBOT_PERSON, _ROBOT_ROBOT, _ROBOT_WALL = 0.75, 0.75, 0.40
 #: Fastest a robot drives [m/s], speeds up [m/s^2] and turns [rad/s].
 _ROBOT_SPEED, _ROBOT_PUSH, _ROBOT_TURN = 1.6, 2.0, 0.9
+#: A loop goes on for this much longer than anybody walks [m].
+_LOOP_EXTRA = 32.0
 #: Where somebody is who is not there: nobody is near [m].
 _NOWHERE = 1.0e4
 
@@ -70,82 +73,6 @@ class Walked:
         return found
 
 
-class Way:
-    """A way with rounded corners, extended straight on at both ends.
-
-    Args:
-        path: x0, y0, x1, y1, ... [m].
-        loop: Whether its end leads to its beginning, again and again.
-        length: At least so long, if it is a loop [m].
-    """
-
-    #: Extension at both ends, and distance of the points that are kept [m].
-    _EXTRA, _GRAIN = 8.0, 0.05
-
-    def __init__(self, path: Sequence[float], *, loop: bool = False, length: float = 0.0) -> None:
-        points = np.array(path, dtype=np.float64).reshape(-1, 2)
-        if loop:
-            around = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum()
-            rounds = math.ceil((length + 4 * self._EXTRA) / around)
-            points = np.concatenate([*([points] * rounds), points[:1]])
-        dense = rounded(points, 201)
-        ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
-        self.length = float(ways[-1])
-        at = np.arange(0.0, self.length, self._GRAIN)
-        middle = np.stack([np.interp(at, ways, dense[:, k]) for k in (0, 1)], axis=1)
-        more = self._GRAIN * np.arange(1, round(self._EXTRA / self._GRAIN) + 1)[:, None]
-        first, last = (middle[a] - middle[b] for a, b in ((3, 0), (-1, -4)))
-        first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
-        before, after = (middle[0] - more * first)[::-1], middle[-1] + more * last
-        self._points = np.concatenate([before, middle, after])
-        slope = np.gradient(self._points, axis=0)
-        self._ahead = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
-
-    def _row(self, way: NDArray | float) -> NDArray:
-        row = (np.asarray(way) + self._EXTRA) / self._GRAIN
-        return np.clip(row, 0.0, len(self._points) - 1.001)
-
-    def at(self, way: NDArray | float, left: NDArray | float = 0.0) -> NDArray:
-        """Places at lengths of the way and so far to its left [m], shape (..., 2)."""
-        row = self._row(way)
-        low = row.astype(int)
-        part = (row - low)[..., None]
-        middle = self._points[low] * (1 - part) + self._points[low + 1] * part
-        ahead = self.ahead(way)
-        aside = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
-        place: NDArray = middle + np.asarray(left)[..., None] * aside
-        return place
-
-    def ahead(self, way: NDArray | float) -> NDArray:
-        """Unit vectors along it, shape (..., 2)."""
-        found: NDArray = self._ahead[np.rint(self._row(way)).astype(int)]
-        return found
-
-    def nearest(self, places: NDArray, around: NDArray | None = None) -> NDArray:
-        """Lengths of the way nearest to places [m], shape (n,).
-
-        Args:
-            places: Where [m], shape (n, 2).
-            around: Looked for only within 1 m of these lengths, so that walkers stay on their
-                part of a way that comes back; shape (n,).
-        """
-        if around is None:
-            away = np.linalg.norm(self._points[None] - places[:, None], axis=2)
-            # Where the way comes by several times: the first of them.
-            away += 1e-3 * self._GRAIN * np.arange(len(self._points))
-            return away.argmin(axis=1) * self._GRAIN - self._EXTRA
-        reach = np.arange(-20, 21)
-        rows = np.clip(
-            np.rint(self._row(around)).astype(int)[:, None] + reach, 0, len(self._points) - 1
-        )
-        away = ((self._points[rows] - places[:, None]) ** 2).sum(axis=2)
-        best = rows[np.arange(len(rows)), away.argmin(axis=1)]
-        # Between the points: how far along the way the place is from the nearest one.
-        rest = ((places - self._points[best]) * self._ahead[best]).sum(axis=1)
-        found: NDArray = best * self._GRAIN - self._EXTRA + np.clip(rest, -0.05, 0.05)
-        return found
-
-
 def way_of(scene: Scene) -> Way:
     """The way of a scene's group: what `walk.path` says, or along the middle of the room."""
     walk, room = scene.walk, scene.room
@@ -156,7 +83,23 @@ def way_of(scene: Scene) -> Way:
         else:
             path = (room.length / 2, 0.8, room.length / 2, room.width - 0.8)
     duration = (scene.timing.frames - 1) / scene.timing.rate
-    return Way(path, loop=walk.loop, length=1.5 * walk.speed * duration)
+    return way_along(path, loop=walk.loop, length=1.5 * walk.speed * duration)
+
+
+def way_along(path: Sequence[float], *, loop: bool = False, length: float = 0.0) -> Way:
+    """The way along a path.
+
+    Args:
+        path: x0, y0, x1, y1, ... [m].
+        loop: Whether its end leads to its beginning, again and again.
+        length: At least so long, if it is a loop [m].
+    """
+    points = np.array(path, dtype=np.float64).reshape(-1, 2)
+    if loop:
+        around = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum()
+        rounds = math.ceil((length + _LOOP_EXTRA) / around)
+        points = np.concatenate([*([points] * rounds), points[:1]])
+    return Way(rounded(points, 201), rounding=0.0)
 
 
 class Boxes:
