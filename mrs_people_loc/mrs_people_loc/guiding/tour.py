@@ -88,7 +88,7 @@ def read_tour(path: str | Path) -> Tour:
     """
     path = Path(path).expanduser()
     try:
-        return _tour_of(cfg.load_yaml(path), path.stem)
+        return tour_of(cfg.load_yaml(path), path.stem)
     except ConfigError as err:
         raise TourError(str(err)) from err
     except TourError as err:
@@ -188,7 +188,16 @@ def _stops(way: Way, stops: Iterable[tuple[str, ArrayLike, float]]) -> tuple[Sto
     return tuple(found)
 
 
-def _tour_of(document: Any, name: str) -> Tour:
+def tour_of(document: Any, name: str) -> Tour:
+    """A tour from what its file holds.
+
+    Args:
+        document: The file's content, see the module's docstring.
+        name: Of the tour, where the file gives none.
+
+    Raises:
+        TourError: It holds something else; names what is wrong.
+    """
     values = _mapping(document, "a tour", _KEYS, wanted=("points",))
     stops = values.get("stops") or ()
     if not isinstance(stops, Sequence) or isinstance(stops, str):

@@ -162,7 +162,7 @@ class Boxes:
         return bool(min(at.min(), (self._size - at).min()) < _DOOR)
 
 
-class _Wander:
+class Wander:
     """Numbers of mean 0 and deviation 1 that change slowly, one per person."""
 
     def __init__(self, count: int, periods: tuple[float, float], rng: Rng) -> None:
@@ -170,6 +170,7 @@ class _Wander:
         self._phase = rng.uniform(0, 2 * math.pi, (4, count))
 
     def at(self, time: float) -> NDArray:
+        """The numbers at a time [s], shape (count,)."""
         waves: NDArray = np.sin(self._rate * time + self._phase).sum(axis=0) / math.sqrt(2.0)
         return waves
 
@@ -223,9 +224,9 @@ class _Simulation:
         goals = [p.goal or (p.x, p.y) for p in people]
         self._goals = np.array(goals, dtype=np.float64).reshape(n, 2)
         self._door = np.array([bool(p.goal) and self._boxes.at_wall(p.goal) for p in people])
-        self._tempo = _Wander(n, (5.0, 16.0), rng)
-        self._side = _Wander(n, (9.0, 30.0), rng)
-        self._order = _Wander(n, (12.0, 40.0), rng)
+        self._tempo = Wander(n, (5.0, 16.0), rng)
+        self._side = Wander(n, (9.0, 30.0), rng)
+        self._order = Wander(n, (12.0, 40.0), rng)
         self._pauses, self._looks = self._dawdling(rng)
         #: Half the group's length along the way.
         self._reach = 0.25 + 0.35 * self._walk.gap * math.sqrt(max(int(self._member.sum()), 1))
@@ -411,14 +412,14 @@ class _Simulation:
         half = walk.width / 2
         side = np.clip(self._offset + 0.45 * walk.wander * half * self._side.at(now), -half, half)
         ahead = way.at(self._along + 1.2, side) - self._position
-        wish = _unit(ahead) * pace[:, None]
+        wish = unit(ahead) * pace[:, None]
         # Others: to their goals; who has not joined yet waits, then makes for the group.
         left = np.linalg.norm(self._goals - self._position, axis=1, keepdims=True)
-        free = _unit(self._goals - self._position) * self._speed[:, None]
+        free = unit(self._goals - self._position) * self._speed[:, None]
         free *= np.where(self._door[:, None], 1.0, np.minimum(1.0, left / 0.5))
         if self._left.any():
             centre = self._position[self._left].mean(axis=0)
-            coming = _unit(centre + 0.8 * way.ahead(self._middle) * walk.speed - self._position)
+            coming = unit(centre + 0.8 * way.ahead(self._middle) * walk.speed - self._position)
             coming *= 1.5 * walk.speed
             comes = self._member & ~self._left & (now < self._leaves)
             waits = comes & (now < self._joins)
@@ -460,7 +461,7 @@ class _Simulation:
             away = centre - position
             far = np.linalg.norm(away, axis=1)
             pull = 0.6 * np.clip(far - 1.3 * self._reach, 0.0, 1.0) * held
-            force += pull[:, None] * _unit(away)
+            force += pull[:, None] * unit(away)
         return force
 
     def _comfort(self, position: NDArray, wish: NDArray, stays: NDArray) -> NDArray:
@@ -475,7 +476,7 @@ class _Simulation:
         )
         np.fill_diagonal(strength, 0.0)
         towards = -away / np.maximum(distance, 1e-6)[..., None]
-        heading = _unit(wish)
+        heading = unit(wish)
         ahead = (towards * heading[:, None]).sum(axis=2)
         # In the group all around: were it only those in front, all would go slower and slower.
         strength = np.minimum(strength, 3.0) * np.where(both, 1.0, 0.35 + 0.325 * (1.0 + ahead))
@@ -531,7 +532,7 @@ class _Simulation:
         """People face where they go; who dawdles looks aside."""
         pace = np.linalg.norm(self._velocity, axis=1, keepdims=True)
         gain = np.clip(pace / 0.5 - 0.2, 0.0, 1.0) * _DT / 0.3
-        target = _unit(self._velocity)
+        target = unit(self._velocity)
         idle = (self._dawdles(now) & self._left)[:, None] & (pace < 0.3)
         ahead = self._way.ahead(self._along)
         aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) * self._looks[:, None]
@@ -571,7 +572,7 @@ class _Simulation:
         ahead = (posts - self._reference) / _DT
         self._reference = posts
         want = ahead + 1.0 * (posts - self._drive)
-        want = _shortened(want, _ROBOT_SPEED)
+        want = shortened(want, _ROBOT_SPEED)
         people = self._real()
         gap, out = self._boxes.clearances(self._drive)
         for i in range(len(self._team)):
@@ -589,8 +590,8 @@ class _Simulation:
                 for j in np.flatnonzero(gap[i] < 1.5):
                     limit = 1.5 * (gap[i, j] - _ROBOT_WALL)
                     want[i] += max(float(-want[i] @ out[i, j]) - limit, 0.0) * out[i, j]
-        want = _shortened(want, _ROBOT_SPEED)
-        change = _shortened((want - self._driving) / _DT, _ROBOT_PUSH)
+        want = shortened(want, _ROBOT_SPEED)
+        change = shortened((want - self._driving) / _DT, _ROBOT_PUSH)
         self._driving = self._driving + change * _DT
         drive = self._drive + self._driving * _DT
         gap, out = self._boxes.clearances(drive)
@@ -611,13 +612,14 @@ class _Simulation:
             self._heading[i] += float(np.clip(turn, -_ROBOT_TURN, _ROBOT_TURN)) * _DT
 
 
-def _unit(vectors: NDArray) -> NDArray:
+def unit(vectors: NDArray) -> NDArray:
+    """The vectors, of length 1; zero where they are zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     found: NDArray = vectors / np.maximum(length, 1e-6)
     return found
 
 
-def _shortened(vectors: NDArray, longest: float) -> NDArray:
+def shortened(vectors: NDArray, longest: NDArray | float) -> NDArray:
     """The vectors, none of them longer than that."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     found: NDArray = vectors * np.minimum(1.0, longest / np.maximum(length, 1e-9))
