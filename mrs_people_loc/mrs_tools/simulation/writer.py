@@ -182,9 +182,8 @@ def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) ->
     messages = Messages()
     with BagWriter(out) as bag:
         bag.add_topic(MAP_TOPIC, "nav_msgs/msg/OccupancyGrid", [_MAP_QOS])
-        bag.write(
-            MAP_TOPIC, world.stamp_ns(0.0), messages.floor_plan(world.scene, world.stamp_ns(0.0))
-        )
+        begin = world.stamp_ns(0.0)
+        bag.write(MAP_TOPIC, begin, messages.floor_plan(world.scene, begin))
         if world.assets:
             bag.add_topic(ASSETS_TOPIC, "std_msgs/msg/String", [_MAP_QOS])
             bag.write(ASSETS_TOPIC, begin, messages.assets(world))

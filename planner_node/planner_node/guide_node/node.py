@@ -22,11 +22,7 @@ from mrs_people_loc.config import GuideConfig, PlannerConfig
 from mrs_people_loc.errors import PeopleError, PoseError, TourError
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Guidance, State
-<<<<<<< HEAD
 from mrs_people_loc.guiding.guide import Guide
-=======
-from mrs_people_loc.guiding.guide import RUNNING, Guide
->>>>>>> h5
 from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.guiding.tour import Tour, check_tour
 from mrs_people_loc.health.findings import Finding
@@ -92,13 +88,10 @@ class GuideNode(ManagedNode):
             self._hear(robot, any_number=False)
         self._timer = self.create_timer(_PERIOD_S, self._tick)
 
-<<<<<<< HEAD
     def waits_for(self) -> str:
         """What a tour needs."""
         return f"{self.resolve_topic_name('people')}, and a tour"
 
-=======
->>>>>>> h5
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
         self._end_tour("guide_node was deactivated")
@@ -110,18 +103,11 @@ class GuideNode(ManagedNode):
         if self.is_active and self._underway is not None:
             self._end_tour("guide_node has ended")
             self._bases.finish()
-<<<<<<< HEAD
             executor = self.executor
             if executor is not None and self._action.is_busy:
                 with contextlib.suppress(Exception):  # the node may end by an error in there
                     for _ in range(_LAST_TURNS):
                         executor.spin_once(timeout_sec=_TURN_S)
-=======
-            executor = self.executor if self._action.is_busy else None
-            with contextlib.suppress(Exception):  # what ends the node may be an error in there
-                for _ in range(_LAST_TURNS if executor else 0):
-                    executor.spin_once(timeout_sec=_TURN_S)
->>>>>>> h5
         super().destroy_node()
 
     def changed(self, config: GuideConfig) -> None:
@@ -176,12 +162,7 @@ class GuideNode(ManagedNode):
         grid = messages.read_occupancy_grid(message, self.config.map_frame)
         before, self._grid = self._grid, grid
         if self._underway is not None and (before is None or not _are_same(before, grid)):
-<<<<<<< HEAD
             self._underway.steering.space = self._space(self._underway.tour)
-=======
-            space = self._space(self._underway.tour)
-            self._underway.guide.space = self._underway.steering.space = space
->>>>>>> h5
 
     def _on_path(self, message: Path) -> None:
         if not message.poses:
@@ -291,11 +272,7 @@ class GuideNode(ManagedNode):
         steering.take_people(persons, stamp_ns, self._now_ns())
         guidance = underway.guide.step(persons, groups, steering.poses(), stamp_ns)
         self._publish(underway, guidance)
-<<<<<<< HEAD
         if not underway.guide.is_running:
-=======
-        if guidance.state not in RUNNING:
->>>>>>> h5
             finished = guidance.state == State.FINISHED
             self._end_tour(guidance.reason or "the group is there", finished=finished)
             return
@@ -310,20 +287,12 @@ class GuideNode(ManagedNode):
             self._guarded(partial(self._drive, self._underway))
 
     def _drive(self, underway: _Underway) -> None:
-<<<<<<< HEAD
         steering, now_ns = underway.steering, self._now_ns()
         timeout, age_s = self.config.safety.people_timeout, steering.people_age_s(now_ns)
         halted = underway.guidance.state == State.HALTED
         if age_s >= timeout and math.isfinite(age_s) and not halted:
             reason = f"the people are {age_s:.2f} s old; allowed: {timeout:g} s"
             self._publish(underway, underway.guide.halt(reason))
-=======
-        steering, guide, now_ns = underway.steering, underway.guide, self._now_ns()
-        timeout, age_s = self.config.safety.people_timeout, steering.people_age_s(now_ns)
-        if age_s >= timeout and math.isfinite(age_s) and guide.state != State.HALTED:
-            reason = f"the people are {age_s:.2f} s old; allowed: {timeout:g} s"
-            self._publish(underway, guide.halt(reason))
->>>>>>> h5
             self._bases.send({}, steering.poses())
         self._bases.drive(steering.step(now_ns))
 

@@ -459,7 +459,8 @@ def test_calibration_files_define_the_camera(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(f"{{robots: {{a: }}, head: {{calibration: {files}}}}}")
     world = World(load_scene(scene))
-    assert (world.stage.stereo["a"].width, world.stage.stereo["a"].baseline) == pytest.approx((64, 0.12))
+    stereo = world.stage.stereo["a"]
+    assert (stereo.width, stereo.baseline) == pytest.approx((64, 0.12))
     (tmp_path / "right.yaml").write_text("{}")
     with pytest.raises(ConfigError, match=r"right\.yaml: not a camera calibration"):
         World(load_scene(scene))
