@@ -152,32 +152,41 @@ class LiveView:
             self._poses[key] = _thing(Solid(mesh.owned_by(k)))
         return self._poses[key]
 
-    def look(self, robot: str) -> dict[str, Gray]:
-        """What a robot sees at the instant of the last `move`: images by camera."""
+    def look(self, robot: str) -> tuple[dict[str, Gray], NDArray]:
+        """What a robot sees at the instant of the last `move`.
+
+        Returns:
+            Images by camera, and how much of each person the left one shows [px], shape (people,).
+        """
         place = self._places[robot]
         things = [
             *self._seen,
             *(t.at(self._places[name]) for name, t in self._robots.items() if name != robot),
         ]
         light = self._near(place)
-        seen = {e.camera.name: self._light(e, place, things, light) for e in self._eyes[robot]}
+        pixels = np.zeros(len(self._bodies), dtype=np.intp)
+        seen = {}
+        for eye in self._eyes[robot]:
+            hits = self._hits(eye, place, things)
+            seen[eye.camera.name] = self._light(eye, place, hits, light)
+            if eye.camera.name == "left":
+                pixels = hits.pixels(len(self._bodies))
         wanted = self._stage.scene.imaging.target / max(float(seen["left"].mean()), 1e-6)
         before = self._exposure.get(robot, wanted)
         self._exposure[robot] = exposure = before + _FOLLOWS * (wanted - before)
-        return {
-            e.camera.name: expose(
-                seen[e.camera.name], e.camera, exposure, self._stage.scene.imaging, self._rng
-            )
+        imaging = self._stage.scene.imaging
+        images = {
+            e.camera.name: expose(seen[e.camera.name], e.camera, exposure, imaging, self._rng)
             for e in self._eyes[robot]
         }
+        return images, pixels
 
     def _near(self, place: Place) -> Light:
         light = self._stage.light
         near = np.hypot(*(light.lamps[:, :2] - [place.x, place.y]).T) < _LIT
         return Light(light.lamps[near], light.power[near], light.ambient)
 
-    def _light(self, eye: _Eye, place: Place, things: Sequence[_Thing], light: Light) -> Float32:
-        """Light of each pixel, shape (height, width)."""
+    def _hits(self, eye: _Eye, place: Place, things: Sequence[_Thing]) -> _Hits:
         origin, directions = eye.at(place)
         hits = _Hits(len(directions))
         hits.cast(self._room, origin, directions, None)
@@ -186,6 +195,11 @@ class LiveView:
             half = math.asin(thing.reach / away) if away > thing.reach else math.pi
             bearing = math.atan2(thing.y - origin[1], thing.x - origin[0]) - place.yaw
             hits.cast(thing, origin, directions, eye.towards(wrap_angle(bearing), half))
+        return hits
+
+    def _light(self, eye: _Eye, place: Place, hits: _Hits, light: Light) -> Float32:
+        """Light of each pixel, shape (height, width)."""
+        origin, directions = eye.at(place)
         seen = np.flatnonzero(hits.layer >= 0)
         found = np.zeros(len(directions), dtype=np.float32)
         found[seen] = shade(
@@ -223,6 +237,12 @@ class _Hits:
         self._triangle[index] = triangle[nearer]
         self._u[index], self._v[index] = more["u"][nearer], more["v"][nearer]
         self._things.append(thing)
+
+    def pixels(self, people: int) -> NDArray:
+        """How many rays hit each person, shape (people,)."""
+        owners = [thing.solid.mesh.owner[0] for thing in self._things]
+        owner = np.array([*owners, -1])[self.layer]  # a ray that hits nothing has the layer -1
+        return np.bincount(owner[owner >= 0], minlength=people)
 
     def surface(self, seen: NDArray) -> Surface:
         """What the rays of these indices hit, in the map."""
