@@ -50,7 +50,8 @@ class GuideTuning:
 
 
 GUIDE_TUNING = GuideTuning()
-_RUNNING = (State.GATHERING, State.LEADING, State.WAITING, State.AT_STOP, State.HALTED)
+#: States of a tour that has not ended.
+RUNNING = (State.GATHERING, State.LEADING, State.WAITING, State.AT_STOP, State.HALTED)
 
 
 class Guide:
@@ -58,28 +59,34 @@ class Guide:
 
     Args:
         config: Parameters; may be replaced at any time.
-        space: Where robots may drive.
+        space: Where robots may drive; likewise.
         tuning: Constants.
 
     Attributes:
         config: Likewise.
+        space: Likewise.
     """
 
     def __init__(
         self, config: cfg.GuideConfig, space: FreeSpace, tuning: GuideTuning = GUIDE_TUNING
     ) -> None:
-        self.config = config
-        self._space, self._tuning = space, tuning
+        self.config, self.space = config, space
+        self._tuning = tuning
         self._run: _Run | None = None
+
+    @property
+    def state(self) -> State:
+        """Of the tour."""
+        return State.IDLE if self._run is None else self._run.state
 
     @property
     def is_running(self) -> bool:
         """Whether a tour has begun and has not ended."""
-        return self._run is not None and self._run.state in _RUNNING
+        return self.state in RUNNING
 
     def begin(self, tour: Tour) -> None:
         """Begins a tour, with the group that is there then."""
-        self._run = _Run(tour, self.config, self._space, self._tuning)
+        self._run = _Run(tour, self.config, self.space, self._tuning)
 
     def cancel(self) -> None:
         """Ends the tour."""
@@ -118,9 +125,10 @@ class Guide:
         """
         if self._run is None:
             return Guidance(now_ns, State.IDLE)
-        self._run.config = self.config
-        posts = self._run.step(people, groups, poses, now_ns) if self.is_running else {}
-        return self._run.guidance(posts)
+        if not self.is_running:
+            return self._run.guidance({})
+        self._run.configure(self.config, self.space)
+        return self._run.guidance(self._run.step(people, groups, poses, now_ns))
 
 
 class _Run:
@@ -140,6 +148,14 @@ class _Run:
         self._settled_s = self._there_s = 0.0
         self._is_off, self._is_at_stop = False, False
         self._next = 0
+
+    def configure(self, config: cfg.GuideConfig, space: FreeSpace) -> None:
+        """Takes other parameters and another map, from the next step on."""
+        if space is not self._space:
+            self._formation = FormationPlanner(config, self._tour.way, space)
+        elif config is not self.config:
+            self._formation.configure(config)
+        self.config, self._space = config, space
 
     def end(self, state: State, reason: str) -> None:
         """Ends the tour."""
@@ -179,7 +195,7 @@ class _Run:
             self._group.give_up(self.config.pace.patience)
             self._events += self._group.events
             self._go_on(dt_s)
-        return self._posts() if self.state in _RUNNING else {}
+        return self._posts() if self.state in RUNNING else {}
 
     def guidance(self, posts: Mapping[str, Post]) -> Guidance:
         """What is told of the tour; events once."""
@@ -285,10 +301,11 @@ class _Run:
     def _walk(self, to_go: float, dt_s: float) -> None:
         """The leader goes as the group follows."""
         config, group = self.config.pace, self._group
+        leader = self._team.robots[self._team.leader]
         speed = self._pace.step(
             config,
             highest=min(self._tour.speed or config.speed, self._tuning.brakes * to_go),
-            gap=self._team.leader_m - group.foremost_m,
+            gap=group.gap(self._team.leader_m, np.array([leader.x, leader.y])),
             stretch=group.stretch,
             dt_s=dt_s,
         )
@@ -348,7 +365,6 @@ class _Run:
             there.append(fetched)
         self._post_m, speed = self._leaders_post(speed)
         assert self._now_ns is not None
-        self._formation.configure(self.config)
         posts = self._formation.step(
             Scenery(
                 people=np.array([one.xy for one in there]),

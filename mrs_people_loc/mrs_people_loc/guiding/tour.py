@@ -13,6 +13,7 @@ For example::
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,9 +30,11 @@ from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.way import Way
 
 #: Shortest and longest way [m].
-_SHORTEST, _LONGEST = 1.0, 10_000.0
+_SHORTEST, _LONGEST = 1.0, 5_000.0
 #: Most points and stops.
-_MOST = 10_000
+_MOST_POINTS, _MOST_STOPS = 10_000, 200
+#: Greatest coordinate [m].
+_FARTHEST = 1e6
 #: A stop is no farther from the way than this [m].
 _BESIDE = 2.0
 #: Longest waiting time [s].
@@ -116,10 +119,12 @@ def tour_from(
         TourError: Naming what cannot be used, what it is and what is allowed.
     """
     given = np.asarray(points, dtype=np.float64)
-    if given.ndim != 2 or given.shape[1:] != (2,) or not 2 <= len(given) <= _MOST:
-        raise TourError(f"points have the shape {given.shape}; wanted: (n, 2), n from 2 to {_MOST}")
-    if not np.isfinite(given).all():
-        raise TourError("points hold NaN or infinite values; wanted: x, y [m]")
+    if given.ndim != 2 or given.shape[1:] != (2,) or not 2 <= len(given) <= _MOST_POINTS:
+        raise TourError(
+            f"points have the shape {given.shape}; wanted: (n, 2), n from 2 to {_MOST_POINTS}"
+        )
+    if not (np.abs(given) <= _FARTHEST).all():  # NaN compares false
+        raise TourError(f"points hold NaN or too large values; wanted: up to {_FARTHEST:g} m")
     length_m = float(np.linalg.norm(np.diff(given, axis=0), axis=1).sum())
     if not _SHORTEST <= length_m <= _LONGEST:
         raise TourError(
@@ -183,8 +188,8 @@ def _stops(way: Way, stops: Iterable[tuple[str, ArrayLike, float]]) -> tuple[Sto
                 "wanted: stops in the order of the way"
             )
         found.append(Stop(name, xy, float(along[away.argmin()]), float(wait_s)))
-        if len(found) > _MOST:
-            raise TourError(f"there are more than {_MOST} stops")
+        if len(found) > _MOST_STOPS:
+            raise TourError(f"there are more stops than allowed: {_MOST_STOPS}")
     return tuple(found)
 
 
@@ -222,7 +227,7 @@ def _mapping(
     given: Any, what: str, known: Sequence[str], *, wanted: Sequence[str]
 ) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
-        raise TourError(f"{what} is {given!r:.60}; wanted: a mapping with {', '.join(known)}")
+        raise TourError(f"{what} is {_shown(given)}; wanted: a mapping with {', '.join(known)}")
     unknown = [str(key) for key in given if key not in known]
     if unknown:
         raise TourError(f"{what} has the unknown key {unknown[0]!r}; known: {', '.join(known)}")
@@ -236,15 +241,25 @@ def _numbers(given: Any, what: str) -> Float:
     """Places from a list of lists of two numbers [m], shape (n, 2)."""
     pairs = given if isinstance(given, list) else []
     if not pairs or not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-        raise TourError(f"{what}: {given!r:.60}; wanted: x, y in brackets [m]")
+        raise TourError(f"{what}: {_shown(given)}; wanted: x, y in brackets [m]")
     return np.array([[_number(value, what) for value in pair] for pair in pairs])
 
 
 def _number(given: Any, what: str) -> float:
-    number = isinstance(given, (int, float)) and not isinstance(given, bool)
-    if not number or not math.isfinite(given):
-        raise TourError(f"{what} is {given!r:.60}; wanted: a finite number")
-    return float(given)
+    number = math.nan
+    if isinstance(given, (int, float)) and not isinstance(given, bool):
+        with contextlib.suppress(OverflowError):  # a whole number that no float holds
+            number = float(given)
+    if not math.isfinite(number):
+        raise TourError(f"{what} is {_shown(given)}; wanted: a finite number")
+    return number
+
+
+def _shown(given: Any) -> str:
+    try:
+        return f"{given!r:.60}"
+    except ValueError:  # a whole number of more digits than Python writes
+        return f"a {type(given).__name__}"
 
 
 def _place(xy: Float) -> str:

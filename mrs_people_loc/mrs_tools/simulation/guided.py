@@ -13,11 +13,12 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.errors import ConfigError, TourError
+from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.guiding.tour import Tour, tour_of
 from mrs_tools.simulation.crowd import Clearance, Crowd, Straggling
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.motion import Place
-from mrs_tools.simulation.rooms import floor_plan
+from mrs_tools.simulation.rooms import SIZES, floor_plan
 from mrs_tools.simulation.scene import Scene, load_scene
 from mrs_tools.simulation.tours import walls_of
 from mrs_tools.simulation.wheels import Wheels
@@ -26,6 +27,8 @@ from mrs_tools.simulation.wheels import Wheels
 STEP_S = 0.05
 #: Radius of a robot [m].
 RADIUS = 0.22
+#: What is taller hides people [m].
+_TALL = 1.4
 #: A robot that is so near to the axis of a person touches them [m].
 _TOUCH = 0.40
 #: A robot that touches something again within this time has not left it [s].
@@ -69,6 +72,7 @@ class GuidedWorld:
         tour: Where the team guides people.
         plan: The room's floor plan.
         walls: Both ends of its walls [m], free space to the left of each, shape (m, 2, 2).
+        solid: Both ends of the sides of all that hides people [m], shape (k, 2, 2).
         names: Of the robots.
         wheels: By robot.
         crowd: The people.
@@ -88,6 +92,7 @@ class GuidedWorld:
             raise ConfigError(f"{scene.name}: tour: {err}") from err
         self.plan = floor_plan(scene.room, scene.furniture)
         self.walls = walls_of(scene)
+        self.solid = np.concatenate([self.walls, _sides_of(scene)])
         self.names = list(scene.robots)
         self.wheels = {
             name: Wheels(
@@ -172,3 +177,15 @@ class GuidedWorld:
             self.bumps += self.time - self._bumped.get(name, -math.inf) > _AGAIN_S
             self._bumped[name] = self.time
             wheels.block(before)
+
+
+def _sides_of(scene: Scene) -> Float:
+    """Both ends of the sides of furniture that is as tall as people [m], shape (k, 2, 2)."""
+    sides = []
+    for piece in scene.furniture:
+        dx, dy, dz = piece.size or SIZES[piece.kind]
+        if piece.kind != "wall" and piece.z + dz > _TALL:
+            corners = 0.5 * np.array([[-dx, -dy], [dx, -dy], [dx, dy], [-dx, dy]])
+            corners = corners @ rotation_2d(piece.yaw).T + [piece.x, piece.y]
+            sides += [*zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    return np.array(sides).reshape(-1, 2, 2)

@@ -254,7 +254,7 @@ class GuideNode(ManagedNode):
         self._bases.stop(underway.steering.poses())
         state = State.FINISHED if finished else State.CANCELLED
         last = dataclasses.replace(
-            underway.guidance, state=state, reason=message, speed=0.0, posts={}, events=()
+            underway.guidance, state=state, reason=message, speed=0.0, posts={}
         )
         self._publish(underway, last)
         if not finished:
@@ -271,11 +271,11 @@ class GuideNode(ManagedNode):
         steering = underway.steering
         steering.take_people(persons, stamp_ns, self._now_ns())
         guidance = underway.guide.step(persons, groups, steering.poses(), stamp_ns)
-        self._publish(underway, guidance)
         if not underway.guide.is_running:
-            finished = guidance.state == State.FINISHED
-            self._end_tour(guidance.reason or "the group is there", finished=finished)
+            underway.guidance, finished = guidance, guidance.state == State.FINISHED
+            self._end_tour(guidance.reason or "the group is at the end", finished=finished)
             return
+        self._publish(underway, guidance)
         steering.take_posts(guidance.posts)
         self._bases.send(guidance.posts, steering.poses())
 
@@ -297,7 +297,7 @@ class GuideNode(ManagedNode):
         self._bases.drive(steering.step(now_ns))
 
     def _publish(self, underway: _Underway, guidance: Guidance) -> None:
-        underway.guidance = guidance
+        underway.guidance = dataclasses.replace(guidance, events=())  # they are published once
         poses, frame_id = underway.steering.poses(), self.config.map_frame
         self._action.tell(self._outputs.publish(underway.tour, guidance, poses, frame_id))
 
