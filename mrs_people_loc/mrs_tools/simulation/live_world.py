@@ -249,8 +249,9 @@ class _World:
             for command in _taken(subscription):
                 self._world.wheels[name].command(command.linear.x, command.angular.z)
         for status in _taken(self._status):
-            leaders = [post.robot for post in status.posts if post.role == Role.LEADER]
-            self._world.leader = leaders[0] if leaders else ""
+            for post in status.posts:
+                if post.role == Role.LEADER and not post.fault:
+                    self._world.leader = post.robot
 
     def _tell(self, step: int) -> None:
         """Publishes what is due after a step."""
