@@ -6,9 +6,9 @@ import dataclasses
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -120,25 +120,21 @@ def team_of(plan: Plan) -> dict[str, Any]:
     return document
 
 
-class _recording:  # noqa: N801
+@contextmanager
+def _recording(bag: Path, images: bool) -> Iterator[None]:
     """Records into a bag, in a thread, while the context lasts."""
-
-    def __init__(self, bag: Path, images: bool) -> None:
-        self._recorder = Recorder(bag, [*_TOPICS, *(_IMAGES if images else ())])
-        self._stop = threading.Event()
-        self._threads = ThreadPoolExecutor(1)
-        self._running: Future[None] | None = None
-
-    def __enter__(self) -> None:
-        self._running = self._threads.submit(self._recorder.run, stop=self._stop)
-
-    def __exit__(self, *_: object) -> None:
-        assert self._running is not None
-        time.sleep(_AFTER_S)
-        self._stop.set()
-        self._threads.shutdown()
-        self._recorder.close()
-        self._running.result()
+    stop = threading.Event()
+    with (
+        Recorder(bag, [*_TOPICS, *(_IMAGES if images else ())]) as recorder,
+        ThreadPoolExecutor(1) as threads,
+    ):
+        running = threads.submit(recorder.run, stop=stop)
+        try:
+            yield
+            time.sleep(_AFTER_S)
+        finally:
+            stop.set()
+            running.result()
 
 
 class _Run:
