@@ -47,10 +47,6 @@ class PoseError(PeopleLocError):
     """A pose that cannot be used, or none at the time that was asked for."""
 
 
-class PeopleError(PeopleLocError):
-    """People, as a planner publishes them, that cannot be used."""
-
-
 class GridError(PeopleLocError):
     """An occupancy grid that cannot be used."""
 

@@ -83,6 +83,7 @@ class GuideWorld:
         self._people = node.create_publisher(People, f"{namespace}people", 10)
         self.map = node.create_publisher(OccupancyGrid, f"{namespace}map", MAP)
         self.path = node.create_publisher(Path, f"{namespace}tour_path", 10)
+        self._bases: list[Any] = []
         for robot in places if bases is None else bases:
             self.give_base(robot)
         self.statuses: list[GuideStatus] = peer.hear(GuideStatus, f"{namespace}guide_status")
@@ -103,7 +104,8 @@ class GuideWorld:
 
         kind = TwistStamped if self._stamped else Twist
         topic = f"{self.namespace}{robot}/cmd_vel"
-        self.peer.node.create_subscription(kind, topic, take, QoSProfile(depth=10))
+        depth = QoSProfile(depth=10)
+        self._bases.append(self.peer.node.create_subscription(kind, topic, take, depth))
 
     def give_nav2(self, robot: str) -> tuple[list[Any], list[Any], list[Any]]:
         """Plays a robot's Nav2: goals that start it, goals that move, requests to cancel."""
@@ -120,9 +122,16 @@ class GuideWorld:
         return starts, updates, cancelled
 
     def close(self) -> None:
-        """Ends the world."""
-        self.peer.node.destroy_timer(self._timer)
+        """Ends the world, and a tour in it."""
+        node = self.peer.node
+        self.path.publish(Path())
+        self.peer.spin(0.1)
+        node.destroy_timer(self._timer)
         self.client.destroy()
+        for publisher in (*self._poses.values(), self._people, self.map, self.path):
+            node.destroy_publisher(publisher)
+        for subscription in self._bases:
+            node.destroy_subscription(subscription)
 
     # ---- physics ----
 
@@ -182,6 +191,22 @@ class GuideWorld:
         handle = sent.result()
         assert handle is not None
         return handle, handle.get_result_async() if handle.accepted else None
+
+    def start(
+        self, goal: GuideTour.Goal, feedback: list[GuideStatus] | None = None
+    ) -> tuple[Any, Any]:
+        """Asks for a tour until it begins: the node may not have heard of this world yet."""
+        while True:
+            count = len(self.statuses)
+            handle, future = self.ask(goal, feedback)
+            self.peer.until(
+                lambda f=future, n=count: f.done() or len(self.statuses) > n,  # type: ignore[misc]
+                "no answer",
+            )
+            if not future.done():
+                return handle, future
+            reason = future.result().result.message
+            assert "nothing c" in reason or "nobody" in reason, reason
 
     def refused(self, goal: GuideTour.Goal) -> str:
         """Asks for a tour that is aborted at once; its message."""
