@@ -418,10 +418,7 @@ class Drive:
         clearance = space.clearance(arcs.xy)
         now = float(space.clearance(np.array([pose.x, pose.y])))
         wall = self.config.safety.wall_distance
-        allowed &= (clearance >= min(wall, now - _ROUNDING)).all(axis=1)
-        if now < wall:
-            allowed &= clearance[:, -1] >= now
-        return allowed
+        return np.asarray(allowed & (clearance >= min(wall, now - _ROUNDING)).all(axis=1))
 
     def _costs(
         self,
