@@ -13,7 +13,12 @@ setup(
         ("share/planner_node", ["package.xml"]),
         ("share/planner_node/launch", glob("launch/*.launch.py")),
     ],
-    entry_points={"console_scripts": ["planner_node = planner_node.__main__:main"]},
+    entry_points={
+        "console_scripts": [
+            "planner_node = planner_node.__main__:main",
+            "guide_node = planner_node.guide_node.__main__:main",
+        ]
+    },
     license="Apache-2.0",
     zip_safe=True,
 )

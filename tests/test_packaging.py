@@ -28,6 +28,7 @@ PACKAGES = {  # ROS package -> its folder
 EXECUTABLES = [
     ("mrs_people_loc", "mrs"),
     ("planner_node", "planner_node"),
+    ("planner_node", "guide_node"),
     ("robot_node", "robot_node"),
 ]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
@@ -55,7 +56,7 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
         yield package, "package.xml", ROOT / folder / "package.xml"
         for path in sorted((ROOT / folder / "launch").glob("*.launch.py")):
             yield package, f"launch/{path.name}", path
-    copied = ("config/*.yaml", "config/*.rviz", "config/*/*.xml")
+    copied = ("config/*.yaml", "config/*.rviz", "config/*/*.xml", "config/*/*.yaml")
     for pattern in (*copied, "scenes/*", "bags/*.yaml", "bags/*/*"):
         for path in sorted(ROOT.glob(pattern)):
             yield "mrs_people_loc", str(path.relative_to(ROOT)), path
@@ -124,7 +125,8 @@ def test_script_runs_the_python_of_its_own_prefix(
         path.parent.mkdir(parents=True)
         path.write_text(text)
         path.chmod(0o755)
-    module = {"mrs": "mrs_tools"}.get(executable, executable)
+    modules = {"mrs": "mrs_tools", "guide_node": "planner_node.guide_node"}
+    module = modules.get(executable, executable)
 
     def reported(environment: dict[str, str]) -> list[str]:
         command = [str(script), "--team", "a b"]
@@ -228,6 +230,7 @@ SYSTEM_KEYS = {
     "python3-yaml",
 }
 JAZZY_KEYS = {
+    "action_msgs",
     "ament_cmake",
     "ament_index_python",
     "builtin_interfaces",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -12,6 +13,7 @@ from geometry_msgs.msg import (
     Point,
     PointStamped,
     PoseArray,
+    PoseStamped,
     PoseWithCovariance,
     PoseWithCovarianceStamped,
     Quaternion,
@@ -20,18 +22,28 @@ from geometry_msgs.msg import (
     Vector3,
 )
 from geometry_msgs.msg import Pose as RosPose
+from mrs_people_msgs.action import GuideTour
 from mrs_people_msgs.msg import Group as GroupMessage
+from mrs_people_msgs.msg import (
+    GuideStatus,
+    RelativePoses,
+    RobotPost,
+    RobotScan,
+    TourStop,
+    Wall,
+)
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
 from mrs_people_msgs.msg import RelativePose as RelativePoseMessage
-from mrs_people_msgs.msg import RelativePoses, RobotScan, Wall
 from mrs_people_msgs.msg import TeamPose as TeamPoseMessage
+from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
+from mrs_people_loc.guiding.guidance import Guidance, Post
 from mrs_people_loc.localization.shared import RelativePose, TeamPose
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.people import Group, Person
@@ -39,6 +51,9 @@ from mrs_people_loc.planner import People
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
 from mrs_people_loc.team.poses import Pose
+
+if TYPE_CHECKING:
+    from mrs_people_loc.guiding.tour import Tour  # which loads OpenCV
 
 _FIELD_TYPES = {"f4": PointField.FLOAT32, "u4": PointField.UINT32, "i4": PointField.INT32}
 #: Variance of a heading that nothing is known of: uniform over the circle [rad^2].
@@ -391,3 +406,62 @@ def short_term_map(result: People, frame_id: str) -> PointCloud2:
     records["robot"], records["cluster"] = fused.robot, label
     records["person"] = person_of_cluster[label]
     return cloud(result.stamp_ns, frame_id, records)
+
+
+def guide_status(
+    tour: str, guidance: Guidance, poses: Mapping[str, Pose], frame_id: str
+) -> GuideStatus:
+    """How a tour goes on as the message on `guide_status`.
+
+    Args:
+        tour: Name of the tour.
+        guidance: How it goes on.
+        poses: Where the robots are.
+        frame_id: The common frame.
+    """
+    posts = [_post(robot, post, poses.get(robot)) for robot, post in guidance.posts.items()]
+    faults = [
+        RobotPost(robot=robot, distance=math.nan, fault=fault)
+        for robot, fault in guidance.faults.items()
+        if robot not in guidance.posts
+    ]
+    return GuideStatus(
+        header=header(guidance.stamp_ns, frame_id),
+        tour=tour,
+        state=int(guidance.state),
+        reason=guidance.reason,
+        stop=guidance.stop,
+        way=guidance.way_m,
+        length=guidance.length_m,
+        speed=guidance.speed,
+        people=list(guidance.people),
+        stragglers=list(guidance.stragglers),
+        lost=list(guidance.lost),
+        posts=[*posts, *faults],
+    )
+
+
+def _post(robot: str, post: Post, pose: Pose | None) -> RobotPost:
+    away = math.nan
+    if pose is not None:
+        away = math.hypot(post.xy[0] - pose.x, post.xy[1] - pose.y)
+    return RobotPost(robot=robot, role=int(post.role), post=post_pose(post), distance=away)
+
+
+def post_pose(post: Post) -> RosPose:
+    """Where a robot belongs."""
+    made = floor_pose(post.xy)
+    x, y, z, w = quaternion_from_yaw(post.yaw)
+    made.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    return made
+
+
+def tour_goal(tour: Tour) -> GuideTour.Goal:
+    """A tour as a goal of the action `guide_tour`."""
+    path = Path(header=Header(frame_id=tour.frame))
+    path.poses = [PoseStamped(header=path.header, pose=floor_pose(xy)) for xy in tour.points]
+    stops = [
+        TourStop(name=stop.name, position=floor_pose(stop.xy).position, wait=_duration(stop.wait_s))
+        for stop in tour.stops
+    ]
+    return GuideTour.Goal(name=tour.name, path=path, stops=stops, speed=tour.speed or 0.0)

@@ -96,14 +96,17 @@ def value(context: Any, name: str) -> str:
     return str(LaunchConfiguration(name).perform(context))
 
 
-def node(context: Any, package: str, namespace: str, files: list[Any]) -> Node:
+def node(
+    context: Any, package: str, namespace: str, files: list[Any], executable: str = ""
+) -> Node:
     """One of our nodes, with the given arguments.
 
     Args:
         context: The launch's context.
-        package: `robot_node` or `planner_node`, which is the executable's name, too.
+        package: `robot_node` or `planner_node`.
         namespace: Its namespace.
         files: Its parameter files.
+        executable: In the package; empty: the one of its name.
 
     Raises:
         ConfigError: Both `discovery_server` and `peers` are given, or one of them is no host.
@@ -112,7 +115,7 @@ def node(context: Any, package: str, namespace: str, files: list[Any]) -> Node:
     parameters = {name: text == "true" for name, text in given.items() if text}
     return Node(
         package=package,
-        executable=package,
+        executable=executable or package,
         namespace=namespace,
         parameters=[*files, *([parameters] if parameters else [])],
         additional_env=discovery_environment(

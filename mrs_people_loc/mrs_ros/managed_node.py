@@ -143,8 +143,14 @@ class ManagedNode(LifecycleNode):
     def offer(self, message_type: type, topic: str, qos: QoSProfile | int) -> Any:
         """Makes a publisher that works while the node is active."""
         publisher = self.create_lifecycle_publisher(message_type, topic, qos)
-        self._made.callback(lambda: self.destroy_lifecycle_publisher(publisher))
+        if self._active:
+            publisher.on_activate(None)  # the others were with the node
+        self.until_cleanup(lambda: self.destroy_lifecycle_publisher(publisher))
         return publisher
+
+    def until_cleanup(self, end: Callable[[], object]) -> None:
+        """Has something that `set_up` made ended when the node is cleaned up."""
+        self._made.callback(end)
 
     # ---- life cycle ----
 

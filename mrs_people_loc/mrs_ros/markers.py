@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration
@@ -15,11 +15,15 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_people_loc.guiding.guidance import Guidance, State
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.people import Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.team.poses import Pose
-from mrs_ros.convert import floor_pose, header, pose_with_covariance
+from mrs_ros.convert import floor_pose, header, pose_with_covariance, post_pose
+
+if TYPE_CHECKING:
+    from mrs_people_loc.guiding.tour import Tour  # which loads OpenCV
 
 _PERSON = ColorRGBA(r=0.1, g=0.6, b=0.2, a=0.5)
 _COASTING = ColorRGBA(r=0.6, g=0.85, b=0.65, a=0.35)
@@ -27,9 +31,13 @@ _TEXT = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 _CENTRE = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _ROBOT = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.9)
 _ELLIPSE = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.3)
+_WAY = ColorRGBA(r=0.6, g=0.3, b=0.8, a=0.6)
+_POST = ColorRGBA(r=0.9, g=0.7, b=0.1, a=0.9)
 _WALL = ColorRGBA(r=0.8, g=0.3, b=0.2, a=0.9)
 #: Walls of a robot that says no more are drawn for so long [s].
 _WALLS_FOR_S = 5
+#: A way is drawn by points that are so far apart [m].
+_WAY_STEP_M = 0.25
 #: No half axis is drawn shorter, for a sigma [m].
 _LEAST_AXIS_M = 1e-3
 #: Diameters of an arrow's shaft and head, and the head's length [m].
@@ -119,6 +127,32 @@ def wall_markers(stamp_ns: int, frame_id: str, robot: str, walls: Walls) -> Mark
     drawn.points = [_point(x, y) for x, y in ends.reshape(-1, 2)]
     drawn.lifetime = Duration(sec=_WALLS_FOR_S)
     return MarkerArray(markers=[drawn])
+
+
+def tour_markers(tour: Tour, guidance: Guidance, frame_id: str) -> MarkerArray:
+    """The way and the stops of a tour, and the robots' posts, which replace those before.
+
+    Args:
+        tour: The tour.
+        guidance: How it goes on.
+        frame_id: The common frame.
+    """
+    made = _Markers(guidance.stamp_ns, frame_id)
+    if guidance.state in (State.FINISHED, State.CANCELLED):
+        return MarkerArray(markers=made.all)
+    way = made.add("way", Marker.LINE_STRIP, RosPose(), {"x": 0.04}, _WAY)
+    along = np.linspace(0.0, tour.way.length, max(2, round(tour.way.length / _WAY_STEP_M)))
+    way.points = [_point(x, y) for x, y in tour.way.at(along)]
+    for stop in tour.stops:
+        place = floor_pose(stop.xy)
+        made.add("stops", Marker.CYLINDER, place, {"x": 0.3, "y": 0.3, "z": 0.02}, _WAY)
+        made.add("stop names", Marker.TEXT_VIEW_FACING, place, {"z": 0.25}, _TEXT).text = stop.name
+    for robot, post in guidance.posts.items():
+        pose = post_pose(post)
+        made.add("posts", Marker.ARROW, pose, {"x": 0.5, "y": 0.05, "z": 0.05}, _POST)
+        label = f"{robot}: {post.role.name.lower()}"
+        made.add("roles", Marker.TEXT_VIEW_FACING, pose, {"z": 0.15}, _TEXT).text = label
+    return MarkerArray(markers=made.all)
 
 
 class _Markers:

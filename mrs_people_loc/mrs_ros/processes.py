@@ -13,7 +13,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
-from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, load_team, robots_named
+from mrs_people_loc.config import (
+    GUIDE_NODE,
+    PLANNER_NODE,
+    ROBOT_NODE,
+    load_team,
+    robots_named,
+)
 from mrs_people_loc.errors import ConfigError
 from mrs_ros.ending import LIFELINE
 from mrs_ros.network import environment
@@ -27,25 +33,28 @@ class NodeProcess:
     """One node to start.
 
     Attributes:
-        package: ROS package, and name of its executable.
-        namespace: The robot's name; empty for the planner.
+        package: ROS package.
+        namespace: The robot's name; empty for the planner and the guide.
         files: Parameter files, later ones win.
         sim_time: Whether the node takes its time from `/clock`; else as in its files.
+        executable: In the package; empty: the one of its name.
     """
 
     package: str
     namespace: str
     files: tuple[str, ...]
     sim_time: bool
+    executable: str = ""
 
     @property
     def label(self) -> str:
         """Name for people."""
-        return self.namespace or "planner"
+        return self.namespace or (self.executable or self.package).removesuffix("_node")
 
     def command(self) -> list[str]:
         """The command line, with this Python."""
-        args = [sys.executable, "-m", self.package, "--ros-args"]
+        module = f"{self.package}.{self.executable}" if self.executable else self.package
+        args = [sys.executable, "-m", module, "--ros-args"]
         if self.namespace:
             args += ["-r", f"__ns:=/{self.namespace}"]
         for file in self.files:
@@ -53,12 +62,15 @@ class NodeProcess:
         return [*args, "-p", "use_sim_time:=true"] if self.sim_time else args
 
 
-def team_processes(files: Sequence[str | Path], *, sim_time: bool = False) -> list[NodeProcess]:
-    """One robot_node for every robot that the files name, and the planner.
+def team_processes(
+    files: Sequence[str | Path], *, sim_time: bool = False, guide: bool = False
+) -> list[NodeProcess]:
+    """One robot_node for every robot that the files name, the planner, and the guide if wanted.
 
     Args:
         files: Parameter files of the team, later ones win.
         sim_time: Whether the nodes take their time from `/clock`.
+        guide: Whether guide_node is started, too.
 
     Raises:
         ConfigError: A file is wrong, or names no robot.
@@ -72,7 +84,8 @@ def team_processes(files: Sequence[str | Path], *, sim_time: bool = False) -> li
         )
     paths = tuple(str(Path(os.path.expanduser(file)).resolve()) for file in files)
     robots = [NodeProcess(ROBOT_NODE, name, paths, sim_time) for name in names]
-    return [*robots, NodeProcess(PLANNER_NODE, "", paths, sim_time)]
+    guides = [NodeProcess(PLANNER_NODE, "", paths, sim_time, GUIDE_NODE)] if guide else []
+    return [*robots, NodeProcess(PLANNER_NODE, "", paths, sim_time), *guides]
 
 
 class RunningTeam:
@@ -93,23 +106,29 @@ class RunningTeam:
         # AMENT_PREFIX_PATH: a pip install sets nothing. A session of their own: Ctrl-C at the
         # terminal reaches us, and we end them in order. However we end, also killed, the other end
         # of their standard input is closed then, and they end, too.
-        whole = {
-            "AMENT_PREFIX_PATH": sys.prefix,
-            **environment(),
-            **(env or {}),
-            LIFELINE: "1",
-        }
-        self.processes = {
-            node: subprocess.Popen(
-                node.command(),
-                env=whole,
-                start_new_session=True,
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=log,
-            )
-            for node in nodes
-        }
+        self._log, self._env = (
+            log,
+            {
+                "AMENT_PREFIX_PATH": sys.prefix,
+                **environment(),
+                **(env or {}),
+                LIFELINE: "1",
+            },
+        )
+        self.processes: dict[NodeProcess, subprocess.Popen[bytes]] = {}
+        for node in nodes:
+            self.start(node)
+
+    def start(self, node: NodeProcess) -> None:
+        """Starts a node; one that was started before must have ended."""
+        self.processes[node] = subprocess.Popen(
+            node.command(),
+            env=self._env,
+            start_new_session=True,
+            stdin=subprocess.PIPE,
+            stdout=self._log,
+            stderr=self._log,
+        )
 
     def __enter__(self) -> RunningTeam:
         """Returns the team."""

@@ -25,10 +25,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.guiding.free_space import FreeSpace
+from mrs_people_loc.guiding.tour import check_tour, read_tour
 from mrs_people_loc.head import Head
 from mrs_people_loc.localization.odometry import Odometry
 from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
 from mrs_people_loc.localization.walls.sonar import SonarTuning, SonarWalls
+from mrs_people_loc.messages import read_people, read_tour_path
 from mrs_people_loc.messages.scans import MAX_CELLS
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
@@ -347,6 +350,8 @@ def take_people(data: bytes) -> None:
     if message is not None:
         with contextlib.suppress(PeopleLocError):
             messages.read_people_scans(message)
+        with contextlib.suppress(PeopleLocError):
+            read_people(message, "map")
         read_estimate(message)
 
 
@@ -366,6 +371,22 @@ def _people(stragglers: int = 0, words: str = "") -> bytes:
     )  # fmt: skip
     reported = _make(PEOPLE, header=_header(), scans=[scan], persons=[person], groups=[group])
     return _encoded(PEOPLE, reported)
+
+
+PATH = "nav_msgs/msg/Path"
+
+
+def take_path(data: bytes) -> None:
+    """A tour as a path."""
+    message = _decoded(PATH, data)
+    if message is not None:
+        read_tour_path(message, "map")
+
+
+def _path() -> bytes:
+    stamped = "geometry_msgs/msg/PoseStamped"
+    poses = [_make(stamped, header=_header(), pose=_pose(x, 0.0).pose) for x in (0.0, 3.0)]
+    return _encoded(PATH, _make(PATH, header=_header(), poses=poses))
 
 
 TEAM_POSE = "mrs_people_msgs/msg/TeamPose"
@@ -720,6 +741,23 @@ def take_team(data: bytes) -> None:
             read(path)
 
 
+def take_tour(data: bytes) -> None:
+    """The file of a tour."""
+    path = _folder() / "tour.yaml"
+    path.write_bytes(data)
+    check_tour(read_tour(path), FreeSpace.unbounded(), 0.35)
+
+
+_TOURS = (
+    """\
+name: hall
+points: [[0.0, 0.0], [12.0, 0.0], [12, 8.0]]
+stops: [{name: Foyer, at: [12.0, 0.5], wait: 10.0}, {name: End, at: [12.0, 8.0]}]
+speed: 0.5
+""",
+    "points:\n- [0, 1]\n- [2, 3]\nframe: site/map\n",
+)
+
 _TEAMS = (
     """\
 /**/robot_node:
@@ -840,6 +878,8 @@ TARGETS: Mapping[str, Target] = {
     "grid": Target(take_grid, lambda: [_grid()], 3_000, 300),
     "range": Target(take_range, lambda: [_range()], 300, 3_000),
     "laser": Target(take_laser, lambda: [_laser()], 1_000, 3_000),
+    "tour": Target(take_tour, lambda: [text.encode() for text in _TOURS], 1_000, 300),
+    "path": Target(take_path, lambda: [_path()], 1_000, 1_000),
     "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
     "team_pose": Target(take_team_pose, lambda: [_team_pose()], 1_500, 3_000),
     "relative_poses": Target(take_relative_poses, lambda: [_relative_poses()], 600, 3_000),

@@ -52,6 +52,9 @@ _GOALS = {
     "shutdown": "finalized",
 }
 
+#: Of executables that are not their package's only one.
+_MODULES = {"guide_node": "planner_node.guide_node"}
+
 _LABELS = {
     Transition.TRANSITION_CONFIGURE: "configure",
     Transition.TRANSITION_ACTIVATE: "activate",
@@ -76,7 +79,7 @@ class NodeProcess:
     """A node of ours as a process of its own.
 
     Args:
-        executable: `robot_node` or `planner_node`.
+        executable: `robot_node`, `planner_node` or `guide_node`.
         log: File that takes what it writes.
         namespace: Its namespace with the leading slash.
         params: Parameters by name, as the command line takes them.
@@ -100,7 +103,7 @@ class NodeProcess:
         command = [
             sys.executable,
             "-m",
-            executable,
+            _MODULES.get(executable, executable),
             *extra,
             "--ros-args",
             "-r",
@@ -316,7 +319,7 @@ class Peer:
         for status in message.status:
             node, _, name = status.name.partition(": ")
             values = {entry.key: entry.value for entry in status.values}
-            if node.rpartition("/")[2] in ("robot_node", "planner_node"):
+            if node.rpartition("/")[2] in ("robot_node", "planner_node", "guide_node"):
                 assert status.level == OK or values.get("code"), status  # tools go by codes
             self._findings[node][name] = Finding(
                 status.level, status.message, values, self._reports[node]

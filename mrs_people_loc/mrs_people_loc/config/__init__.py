@@ -15,6 +15,7 @@ Martinez-Garcia, Ohya & Yuta (2004); `config/paper.yaml` holds them.
 """
 
 from mrs_people_loc.config.files import (
+    GUIDE_NODE,
     NODE_PARAMETERS,
     PLANNER_NODE,
     ROBOT_NODE,
@@ -57,6 +58,7 @@ from mrs_people_loc.config.robot import (
 )
 
 __all__ = [
+    "GUIDE_NODE",
     "NODE_PARAMETERS",
     "PLANNER_NODE",
     "ROBOT_NODE",

@@ -11,6 +11,9 @@ For example::
     /**/planner_node:
       ros__parameters:
         robots: [robot_a, robot_b]
+    /**/guide_node:
+      ros__parameters:
+        pace: {speed: 0.5}
 
 Sections of other nodes, such as a camera's driver, are left alone; but a name that is nearly that
 of one of ours (`/robot_a/robto_node`) is an error.
@@ -22,12 +25,13 @@ import difflib
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from mrs_people_loc.config.guide import GuideConfig
 from mrs_people_loc.config.parameters import Section, Value, flatten
 from mrs_people_loc.config.planner import PlannerConfig
 from mrs_people_loc.config.robot import RobotConfig
@@ -35,9 +39,14 @@ from mrs_people_loc.errors import ConfigError
 
 ROBOT_NODE = "robot_node"
 PLANNER_NODE = "planner_node"
-_CONFIG_TYPES: dict[str, type[Section]] = {ROBOT_NODE: RobotConfig, PLANNER_NODE: PlannerConfig}
+GUIDE_NODE = "guide_node"
+_CONFIG_TYPES: dict[str, type[Section]] = {
+    ROBOT_NODE: RobotConfig,
+    PLANNER_NODE: PlannerConfig,
+    GUIDE_NODE: GuideConfig,
+}
 #: Names of our nodes in a file; a wildcard stands for one name (*) or for any number of them (**).
-_NODE_KEY = re.compile(rf"(/(\w+|\*\*?))*/({ROBOT_NODE}|{PLANNER_NODE}|\*\*?)")
+_NODE_KEY = re.compile(rf"(/(\w+|\*\*?))*/({'|'.join(_CONFIG_TYPES)}|\*\*?)")
 #: A node whose name is as like one of ours as that is taken for a misspelling of it.
 _NEARLY_OURS = 0.85
 #: What PyYAML raises besides its own errors (for `!!int x`), and reading for bad UTF-8.
@@ -53,10 +62,12 @@ class Team:
     Attributes:
         planner: The planner's configuration.
         robots: Configuration of each robot of the team, by name.
+        guide: The guide's configuration.
     """
 
     planner: PlannerConfig
     robots: Mapping[str, RobotConfig]
+    guide: GuideConfig = field(default_factory=GuideConfig)
 
 
 def robots_named(*paths: str | Path) -> tuple[str, ...]:
@@ -107,6 +118,7 @@ def load_team(
             )
             for name in names
         },
+        guide=GuideConfig.from_mapping(_merge(sections, f"/{GUIDE_NODE}")),
     )
 
 

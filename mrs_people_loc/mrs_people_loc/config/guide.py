@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from mrs_people_loc.config.parameters import Section, field
+from mrs_people_loc.config.parameters import Section, check_robots, field
 from mrs_people_loc.errors import ConfigError
 
 
@@ -56,13 +56,21 @@ class Formation(Section):
     )  # fmt: skip
     hold: float = field(3.0, "... and not sooner than after this time [s]", low=0.0, high=60.0)
 
+    def _check_relations(self) -> None:
+        if self.nearest >= self.reach:
+            raise ConfigError(
+                f"formation.nearest is {self.nearest:g}; "
+                f"allowed: less than formation.reach, {self.reach:g}"
+            )
+
 
 @dataclass(frozen=True)
 class Safety(Section):
     """When robots stand, and what they keep off."""
 
     people_timeout: float = field(
-        0.45, "robots stand while people are older than this; they slow down from half of it on [s]",
+        0.45, "robots stand while people are older than this; they slow down from half of it on "
+        "[s]",
         low=0.1, high=5.0,
     )  # fmt: skip
     pose_timeout: float = field(
@@ -118,10 +126,24 @@ class GuideConfig(Section):
     )
     map_frame: str = field("map", "the common frame", live=False)
     drive: str = field(
-        "cmd_vel", "how robots are driven: cmd_vel: by velocities from here; nav2: by goals for Nav2",
+        "cmd_vel", "how robots are driven: cmd_vel: by velocities from here; nav2: by goals for "
+        "Nav2",
         choices=("cmd_vel", "nav2"), live=False,
     )  # fmt: skip
     pace: Pace = dataclasses.field(default_factory=Pace)
     formation: Formation = dataclasses.field(default_factory=Formation)
     safety: Safety = dataclasses.field(default_factory=Safety)
     base: Base = dataclasses.field(default_factory=Base)
+
+    def _check_relations(self) -> None:
+        check_robots("robots", self.robots)
+        check_robots("looks_back", self.looks_back)
+        if self.leader:
+            check_robots("leader", (self.leader,))
+        for parameter, names in (("leader", (self.leader,)), ("looks_back", self.looks_back)):
+            for name in filter(None, names):
+                if self.robots and name not in self.robots:
+                    raise ConfigError(
+                        f"{parameter} has {name!r}; allowed: those of `robots`, "
+                        f"{', '.join(self.robots)}"
+                    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -193,6 +194,22 @@ class Section:
                 value = value.to_mapping()
             result[field.name] = list(value) if isinstance(value, tuple) else value
         return result
+
+
+def check_robots(parameter: str, names: tuple[str, ...]) -> None:
+    """Checks that a parameter names robots, each once.
+
+    Raises:
+        ConfigError: It does not.
+    """
+    for name in names:
+        if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name):
+            raise ConfigError(
+                f"{parameter} has {name!r}; allowed: ROS namespaces without a leading slash"
+            )
+    if len(set(names)) < len(names):
+        name = next(name for name in names if names.count(name) > 1)
+        raise ConfigError(f"{parameter} names {name} more than once; allowed: each robot once")
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from dataclasses import dataclass
 
 from mrs_people_loc.anthropometry import APART, APART_ACROSS
-from mrs_people_loc.config.parameters import Section, field
+from mrs_people_loc.config.parameters import Section, check_robots, field
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.precision import PIXEL_SIGMA_PX
 
@@ -299,11 +298,4 @@ class PlannerConfig(Section):
         return dataclasses.replace(self, tracking=dataclasses.replace(self.tracking, enabled=False))
 
     def _check_relations(self) -> None:
-        for name in self.robots:
-            if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name):
-                raise ConfigError(
-                    f"robots has {name!r}; allowed: ROS namespaces without a leading slash"
-                )
-        if len(set(self.robots)) < len(self.robots):
-            name = next(name for name in self.robots if self.robots.count(name) > 1)
-            raise ConfigError(f"robots names {name} more than once; allowed: each robot once")
+        check_robots("robots", self.robots)

@@ -6,7 +6,11 @@
 | `way` | places along a way |
 | `free_space` | where robots may drive, and what they see past walls, from the map |
 | `guidance` | what flows: posts of robots, state of a tour |
+| `views` | who would be seen from where |
 | `formation` | posts around the group, chosen by what would be seen from them |
+| `guided_group` | who is guided, how far along the way they are, who falls behind |
+| `pace` | how fast the leader goes |
 | `guide` | `Guide.step`: people and poses in, posts and pace out |
 | `drive` | velocity of a differential drive on its way to a post |
+| `steering` | velocities of all robots, from posts, people and poses that come now and then |
 """

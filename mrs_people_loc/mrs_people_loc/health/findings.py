@@ -9,6 +9,7 @@ People read the sentences, which may change; tools go by the codes (the value `c
 | `robot` | pairing, head, mounting, scan and pose of a robot, by its own node |
 | `localization` | the localization of a robot, by its own node |
 | `team` | the intervals, and each robot as the planner receives it |
+| `guide` | a guided tour and its robots |
 """
 
 from __future__ import annotations
@@ -71,6 +72,11 @@ class Code(str, Enum):
     # of the planner
     NO_ROBOT = "no_robot"
     NO_INTERVAL = "no_interval"
+    # of the guide
+    NO_MAP = "no_map"
+    TOUR_HALTED = "tour_halted"
+    PEOPLE_LOST = "people_lost"
+    TAKES_NO_PART = "takes_no_part"
 
     def __str__(self) -> str:
         """As it is on the wire."""

@@ -6,6 +6,7 @@ what is wanted; the caller adds the topic.
 """
 
 from mrs_people_loc.messages.grids import read_occupancy_grid
+from mrs_people_loc.messages.guiding import read_people, read_tour_goal, read_tour_path
 from mrs_people_loc.messages.images import ENCODINGS, read_camera_info, read_image
 from mrs_people_loc.messages.localization import read_relative_poses, read_team_pose
 from mrs_people_loc.messages.poses import read_people_scans, read_pose, read_transform
@@ -19,6 +20,7 @@ __all__ = [
     "read_image",
     "read_laser_scan",
     "read_occupancy_grid",
+    "read_people",
     "read_people_scans",
     "read_pose",
     "read_range",
@@ -26,6 +28,8 @@ __all__ = [
     "read_scan",
     "read_stamp",
     "read_team_pose",
+    "read_tour_goal",
+    "read_tour_path",
     "read_transform",
     "stamp_ns_of",
 ]

@@ -52,7 +52,7 @@ _LARGE = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
 }
 _IMAGES = re.compile(r".*/(left|right|top)/image_(rect|raw)")
-_OUR_NODES = {"robot_node", "planner_node"}
+_OUR_NODES = {"robot_node", "planner_node", "guide_node"}
 # Recorded only if asked for: a node that gets an old event of its own name, as happens in a replay,
 # takes it for its own use_sim_time.
 _PARAMETER_EVENTS = "/parameter_events"

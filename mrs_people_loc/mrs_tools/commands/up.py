@@ -17,6 +17,9 @@ def command(
     sim_time: Annotated[
         bool, typer.Option("--sim-time", help="Take the time from /clock (mrs replay --clock).")
     ] = False,
+    guide: Annotated[
+        bool, typer.Option("--guide", help="Start guide_node, too, which guides tours (mrs tour).")
+    ] = False,
     discovery_server: Annotated[
         str,
         typer.Option(
@@ -32,7 +35,7 @@ def command(
         ),
     ] = "",
 ) -> None:
-    """Start every robot_node of a team and the planner on this machine; Ctrl-C ends them.
+    """Start every robot_node of a team and the planner on this machine; Ctrl-C ends them all.
 
     On a real team, where each robot has its own computer, start `robot_node` there instead.
     """
@@ -42,7 +45,7 @@ def command(
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     given_domain()
-    nodes = team_processes(files, sim_time=sim_time)
+    nodes = team_processes(files, sim_time=sim_time, guide=guide)
     env = discovery_environment(discovery_server, peers)
     with stop_on_signals() as stop, RunningTeam(nodes, env=env) as team:
         console.print(f"started {', '.join(node.label for node in nodes)}; Ctrl-C ends them")

@@ -8,10 +8,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from mrs_people_loc.errors import ConfigError
+from mrs_people_loc.guiding.way import Way
 from mrs_tools.simulation import interiors
 from mrs_tools.simulation.rooms import SIZES, footprint
 from mrs_tools.simulation.scene import Furniture, Layout, Person, Robot, Room, Scene, StereoHead
-from mrs_tools.simulation.walks import Boxes, Way, way_of
+from mrs_tools.simulation.walks import Boxes, way_of
 
 Rng = np.random.Generator
 
@@ -55,6 +57,8 @@ def _expanded(scene: Scene) -> Scene:
     rng = np.random.default_rng([scene.seed, 100])
     if plan.activity == "group":
         return _walking_group(scene, rng)
+    if plan.activity == "guided":
+        return _waiting_group(scene, rng)
     centre = _centre(scene, rng)
     people = [*scene.people]
     spots = _spots(scene, centre, rng)
@@ -334,6 +338,40 @@ _FORMATION = (
     (1.7, 0.0, False), (-1.6, 0.35, True), (-1.5, -1.0, False), (1.9, 1.1, False),
     (-1.5, 1.0, False), (2.0, -1.1, False), (-2.6, -0.5, True), (3.0, 0.5, False),
 )  # fmt: skip
+
+
+def _waiting_group(scene: Scene, rng: Rng) -> Scene:
+    """A group that waits where the scene's tour begins, and faces where it goes.
+
+    Raises:
+        ConfigError: The scene has no tour, or no room there.
+    """
+    points = scene.tour.get("points")
+    if not points:
+        raise ConfigError("layout.activity is 'guided'; wanted with it: a tour (section `tour`)")
+    (x0, y0), (x1, y1) = points[:2]
+    begin, yaw = np.array([x0, y0]), math.atan2(y1 - y0, x1 - x0)
+    boxes, people = Boxes(scene), list(scene.people)
+    robots = [(robot.x, robot.y) for robot in scene.robots.values()]
+    for _ in range(scene.layout.people):
+        taken = np.array([(p.x, p.y) for p in people]).reshape(-1, 2)
+        for attempt in range(1000):
+            angle, away = rng.uniform(-math.pi, math.pi), rng.uniform(0.0, 1.0) ** 0.5
+            place = begin + (0.8 + 0.003 * attempt) * away * np.array(
+                [math.cos(angle), math.sin(angle)]
+            )
+            if (
+                (np.linalg.norm(taken - place, axis=1) > 0.75).all()
+                and all(math.dist(place, robot) > 1.0 for robot in robots)
+                and (boxes.clearances(place[None])[0] > 0.4).all()
+            ):
+                break
+        else:
+            raise ConfigError(f"no room for {scene.layout.people} people where the tour begins")
+        x, y = map(float, place)
+        seed = int(rng.integers(1, 2**31))
+        people.append(Person(x=x, y=y, yaw=yaw + float(rng.normal(0.0, 0.4)), seed=seed))
+    return dataclasses.replace(scene, people=tuple(people))
 
 
 def _walking_group(scene: Scene, rng: Rng) -> Scene:

@@ -8,6 +8,7 @@ variance lasts for seconds, as long as somebody is seen from one side.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -72,7 +73,13 @@ _BODY = 0.25
 
 
 def seen_walls(
-    segments: NDArray, poses: NDArray, bodies: NDArray, rng: Rng, head: LightHead = HEAD
+    segments: NDArray,
+    poses: NDArray,
+    bodies: NDArray,
+    rng: Rng,
+    head: LightHead = HEAD,
+    *,
+    off: Float | None = None,
 ) -> list[Walls]:
     """The walls that a robot sees at several times.
 
@@ -82,6 +89,7 @@ def seen_walls(
         bodies: Who may hide a wall, positions then [m], shape (k, b, 2).
         rng: Source of randomness.
         head: What it sees with.
+        off: Errors of its calibration, see `calibration_errors`; None: they are drawn.
 
     Returns:
         At each time, walls in its base_link.
@@ -93,13 +101,18 @@ def seen_walls(
     nearest = np.where(_hidden(in_frames(poses, bodies), slopes, nearest), np.inf, nearest)
     seen = (hit[..., None] == np.arange(len(segments))) & (nearest <= head.reach)[..., None]
     inverse = 1.0 / nearest + head.inverse_sigma * rng.normal(size=nearest.shape)
-    off = 0.5 * rng.normal(size=3) * [*head.offset_sigma, head.yaw_sigma]
+    off = calibration_errors(rng, head) if off is None else off
     inverse += off[0] + off[1] * slopes
     lines, covariances = _fit(slopes, inverse, seen, head)
     return [
         _walls(slopes, seen[k], ends[k], lines[k], covariances[k], off[2], rng, head)
         for k in range(len(poses))
     ]
+
+
+def calibration_errors(rng: Rng, head: LightHead = HEAD) -> Float:
+    """Errors of all inverse depths [1/m], by the slope of a ray, and of the direction [rad]."""
+    return np.asarray(0.5 * rng.normal(size=3) * [*head.offset_sigma, head.yaw_sigma])
 
 
 def in_frames(poses: NDArray, places: NDArray) -> Float:
@@ -302,26 +315,135 @@ def seen_people(
         head: What it sees with.
     """
     local = in_frames(poses, people)
+    seen = _in_view(local, head) & (rng.random(local.shape[:2]) >= head.missed)
+    share, lasts = head.lasting
+    slow = _changing(times, people.shape[1], lasts, rng)
+    error = math.sqrt(share) * slow + math.sqrt(1.0 - share) * rng.normal(size=slow.shape)
+    return [_measured(local[k], row, error[k], head) for k, row in enumerate(seen)]
+
+
+def _in_view(local: NDArray, head: LightHead) -> NDArray:
+    """Who is in view and not behind somebody else, shape (k, people).
+
+    Args:
+        local: Where people are in the base_link of a head that looks ahead, shape (k, people, 2).
+        head: What it sees with.
+    """
     away = np.hypot(local[..., 0], local[..., 1])
     angle = np.arctan2(local[..., 1], local[..., 0])
     seen = (np.abs(angle) < head.half_view) & (away < head.people_reach) & (away > 0.4)
     nearer = away[:, None, :] < away[:, :, None]
     beside = np.abs(np.sin(angle[:, None, :] - angle[:, :, None])) * away[:, None, :] < _BODY
-    seen &= ~(nearer & beside & (np.cos(angle[:, None, :] - angle[:, :, None]) > 0)).any(axis=2)
-    seen &= rng.random(seen.shape) >= head.missed
+    found: NDArray = seen & ~(
+        nearer & beside & (np.cos(angle[:, None, :] - angle[:, :, None]) > 0)
+    ).any(axis=2)
+    return found
+
+
+def _measured(local: NDArray, seen: NDArray, error: NDArray, head: LightHead) -> PeopleInView:
+    """People who are seen, with errors.
+
+    Args:
+        local: Where people are [m], shape (people, 2).
+        seen: Who is seen, shape (people,).
+        error: Along the line of sight and across it [sigmas], shape (people, 2).
+        head: What it sees with.
+    """
+    away = np.hypot(local[:, 0], local[:, 1])
     along = np.interp(away, (1.5, 4.5), head.along)
     across = np.full_like(along, head.across)
-    share, lasts = head.lasting
-    slow = _changing(times, people.shape[1], lasts, rng)
-    error = math.sqrt(share) * slow + math.sqrt(1.0 - share) * rng.normal(size=slow.shape)
-    measured = away + along * error[..., 0]
-    aside = across * error[..., 1]
-    cos, sin = np.cos(angle), np.sin(angle)
-    xy = np.stack([cos * measured - sin * aside, sin * measured + cos * aside], axis=-1)
-    return [
-        PeopleInView(np.flatnonzero(row), xy[k][row], along[k][row], across[k][row])
-        for k, row in enumerate(seen)
-    ]
+    ahead = local / np.maximum(away, 1e-9)[:, None]
+    aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    xy = local + (along * error[:, 0])[:, None] * ahead + (across * error[:, 1])[:, None] * aside
+    return PeopleInView(np.flatnonzero(seen), xy[seen], along[seen], across[seen])
+
+
+class Eyes:
+    """A robot's head that sees people and walls, one time after another.
+
+    Args:
+        rng: Source of randomness.
+        looks_back: Whether it looks back over base_link.
+        head: What it sees with.
+    """
+
+    #: Radius of what a robot hides of a person: its mast [m].
+    _MAST = 0.1
+
+    def __init__(self, rng: Rng, *, looks_back: bool = False, head: LightHead = HEAD) -> None:
+        self._rng, self._head = rng, head
+        self._turn = math.pi if looks_back else 0.0
+        self._off = calibration_errors(rng, head)
+        self._slow: NDArray | None = None
+
+    def people(
+        self, pose: Float, people: Float, robots: Float, solid: Float, dt: float
+    ) -> PeopleInView:
+        """The people whom it sees.
+
+        Args:
+            pose: Its robot's x, y [m] and yaw [rad], shape (3,).
+            people: Where they are in the map [m], shape (n, 2).
+            robots: Where its team-mates are [m], shape (m, 2).
+            solid: Both ends of what hides them [m], shape (k, 2, 2).
+            dt: Time since the last call [s].
+        """
+        head, rng, count = self._head, self._rng, len(people)
+        share, lasts = head.lasting
+        kept = math.exp(-dt / lasts) if self._slow is not None else 0.0
+        before = 0.0 if self._slow is None else self._slow
+        self._slow = kept * before + math.sqrt(1.0 - kept**2) * rng.normal(size=(count, 2))
+        error = math.sqrt(share) * self._slow + math.sqrt(1.0 - share) * rng.normal(size=(count, 2))
+        local = in_frames(self._looking(pose), people)
+        seen = _in_view(local, head)[0] & (rng.random(count) >= head.missed)
+        seen &= ~_crosses(pose[:2], people, solid)
+        for mate in robots:
+            seen &= ~_is_before(pose[:2], people, mate, self._MAST)
+        view = _measured(local[0], seen, error, head)
+        return PeopleInView(view.person, self._ahead(view.xy), view.along, view.across)
+
+    def walls(self, segments: NDArray, pose: Float, bodies: Float) -> Walls:
+        """The walls that it sees; arguments as for `seen_walls`, at one time."""
+        seen = seen_walls(
+            segments, self._looking(pose), bodies[None], self._rng, self._head, off=self._off
+        )[0]
+        bearing = (seen.bearing + self._turn + math.pi) % (2.0 * math.pi) - math.pi
+        return dataclasses.replace(seen, bearing=bearing)
+
+    def _looking(self, pose: Float) -> Float:
+        """The pose with the direction in which it looks, shape (1, 3)."""
+        return np.array([[pose[0], pose[1], pose[2] + self._turn]])
+
+    def _ahead(self, xy: Float) -> Float:
+        """Places from the frame of the view in base_link."""
+        return -xy if self._turn else xy
+
+
+def _crosses(eye: Float, places: Float, segments: NDArray) -> NDArray:
+    """Whether a segment is between an eye and places, shape (n,)."""
+
+    def side(a: NDArray, b: NDArray, c: NDArray) -> NDArray:
+        """On which side of the line from a to b each c is."""
+        along, off = b - a, c - a
+        found: NDArray = along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0]
+        return found
+
+    one, other, place = segments[:, 0], segments[:, 1], places[:, None]
+    apart = side(one, other, eye) * side(one, other, place) < 0
+    hit: NDArray = (apart & (side(eye, place, one) * side(eye, place, other) < 0)).any(axis=1)
+    return hit
+
+
+def _is_before(eye: Float, places: Float, body: Float, radius: float) -> NDArray:
+    """Whether a body hides the middle of places from an eye, shape (n,)."""
+    toward = places - eye
+    away = np.maximum(np.hypot(*toward.T), 1e-9)
+    ahead = toward / away[:, None]
+    off = body - eye
+    along = ahead @ off
+    aside = np.abs(ahead[:, 0] * off[1] - ahead[:, 1] * off[0])
+    found: NDArray = (along > 0.0) & (along < away) & (aside < radius)
+    return found
 
 
 def _changing(times: NDArray, count: int, lasts: float, rng: Rng) -> NDArray:

@@ -213,7 +213,7 @@ class LightTeam:
         """The planner measures relative poses by the people whom robots see."""
         stamp_ns = stamp_of(step)
         heard = [name for name in self.names if not self._is_cut_off(name, time)]
-        seen = {name: _places(stamp_ns, self._people[name][step // _VIEW]) for name in heard}
+        seen = {name: seen_places(stamp_ns, self._people[name][step // _VIEW]) for name in heard}
         poses = {name: self._localizers[name].pose_at(stamp_ns) for name in heard}
         for relative in self._relative.step(seen, poses):
             self._underway += [(name, relative) for name in self.names]
@@ -301,7 +301,7 @@ def _pose(stamp_ns: int, pose: NDArray) -> Pose:
     return Pose(stamp_ns, float(pose[0]), float(pose[1]), float(pose[2]))
 
 
-def _places(stamp_ns: int, seen: PeopleInView) -> SeenPeople:
+def seen_places(stamp_ns: int, seen: PeopleInView) -> SeenPeople:
     """What a robot sees, as the measurement of relative poses takes it."""
     bearing = np.arctan2(seen.xy[:, 1], seen.xy[:, 0])
     cos, sin = np.cos(bearing), np.sin(bearing)

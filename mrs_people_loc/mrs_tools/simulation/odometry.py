@@ -12,8 +12,8 @@ from mrs_people_loc.geometry import wrap_angle
 from mrs_tools.simulation.motion import LEAD_S, STEP_S, Track
 from mrs_tools.simulation.scene import Odometry, Robot
 
-#: Stated for an exact pose, so that no covariance is singular [m], [rad].
-_EXACT_SIGMA, _EXACT_SIGMA_YAW = 1e-3, 1e-3
+#: Stated for an exact pose of x, y [m] and yaw [rad], so that no covariance is singular.
+EXACT_SIGMAS = (1e-3, 1e-3, 1e-3)
 
 
 @dataclass(frozen=True)
@@ -80,20 +80,31 @@ def believe(
     truth = np.array([[p.x, p.y, p.yaw] for p in places])
     if settings.mode == "drift":
         return _drifting(at, truth, settings, rng, robot, track.free)
-    believed, covariance = truth, np.diag([_EXACT_SIGMA**2] * 2 + [_EXACT_SIGMA_YAW**2])
+    believed, covariance = truth, np.diag(np.square(EXACT_SIGMAS))
     if settings.mode == "localized":
         sigmas = np.array([settings.sigma, settings.sigma, settings.sigma_yaw])
-        believed = truth + sigmas * _wandering(at, settings.period, rng)
+        believed = truth + sigmas * Wandering(settings.period, rng).at(at)
         covariance = np.diag(np.maximum(sigmas, 1e-4) ** 2)
     return Belief("map", None, _samples(at, believed, [covariance] * count, track.free))
 
 
-def _wandering(at: NDArray, period: float, rng: np.random.Generator) -> NDArray:
-    """Three errors of unit variance that change within a period, shape (n, 3)."""
-    amplitude = rng.normal(size=(2, 6, 3)) / math.sqrt(6.0)
-    frequency = rng.uniform(0.1, 1.0, (6, 3)) / period
-    phase = 2 * np.pi * at[:, None, None] * frequency
-    return (amplitude[0] * np.cos(phase) + amplitude[1] * np.sin(phase)).sum(axis=1)
+class Wandering:
+    """Three errors of unit variance that change within a period.
+
+    Args:
+        period: In which they change [s].
+        rng: Source of randomness.
+    """
+
+    def __init__(self, period: float, rng: np.random.Generator) -> None:
+        self._amplitude = rng.normal(size=(2, 6, 3)) / math.sqrt(6.0)
+        self._frequency = rng.uniform(0.1, 1.0, (6, 3)) / period
+
+    def at(self, times: NDArray) -> NDArray:
+        """The errors at times [s], shape (n, 3)."""
+        phase = 2 * np.pi * np.asarray(times)[:, None, None] * self._frequency
+        of_cos, of_sin = self._amplitude
+        return (of_cos * np.cos(phase) + of_sin * np.sin(phase)).sum(axis=1)
 
 
 def _drifting(

@@ -18,6 +18,7 @@ fields here; what is not named has its default, what is not known is an error::
     imaging: {noise: 2.0}
     odometry: {mode: exact}
     layout: {people: 4}           # ... and what `layouts.py` adds at random
+    tour: {points: [[1.0, 1.0], [6.0, 1.0]]}   # where the team guides people (docs/guiding.md)
 
 Positions are metres in `map`, whose origin is a corner of the room; angles are radians; a path is
 a flat list x0, y0, x1, y1, ...
@@ -355,8 +356,9 @@ class Layout(Section):
     activity: str = _field(
         "stand",
         "what people do: stand about, talk in pairs, stand closely together, follow the first "
-        "robot, walk about, a mixture of standing and walking, or walk as a group (section `walk`)",
-        choices=("stand", "talk", "close", "tour", "walk", "mixed", "group"),
+        "robot, walk about, a mixture of standing and walking, walk as a group (section `walk`), "
+        "or wait where the scene's tour begins",
+        choices=("stand", "talk", "close", "tour", "walk", "mixed", "group", "guided"),
     )
     heads: str = _field(
         "level",
@@ -408,6 +410,16 @@ class Walk(Section):
 
 
 @dataclass(frozen=True)
+class Followers(Section):
+    """What people do who are guided on the scene's tour (`mrs tour --simulate`)."""
+
+    stragglers: int = _field(0, "people who stop on the way to look at something", low=0, high=10)
+    stay: float = _field(
+        40.0, "how long they stay, unless a robot comes to them [s]", low=0.0, high=3600.0
+    )
+
+
+@dataclass(frozen=True)
 class Visibility(Section):
     """Whom `/ground_truth/visible` calls seen: enough of a person, within the working range."""
 
@@ -442,6 +454,8 @@ class Scene:
         visibility: Whom a robot sees.
         layout: What is added at random.
         walk: How the group walks.
+        followers: What people do who are guided.
+        tour: Where they are guided, as the file of a tour holds it; empty: nowhere.
         tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
         tracks_window: First and last time of the recording to be used [s], and the x, y that
             become the map's origin [m].
@@ -464,6 +478,8 @@ class Scene:
     visibility: Visibility = Visibility()
     layout: Layout = Layout()
     walk: Walk = Walk()
+    followers: Followers = Followers()
+    tour: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     tracks: str = ""
     tracks_window: tuple[float, ...] = ()
     assets: str = ""
@@ -477,10 +493,11 @@ _SECTIONS: dict[str, type[Section]] = {
     "visibility": Visibility,
     "layout": Layout,
     "walk": Walk,
+    "followers": Followers,
 }
 _OTHERS = (
     "name", "seed", "description", "half", "furniture", "people", "robots", "head", "sonars",
-    "laser", "tracks", "tracks_window", "assets",
+    "laser", "tour", "tracks", "tracks_window", "assets",
 )  # fmt: skip
 
 
@@ -532,6 +549,7 @@ def read_scene(document: object, where: str, *, seed: int | None = None) -> Scen
             heads=heads or {"": common},
             sonars=sonars,
             lasers=lasers,
+            tour=_mapping(document.get("tour") or {}, "tour"),
             tracks=str(document.get("tracks", "")),
             tracks_window=tuple(float(t) for t in document.get("tracks_window", ())),
             assets=str(document.get("assets", "")),

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from mrs_people_loc.guiding.way import Way
 from mrs_people_loc.localization.walls import Walls
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.odometry import dead_reckoned, seen_steps, step_sigmas
 from mrs_tools.simulation.scene import Robot, Scene
-from mrs_tools.simulation.walks import Boxes, Way, way_of
+from mrs_tools.simulation.walks import Boxes, way_of
 
 Rng = np.random.Generator
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.guiding.way import Way
 from mrs_tools.simulation.motion import LEAD_S, STEP_S, Track, push, rounded, times
 from mrs_tools.simulation.rooms import SIZES
 from mrs_tools.simulation.scene import Person, Robot, Scene
@@ -40,6 +41,8 @@ _DOOR = 0.7
 _ROBOT_PERSON, _ROBOT_ROBOT, _ROBOT_WALL = 0.75, 0.75, 0.40
 #: Fastest a robot drives [m/s], speeds up [m/s^2] and turns [rad/s].
 _ROBOT_SPEED, _ROBOT_PUSH, _ROBOT_TURN = 1.6, 2.0, 0.9
+#: A loop goes on for this much longer than anybody walks [m].
+_LOOP_EXTRA = 32.0
 #: Where somebody is who is not there: nobody is near [m].
 _NOWHERE = 1.0e4
 
@@ -70,82 +73,6 @@ class Walked:
         return found
 
 
-class Way:
-    """A way with rounded corners, extended straight on at both ends.
-
-    Args:
-        path: x0, y0, x1, y1, ... [m].
-        loop: Whether its end leads to its beginning, again and again.
-        length: At least so long, if it is a loop [m].
-    """
-
-    #: Extension at both ends, and distance of the points that are kept [m].
-    _EXTRA, _GRAIN = 8.0, 0.05
-
-    def __init__(self, path: Sequence[float], *, loop: bool = False, length: float = 0.0) -> None:
-        points = np.array(path, dtype=np.float64).reshape(-1, 2)
-        if loop:
-            around = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum()
-            rounds = math.ceil((length + 4 * self._EXTRA) / around)
-            points = np.concatenate([*([points] * rounds), points[:1]])
-        dense = rounded(points, 201)
-        ways = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
-        self.length = float(ways[-1])
-        at = np.arange(0.0, self.length, self._GRAIN)
-        middle = np.stack([np.interp(at, ways, dense[:, k]) for k in (0, 1)], axis=1)
-        more = self._GRAIN * np.arange(1, round(self._EXTRA / self._GRAIN) + 1)[:, None]
-        first, last = (middle[a] - middle[b] for a, b in ((3, 0), (-1, -4)))
-        first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
-        before, after = (middle[0] - more * first)[::-1], middle[-1] + more * last
-        self._points = np.concatenate([before, middle, after])
-        slope = np.gradient(self._points, axis=0)
-        self._ahead = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
-
-    def _row(self, way: NDArray | float) -> NDArray:
-        row = (np.asarray(way) + self._EXTRA) / self._GRAIN
-        return np.clip(row, 0.0, len(self._points) - 1.001)
-
-    def at(self, way: NDArray | float, left: NDArray | float = 0.0) -> NDArray:
-        """Places at lengths of the way and so far to its left [m], shape (..., 2)."""
-        row = self._row(way)
-        low = row.astype(int)
-        part = (row - low)[..., None]
-        middle = self._points[low] * (1 - part) + self._points[low + 1] * part
-        ahead = self.ahead(way)
-        aside = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
-        place: NDArray = middle + np.asarray(left)[..., None] * aside
-        return place
-
-    def ahead(self, way: NDArray | float) -> NDArray:
-        """Unit vectors along it, shape (..., 2)."""
-        found: NDArray = self._ahead[np.rint(self._row(way)).astype(int)]
-        return found
-
-    def nearest(self, places: NDArray, around: NDArray | None = None) -> NDArray:
-        """Lengths of the way nearest to places [m], shape (n,).
-
-        Args:
-            places: Where [m], shape (n, 2).
-            around: Looked for only within 1 m of these lengths, so that walkers stay on their
-                part of a way that comes back; shape (n,).
-        """
-        if around is None:
-            away = np.linalg.norm(self._points[None] - places[:, None], axis=2)
-            # Where the way comes by several times: the first of them.
-            away += 1e-3 * self._GRAIN * np.arange(len(self._points))
-            return away.argmin(axis=1) * self._GRAIN - self._EXTRA
-        reach = np.arange(-20, 21)
-        rows = np.clip(
-            np.rint(self._row(around)).astype(int)[:, None] + reach, 0, len(self._points) - 1
-        )
-        away = ((self._points[rows] - places[:, None]) ** 2).sum(axis=2)
-        best = rows[np.arange(len(rows)), away.argmin(axis=1)]
-        # Between the points: how far along the way the place is from the nearest one.
-        rest = ((places - self._points[best]) * self._ahead[best]).sum(axis=1)
-        found: NDArray = best * self._GRAIN - self._EXTRA + np.clip(rest, -0.05, 0.05)
-        return found
-
-
 def way_of(scene: Scene) -> Way:
     """The way of a scene's group: what `walk.path` says, or along the middle of the room."""
     walk, room = scene.walk, scene.room
@@ -156,7 +83,23 @@ def way_of(scene: Scene) -> Way:
         else:
             path = (room.length / 2, 0.8, room.length / 2, room.width - 0.8)
     duration = (scene.timing.frames - 1) / scene.timing.rate
-    return Way(path, loop=walk.loop, length=1.5 * walk.speed * duration)
+    return way_along(path, loop=walk.loop, length=1.5 * walk.speed * duration)
+
+
+def way_along(path: Sequence[float], *, loop: bool = False, length: float = 0.0) -> Way:
+    """The way along a path.
+
+    Args:
+        path: x0, y0, x1, y1, ... [m].
+        loop: Whether its end leads to its beginning, again and again.
+        length: At least so long, if it is a loop [m].
+    """
+    points = np.array(path, dtype=np.float64).reshape(-1, 2)
+    if loop:
+        around = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum()
+        rounds = math.ceil((length + _LOOP_EXTRA) / around)
+        points = np.concatenate([*([points] * rounds), points[:1]])
+    return Way(rounded(points, 201), rounding=0.0)
 
 
 class Boxes:
@@ -219,7 +162,7 @@ class Boxes:
         return bool(min(at.min(), (self._size - at).min()) < _DOOR)
 
 
-class _Wander:
+class Wander:
     """Numbers of mean 0 and deviation 1 that change slowly, one per person."""
 
     def __init__(self, count: int, periods: tuple[float, float], rng: Rng) -> None:
@@ -227,6 +170,7 @@ class _Wander:
         self._phase = rng.uniform(0, 2 * math.pi, (4, count))
 
     def at(self, time: float) -> NDArray:
+        """The numbers at a time [s], shape (count,)."""
         waves: NDArray = np.sin(self._rate * time + self._phase).sum(axis=0) / math.sqrt(2.0)
         return waves
 
@@ -280,9 +224,9 @@ class _Simulation:
         goals = [p.goal or (p.x, p.y) for p in people]
         self._goals = np.array(goals, dtype=np.float64).reshape(n, 2)
         self._door = np.array([bool(p.goal) and self._boxes.at_wall(p.goal) for p in people])
-        self._tempo = _Wander(n, (5.0, 16.0), rng)
-        self._side = _Wander(n, (9.0, 30.0), rng)
-        self._order = _Wander(n, (12.0, 40.0), rng)
+        self._tempo = Wander(n, (5.0, 16.0), rng)
+        self._side = Wander(n, (9.0, 30.0), rng)
+        self._order = Wander(n, (12.0, 40.0), rng)
         self._pauses, self._looks = self._dawdling(rng)
         #: Half the group's length along the way.
         self._reach = 0.25 + 0.35 * self._walk.gap * math.sqrt(max(int(self._member.sum()), 1))
@@ -468,14 +412,14 @@ class _Simulation:
         half = walk.width / 2
         side = np.clip(self._offset + 0.45 * walk.wander * half * self._side.at(now), -half, half)
         ahead = way.at(self._along + 1.2, side) - self._position
-        wish = _unit(ahead) * pace[:, None]
+        wish = unit(ahead) * pace[:, None]
         # Others: to their goals; who has not joined yet waits, then makes for the group.
         left = np.linalg.norm(self._goals - self._position, axis=1, keepdims=True)
-        free = _unit(self._goals - self._position) * self._speed[:, None]
+        free = unit(self._goals - self._position) * self._speed[:, None]
         free *= np.where(self._door[:, None], 1.0, np.minimum(1.0, left / 0.5))
         if self._left.any():
             centre = self._position[self._left].mean(axis=0)
-            coming = _unit(centre + 0.8 * way.ahead(self._middle) * walk.speed - self._position)
+            coming = unit(centre + 0.8 * way.ahead(self._middle) * walk.speed - self._position)
             coming *= 1.5 * walk.speed
             comes = self._member & ~self._left & (now < self._leaves)
             waits = comes & (now < self._joins)
@@ -517,7 +461,7 @@ class _Simulation:
             away = centre - position
             far = np.linalg.norm(away, axis=1)
             pull = 0.6 * np.clip(far - 1.3 * self._reach, 0.0, 1.0) * held
-            force += pull[:, None] * _unit(away)
+            force += pull[:, None] * unit(away)
         return force
 
     def _comfort(self, position: NDArray, wish: NDArray, stays: NDArray) -> NDArray:
@@ -532,7 +476,7 @@ class _Simulation:
         )
         np.fill_diagonal(strength, 0.0)
         towards = -away / np.maximum(distance, 1e-6)[..., None]
-        heading = _unit(wish)
+        heading = unit(wish)
         ahead = (towards * heading[:, None]).sum(axis=2)
         # In the group all around: were it only those in front, all would go slower and slower.
         strength = np.minimum(strength, 3.0) * np.where(both, 1.0, 0.35 + 0.325 * (1.0 + ahead))
@@ -588,7 +532,7 @@ class _Simulation:
         """People face where they go; who dawdles looks aside."""
         pace = np.linalg.norm(self._velocity, axis=1, keepdims=True)
         gain = np.clip(pace / 0.5 - 0.2, 0.0, 1.0) * _DT / 0.3
-        target = _unit(self._velocity)
+        target = unit(self._velocity)
         idle = (self._dawdles(now) & self._left)[:, None] & (pace < 0.3)
         ahead = self._way.ahead(self._along)
         aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) * self._looks[:, None]
@@ -628,7 +572,7 @@ class _Simulation:
         ahead = (posts - self._reference) / _DT
         self._reference = posts
         want = ahead + 1.0 * (posts - self._drive)
-        want = _shortened(want, _ROBOT_SPEED)
+        want = shortened(want, _ROBOT_SPEED)
         people = self._real()
         gap, out = self._boxes.clearances(self._drive)
         for i in range(len(self._team)):
@@ -646,8 +590,8 @@ class _Simulation:
                 for j in np.flatnonzero(gap[i] < 1.5):
                     limit = 1.5 * (gap[i, j] - _ROBOT_WALL)
                     want[i] += max(float(-want[i] @ out[i, j]) - limit, 0.0) * out[i, j]
-        want = _shortened(want, _ROBOT_SPEED)
-        change = _shortened((want - self._driving) / _DT, _ROBOT_PUSH)
+        want = shortened(want, _ROBOT_SPEED)
+        change = shortened((want - self._driving) / _DT, _ROBOT_PUSH)
         self._driving = self._driving + change * _DT
         drive = self._drive + self._driving * _DT
         gap, out = self._boxes.clearances(drive)
@@ -668,13 +612,14 @@ class _Simulation:
             self._heading[i] += float(np.clip(turn, -_ROBOT_TURN, _ROBOT_TURN)) * _DT
 
 
-def _unit(vectors: NDArray) -> NDArray:
+def unit(vectors: NDArray) -> NDArray:
+    """The vectors, of length 1; zero where they are zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     found: NDArray = vectors / np.maximum(length, 1e-6)
     return found
 
 
-def _shortened(vectors: NDArray, longest: float) -> NDArray:
+def shortened(vectors: NDArray, longest: NDArray | float) -> NDArray:
     """The vectors, none of them longer than that."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     found: NDArray = vectors * np.minimum(1.0, longest / np.maximum(length, 1e-9))

@@ -2,11 +2,11 @@
 
 from hypothesis import strategies as st
 
-from mrs_people_loc.config import PlannerConfig, RobotConfig
+from mrs_people_loc.config import GuideConfig, PlannerConfig, RobotConfig
 
 PARAMETERS = {
     parameter.name: parameter
-    for section in (RobotConfig, PlannerConfig)
+    for section in (GuideConfig, RobotConfig, PlannerConfig)
     for parameter in section.parameters()
 }
 

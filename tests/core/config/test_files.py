@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from core.config.strategies import names, plain, values
 from mrs_people_loc import config as cfg
-from mrs_people_loc.config import PlannerConfig, RobotConfig, load_team, robots_named
+from mrs_people_loc.config import GuideConfig, PlannerConfig, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import ConfigError, PeopleLocError
 
 TEAM = """
@@ -22,6 +22,9 @@ TEAM = """
   ros__parameters:
     robots: [robot_a, robot_b]
     human: {min_points: 99}
+/**/guide_node:
+  ros__parameters:
+    pace: {speed: 0.4}
 """
 
 
@@ -42,6 +45,7 @@ def test_team_file_gives_each_robots_configuration(file_with):
     assert team.planner == PlannerConfig.from_mapping(
         {"robots": ["robot_a", "robot_b"], "human.min_points": 99}
     )
+    assert team.guide == GuideConfig.from_mapping({"pace.speed": 0.4})
     every = {"zones": {"low": 0.30, "high": 1.30}, "noise.min_points": 15}
     assert dict(team.robots) == {
         "robot_a": RobotConfig.from_mapping(every | {"zones.low": 0.25, "images.top": True}),
@@ -186,6 +190,11 @@ def test_section_patterns_select_robots(file_with, key, robots):
         ),
         ("/**: {ros__parameters: {zones: {low: 0.2}}}", "unknown parameter zones.low"),
         ("/robot_a/robto_node: {ros__parameters: {}}", "section /robot_a/robto_node names no node"),
+        (
+            "/**/guide_node: {ros__parameters: {pace: {sped: 1.0}}}",
+            r"section /\*\*/guide_node: unknown parameter pace.sped; did you mean pace.speed\?",
+        ),
+        ("/guid_node: {ros__parameters: {a: 1}}", "did you mean .../guide_node"),
         ("/my_planner_node: {ros__parameters: {a: 1}}", "section /my_planner_node names no node"),
         ("/r/my_robot_node: {ros__parameters: {a: 1}}", "section /r/my_robot_node names no node"),
         ("/robot_*/robot_node: {ros__parameters: {}}", r"section /robot_\*/robot_node names no no"),

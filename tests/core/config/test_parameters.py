@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from core.config.strategies import PARAMETERS, names, values
 from mrs_people_loc import config as cfg
 from mrs_people_loc.config import (
+    GuideConfig,
     Parameter,
     PlannerConfig,
     RobotConfig,
@@ -21,11 +22,18 @@ NAN, INF = math.nan, math.inf
 
 ROBOT = {parameter.name: parameter for parameter in RobotConfig.parameters()}
 PLANNER = {parameter.name: parameter for parameter in PlannerConfig.parameters()}
+GUIDE = {parameter.name: parameter for parameter in GuideConfig.parameters()}
+
+
+def section_of(*names: str) -> type[Section]:
+    """The configuration that has all of these."""
+    known = ((RobotConfig, ROBOT), (PlannerConfig, PLANNER), (GuideConfig, GUIDE))
+    return next(section for section, parameters in known if set(names) <= set(parameters))
 
 
 def config_of(name: str, value: object) -> Section:
-    """The robot's or the planner's configuration with one value changed."""
-    return (RobotConfig if name in ROBOT else PlannerConfig).from_mapping({name: value})
+    """The configuration with one value changed."""
+    return section_of(name).from_mapping({name: value})
 
 
 def value_of(config: Section, name: str) -> object:
@@ -65,7 +73,7 @@ def value_of(config: Section, name: str) -> object:
 )
 def test_defaults_are_valid(name, value):
     assert PARAMETERS[name].default == value
-    assert value_of((RobotConfig if name in ROBOT else PlannerConfig)(), name) == value
+    assert value_of(section_of(name)(), name) == value
 
 
 def test_papers_file_has_the_papers_constants(paper):
@@ -109,6 +117,10 @@ RELATED = {  # a value at its limit needs its partner out of the way
     "human.max_height": {"human.min_height": 0.0},
     "human.min_width": {"human.max_width": 10.0},
     "human.max_width": {"human.min_width": 0.0},
+    "pace.stretch": {"pace.max_stretch": 30.0},
+    "pace.max_stretch": {"pace.stretch": 1.0},
+    "formation.nearest": {"formation.reach": 20.0},
+    "formation.reach": {"formation.nearest": 0.1},
 }
 NUMBERS = [name for name, p in PARAMETERS.items() if p.kind in ("int", "float")]
 
@@ -127,8 +139,7 @@ def test_limits_are_inclusive(name):
         # zones.low = 10 leaves no room above, zones.high = -1 none below.
         if name in ("zones.low", "zones.high") and outwards == (1 if name == "zones.low" else -1):
             continue
-        section = RobotConfig if name in ROBOT else PlannerConfig
-        config = section.from_mapping({name: limit} | RELATED.get(name, {}))
+        config = section_of(name).from_mapping({name: limit} | RELATED.get(name, {}))
         assert value_of(config, name) == limit
 
 
@@ -246,12 +257,21 @@ def test_allowed_values_without_limits_are_stated():
         ({"robots": ["robot a"]}, "robots has 'robot a'"),
         ({"robots": ["robot_a/"]}, "robots has 'robot_a/'"),
         ({"robots": ["1"]}, "robots has '1'"),
+        (
+            {"pace.stretch": 7.0},
+            "pace.stretch is 7; allowed: at most pace.max_stretch, 6",
+        ),
+        (
+            {"formation.reach": 1.0},
+            "formation.nearest is 1; allowed: less than formation.reach, 1",
+        ),
+        ({"leader": "c", "robots": ["a", "b"]}, "leader has 'c'; allowed: those of `robots`, a, b"),
+        ({"looks_back": ["a", "a"]}, "looks_back names a more than once"),
     ],
 )
 def test_inconsistent_values_are_refused(values, message):
-    section = RobotConfig if set(values) <= set(ROBOT) else PlannerConfig
     with pytest.raises(ConfigError, match=message):
-        section.from_mapping(values)
+        section_of(*values).from_mapping(values)
 
 
 @pytest.mark.parametrize(
@@ -339,7 +359,7 @@ def test_mapping_round_trip_also_through_yaml(config):
     names, inner | values, max_size=3
 )))  # fmt: skip
 def test_any_mapping_is_accepted_or_refused(mapping):
-    for section in (RobotConfig, PlannerConfig):
+    for section in (RobotConfig, PlannerConfig, GuideConfig):
         try:
             section.from_mapping(mapping)
         except PeopleLocError as err:
@@ -368,7 +388,11 @@ def test_default_yaml_has_each_parameter_with_its_description():
         read(node.value, "", body.value[0][1])  # ros__parameters
     wanted = {
         (f"/**/{name}", parameter.name): parameter.doc
-        for name, known in (("robot_node", ROBOT), ("planner_node", PLANNER))
+        for name, known in (
+            ("robot_node", ROBOT),
+            ("planner_node", PLANNER),
+            ("guide_node", GUIDE),
+        )
         for parameter in known.values()
     }
     assert listed == wanted

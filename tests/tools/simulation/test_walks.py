@@ -27,7 +27,7 @@ from mrs_tools.simulation.odometry import believe
 from mrs_tools.simulation.render_scene import simulate
 from mrs_tools.simulation.scene import Odometry, Scene, load_scene, read_scene
 from mrs_tools.simulation.suite_scenes import suite_scenes, with_tracks
-from mrs_tools.simulation.walks import Boxes, Walked, Way, walk_together
+from mrs_tools.simulation.walks import Boxes, Walked, walk_together, way_along
 from mrs_tools.simulation.world import World
 from mrs_tools.simulation.writer import GROUP_TOPIC, PEOPLE_TOPIC
 
@@ -288,7 +288,7 @@ def test_closed_path_is_repeated() -> None:
 
 
 def test_path_matches_hand_computed_values() -> None:
-    way = Way((1.0, 2.0, 11.0, 2.0))
+    way = way_along((1.0, 2.0, 11.0, 2.0))
     assert way.length == pytest.approx(10.0, abs=1e-6)
     assert way.at(3.0, 0.5) == pytest.approx([4.0, 2.5])
     assert way.at(-2.0) == pytest.approx([-1.0, 2.0])  # straight on at both ends
@@ -302,7 +302,7 @@ def test_path_matches_hand_computed_values() -> None:
 
 def test_corners_are_rounded_and_closed_paths_repeat() -> None:
     square = (0.0, 0.0, 6.0, 0.0, 6.0, 6.0, 0.0, 6.0)
-    once, often = Way(square), Way(square, loop=True, length=60.0)
+    once, often = way_along(square), way_along(square, loop=True, length=60.0)
     turn = once.ahead(np.arange(4.0, 8.0, 0.1))
     assert (turn[1:] * turn[:-1]).sum(axis=1).min() > math.cos(0.25)
     corner = np.linalg.norm(once.at(np.arange(5.0, 7.0, 0.02)) - [6.0, 0.0], axis=1)

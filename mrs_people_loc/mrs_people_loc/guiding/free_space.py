@@ -1,0 +1,270 @@
+"""Where robots may drive, and what walls hide, from the grid on `map`."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.geometry import rotation_2d
+from mrs_people_loc.team.masking import OccupancyGrid
+
+#: The grid is used up to this far beyond the places that matter [m].
+_MARGIN = 10.0
+#: A wall hides nothing that is nearer to its face, or inside, than this [m]: places have errors.
+_NEAR_END = 0.2
+#: Distance of the nodes in which paths are looked for [m], and of samples along lines [m].
+_NODES, _SAMPLES = 0.15, 0.08
+#: Paths are first looked for in the box of start and goal and so much around them [m].
+_DETOUR = 4.0
+#: A metre of path costs up to 1 + this where clearance is only what is needed; less up to where it
+#: is this much more [m].
+_NARROW, _WIDE = 2.0, 0.5
+#: A metre of path through a disc costs so much more.
+_THROUGH_DISC = 10.0
+#: Without enough clearance, only around the start [m], and then a metre costs so much more.
+_ESCAPE, _TOO_NEAR = 1.0, 20.0
+#: The line to the goal is taken where no path can cost much less.
+_GOOD_LINE = 1.25
+#: An edge between nodes with more clearance than half its length crosses no wall [m].
+_LEAST = 0.5 * _NODES * 2**0.5 + 0.005
+
+
+class FreeSpace:
+    """Free floor of a map; unknown floor and what is outside of the map are not free.
+
+    Args:
+        grid: The map; None: everything is free.
+        occupied_from: Its cells from this value on are occupied [%].
+        around: Places that matter [m], such as those of a tour, shape (n, 2): the map farther than
+            10 m from their bounding box is left out. None: all of it is used.
+    """
+
+    def __init__(
+        self, grid: OccupancyGrid | None, *, occupied_from: int = 65, around: Float | None = None
+    ) -> None:
+        self._grid = grid
+        if grid is None:
+            return
+        self._turn = rotation_2d(grid.yaw)
+        data, self._corner = _cropped(grid, around, self._turn)
+        self._size = np.array(data.shape[::-1]) * grid.resolution
+        # A border that is not free, so that there always is something that is not.
+        blocked = np.pad((data < 0) | (data >= occupied_from), 1, constant_values=True)
+        self._clearance = _signed_distance(blocked) * grid.resolution
+        self._occupied: Bool = np.pad(data >= occupied_from, 1)
+
+    @classmethod
+    def unbounded(cls) -> FreeSpace:
+        """Free floor everywhere, for teams without a map."""
+        return cls(None)
+
+    def clearance(self, xy: Float) -> Float:
+        """Distance to what is not free [m], negative inside of it; inf without a map.
+
+        Args:
+            xy: Places in the common frame [m], shape (..., 2).
+
+        Returns:
+            Interpolated between the cells, shape (...).
+        """
+        if self._grid is None:
+            return np.full(np.shape(xy)[:-1], np.inf)
+        height, width = self._clearance.shape
+        place = self._cells(np.asarray(xy, dtype=np.float64)) - 0.5
+        inside = np.clip(place, 0.0, (width - 1.001, height - 1.001))
+        low = inside.astype(np.intp)
+        (fx, fy), (column, row) = np.moveaxis(inside - low, -1, 0), np.moveaxis(low, -1, 0)
+        flat, at = self._clearance.ravel(), row * width + column
+        lower = flat[at] * (1 - fx) + flat[at + 1] * fx
+        upper = flat[at + width] * (1 - fx) + flat[at + width + 1] * fx
+        outside = np.linalg.norm(place - inside, axis=-1) * self._grid.resolution
+        return np.asarray(lower * (1 - fy) + upper * fy - outside)
+
+    def is_visible(self, a: Float, b: Float) -> Bool:
+        """Whether no wall is between places.
+
+        Walls closer than 0.2 m to either place hide nothing. Unknown floor does not, either.
+
+        Args:
+            a: In the common frame [m], shape (..., 2).
+            b: Likewise; both are broadcast.
+
+        Returns:
+            Shape (...).
+        """
+        a, b = np.broadcast_arrays(np.asarray(a, np.float64), np.asarray(b, np.float64))
+        if self._grid is None or not a.size:
+            return np.ones(a.shape[:-1], dtype=bool)
+        length = np.linalg.norm(b - a, axis=-1)[..., np.newaxis]
+        count = int(np.ceil(max(length.max(), 0.1) / (0.7 * self._grid.resolution))) + 1
+        part = np.linspace(0.0, 1.0, count)
+        start, end = self._cells(a), self._cells(b)
+        cell = start[..., np.newaxis, :] + part[:, np.newaxis] * (end - start)[..., np.newaxis, :]
+        height, width = self._occupied.shape
+        cell = np.clip(cell, 0, (width - 1, height - 1)).astype(np.intp)
+        hit = self._occupied[cell[..., 1], cell[..., 0]]
+        counts = np.minimum(part, 1.0 - part) * length > _NEAR_END
+        return np.asarray(~(hit & counts).any(axis=-1))
+
+    def path(
+        self, start: Float, goal: Float, radius: float, blocked: Float | None = None
+    ) -> Float | None:
+        """A short path that prefers clearance.
+
+        Args:
+            start: In the common frame [m], shape (2,). Where it has less clearance than wanted, the
+                path leads out first.
+            goal: Likewise.
+            radius: Wanted clearance of the path [m].
+            blocked: Discs (x, y, radius) that are avoided unless the detour is ten times as long as
+                the way through, shape (k, 3) [m].
+
+        Returns:
+            From start to goal, shape (m, 2); None: there is no path.
+        """
+        start, goal = np.asarray(start, np.float64), np.asarray(goal, np.float64)
+        discs = np.zeros((0, 3)) if blocked is None else blocked
+        if self.clearance(goal) < radius:
+            return None
+        cost = _Cost(self, start, radius, discs)
+        line = np.stack([start, goal])
+        if cost.of_lines(start, goal[np.newaxis])[0] <= _GOOD_LINE * np.linalg.norm(goal - start):
+            return line
+        low, high = line.min(axis=0) - _DETOUR, line.max(axis=0) + _DETOUR
+        found = _search(cost, start, goal, low, high)
+        if found is None and self._grid is not None:
+            found = _search(cost, start, goal, *self._bounds())
+        return None if found is None else _pulled(cost, found)
+
+    def _cells(self, xy: Float) -> Float:
+        """Column and row with fractions, of the padded arrays."""
+        assert self._grid is not None
+        origin = (self._grid.x, self._grid.y)
+        local = (xy - origin) @ self._turn - self._corner
+        return np.asarray(local / self._grid.resolution + 1.0)
+
+    def _bounds(self) -> tuple[Float, Float]:
+        """Bounding box in the common frame [m]."""
+        assert self._grid is not None
+        x, y = self._size
+        local = self._corner + np.array([(0.0, 0.0), (x, 0.0), (0.0, y), (x, y)])
+        corners = local @ self._turn.T + (self._grid.x, self._grid.y)
+        return corners.min(axis=0), corners.max(axis=0)
+
+
+class _Cost:
+    """What a metre of path costs at a place.
+
+    Args:
+        space: Free floor.
+        start: Where the path begins [m], shape (2,).
+        radius: Wanted clearance [m].
+        discs: To be avoided, shape (k, 3) [m].
+    """
+
+    def __init__(self, space: FreeSpace, start: Float, radius: float, discs: Float) -> None:
+        self._space, self._start, self._radius, self._discs = space, start, radius, discs
+
+    def at(self, xy: Float) -> Float:
+        """Cost of a metre at places [m], shape (..., 2); inf where nobody may go."""
+        clearance = self._space.clearance(xy)
+        cost = 1.0 + _NARROW * np.clip(1.0 - (clearance - self._radius) / _WIDE, 0.0, 1.0)
+        escapes = np.linalg.norm(xy - self._start, axis=-1) < _ESCAPE
+        too_near = clearance < self._radius
+        cost = cost + np.where(too_near, np.where(escapes, _TOO_NEAR, np.inf), 0.0)
+        cost = np.where(clearance < min(_LEAST, self._radius), np.inf, cost)
+        if len(self._discs):
+            away = np.linalg.norm(xy[..., np.newaxis, :] - self._discs[:, :2], axis=-1)
+            cost = cost + _THROUGH_DISC * (away < self._discs[:, 2]).any(axis=-1)
+        return np.asarray(cost)
+
+    def of_lines(self, a: Float, b: Float) -> Float:
+        """Cost of straight lines [m], from shape (2,) or (n, 2), to shape (n, 2)."""
+        along = b - a
+        length = np.linalg.norm(along, axis=1)
+        count = int(np.ceil(max(float(length.max()), _SAMPLES) / _SAMPLES))
+        part = (np.arange(count) + 0.5) / count
+        places = b[:, np.newaxis] - part[:, np.newaxis] * along[:, np.newaxis]
+        return np.asarray(self.at(places).mean(axis=1) * length)
+
+
+def _cropped(
+    grid: OccupancyGrid, around: Float | None, turn: Float
+) -> tuple[NDArray[np.int8], Float]:
+    """Cells that matter, and where their outer corner is in the grid's axes [m], shape (2,)."""
+    height, width = grid.data.shape
+    low, high = np.zeros(2, np.intp), np.array([width, height])
+    if around is not None:
+        local = (around - (grid.x, grid.y)) @ turn
+        low = np.floor((local.min(axis=0) - _MARGIN) / grid.resolution).astype(np.intp)
+        high = np.ceil((local.max(axis=0) + _MARGIN) / grid.resolution).astype(np.intp)
+        low, high = np.clip(low, 0, (width - 1, height - 1)), np.minimum(high, (width, height))
+        high = np.maximum(high, low + 1)
+    data = grid.data[low[1] : high[1], low[0] : high[0]]
+    return data, np.asarray(low * grid.resolution, np.float64)
+
+
+def _signed_distance(blocked: Bool) -> Float:
+    """Of each cell's centre to the border of what is blocked, negative inside [cells]."""
+    outside, inside = (
+        cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        for mask in (~blocked, blocked)
+    )
+    signed = np.where(blocked, 0.5 - inside.astype(np.float64), outside.astype(np.float64) - 0.5)
+    return np.asarray(np.clip(signed, -1e6, 1e6))
+
+
+def _search(cost: _Cost, start: Float, goal: Float, low: Float, high: Float) -> Float | None:
+    """Cheapest path along the nodes of a box, from start to goal, shape (m, 2)."""
+    columns, rows = np.ceil((high - low) / _NODES).astype(np.intp) + 1
+    x, y = np.meshgrid(low[0] + _NODES * np.arange(columns), low[1] + _NODES * np.arange(rows))
+    places = np.stack([x, y], axis=-1)
+    density = cost.at(places)
+    free = np.isfinite(density).ravel()
+    if not free.any():
+        return None
+    flat = places.reshape(-1, 2)
+    first, last = (_nearest(flat, free, place) for place in (start, goal))
+    number = np.arange(rows * columns).reshape(rows, columns)
+    pairs = [
+        (number[:, :-1], number[:, 1:], 1.0),
+        (number[:-1], number[1:], 1.0),
+        (number[:-1, :-1], number[1:, 1:], 2**0.5),
+        (number[:-1, 1:], number[1:, :-1], 2**0.5),
+    ]
+    a = np.concatenate([pair[0].ravel() for pair in pairs])
+    b = np.concatenate([pair[1].ravel() for pair in pairs])
+    length = np.concatenate([np.full(pair[0].size, pair[2] * _NODES) for pair in pairs])
+    keep = free[a] & free[b]
+    a, b = a[keep], b[keep]
+    weight = 0.5 * (density.ravel()[a] + density.ravel()[b]) * length[keep]
+    graph = coo_array((weight, (a, b)), shape=(len(flat), len(flat))).tocsr()
+    distance, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
+    if not np.isfinite(distance[last]):
+        return None
+    nodes = [last]
+    while nodes[-1] != first:
+        nodes.append(int(before[nodes[-1]]))
+    return np.concatenate([start[np.newaxis], flat[nodes[::-1]], goal[np.newaxis]])
+
+
+def _nearest(places: Float, free: Bool, to: Float) -> int:
+    away = ((places - to) ** 2).sum(axis=1)
+    return int(np.where(free, away, np.inf).argmin())
+
+
+def _pulled(cost: _Cost, path: Float) -> Float:
+    """The path without the points that straight lines leave out at no cost."""
+    steps = cost.of_lines(path[:-1], path[1:])
+    so_far = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps, posinf=1e6))])
+    kept, at = [path[0]], 0
+    while at < len(path) - 1:
+        lines = cost.of_lines(path[at], path[at + 1 :])
+        good = lines <= so_far[at + 1 :] - so_far[at] + 1e-9
+        at += 1 + int(np.flatnonzero(good)[-1]) if good.any() else 1
+        kept.append(path[at])
+    return np.array(kept)

@@ -1,0 +1,97 @@
+"""How fast the leader goes: ahead of the foremost, and slower as the group stretches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mrs_people_loc import config as cfg
+
+
+@dataclass(frozen=True)
+class PaceTuning:
+    """Constants of the leader's pace; chosen.
+
+    Attributes:
+        more_gap: The leader waits where the group is farther behind than `pace.lead` by this [m].
+        patience: A group that stands for so long [s] without a straggler is as near and as close
+            as it comes: ...
+        relaxes: ... the limits of gap and stretch grow by this [m/s]
+        goes_on: ... until the leader may go at this share of its speed,
+        recovers: ... and shrink to those of the parameters by this while it goes [m/s].
+        starts: The leader sets off at this share of its speed at least, and stands below it.
+        acceleration: Highest increase of the speed [m/s^2].
+        deceleration: Highest decrease [m/s^2].
+    """
+
+    more_gap: float = 1.6
+    patience: float = 3.0
+    relaxes: float = 1.0
+    goes_on: float = 0.5
+    recovers: float = 0.05
+    starts: float = 0.15
+    acceleration: float = 0.4
+    deceleration: float = 1.0
+
+
+class PaceControl:
+    """The leader's speed.
+
+    Args:
+        tuning: Constants.
+
+    Attributes:
+        speed: Now [m/s].
+    """
+
+    def __init__(self, tuning: PaceTuning | None = None) -> None:
+        self.tuning = tuning or PaceTuning()
+        self.speed = 0.0
+        self._stood_s = 0.0
+        self._relaxed, self._relaxes = 0.0, False
+
+    def stand(self) -> float:
+        """The leader stands from now on, whatever the group does: 0 m/s."""
+        self.speed = self._stood_s = 0.0
+        return self.speed
+
+    def step(
+        self, config: cfg.Pace, *, highest: float, gap: float, stretch: float, dt_s: float
+    ) -> float:
+        """The speed for an interval.
+
+        Args:
+            config: Parameters.
+            highest: Speed that the tour allows [m/s].
+            gap: How far the leader is ahead of the foremost person along the way [m].
+            stretch: Length of the group along the way [m].
+            dt_s: Time since the last interval [s].
+
+        Returns:
+            [m/s].
+        """
+        tuning = self.tuning
+        if self._relaxes or self._stood_s > tuning.patience:
+            self._relaxed += tuning.relaxes * dt_s
+        elif self.speed > 0.0:
+            self._relaxed = max(self._relaxed - tuning.recovers * dt_s, 0.0)
+        share = falls(stretch - self._relaxed, config.stretch, config.max_stretch)
+        share *= falls(gap - self._relaxed, config.lead, config.lead + tuning.more_gap)
+        self._relaxes = self._stood_s > tuning.patience or (
+            self._relaxes and share < tuning.goes_on
+        )
+        wanted = highest * share if share >= tuning.starts else 0.0
+        low = self.speed - tuning.deceleration * dt_s
+        high = max(self.speed, tuning.starts * highest) + tuning.acceleration * dt_s
+        self.speed = min(max(wanted, low, 0.0), high)
+        self._stood_s = self._stood_s + dt_s if self.speed == 0.0 else 0.0
+        return self.speed
+
+
+def falls(value: float, full: float, none: float) -> float:
+    """1 up to `full`, 0 from `none` on, a smooth fall between them."""
+    if value <= full:
+        return 1.0
+    if value >= none:
+        return 0.0
+    part = (value - full) / (none - full)
+    return 1.0 - part * part * (3.0 - 2.0 * part)

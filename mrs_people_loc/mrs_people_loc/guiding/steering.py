@@ -1,0 +1,180 @@
+"""Velocities of all robots of a tour, from posts, people and poses that come now and then."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.config import GuideConfig
+from mrs_people_loc.guiding.drive import Drive, limit
+from mrs_people_loc.guiding.free_space import FreeSpace
+from mrs_people_loc.guiding.guidance import Post
+from mrs_people_loc.people import Person
+from mrs_people_loc.team.poses import Pose
+
+#: Time between two steps that a drive is told, at least and at most [s].
+_SHORTEST_S, _LONGEST_S = 0.01, 0.2
+#: Paths keep so much farther from people and team-mates than the drive's own limit [m].
+_DETOUR_M = 0.2
+#: ... and those who are nearer to the post than this are no reason for a detour [m].
+_AT_POST_M = 0.1
+
+#: Speed ahead [m/s] and rate of turn [rad/s].
+Velocity = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """A pose, and when it came [ns]."""
+
+    pose: Pose
+    came_ns: int
+
+
+class Steering:
+    """Drives the robots of a tour to their posts.
+
+    What is older than half of its timeout slows robots down, and stops them at the timeout. The
+    age counts from the stamp, or from the arrival where the stamp is later.
+
+    Args:
+        config: Parameters; may be replaced at any time.
+        space: Free floor; likewise.
+        robots: Names of the robots that are driven.
+
+    Attributes:
+        config: Parameters.
+        space: Free floor.
+        robots: Names of the robots that are driven.
+    """
+
+    def __init__(self, config: GuideConfig, space: FreeSpace, robots: Iterable[str]) -> None:
+        self.config = config
+        self.space = space
+        self.robots = tuple(robots)
+        self._drives = {robot: Drive(config) for robot in self.robots}
+        self._heard: dict[str, _Heard] = {}
+        self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
+        self._posts: Mapping[str, Post] = {}
+        self._paths: dict[str, Float | None] = {}
+        self._people = np.empty((0, 2))
+        self._people_velocity = np.empty((0, 2))
+        self._people_ns: int | None = None
+        self._stepped_ns: int | None = None
+
+    def take_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
+        """Takes a pose of any robot, also of one that is not driven: it is kept off."""
+        self._heard[robot] = _Heard(pose, now_ns)
+
+    def take_people(self, people: Sequence[Person], stamp_ns: int, now_ns: int) -> None:
+        """Takes the people of an interval."""
+        unknown = np.zeros(2)
+        velocities = [unknown if one.velocity is None else one.velocity for one in people]
+        self._people = np.array([one.position for one in people]).reshape(-1, 2)
+        self._people_velocity = np.array(velocities).reshape(-1, 2)
+        self._people_ns = min(stamp_ns, now_ns)
+
+    def take_posts(self, posts: Mapping[str, Post]) -> None:
+        """Takes new posts, and plans the paths to them; robots without one stand."""
+        self._posts = posts
+        self._paths = {
+            robot: self._path(robot, posts[robot])
+            for robot in self.robots
+            if robot in posts and robot in self._heard
+        }
+
+    def people_age_s(self, now_ns: int) -> float:
+        """Age of the people [s]."""
+        return math.inf if self._people_ns is None else (now_ns - self._people_ns) / 1e9
+
+    def pose_age_s(self, robot: str, now_ns: int) -> float:
+        """Age of a robot's pose [s]."""
+        heard = self._heard.get(robot)
+        if heard is None:
+            return math.inf
+        return (now_ns - min(heard.pose.stamp_ns, heard.came_ns)) / 1e9
+
+    def poses(self) -> dict[str, Pose]:
+        """The newest pose of each robot."""
+        return {robot: heard.pose for robot, heard in self._heard.items()}
+
+    def step(self, now_ns: int) -> dict[str, Velocity]:
+        """The velocity of each robot from now on.
+
+        Args:
+            now_ns: Time [ns].
+
+        Returns:
+            By robot; 0 for those that are to stand.
+        """
+        since_s = math.inf if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
+        self._stepped_ns = now_ns
+        dt = min(max(since_s, _SHORTEST_S), _LONGEST_S)
+        poses = {robot: self._now(robot, now_ns) for robot in self._heard}
+        self._velocities = {robot: self._drive(robot, poses, now_ns, dt) for robot in self.robots}
+        return dict(self._velocities)
+
+    def _drive(self, robot: str, poses: Mapping[str, Pose], now_ns: int, dt: float) -> Velocity:
+        safety = self.config.safety
+        share = min(
+            limit(self.people_age_s(now_ns), safety.people_timeout),
+            limit(self.pose_age_s(robot, now_ns), safety.pose_timeout),
+        )
+        if share <= 0.0:
+            return 0.0, 0.0
+        others = [name for name in poses if name != robot]
+        drive = self._drives[robot]
+        drive.config = self.config
+        return drive.step(
+            poses[robot],
+            self._velocities[robot],
+            self._posts.get(robot),
+            people=self._people,
+            people_velocity=self._people_velocity,
+            people_age=self.people_age_s(now_ns),
+            robots=np.array([(poses[name].x, poses[name].y) for name in others]).reshape(-1, 2),
+            robots_velocity=np.array([self._motion(name, poses[name]) for name in others]).reshape(
+                -1, 2
+            ),
+            space=self.space,
+            path=self._paths.get(robot),
+            limit=share,
+            dt=dt,
+        )
+
+    def _now(self, robot: str, now_ns: int) -> Pose:
+        """Where a robot is by its last pose and its velocity since."""
+        pose = self._heard[robot].pose
+        age_s = min(max((now_ns - pose.stamp_ns) / 1e9, 0.0), self.config.safety.pose_timeout)
+        v, w = self._velocities.get(robot, (0.0, 0.0))
+        middle = pose.yaw + 0.5 * w * age_s
+        return Pose(
+            now_ns,
+            pose.x + v * age_s * math.cos(middle),
+            pose.y + v * age_s * math.sin(middle),
+            pose.yaw + w * age_s,
+        )
+
+    def _motion(self, robot: str, pose: Pose) -> tuple[float, float]:
+        """Velocity of a robot in the common frame [m/s]."""
+        v, _ = self._velocities.get(robot, (0.0, 0.0))
+        return v * math.cos(pose.yaw), v * math.sin(pose.yaw)
+
+    def _path(self, robot: str, post: Post) -> Float | None:
+        """The way to a post past walls, people and team-mates."""
+        safety, pose = self.config.safety, self._heard[robot].pose
+        others = [h.pose for name, h in self._heard.items() if name != robot]
+        mates = np.array([(one.x, one.y) for one in others]).reshape(-1, 2)
+        places = np.concatenate([self._people, mates])
+        radii = np.repeat(
+            [safety.person_distance + _DETOUR_M, safety.robot_distance + _DETOUR_M],
+            [len(self._people), len(mates)],
+        )
+        away = np.linalg.norm(places - post.xy, axis=1)
+        discs = np.column_stack([places, np.minimum(radii, away - _AT_POST_M)])
+        start = np.array([pose.x, pose.y])
+        return self.space.path(start, post.xy, safety.wall_distance, discs[discs[:, 2] > 0.0])

@@ -1,0 +1,130 @@
+"""Places along a way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mrs_people_loc.arrays import Float, Int
+from mrs_people_loc.errors import ConfigError
+
+#: Extension at both ends, and distance of the points that are kept [m].
+_EXTRA, _GRAIN = 8.0, 0.05
+#: Distance of the points whose mean rounds a corner [m].
+_FINE = 0.02
+#: Shortest way [m].
+_SHORTEST = 0.5
+
+
+class Way:
+    """A way with rounded corners, extended straight on at both ends.
+
+    Attributes:
+        length: From its first point to its last one, its corners rounded [m].
+
+    Args:
+        points: In the common frame [m], two at least, shape (n, 2).
+        rounding: Corners are rounded over this length of the way [m]; a right angle is cut by
+            0.18 of it.
+
+    Raises:
+        ConfigError: There is no way through the points.
+    """
+
+    def __init__(self, points: ArrayLike, *, rounding: float = 2.0) -> None:
+        given = np.asarray(points, dtype=np.float64)
+        if given.ndim != 2 or given.shape[1:] != (2,) or not np.isfinite(given).all():
+            raise ConfigError(f"points of a way: shape {given.shape}; wanted: finite, (n, 2)")
+        dense = _rounded(given, rounding)
+        ways = _lengths(dense)
+        self.length = float(ways[-1])
+        if self.length < _SHORTEST:
+            raise ConfigError(f"the way is {self.length:.2f} m long; wanted: {_SHORTEST:g} m")
+        at = np.arange(0.0, self.length, _GRAIN)
+        middle = np.stack([np.interp(at, ways, dense[:, k]) for k in (0, 1)], axis=1)
+        more = _GRAIN * np.arange(1, round(_EXTRA / _GRAIN) + 1)[:, np.newaxis]
+        first, last = (middle[a] - middle[b] for a, b in ((3, 0), (-1, -4)))
+        first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
+        before, after = (middle[0] - more * first)[::-1], middle[-1] + more * last
+        self._points: Float = np.concatenate([before, middle, after])
+        slope = np.gradient(self._points, axis=0)
+        self._ahead = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-9)
+
+    def at(self, way: Float | float, left: Float | float = 0.0) -> Float:
+        """Places.
+
+        Args:
+            way: How far along the way [m], shape (...); before 0 and after `length` it goes
+                straight on for 8 m.
+            left: How far to the left of it [m], shape (...).
+
+        Returns:
+            In the common frame [m], shape (..., 2).
+        """
+        row = self._row(way)
+        low = row.astype(np.intp)
+        part = (row - low)[..., np.newaxis]
+        middle = self._points[low] * (1 - part) + self._points[low + 1] * part
+        ahead = self.ahead(way)
+        aside = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
+        return np.asarray(middle + np.asarray(left)[..., np.newaxis] * aside)
+
+    def ahead(self, way: Float | float) -> Float:
+        """Unit vectors along it.
+
+        Args:
+            way: How far along the way [m], shape (...).
+
+        Returns:
+            In the common frame, shape (..., 2).
+        """
+        return np.asarray(self._ahead[np.rint(self._row(way)).astype(np.intp)])
+
+    def nearest(self, xy: Float, around: Float | float | None = None, reach: float = 1.0) -> Float:
+        """How far along the way it is nearest to places.
+
+        Args:
+            xy: Places in the common frame [m], shape (n, 2).
+            around: Only lengths within `reach` of these count [m], shape (n,) or one for all, so
+                that places stay on their part of a way that comes back; None: the whole way, and
+                the first of several parts that are as near.
+            reach: [m].
+
+        Returns:
+            [m], less than 0 before the way and more than `length` after it, shape (n,).
+        """
+        if around is None:
+            away = np.linalg.norm(self._points[np.newaxis] - xy[:, np.newaxis], axis=2)
+            away += 1e-3 * _GRAIN * np.arange(len(self._points))
+            return np.asarray(away.argmin(axis=1) * _GRAIN - _EXTRA)
+        steps: Int = np.arange(-round(reach / _GRAIN), round(reach / _GRAIN) + 1)
+        middle = np.rint(self._row(np.broadcast_to(around, len(xy)))).astype(np.intp)
+        rows = np.clip(middle[:, np.newaxis] + steps, 0, len(self._points) - 1)
+        away = ((self._points[rows] - xy[:, np.newaxis]) ** 2).sum(axis=2)
+        best = rows[np.arange(len(rows)), away.argmin(axis=1)]
+        # Between the points: how far along the way the place is from the nearest one.
+        rest = ((xy - self._points[best]) * self._ahead[best]).sum(axis=1)
+        return np.asarray(best * _GRAIN - _EXTRA + np.clip(rest, -_GRAIN, _GRAIN))
+
+    def _row(self, way: Float | float) -> Float:
+        row = (np.asarray(way) + _EXTRA) / _GRAIN
+        return np.asarray(np.clip(row, 0.0, len(self._points) - 1.001))
+
+
+def _lengths(points: Float) -> Float:
+    """Length of a polyline up to each of its points [m], shape (n,)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _rounded(points: Float, rounding: float) -> Float:
+    """The polyline, its corners rounded by a moving mean that keeps its ends."""
+    ways = _lengths(points)
+    half = round(0.5 * min(rounding, 0.5 * float(ways[-1])) / _FINE)
+    if len(points) < 3 or half < 1:
+        return points
+    at = np.linspace(0.0, ways[-1], round(float(ways[-1]) / _FINE) + 1)
+    dense = np.stack([np.interp(at, ways, points[:, k]) for k in (0, 1)], axis=1)
+    padded = np.pad(dense, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+    mean = np.full(2 * half + 1, 1.0 / (2 * half + 1))
+    return np.stack([np.convolve(padded[:, k], mean, mode="valid") for k in (0, 1)], axis=1)

@@ -1,0 +1,82 @@
+"""Findings of the guide: about its tour, and each robot of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from mrs_people_loc.guiding.guidance import Guidance, Post, State
+from mrs_people_loc.health.findings import ERROR, OK, WARN, Code, Finding
+
+_TEXTS = {
+    State.IDLE: "no tour",
+    State.GATHERING: "gathers the group",
+    State.LEADING: "leads",
+    State.WAITING: "waits",
+    State.AT_STOP: "at a stop",
+    State.FINISHED: "the tour is finished",
+    State.CANCELLED: "the tour has ended",
+}
+
+
+def of_walls(topic: str, *, is_known: bool) -> Finding:
+    """Whether robots keep off walls.
+
+    Args:
+        topic: Full name of the map's topic.
+        is_known: Whether a map has come.
+    """
+    if is_known:
+        return Finding("walls")
+    text = f"no map has come on {topic}: the robots of a tour keep off no walls"
+    return Finding("walls", WARN, text, code=Code.NO_MAP)
+
+
+def of_tour(tour: str, guidance: Guidance) -> Finding:
+    """How the tour goes on.
+
+    Args:
+        tour: Its name.
+        guidance: The last one.
+    """
+    values: dict[str, object] = {"state": guidance.state.name.lower()}
+    if guidance.state != State.IDLE:
+        values |= {
+            "tour": tour,
+            "way_m": f"{guidance.way_m:.1f}",
+            "length_m": f"{guidance.length_m:.1f}",
+            "stop": guidance.stop,
+            "people": len(guidance.people),
+            "stragglers": len(guidance.stragglers),
+            "lost": len(guidance.lost),
+        }
+    text = guidance.reason or _TEXTS[guidance.state]
+    if guidance.state == State.HALTED:
+        text = f"the robots stand: {guidance.reason}"
+        return Finding("tour", ERROR, text, values, Code.TOUR_HALTED)
+    if guidance.lost:
+        ids = ", ".join(str(number) for number in guidance.lost)
+        text = f"the tour goes on without people who fell behind, by their ids: {ids}; {text}"
+        return Finding("tour", WARN, text, values, Code.PEOPLE_LOST)
+    return Finding("tour", OK, text, values)
+
+
+def of_tour_robots(guidance: Guidance, distances: Mapping[str, float]) -> Iterable[Finding]:
+    """Whether each robot takes part, by name.
+
+    Args:
+        guidance: The last one.
+        distances: By robot, how far it is from its post [m].
+    """
+    for name in sorted({*guidance.posts, *guidance.faults}):
+        if name in guidance.faults:
+            text = f"takes no part in the tour: {guidance.faults[name]}"
+            yield Finding(f"robot {name}", WARN, text, code=Code.TAKES_NO_PART)
+        else:
+            yield Finding(f"robot {name}", values=_values(guidance.posts[name], distances, name))
+
+
+def _values(post: Post, distances: Mapping[str, float], name: str) -> dict[str, object]:
+    values: dict[str, object] = {"role": post.role.name.lower()}
+    if name in distances:
+        values["distance_m"] = f"{distances[name]:.2f}"
+    return values

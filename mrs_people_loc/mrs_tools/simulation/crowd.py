@@ -1,0 +1,523 @@
+"""People who follow a leading robot and react to what is near.
+
+Everybody is driven by social forces: towards where they want to be at the speed they like (Helbing
+& Molnar, Social force model for pedestrian dynamics, Physical Review E 51, 1995); away from people
+and robots with whom they would collide, and from walls, with the forces that Moussaid et al.
+measured (Experimental study of the behavioural mechanisms underlying self-organization in human
+crowds, Proc. R. Soc. B 276, 2009); in a group, away from members who are too close and towards its
+centre from far (Moussaid et al., The walking behaviour of pedestrian social groups and its impact
+on crowd dynamics, PLoS ONE 5(4), 2010). How they follow a robot is ours: along its trail, each at
+their own distance and on their own side, with their own reaction time. While it stands they spread
+round it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_tools.simulation.walks import Wander, shortened, unit
+
+Rng = np.random.Generator
+
+#: Axes of two people, and of a person and a robot, never come closer than this [m].
+_APART, _FROM_ROBOT = 0.42, 0.42
+#: Axes of people stay this far from walls and furniture [m].
+_FROM_WALL = 0.20
+#: Farthest that somebody gets in a step [m]; less than twice `_FROM_WALL`: nobody is on the other
+#: side of a thin wall.
+_STRIDE = 0.15
+#: Time in which people reach the velocity that they want [s] (Moussaid et al. 2009).
+_RELAXATION = 0.54
+#: Strongest force [m/s^2].
+_STRONGEST = 4.0
+
+
+class Clearance:
+    """Distances to walls and furniture.
+
+    Args:
+        grid: Where they are; what is not free is one.
+    """
+
+    def __init__(self, grid: OccupancyGrid) -> None:
+        solid = (grid.data != 0).astype(np.uint8)
+        inside = cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        signed = (outside - inside - np.where(solid, -0.5, 0.5)) * grid.resolution
+        slopes = np.gradient(signed.astype(np.float64), grid.resolution)
+        self._field = np.stack([signed, slopes[1], slopes[0]], axis=-1)
+        self._origin = np.array([grid.x, grid.y])
+        self._resolution = grid.resolution
+
+    def at(self, xy: Float) -> tuple[Float, Float]:
+        """Distances, negative inside, and unit vectors away from what is nearest.
+
+        Args:
+            xy: Places [m], shape (n, 2).
+
+        Returns:
+            Shapes (n,) [m] and (n, 2).
+        """
+        rows, columns = self._field.shape[:2]
+        at = (xy - self._origin) / self._resolution - 0.5
+        at = np.clip(at, 0.0, [columns - 1.001, rows - 1.001])
+        low = at.astype(int)
+        (x, y), (p, q) = low.T, (at - low).T[..., None]
+        field = self._field
+        found = (1 - q) * ((1 - p) * field[y, x] + p * field[y, x + 1]) + q * (
+            (1 - p) * field[y + 1, x] + p * field[y + 1, x + 1]
+        )
+        return found[:, 0], unit(found[:, 1:])
+
+
+class Trail:
+    """Where the leader has been.
+
+    Args:
+        xy: Where it is first [m], shape (2,).
+    """
+
+    #: Distance of its points, and how far back a leader that returns, or another one, is
+    #: recognized [m].
+    _GRAIN, _BACK, _TAKEN = 0.1, 4.0, 15.0
+
+    def __init__(self, xy: Float) -> None:
+        self._points = np.asarray(xy, dtype=np.float64)[None]
+
+    @property
+    def length(self) -> float:
+        """How far the leader has come [m]."""
+        return self._GRAIN * (len(self._points) - 1)
+
+    def take_over(self, xy: Float) -> None:
+        """Another robot leads from there on: from the place of the trail that is nearest to it."""
+        recent = self._points[-round(self._TAKEN / self._GRAIN) :]
+        later = len(recent) - 1 - int(np.linalg.norm(recent - xy, axis=1).argmin())
+        self._points = self._points[: len(self._points) - later]
+        self.extend(xy)
+
+    def extend(self, xy: Float) -> None:
+        """The leader is there; where it comes back, the trail becomes shorter again."""
+        away = float(np.linalg.norm(xy - self._points[-1]))
+        if away < self._GRAIN:
+            return
+        recent = self._points[-round(self._BACK / self._GRAIN) :]
+        back = np.linalg.norm(recent - xy, axis=1)
+        nearest = len(recent) - 1 - int(back[::-1].argmin())
+        if nearest < len(recent) - 1 and back[nearest] < 0.7 * self._GRAIN:
+            self._points = self._points[: len(self._points) - (len(recent) - 1 - nearest)]
+            return
+        count = int(away / self._GRAIN)
+        ahead = (xy - self._points[-1]) / away
+        more = self._points[-1] + self._GRAIN * np.arange(1, count + 1)[:, None] * ahead
+        self._points = np.concatenate([self._points, more])
+
+    def at(self, way: Float) -> tuple[Float, Float]:
+        """Places at lengths of the trail [m], and its directions there, each (n, 2)."""
+        last = len(self._points) - 1
+        row = np.clip(way / self._GRAIN, 0.0, last)
+        low = np.minimum(row.astype(int), max(last - 1, 0))
+        part, high = (row - low)[:, None], np.minimum(low + 1, last)
+        places = self._points[low] * (1 - part) + self._points[high] * part
+        behind = self._points[np.maximum(low - 4, 0)]
+        return places, unit(self._points[np.minimum(high + 4, last)] - behind)
+
+    def nearest(self, xy: Float, around: Float, reach: float = 1.5) -> Float:
+        """Lengths of the trail nearest to places [m], shape (n,).
+
+        Args:
+            xy: Places [m], shape (n, 2).
+            around: Looked for only near these lengths [m], shape (n,),
+            reach: ... no farther than this [m].
+        """
+        steps = np.arange(-round(reach / self._GRAIN), round(reach / self._GRAIN) + 1)
+        rows = np.rint(around / self._GRAIN).astype(int)[:, None] + steps
+        rows = np.clip(rows, 0, len(self._points) - 1)
+        away = ((self._points[rows] - xy[:, None]) ** 2).sum(axis=2)
+        found: Float = self._GRAIN * rows[np.arange(len(rows)), away.argmin(axis=1)]
+        return found
+
+
+@dataclass(frozen=True)
+class Straggling:
+    """Somebody stops to look at something, and stays behind.
+
+    Attributes:
+        person: Who.
+        after: Once they have walked so far [m].
+        stays: For so long [s], or until they are fetched.
+    """
+
+    person: int
+    after: float
+    stays: float = 40.0
+
+
+@dataclass(frozen=True)
+class Habits:
+    """How people differ; each value is drawn for a person, evenly between two bounds.
+
+    Attributes:
+        speed: Preferred speed [m/s].
+        distance: Distance behind the leader [m].
+        side: Distance to the left of its trail [m].
+        reaction: Time until they notice that the leader goes on or stops [s].
+        start: They set out when they are so far behind their place [m].
+    """
+
+    speed: tuple[float, float] = (0.9, 1.3)
+    distance: tuple[float, float] = (1.2, 2.5)
+    side: tuple[float, float] = (-0.9, 0.9)
+    reaction: tuple[float, float] = (0.4, 1.2)
+    start: tuple[float, float] = (0.3, 0.7)
+
+
+@dataclass(frozen=True)
+class Fetching:
+    """When a straggler goes on: a robot is near for some time [m], [s]; and how they catch up."""
+
+    distance: float = 1.5
+    time: float = 2.0
+    hurry: float = 1.35
+
+
+class Crowd:
+    """People who follow a robot.
+
+    Args:
+        xy: Where they stand at first [m], shape (n, 2).
+        clearance: Walls and furniture.
+        seed: Of everything that is left to chance.
+        stragglers: Who stays behind.
+        habits: How people differ.
+
+    Attributes:
+        xy: Where they are [m], shape (n, 2).
+        velocity: How they move [m/s], shape (n, 2).
+        yaw: Where they face [rad], shape (n,).
+        time: Since the start [s].
+        walked: How far everybody has walked [m], shape (n,).
+        fetched: Which of them went on because a robot came, shape (stragglers,).
+    """
+
+    def __init__(
+        self,
+        xy: Float,
+        clearance: Clearance,
+        seed: int,
+        stragglers: tuple[Straggling, ...] = (),
+        habits: Habits = Habits(),
+    ) -> None:
+        rng = np.random.default_rng([seed, 91])
+        count = len(xy)
+        self.xy: Float = np.array(xy, dtype=np.float64).reshape(-1, 2)
+        self.velocity: Float = np.zeros((count, 2))
+        self.yaw: Float = rng.uniform(-math.pi, math.pi, count)
+        self.time = 0.0
+        self._clearance = clearance
+        self._speed, self._distance, self._side, self._reaction, self._start = (
+            rng.uniform(*bounds, count)
+            for bounds in (
+                habits.speed, habits.distance, habits.side, habits.reaction, habits.start
+            )
+        )  # fmt: skip
+        # A larger group is longer: the distances of those in front stay, more are behind.
+        self._distance += 0.18 * max(count - 5, 0) * (self._distance - habits.distance[0])
+        self._wander = Wander(count, (8.0, 25.0), rng)
+        self._gaze = Wander(count, (4.0, 15.0), rng)
+        self._looks = rng.choice([-1.0, 1.0], count)
+        self.walked = np.zeros(count)
+        self._stragglers = stragglers
+        self._who = np.array([one.person for one in stragglers], dtype=np.intp)
+        self._since = np.full(len(stragglers), math.inf)
+        self._near_for = np.zeros(len(stragglers))
+        self._spot = np.zeros((len(stragglers), 2))
+        self._over = np.zeros(len(stragglers), dtype=bool)
+        self.fetched: Bool = np.zeros(len(stragglers), dtype=bool)
+        self._hurries = np.zeros(count, dtype=bool)
+        self._trail: Trail | None = None
+        self._leader: int | None = None
+        self._along = np.zeros(count)
+        self._noticed = np.zeros(count)
+        self._walks = np.zeros(count, dtype=bool)
+        self._stands_for = 0.0
+        self._bearing = np.zeros(count)
+
+    @property
+    def stayed(self) -> Bool:
+        """Which of the stragglers stands and looks at something, shape (stragglers,)."""
+        found: Bool = np.isfinite(self._since) & ~self._over
+        return found
+
+    def step(self, dt: float, robots: Float, robot_velocities: Float, leader: int | None) -> None:
+        """Walks on.
+
+        Args:
+            dt: For so long [s], 0.02 to 0.05.
+            robots: Where they are [m], shape (m, 2).
+            robot_velocities: How they move [m/s], shape (m, 2).
+            leader: Which of them leads; None: nobody does, and people stand.
+        """
+        self._follow(dt, robots, robot_velocities, leader)
+        self._straggle(dt, robots)
+        wish, cap = self._wishes(robots)
+        force = (wish - self.velocity) / _RELAXATION
+        force += self._from_people() + self._from_walls() + self._together()
+        force += _evading(self.xy, self.velocity, robots, robot_velocities, nearer=0.25)
+        self.velocity = self.velocity + shortened(force, _STRONGEST) * dt
+        self.velocity = shortened(self.velocity, cap)
+        before = self.xy
+        self.xy = self._kept_apart(before + self.velocity * dt, robots)
+        moved = self.xy - before
+        # Who is held up does not go on pushing.
+        self.velocity = np.where(
+            np.abs(moved / dt) < np.abs(self.velocity), moved / dt, self.velocity
+        )
+        self.walked += np.linalg.norm(moved, axis=1)
+        self.time += dt
+        self._turn(dt, robots)
+
+    # ------------------------------------------------------------------------- following ----
+
+    def _follow(self, dt: float, robots: Float, velocities: Float, leader: int | None) -> None:
+        """Keeps the trail of the leader, and where everybody is along it."""
+        if leader is None:
+            self._walks[:] = False
+            return
+        at = robots[leader]
+        if self._trail is None:
+            self._trail = Trail(self.xy.mean(axis=0))
+        elif leader != self._leader:
+            self._trail.take_over(at)
+            self._walks[:] = False
+        self._leader = leader
+        self._trail.extend(at)
+        self._noticed = np.minimum(self._noticed, self._trail.length)
+        stands = float(np.linalg.norm(velocities[leader])) < 0.08
+        self._stands_for = self._stands_for + dt if stands else 0.0
+        if self._stands_for <= dt:
+            toward = self.xy - at
+            self._bearing = np.arctan2(toward[:, 1], toward[:, 0])
+        self._along = self._trail.nearest(self.xy, self._along)
+        # What the leader does is noticed late.
+        self._noticed += (self._trail.length - self._noticed) * dt / (self._reaction + dt)
+        gap = self._gap()
+        self._walks = (gap > self._start) | (self._walks & (gap > 0.1))
+
+    def _gap(self) -> Float:
+        """How far everybody is behind their place along the trail [m], shape (n,)."""
+        distance = self._distance + 0.25 * self._wander.at(self.time)
+        return self._noticed - np.maximum(distance, 1.0) - self._along
+
+    def _wishes(self, robots: Float) -> tuple[Float, Float]:
+        """Velocities that people would like to have, (n, 2), and their highest speeds, (n, 1)."""
+        count = len(self.xy)
+        speed = np.where(self._hurries, Fetching.hurry, 1.0) * self._speed
+        cap = 1.4 * speed[:, None]
+        if self._trail is None or self._leader is None:
+            return np.zeros((count, 2)), cap
+        gap = self._gap()
+        pace = np.clip(gap / 0.9, 0.0, speed) * self._walks
+        target = self._along + np.minimum(1.0, np.maximum(gap, 0.3))
+        places, ahead = self._trail.at(target)
+        # Beside the trail where it is straight; round a corner and through a door on it.
+        straight = (ahead * self._trail.at(self._along)[1]).sum(axis=1)
+        room = np.maximum(self._clearance.at(places)[0] - 0.4, 0.0) * np.clip(straight, 0.0, 1.0)
+        side = np.clip(self._side + 0.2 * self._wander.at(self.time + 60.0), -room, room)
+        places = places + side[:, None] * _left_of(ahead)
+        wish = unit(places - self.xy) * pace[:, None]
+        if self._stands_for > 2.0:
+            wish = np.where(self._walks[:, None], wish, self._spread(robots[self._leader]))
+        for k in np.flatnonzero(self.stayed):
+            who = self._who[k]
+            wish[who] = shortened((self._spot[k] - self.xy[who]) / 0.8, 0.6)
+        return wish, cap
+
+    def _spread(self, leader: Float) -> Float:
+        """Velocities of those who stand round the leader, to see it past the others, (n, 2)."""
+        near = np.linalg.norm(self.xy - leader, axis=1) < 5.0
+        near[self._who[self.stayed]] = False
+        if not near.any():
+            return np.zeros_like(self.xy)
+        bearing = self._bearing[near]
+        middle = math.atan2(float(np.sin(bearing).mean()), float(np.cos(bearing).mean()))
+        order = np.argsort(np.argsort(_wrapped(bearing - middle)))
+        count = len(bearing)
+        half = min(math.radians(80.0), 0.3 * count)
+        angle = middle + half * (2.0 * (order + 0.5) / count - 1.0)
+        radius = 1.5 + 0.35 * (order % 2) * (count > 4)
+        places = leader + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        lack, out = self._clearance.at(places)
+        places = places + np.maximum(0.4 - lack, 0.0)[:, None] * out
+        # Where a wall leaves no place so far from the leader, they stay.
+        close = np.linalg.norm(places - leader, axis=1, keepdims=True) < 1.2
+        wish = np.zeros_like(self.xy)
+        toward = np.where(close, 0.0, places - self.xy[near])
+        far = np.linalg.norm(toward, axis=1, keepdims=True)
+        wish[near] = unit(toward) * np.clip((far - 0.25) / 1.0, 0.0, 0.5)
+        return wish
+
+    # -------------------------------------------------------------------------- straggling ----
+
+    def _straggle(self, dt: float, robots: Float) -> None:
+        """Who stops, who has seen enough, who is fetched."""
+        for k, one in enumerate(self._stragglers):
+            who = one.person
+            if self._over[k]:
+                continue
+            if not math.isfinite(self._since[k]):
+                if self.walked[who] >= one.after:
+                    self._since[k] = self.time
+                    self._spot[k] = self._exhibit(who)
+                continue
+            near = (
+                len(robots)
+                and float(np.linalg.norm(robots - self.xy[who], axis=1).min()) < Fetching.distance
+            )
+            settled = self.time - self._since[k] > 2.0
+            self._near_for[k] = self._near_for[k] + dt if near and settled else 0.0
+            fetched = self._near_for[k] >= Fetching.time
+            if fetched or self.time - self._since[k] >= one.stays:
+                self._over[k], self.fetched[k] = True, fetched
+                self._hurries[who] = True
+        if self._trail is not None:
+            self._hurries &= self._gap() > 0.3
+
+    def _exhibit(self, who: int) -> Float:
+        """Where somebody stands to look at something beside their way [m], shape (2,)."""
+        place = self.xy[who : who + 1]
+        distance, out = self._clearance.at(place)
+        return np.asarray(place[0] - out[0] * np.clip(distance[0] - 0.45, 0.0, 0.6))
+
+    # ----------------------------------------------------------------------------- forces ----
+
+    def _from_people(self) -> Float:
+        """Accelerations away from people, shape (n, 2) [m/s^2]."""
+        force = _evading(self.xy, self.velocity, self.xy, self.velocity, skip_self=True)
+        # Moussaid et al. 2010: members of a group step apart when they are closer than this.
+        away = self.xy[:, None] - self.xy[None]
+        distance = np.linalg.norm(away, axis=2)
+        close = (distance < 0.8) & (distance > 1e-6)
+        force += (close[..., None] * away / np.maximum(distance, 1e-6)[..., None]).sum(axis=1)
+        return force
+
+    def _from_walls(self) -> Float:
+        """Accelerations away from walls (Moussaid et al. 2009), shape (n, 2) [m/s^2]."""
+        distance, out = self._clearance.at(self.xy)
+        push: Float = 3.0 * np.exp(-np.maximum(distance - 0.25, -0.1) / 0.1)[:, None] * out
+        return push
+
+    def _together(self) -> Float:
+        """Accelerations towards the centre of the group from far (Moussaid et al. 2010), (n, 2).
+
+        Only for who follows in sight of it, and weaker than theirs: the trail holds them, too.
+        """
+        held = self._walks & ~self._hurries
+        held[self._who[self.stayed]] = False
+        if held.sum() < 2:
+            return np.zeros_like(self.xy)
+        toward = self.xy[held].mean(axis=0) - self.xy
+        far = np.linalg.norm(toward, axis=1)
+        limit = 0.5 * (int(held.sum()) - 1)
+        pull = 0.5 * np.clip(far - limit, 0.0, 1.0) * held
+        force: Float = pull[:, None] * unit(toward)
+        return force
+
+    def _kept_apart(self, places: Float, robots: Float) -> Float:
+        """The places, moved so that no body is in another or in a robot, and none in a wall."""
+        for _ in range(3):
+            places = places + 0.5 * _lacking(places, places, _APART, skip_self=True)
+            places = places + _lacking(places, robots, _FROM_ROBOT)
+            distance, out = self._clearance.at(places)
+            places = places + np.maximum(_FROM_WALL - distance, 0.0)[:, None] * out
+        places = self.xy + shortened(places - self.xy, _STRIDE)
+        free = self._clearance.at(places)[0] >= 0.5 * _FROM_WALL
+        free |= self._clearance.at(self.xy)[0] < 0.5 * _FROM_WALL
+        return np.where(free[:, None], places, self.xy)
+
+    def _turn(self, dt: float, robots: Float) -> None:
+        """People face where they walk; who stands faces the leader, or what they look at."""
+        pace = np.linalg.norm(self.velocity, axis=1)
+        walking = np.arctan2(self.velocity[:, 1], self.velocity[:, 0])
+        standing = self.yaw.copy()
+        if self._leader is not None and len(robots) > self._leader:
+            toward = robots[self._leader] - self.xy
+            standing = np.arctan2(toward[:, 1], toward[:, 0]) + 0.25 * self._gaze.at(self.time)
+        for k in np.flatnonzero(self.stayed):
+            who = self._who[k]
+            out = self._clearance.at(self.xy[who : who + 1])[1][0]
+            standing[who] = math.atan2(-out[1], -out[0])
+        target = np.where(pace > 0.25, walking, standing)
+        turn = _wrapped(target - self.yaw) / 0.5
+        self.yaw = _wrapped(self.yaw + np.clip(turn, -2.5, 2.5) * dt)
+
+
+def _evading(
+    xy: Float, velocity: Float, others: Float, their_velocity: Float, *, nearer: float = 0.0,
+    skip_self: bool = False,
+) -> Float:  # fmt: skip
+    """Accelerations that evade others, shape (n, 2) [m/s^2]: Moussaid et al. 2009, eq. 2.3 to 2.6.
+
+    Args:
+        xy: Of those who evade [m], shape (n, 2).
+        velocity: Theirs [m/s], shape (n, 2).
+        others: Whom they evade [m], shape (m, 2).
+        their_velocity: Of these [m/s], shape (m, 2).
+        nearer: By how much wider they are than people [m].
+        skip_self: `others` are `xy`.
+    """
+    if not len(others) or not len(xy):
+        return np.zeros_like(xy)
+    strength, gamma, slow, turn, weight = 4.5, 0.35, 2.0, 3.0, 2.0
+    toward = others[None] - xy[:, None]
+    distance = np.linalg.norm(toward, axis=2)
+    unit = toward / np.maximum(distance, 1e-6)[..., None]
+    interaction = weight * (velocity[:, None] - their_velocity[None]) + unit
+    size = np.maximum(np.linalg.norm(interaction, axis=2), 1e-6)
+    ahead = interaction / size[..., None]
+    cross = ahead[..., 0] * unit[..., 1] - ahead[..., 1] * unit[..., 0]
+    angle = np.arctan2(cross, (ahead * unit).sum(axis=2))
+    reach = gamma * size
+    force = strength * np.exp(-np.maximum(distance - nearer, 0.0) / reach)
+    brake = np.exp(-((turn * reach * angle) ** 2))
+    # Who meets somebody head-on passes on the right.
+    side = np.where(np.abs(angle) < 1e-3, 1.0, np.sign(angle))
+    aside = np.exp(-((slow * reach * angle) ** 2)) * side
+    away = -(brake[..., None] * ahead + aside[..., None] * _left_of(ahead))
+    # Those who stand do not circle about each other.
+    still = size < 1.3
+    away = np.where(still[..., None], -unit, away)
+    if skip_self:
+        np.fill_diagonal(force, 0.0)
+    total: Float = (force[..., None] * away).sum(axis=1)
+    return total
+
+
+def _lacking(xy: Float, others: Float, least: float, *, skip_self: bool = False) -> Float:
+    """How far to move so that no other is nearer than a distance [m], shape (n, 2)."""
+    if not len(others):
+        return np.zeros_like(xy)
+    away = xy[:, None] - others[None]
+    distance = np.linalg.norm(away, axis=2)
+    if skip_self:
+        np.fill_diagonal(distance, np.inf)
+    lack = np.maximum(least - distance, 0.0)
+    moved: Float = (lack[..., None] * away / np.maximum(distance, 1e-6)[..., None]).sum(axis=1)
+    return moved
+
+
+def _wrapped(angle: NDArray) -> NDArray:
+    """The same angles in [-pi, pi)."""
+    found: NDArray = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    return found
+
+
+def _left_of(vectors: NDArray) -> NDArray:
+    return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)

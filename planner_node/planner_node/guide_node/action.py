@@ -1,0 +1,105 @@
+"""The action `guide_tour`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mrs_people_msgs.action import GuideTour
+from mrs_people_msgs.msg import GuideStatus
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.task import Future
+
+from mrs_people_loc.errors import PeopleLocError
+from mrs_ros.managed_node import ManagedNode
+
+
+@dataclass(frozen=True)
+class End:
+    """How a tour ended.
+
+    Attributes:
+        finished: Whether the group is at its end.
+        message: How, in words.
+        lost: Ids of those without whom it went on.
+    """
+
+    finished: bool
+    message: str
+    lost: Sequence[int] = ()
+
+
+class TourAction:
+    """The server of the action, which has one goal at a time.
+
+    Args:
+        node: The guide's node.
+        begin: Begins the tour of a goal, or raises `PeopleLocError`.
+        cancel: Ends the tour under way.
+    """
+
+    def __init__(
+        self, node: ManagedNode, begin: Callable[[Any], None], cancel: Callable[[], None]
+    ) -> None:
+        self._node = node
+        self._begin = begin
+        self._cancel = cancel
+        self._handle: Any = None
+        self._ended: Any = None
+        self._server = ActionServer(
+            node,
+            GuideTour,
+            "guide_tour",
+            self._execute,
+            goal_callback=self._on_goal,
+            cancel_callback=self._on_cancel,
+        )
+
+    def destroy(self) -> None:
+        """Ends the server."""
+        self._server.destroy()
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a goal has no result yet."""
+        return self._handle is not None
+
+    def tell(self, status: GuideStatus) -> None:
+        """Tells the client how the tour goes on."""
+        if self._handle is not None:
+            self._handle.publish_feedback(GuideTour.Feedback(status=status))
+
+    def end(self, end: End) -> None:
+        """Gives the goal its result; a tour that no goal asked for has none."""
+        if self._ended is not None and not self._ended.done():
+            self._ended.set_result(end)
+
+    def _on_goal(self, _: Any) -> GoalResponse:
+        # A rejection has no message: what is wrong with a goal is in its result.
+        return GoalResponse.ACCEPT if self._node.is_active else GoalResponse.REJECT
+
+    def _on_cancel(self, handle: Any) -> CancelResponse:
+        if handle == self._handle:
+            self._cancel()
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle: Any) -> Any:
+        try:
+            self._begin(handle.request)
+        except PeopleLocError as err:
+            self._node.get_logger().warning(f"tour refused: {err}")
+            handle.abort()
+            return GuideTour.Result(message=str(err))
+        self._handle, self._ended = handle, Future(executor=self._node.executor)
+        if handle.is_cancel_requested:
+            self._cancel()
+        end = await self._ended
+        self._handle = self._ended = None
+        if end.finished:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        return GuideTour.Result(finished=end.finished, message=end.message, lost=list(end.lost))

@@ -1,0 +1,166 @@
+"""How robots are driven: by velocities on `cmd_vel`, or by goals for Nav2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+from typing import Any
+
+from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+
+from mrs_people_loc.guiding.guidance import Post
+from mrs_people_loc.guiding.steering import Velocity
+from mrs_people_loc.team.poses import Pose
+from mrs_ros import convert
+from mrs_ros.managed_node import ManagedNode
+
+#: Zero velocity is repeated so often after a tour; then others may drive.
+_ZEROS = 10
+#: The last zeros are waited for so long at the end of the process [s].
+_ACKNOWLEDGED_S = 0.2
+#: Only the newest velocity or goal counts.
+_COMMANDS = QoSProfile(depth=1)
+
+
+class Velocities:
+    """Drives robots by `<robot>/cmd_vel`.
+
+    Args:
+        node: The guide's node.
+        stamped: Whether messages are TwistStamped, or Twist.
+    """
+
+    topic = "cmd_vel"
+
+    def __init__(self, node: ManagedNode, *, stamped: bool) -> None:
+        self._node = node
+        self._type: Any = TwistStamped if stamped else Twist
+        self._publishers: dict[str, Any] = {}
+        self._zeros = 0
+
+    def begin(self, robots: Iterable[str]) -> None:
+        """Takes the robots of a tour."""
+        self._publishers = {
+            robot: self._publishers.get(robot)
+            or self._node.offer(self._type, f"{robot}/{self.topic}", _COMMANDS)
+            for robot in robots
+        }
+        self._zeros = 0
+
+    def drive(self, velocities: Mapping[str, Velocity]) -> None:
+        """Sends velocities; robots without one stand."""
+        for robot, publisher in self._publishers.items():
+            publisher.publish(self._message(robot, velocities.get(robot, (0.0, 0.0))))
+
+    def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
+        """Does nothing: robots are driven to their posts by velocities."""
+
+    def stop(self, poses: Mapping[str, Pose]) -> None:
+        """Sends zero now; `keep_standing` repeats it for a while."""
+        self.drive({})
+        self._zeros = _ZEROS
+
+    def keep_standing(self) -> None:
+        """Called at the rate of velocities while there is no tour."""
+        if self._zeros:
+            self._zeros -= 1
+            self.drive({})
+
+    def finish(self) -> None:
+        """Sends zero before the process ends, and waits until it has arrived."""
+        self.drive({})
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
+
+    def _message(self, robot: str, velocity: Velocity) -> Any:
+        twist = Twist()
+        twist.linear.x, twist.angular.z = velocity
+        if self._type is Twist:
+            return twist
+        now_ns = self._node.get_clock().now().nanoseconds
+        return TwistStamped(header=convert.header(now_ns, f"{robot}/base_link"), twist=twist)
+
+
+class Goals:
+    """Gives robots with Nav2 their goals.
+
+    `<robot>/goal_pose` starts Nav2's navigator, `<robot>/goal_update` moves its goal: its
+    GoalUpdater takes goals whose stamps are later than the one before.
+
+    Args:
+        node: The guide's node.
+        frame_id: The frame of goals: the common one.
+    """
+
+    topic = "goal_update"
+
+    def __init__(self, node: ManagedNode, frame_id: str) -> None:
+        self._node = node
+        self._frame_id = frame_id
+        self._publishers: dict[str, tuple[Any, Any, Any]] = {}
+        self._started: set[str] = set()
+        self._last_ns = 0
+
+    def begin(self, robots: Iterable[str]) -> None:
+        """Takes the robots of a tour."""
+        made = self._publishers
+        self._publishers = {robot: made.get(robot) or self._offer(robot) for robot in robots}
+        self._started.clear()
+
+    def _offer(self, robot: str) -> tuple[Any, Any, Any]:
+        update, start = (
+            self._node.offer(PoseStamped, f"{robot}/{topic}", _COMMANDS)
+            for topic in (self.topic, "goal_pose")
+        )
+        name = f"{robot}/navigate_to_pose/_action/cancel_goal"
+        cancel = self._node.create_client(CancelGoal, name)
+        self._node.until_cleanup(partial(self._node.destroy_client, cancel))
+        return update, start, cancel
+
+    def drive(self, velocities: Mapping[str, Velocity]) -> None:
+        """Does nothing: Nav2 drives."""
+
+    def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
+        """Moves goals to posts; of robots without one, to where these are, so that they stand."""
+        for robot in self._publishers:
+            post = posts.get(robot)
+            if post is not None:
+                self._move(robot, Pose(0, float(post.xy[0]), float(post.xy[1]), post.yaw))
+            elif robot in self._started and robot in poses:
+                self._move(robot, poses[robot])
+
+    def stop(self, poses: Mapping[str, Pose]) -> None:
+        """Ends the navigation of all robots."""
+        self.send({}, poses)
+        for robot in self._started:
+            # No id and no time: all goals.
+            self._publishers[robot][2].call_async(CancelGoal.Request())
+        self._started.clear()
+
+    def keep_standing(self) -> None:
+        """Does nothing: navigation has ended."""
+
+    def finish(self) -> None:
+        """Waits until the last goals have arrived, before the process ends."""
+        for update, *_ in self._publishers.values():
+            update.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
+
+    def _move(self, robot: str, pose: Pose) -> None:
+        update, start, _ = self._publishers[robot]
+        message = PoseStamped()
+        message.header = convert.header(self._stamp(), self._frame_id)
+        message.pose = convert.pose_with_covariance(pose).pose
+        if robot not in self._started:
+            start.publish(message)
+            self._started.add(robot)
+            message.header = convert.header(self._stamp(), self._frame_id)
+        update.publish(message)
+
+    def _stamp(self) -> int:
+        """Now, and later than before [ns]."""
+        now_ns = int(self._node.get_clock().now().nanoseconds)
+        self._last_ns = max(now_ns, self._last_ns + 1)
+        return self._last_ns

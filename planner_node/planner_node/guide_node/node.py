@@ -1,0 +1,334 @@
+"""The guide's node: people, poses, a map and tours in; velocities or goals of the robots out."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import traceback
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from mrs_people_msgs.msg import People
+from nav_msgs.msg import OccupancyGrid, Path
+from rclpy.qos import QoSProfile
+
+from mrs_people_loc import messages
+from mrs_people_loc.clocks import RESET_NS
+from mrs_people_loc.config import GuideConfig, PlannerConfig
+from mrs_people_loc.errors import PeopleError, PoseError, TourError
+from mrs_people_loc.guiding.free_space import FreeSpace
+from mrs_people_loc.guiding.guidance import Guidance, State
+from mrs_people_loc.guiding.guide import Guide
+from mrs_people_loc.guiding.steering import Steering
+from mrs_people_loc.guiding.tour import Tour, check_tour
+from mrs_people_loc.health.findings import Finding
+from mrs_people_loc.health.guide import of_tour, of_tour_robots, of_walls
+from mrs_people_loc.people import Group, Person
+from mrs_people_loc.team.masking import OccupancyGrid as Grid
+from mrs_people_loc.team.poses import Pose
+from mrs_ros.managed_node import ManagedNode
+from mrs_ros.qos import MAP, POSES, STREAM
+from planner_node.guide_node.action import End, TourAction
+from planner_node.guide_node.bases import Goals, Velocities
+from planner_node.guide_node.outputs import Outputs
+
+#: Period of velocities [s].
+_PERIOD_S = 0.05
+#: Robots of a tour, and robots whose poses are heard, at most.
+_MOST_GUIDES, _MOST_ROBOTS = 4, 16
+#: The result of a tour gets so many turns of the executor, at the end of the process.
+_LAST_TURNS, _TURN_S = 10, 0.02
+
+
+@dataclasses.dataclass
+class _Underway:
+    """A tour under way, and how it last was."""
+
+    tour: Tour
+    guide: Guide
+    steering: Steering
+    guidance: Guidance
+
+
+class GuideNode(ManagedNode):
+    """Guides a group along a tour."""
+
+    def __init__(self) -> None:
+        super().__init__("guide_node", GuideConfig)
+
+    # ---- parameters and life cycle ----
+
+    def set_up(self) -> None:
+        """Makes the publishers and the action's server."""
+        config: GuideConfig = self.config
+        self._grid: Grid | None = None
+        self._underway: _Underway | None = None
+        self._poses: dict[str, tuple[Pose, int]] = {}  # and when it came [ns]
+        self._people_came_ns: int | None = None
+        self._robots_in_use: tuple[str, ...] = ()
+        self._outputs = Outputs(self)
+        self._bases: Velocities | Goals = (
+            Goals(self, config.map_frame)
+            if config.drive == "nav2"
+            else Velocities(self, stamped=config.base.stamped)
+        )
+        self._bases.begin(config.robots)  # so that they are found before a tour
+        self._action = TourAction(self, self._begin_goal, self._cancel)
+        self.until_cleanup(self._action.destroy)
+
+    def start(self) -> None:
+        """Subscribes to people, the map, tours and the robots that are known."""
+        self.listen(People, "people", self._on_people, STREAM)
+        self.listen(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
+        self.listen(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
+        for robot in self.config.robots:
+            self._hear(robot, any_number=False)
+        self._timer = self.create_timer(_PERIOD_S, self._tick)
+
+    def waits_for(self) -> str:
+        """What a tour needs."""
+        return f"{self.resolve_topic_name('people')}, and a tour"
+
+    def stop(self) -> None:
+        """Ends the tour: the robots stand."""
+        self._end_tour("guide_node was deactivated")
+        self.destroy_timer(self._timer)
+        self._forget()
+
+    def destroy_node(self) -> None:
+        """Lets the robots stand before the node is destroyed."""
+        if self.is_active and self._underway is not None:
+            self._end_tour("guide_node has ended")
+            self._bases.finish()
+            executor = self.executor
+            if executor is not None and self._action.is_busy:
+                with contextlib.suppress(Exception):  # the node may end by an error in there
+                    for _ in range(_LAST_TURNS):
+                        executor.spin_once(timeout_sec=_TURN_S)
+        super().destroy_node()
+
+    def changed(self, config: GuideConfig) -> None:
+        """Takes new parameters at once; another list of robots from the next tour on."""
+        if self.is_configured and self._underway is not None:
+            steering, guide = self._underway.steering, self._underway.guide
+            guide.config = steering.config = dataclasses.replace(config, robots=steering.robots)
+
+    def jumped_back(self) -> None:
+        """Ends the tour: nobody knows where the people are now."""
+        self._end_tour("the time jumped back")
+        self._forget()
+
+    def _forget(self) -> None:
+        self._poses.clear()
+        self._people_came_ns, self._robots_in_use = None, ()
+
+    # ---- inputs ----
+
+    def _hear(self, robot: str, *, any_number: bool) -> None:
+        topic = f"{robot}/pose"
+        if topic not in self.inputs and len(self.inputs) < _MOST_ROBOTS:
+            take = partial(self._on_pose, robot)
+            self.listen(PoseWithCovarianceStamped, topic, take, POSES, any_number=any_number)
+
+    def _on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
+        if message.header.frame_id != self.config.map_frame:
+            raise PoseError(
+                f"frame_id is {message.header.frame_id!r}; wanted: {self.config.map_frame!r}"
+            )
+        pose, now_ns = messages.read_pose(message), self._now_ns()
+        before = self._poses.get(robot)
+        if before is not None and 0 <= before[0].stamp_ns - pose.stamp_ns < RESET_NS:
+            return  # it comes late
+        self._poses[robot] = pose, now_ns
+        if self._underway is not None:
+            self._underway.steering.take_pose(robot, pose, now_ns)
+
+    def _on_people(self, message: People) -> None:
+        stamp_ns = messages.read_stamp(message)
+        persons, groups = messages.read_people(message, self.config.map_frame)
+        robots = tuple(scan.robot for scan in message.scans)
+        if len(robots) > _MOST_ROBOTS:
+            raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
+        PlannerConfig(robots=robots)  # knows which names are allowed
+        for robot in robots:
+            self._hear(robot, any_number=True)
+        self._robots_in_use, self._people_came_ns = robots, self._now_ns()
+        self._guarded(lambda: self._step(stamp_ns, persons, groups))
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        grid = messages.read_occupancy_grid(message, self.config.map_frame)
+        before, self._grid = self._grid, grid
+        if self._underway is not None and (before is None or not _are_same(before, grid)):
+            self._underway.steering.space = self._space(self._underway.tour)
+
+    def _on_path(self, message: Path) -> None:
+        if not message.poses:
+            self._cancel()
+            return
+        self._begin_tour(messages.read_tour_path(message, self.config.map_frame))
+
+    # ---- tours ----
+
+    def _begin_goal(self, goal: Any) -> None:
+        self._begin_tour(messages.read_tour_goal(goal, self.config.map_frame))
+
+    def _begin_tour(self, tour: Tour) -> None:
+        """Begins a tour.
+
+        Raises:
+            TourError: Something is wrong with it, or with the team.
+        """
+        if self._underway is not None:
+            raise TourError(f"the tour {self._underway.tour.name!r} is under way; cancel it first")
+        tour = dataclasses.replace(tour, name=tour.name or "tour")
+        robots = self._check_team()
+        config = dataclasses.replace(self.config, robots=robots)
+        space = self._space(tour)
+        check_tour(tour, space, config.safety.wall_distance)
+        guide, steering = Guide(config, space), Steering(config, space, robots)
+        for robot, (pose, came_ns) in self._poses.items():
+            steering.take_pose(robot, pose, came_ns)
+        guide.begin(tour)
+        self._bases.begin(robots)
+        self._underway = _Underway(tour, guide, steering, Guidance(0, State.GATHERING))
+        self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
+        if self._grid is None:
+            self._outputs.say("there is no map: the robots keep off no walls")
+
+    def _check_team(self) -> tuple[str, ...]:
+        """The robots of a tour that begins now.
+
+        Raises:
+            TourError: There are no people or robots, or a robot cannot take part.
+        """
+        safety, now_ns = self.config.safety, self._now_ns()
+        people = self.resolve_topic_name("people")
+        if self._people_came_ns is None:
+            raise TourError(f"nothing comes on {people}; is the planner running?")
+        silent_s = (now_ns - self._people_came_ns) / 1e9
+        if silent_s > safety.robot_timeout:
+            raise TourError(f"nothing came on {people} for {silent_s:.1f} s; start the planner")
+        robots: tuple[str, ...] = self.config.robots or self._robots_in_use
+        if not 1 <= len(robots) <= _MOST_GUIDES:
+            named = ", ".join(robots) or "the planner uses no robot's scans"
+            raise TourError(
+                f"robots of the tour: {named}; allowed: 1 to {_MOST_GUIDES}, by the parameter "
+                "`robots`"
+            )
+        leader = self.config.leader
+        if leader and leader not in robots:
+            raise TourError(f"leader is {leader!r}; allowed: {', '.join(robots)}")
+        for robot in robots:
+            self._check_robot(robot, now_ns)
+        return robots
+
+    def _check_robot(self, robot: str, now_ns: int) -> None:
+        pose = self._poses.get(robot)
+        topic = self.resolve_topic_name(f"{robot}/pose")
+        if pose is None:
+            raise TourError(f"{robot} has no pose: nothing comes on {topic}")
+        age_s, timeout = (now_ns - pose[0].stamp_ns) / 1e9, self.config.safety.robot_timeout
+        if age_s > timeout:
+            raise TourError(
+                f"{robot}: the pose on {topic} is {age_s:.1f} s old; allowed: {timeout:g} s"
+            )
+        base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
+        if not self.count_subscribers(base):
+            raise TourError(f"{robot} has no base: nobody subscribes to {base}")
+
+    def _space(self, tour: Tour) -> FreeSpace:
+        if self._grid is None:
+            return FreeSpace.unbounded()
+        occupied_from = self.config.safety.occupied_from
+        return FreeSpace(self._grid, occupied_from=occupied_from, around=tour.points)
+
+    def _cancel(self) -> None:
+        self._end_tour("cancelled")
+
+    def _end_tour(self, message: str, *, finished: bool = False) -> None:
+        """Ends the tour under way, if there is one: the robots stand."""
+        underway, self._underway = self._underway, None
+        if underway is None:
+            return
+        self._bases.stop(underway.steering.poses())
+        state = State.FINISHED if finished else State.CANCELLED
+        last = dataclasses.replace(
+            underway.guidance, state=state, reason=message, speed=0.0, posts={}
+        )
+        self._publish(underway, last)
+        if not finished:
+            self._outputs.say(f"the tour {underway.tour.name} has ended: {message}")
+        self._action.end(End(finished, message, last.lost))
+
+    # ---- step ----
+
+    def _step(self, stamp_ns: int, persons: tuple[Person, ...], groups: tuple[Group, ...]) -> None:
+        """Takes the people of an interval."""
+        underway = self._underway
+        if underway is None:
+            return
+        steering = underway.steering
+        steering.take_people(persons, stamp_ns, self._now_ns())
+        guidance = underway.guide.step(persons, groups, steering.poses(), stamp_ns)
+        if not underway.guide.is_running:
+            underway.guidance, finished = guidance, guidance.state == State.FINISHED
+            self._end_tour(guidance.reason or "the group is at the end", finished=finished)
+            return
+        self._publish(underway, guidance)
+        steering.take_posts(guidance.posts)
+        self._bases.send(guidance.posts, steering.poses())
+
+    def _tick(self) -> None:
+        """Drives the robots."""
+        if self._underway is None:
+            self._bases.keep_standing()
+        else:
+            self._guarded(partial(self._drive, self._underway))
+
+    def _drive(self, underway: _Underway) -> None:
+        steering, now_ns = underway.steering, self._now_ns()
+        timeout, age_s = self.config.safety.people_timeout, steering.people_age_s(now_ns)
+        halted = underway.guidance.state == State.HALTED
+        if age_s >= timeout and math.isfinite(age_s) and not halted:
+            reason = f"the people are {age_s:.2f} s old; allowed: {timeout:g} s"
+            self._publish(underway, underway.guide.halt(reason))
+            self._bases.send({}, steering.poses())
+        self._bases.drive(steering.step(now_ns))
+
+    def _publish(self, underway: _Underway, guidance: Guidance) -> None:
+        underway.guidance = dataclasses.replace(guidance, events=())  # they are published once
+        poses, frame_id = underway.steering.poses(), self.config.map_frame
+        self._action.tell(self._outputs.publish(underway.tour, guidance, poses, frame_id))
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Works; the tour ends if that fails."""
+        try:
+            work()
+        except Exception as err:
+            self.get_logger().error(traceback.format_exc())
+            self._end_tour(f"error in guide_node: {err!r}")
+
+    # ---- diagnostics ----
+
+    def findings(self) -> list[Finding]:
+        """The map, the tour, and each robot of it."""
+        walls = of_walls(self.resolve_topic_name("map"), is_known=self._grid is not None)
+        if self._underway is None:
+            return [walls, of_tour("", Guidance(0, State.IDLE))]
+        guidance, poses = self._underway.guidance, self._underway.steering.poses()
+        distances = {
+            robot: math.dist(post.xy, (poses[robot].x, poses[robot].y))
+            for robot, post in guidance.posts.items()
+            if robot in poses
+        }
+        tour = of_tour(self._underway.tour.name, guidance)
+        return [walls, tour, *of_tour_robots(guidance, distances)]
+
+
+def _are_same(one: Grid, other: Grid) -> bool:
+    places = [(grid.resolution, grid.x, grid.y, grid.yaw) for grid in (one, other)]
+    return places[0] == places[1] and np.array_equal(one.data, other.data)
