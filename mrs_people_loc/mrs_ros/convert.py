@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import math
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -12,6 +13,7 @@ from geometry_msgs.msg import (
     Point,
     PointStamped,
     PoseArray,
+    PoseStamped,
     PoseWithCovariance,
     PoseWithCovarianceStamped,
     Quaternion,
@@ -20,12 +22,21 @@ from geometry_msgs.msg import (
     Vector3,
 )
 from geometry_msgs.msg import Pose as RosPose
+from mrs_people_msgs.action import GuideTour
 from mrs_people_msgs.msg import Group as GroupMessage
-from mrs_people_msgs.msg import GuideStatus, RelativePoses, RobotPost, RobotScan, Wall
+from mrs_people_msgs.msg import (
+    GuideStatus,
+    RelativePoses,
+    RobotPost,
+    RobotScan,
+    TourStop,
+    Wall,
+)
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
 from mrs_people_msgs.msg import RelativePose as RelativePoseMessage
 from mrs_people_msgs.msg import TeamPose as TeamPoseMessage
+from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
@@ -39,6 +50,9 @@ from mrs_people_loc.planner import People
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
 from mrs_people_loc.team.poses import Pose
+
+if TYPE_CHECKING:
+    from mrs_people_loc.guiding.tour import Tour  # which loads OpenCV
 
 _FIELD_TYPES = {"f4": PointField.FLOAT32, "u4": PointField.UINT32, "i4": PointField.INT32}
 #: Variance of a heading that nothing is known of: uniform over the circle [rad^2].
@@ -439,3 +453,14 @@ def post_pose(post: Post) -> RosPose:
     x, y, z, w = quaternion_from_yaw(post.yaw)
     made.orientation = Quaternion(x=x, y=y, z=z, w=w)
     return made
+
+
+def tour_goal(tour: Tour) -> GuideTour.Goal:
+    """A tour as a goal of the action `guide_tour`."""
+    path = Path(header=Header(frame_id=tour.frame))
+    path.poses = [PoseStamped(header=path.header, pose=floor_pose(xy)) for xy in tour.points]
+    stops = [
+        TourStop(name=stop.name, position=floor_pose(stop.xy).position, wait=_duration(stop.wait_s))
+        for stop in tour.stops
+    ]
+    return GuideTour.Goal(name=tour.name, path=path, stops=stops, speed=tour.speed or 0.0)

@@ -68,6 +68,7 @@ COMMANDS = {
         "Measure speed, after comparing with plain loops.",
     ),
     "up": ("mrs_tools.commands.up:command", "Start every node of a team on this machine."),
+    "tour": ("mrs_tools.commands.tour:command", "Guide a group along a tour."),
     "discovery-server": (
         "mrs_tools.commands.discovery_server:command",
         "Let a team find each other without multicast.",

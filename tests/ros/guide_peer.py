@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Twist
+from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from mrs_people_msgs.action import GuideTour
 from mrs_people_msgs.msg import Group, GuideStatus, People, Person, RobotScan, TourStop
 from nav_msgs.msg import OccupancyGrid, Path
@@ -19,12 +20,21 @@ from rclpy.qos import QoSProfile
 from mrs_ros.qos import MAP, POSES
 from ros.harness import Peer
 from ros.planner_peer import pose_of
-from ros.recording import set_stamp
+from ros.recording import set_stamp, stamp_of
 
 #: Periods of poses and of people [s].
 POSES_S, PEOPLE_S = 0.05, 0.2
-#: People walk at this speed [m/s] to a place so far behind the first robot [m].
+#: People walk at up to this speed [m/s] up to this distance of the first robot [m].
 SPEED, BEHIND = 1.2, 1.3
+
+
+class Command(NamedTuple):
+    """A velocity that a robot was sent: speed, rate of turn, stamp."""
+
+    robot: str
+    v: float
+    w: float
+    sent_ns: int
 
 
 class GuideWorld:
@@ -35,10 +45,13 @@ class GuideWorld:
         namespace: Of all topics, with a slash at both ends.
         places: x, y [m] and yaw [rad] of each robot, by name; the first leads.
         people: Their places [m], shape (n, 2).
+        bases: The robots whose bases are there; None: all.
+        stamped: Whether bases take TwistStamped, or Twist.
 
     Attributes:
-        commands: When which robot was sent which speed and rate of turn, by `time.monotonic`.
+        commands: What the robots were sent.
         speaks: What of it is published: poses, people.
+        last_people_ns: When people were published last, by `time.time_ns`.
     """
 
     def __init__(
@@ -49,13 +62,16 @@ class GuideWorld:
         people: Sequence[tuple[float, float]],
         *,
         bases: Sequence[str] | None = None,
+        stamped: bool = False,
     ) -> None:
+        self._stamped = stamped
         self.peer, self.namespace = peer, namespace
         self.places = {robot: np.array(place, dtype=float) for robot, place in places.items()}
-        self.people = np.array(people, dtype=float)
-        self.velocity = np.zeros_like(self.people)
+        self.people: Any = np.array(people, dtype=float).reshape(-1, 2)
+        self.velocity: Any = np.zeros_like(self.people)
         self.speaks = {"poses", "people"}
-        self.commands: list[tuple[float, str, float, float]] = []
+        self.last_people_ns = 0
+        self.commands: list[Command] = []
         self._twists = dict.fromkeys(places, (0.0, 0.0))
         node = peer.node
         self._poses = {
@@ -67,6 +83,7 @@ class GuideWorld:
         self._people = node.create_publisher(People, f"{namespace}people", 10)
         self.map = node.create_publisher(OccupancyGrid, f"{namespace}map", MAP)
         self.path = node.create_publisher(Path, f"{namespace}tour_path", 10)
+        self._bases: list[Any] = []
         for robot in places if bases is None else bases:
             self.give_base(robot)
         self.statuses: list[GuideStatus] = peer.hear(GuideStatus, f"{namespace}guide_status")
@@ -77,17 +94,44 @@ class GuideWorld:
     def give_base(self, robot: str) -> None:
         """Subscribes to a robot's `cmd_vel`."""
 
-        def take(twist: Twist) -> None:
-            self.commands.append((time.monotonic(), robot, twist.linear.x, twist.angular.z))
+        def take(message: Any) -> None:
+            twist, sent_ns = message, 0
+            if self._stamped:
+                assert message.header.frame_id == f"{robot}/base_link"
+                twist, sent_ns = message.twist, stamp_of(message)
+            self.commands.append(Command(robot, twist.linear.x, twist.angular.z, sent_ns))
             self._twists[robot] = twist.linear.x, twist.angular.z
 
+        kind = TwistStamped if self._stamped else Twist
         topic = f"{self.namespace}{robot}/cmd_vel"
-        self.peer.node.create_subscription(Twist, topic, take, QoSProfile(depth=10))
+        depth = QoSProfile(depth=10)
+        self._bases.append(self.peer.node.create_subscription(kind, topic, take, depth))
+
+    def give_nav2(self, robot: str) -> tuple[list[Any], list[Any], list[Any]]:
+        """Plays a robot's Nav2: goals that start it, goals that move, requests to cancel."""
+        prefix, cancelled = f"{self.namespace}{robot}", []
+        starts = self.peer.hear(PoseStamped, f"{prefix}/goal_pose")
+        updates = self.peer.hear(PoseStamped, f"{prefix}/goal_update")
+
+        def cancel(request: Any, response: Any) -> Any:
+            cancelled.append(request)
+            return response
+
+        name = f"{prefix}/navigate_to_pose/_action/cancel_goal"
+        self.peer.node.create_service(CancelGoal, name, cancel)
+        return starts, updates, cancelled
 
     def close(self) -> None:
-        """Ends the world."""
-        self.peer.node.destroy_timer(self._timer)
+        """Ends the world, and a tour in it."""
+        node = self.peer.node
+        self.path.publish(Path())
+        self.peer.spin(0.1)
+        node.destroy_timer(self._timer)
         self.client.destroy()
+        for publisher in (*self._poses.values(), self._people, self.map, self.path):
+            node.destroy_publisher(publisher)
+        for subscription in self._bases:
+            node.destroy_subscription(subscription)
 
     # ---- physics ----
 
@@ -95,21 +139,18 @@ class GuideWorld:
         for robot, place in self.places.items():
             v, w = self._twists[robot]
             place += POSES_S * np.array([v * math.cos(place[2]), v * math.sin(place[2]), w])
-        leader = next(iter(self.places.values()))
-        behind = leader[:2] - BEHIND * np.array([math.cos(leader[2]), math.sin(leader[2])])
-        behind = behind + 0.5 * np.stack(
-            [np.zeros(len(self.people)), np.arange(len(self.people))], axis=1
-        )
-        offset = behind - self.people
-        away = np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-9)
-        self.velocity[:] = offset / away * np.minimum(SPEED, away / POSES_S / 4)
-        self.people += POSES_S * self.velocity
+        leader = next(iter(self.places.values()))[:2]
+        to_leader = leader - self.people
+        away = np.linalg.norm(to_leader, axis=1, keepdims=True)
+        self.velocity = to_leader / away * np.clip(2.0 * (away - BEHIND), 0.0, SPEED)
+        self.people = self.people + POSES_S * self.velocity
         now = time.time_ns()
         if "poses" in self.speaks:
             for robot, place in self.places.items():
                 self._poses[robot].publish(pose_of(now, *place))
         if "people" in self.speaks and time.monotonic() >= self._told_s:
             self._told_s = time.monotonic() + PEOPLE_S
+            self.last_people_ns = now
             self._people.publish(self.message(now))
 
     def message(self, stamp_ns: int) -> People:
@@ -151,6 +192,22 @@ class GuideWorld:
         assert handle is not None
         return handle, handle.get_result_async() if handle.accepted else None
 
+    def start(
+        self, goal: GuideTour.Goal, feedback: list[GuideStatus] | None = None
+    ) -> tuple[Any, Any]:
+        """Asks for a tour until it begins: the node may not have heard of this world yet."""
+        while True:
+            count = len(self.statuses)
+            handle, future = self.ask(goal, feedback)
+            self.peer.until(
+                lambda f=future, n=count: f.done() or len(self.statuses) > n,  # type: ignore[misc]
+                "no answer",
+            )
+            if not future.done():
+                return handle, future
+            reason = future.result().result.message
+            assert "nothing c" in reason or "nobody" in reason, reason
+
     def refused(self, goal: GuideTour.Goal) -> str:
         """Asks for a tour that is aborted at once; its message."""
         _, future = self.ask(goal)
@@ -161,7 +218,7 @@ class GuideWorld:
 
     def last_commands(self, robot: str, count: int) -> list[tuple[float, float]]:
         """The last velocities that a robot was sent."""
-        return [(v, w) for _, name, v, w in self.commands if name == robot][-count:]
+        return [(one.v, one.w) for one in self.commands if one.robot == robot][-count:]
 
 
 def goal_of(

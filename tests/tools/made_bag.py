@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -155,6 +155,42 @@ class Bag:
                 groups=groups,
             ),
         )
+
+    def true_pose(self, robot: str, ms: float, x: float, y: float, yaw: float = 0.0) -> None:
+        header = self.header(ms, "map")
+        message = self.make(
+            "geometry_msgs/msg/PoseStamped", header=header, pose=self.pose(x, y, yaw)
+        )
+        self.write(f"/ground_truth/{robot}/pose", ms, message)
+
+    def guide_status(
+        self, ms: float, state: int, *, way: float = 0.0, lost: Sequence[int] = (),
+        posts: Mapping[str, tuple[float, float]] | None = None, faults: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        """Posts of robots by name, and names of robots that take no part."""
+        kind = "mrs_people_msgs/msg/RobotPost"
+        every = [
+            *(self.make(kind, robot=name, role=1, post=self.pose(*xy), distance=0.0, fault="")
+              for name, xy in (posts or {}).items()),
+            *(self.make(kind, robot=name, role=0, post=self.pose(math.nan, math.nan),
+                        distance=math.nan, fault="no pose") for name in faults),
+        ]  # fmt: skip
+        message = self.make(
+            "mrs_people_msgs/msg/GuideStatus",
+            header=self.header(ms, "map"),
+            tour="hall",
+            state=state,
+            reason="",
+            stop="",
+            way=way,
+            length=10.0,
+            speed=0.5,
+            people=np.zeros(0, np.uint32),
+            stragglers=np.zeros(0, np.uint32),
+            lost=np.array(lost, np.uint32),
+            posts=every,
+        )
+        self.write("/guide_status", ms, message)
 
     def pose_topic(
         self, robot: str, ms: float, x: float, y: float, yaw: float = 0.0, *, name: str = "pose",

@@ -58,6 +58,8 @@ OUR_MESSAGES = tuple(
         "Wall",
         "RelativePose",
         "RelativePoses",
+        "GuideStatus",
+        "RobotPost",
     )
 )
 

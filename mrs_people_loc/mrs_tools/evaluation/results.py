@@ -1,7 +1,7 @@
 """Runs bags through the pipeline and scores them against their ground truth.
 
 The rules of the scores are at the top of `scoring.positions`, for identities of `scoring.tracks`,
-for stragglers of `scoring.stragglers`.
+for stragglers of `scoring.stragglers`, for guided tours of `scoring.tours`.
 
     result = evaluate_bag("scene.mcap", ["config/default.yaml"])
     result.report()["people"]["recall"]
@@ -22,7 +22,9 @@ import numpy as np
 from mrs_people_loc.config import Groups, PlannerConfig
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.planner import Planner
+from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_tools.bags.estimates import estimate_of, has_people, read_recorded
+from mrs_tools.bags.guided_tours import read_statuses
 from mrs_tools.bags.labels import Labels, labels_beside
 from mrs_tools.bags.offline import BagRun, Interval
 from mrs_tools.bags.robot_poses import (
@@ -32,7 +34,7 @@ from mrs_tools.bags.robot_poses import (
     read_true_poses,
 )
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.bags.sources import RobotView, robots_of
+from mrs_tools.bags.sources import RobotView, read_grid, robots_of
 from mrs_tools.bags.truth import TRUTH_TOPIC, read_truth
 from mrs_tools.evaluation.team_poses import PlannerBesideExact, TeamScores, score_team
 from mrs_tools.scoring.detections import DetectionScores, score_detections
@@ -40,6 +42,7 @@ from mrs_tools.scoring.poses import PoseTrack
 from mrs_tools.scoring.positions import Frame, percentile, ratio, score, summary
 from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.stragglers import StragglerScores, score_centres, score_stragglers
+from mrs_tools.scoring.tours import TourRecord, TourScores, score_tour
 from mrs_tools.scoring.tracks import TrackScores, score_tracks
 
 #: What is counted of each view, in the order of the stages.
@@ -56,6 +59,9 @@ class Result:
         tracks: What the scores of identities and velocities are made of.
         stragglers: What the scores of stragglers are made of.
         team: Scores of the robots' poses, and of the people beside those with exact poses.
+        tour: Scores of guided tours.
+        tour_record: The tour as it was recorded; None: none, or several bags.
+        grid: Walls and furniture of the tour, if they are known.
         duration_s: From the first to the last message of the bag [s].
         counts: By robot, for each of its views the numbers named in `STAGES`.
         times_ms: By stage, what it took each time [ms]; `robot` and `planner` are what one view
@@ -70,6 +76,9 @@ class Result:
     tracks: TrackScores = field(default_factory=TrackScores)
     stragglers: StragglerScores = field(default_factory=StragglerScores)
     team: TeamScores = field(default_factory=TeamScores)
+    tour: TourScores = field(default_factory=TourScores)
+    tour_record: TourRecord | None = None
+    grid: OccupancyGrid | None = None
     duration_s: float = 0.0
     counts: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     times_ms: dict[str, list[float]] = field(default_factory=dict)
@@ -90,6 +99,7 @@ class Result:
             total.tracks += result.tracks
             total.stragglers += result.stragglers
             total.team += result.team
+            total.tour += result.tour
             total.duration_s += result.duration_s
             for robot, rows in result.counts.items():
                 total.counts.setdefault(robot, []).extend(rows)
@@ -101,6 +111,7 @@ class Result:
         """The figures, as the JSON of `mrs evaluate` has them; what is undefined is None."""
         scores = summary(self.frames)
         poses = {"poses": self.team.report()} if self.team else {}
+        tour = {"tour": self.tour.report()} if self.tour.tours else {}
         return {
             "frames": scores["frames"],
             "duration_s": self.duration_s,
@@ -109,6 +120,7 @@ class Result:
             "tracks": self.tracks.report(),
             "stragglers": self.stragglers.report(),
             **poses,
+            **tour,
             "stages": {robot: _stage_means(rows) for robot, rows in sorted(self.counts.items())},
             "timing_ms": {
                 stage: {"median": percentile(times, 50), "p99": percentile(times, 99)}
@@ -171,7 +183,8 @@ def evaluate_bag(
             topic, result.estimates = read_recorded(reader)
             result.notes.append(f"scored as recorded on {topic}")
             _scored(result, PlannerConfig().groups)
-            return _team_scored(result, reader, read_sent_poses(reader, named_robots(reader)))
+            _team_scored(result, reader, read_sent_poses(reader, named_robots(reader)))
+            return _tour_scored(result, reader)
     if tracking is None and labels is not None and not labels.follow:
         tracking = False
     with BagReader(bag) as reader:
@@ -185,7 +198,8 @@ def evaluate_bag(
         run, labels=labels, beside=False, on_interval=on_interval, on_progress=on_progress
     )
     with BagReader(bag) as reader:
-        return _team_scored(result, reader, beside_exact.used(), beside_exact.estimates)
+        _team_scored(result, reader, beside_exact.used(), beside_exact.estimates)
+        return _tour_scored(result, reader)
 
 
 def _unscored(labels: Labels | None, bag: BagReader | BagRun) -> Result:
@@ -221,13 +235,28 @@ def _team_scored(
     bag: BagReader,
     estimated: Mapping[str, PoseTrack],
     exact: Sequence[Estimate] | None = None,
-) -> Result:
-    """The result, with scores of the robots' poses if the bag has true ones."""
+) -> None:
+    """Adds scores of the robots' poses if the bag has true ones."""
     assert result.truth is not None
     true = read_true_poses(bag, estimated)
     if true:
         odometry = read_odometry(bag, estimated)
         result.team = score_team(true, estimated, odometry, result.truth, result.estimates, exact)
+
+
+def _tour_scored(result: Result, bag: BagReader) -> Result:
+    """The result, with scores of the tour that was guided while the bag was recorded.
+
+    Its robots drove by the people that were found then: those are scored, if they are in the bag.
+    """
+    statuses = read_statuses(bag)
+    if not statuses or result.truth is None or not len(result.truth):
+        return result
+    estimates = read_recorded(bag)[1] if has_people(bag) else result.estimates
+    robots = read_true_poses(bag, named_robots(bag))
+    result.tour_record = TourRecord(statuses, result.truth, robots, estimates)
+    result.tour = score_tour(result.tour_record)
+    result.grid = read_grid(bag, PlannerConfig().map_frame)
     return result
 
 

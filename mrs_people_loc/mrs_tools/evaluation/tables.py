@@ -34,6 +34,10 @@ def show(results: Mapping[str, Result], console: Console) -> None:
     if of_poses:
         console.print(_poses_table(of_poses))
         console.print(_people_of_poses_table(of_poses))
+    of_tours = {name: report["tour"] for name, report in reports.items() if "tour" in report}
+    if of_tours:
+        console.print(tours_table(of_tours))
+        console.print(robots_of_tours_table(of_tours))
     last = reports[next(reversed(reports))]
     if last["stages"]:
         console.print(_stages_table(last["stages"]))
@@ -184,6 +188,56 @@ def _people_of_poses_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
                 *(number(people["error_m"][key], 100, 1) for key in ("mean", "p95")),
                 style="bold" if name == "total" else None,
             )
+    return table
+
+
+def tours_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    """People of guided tours (`TourScores.report`), a row per report."""
+    from rich.text import Text
+
+    table = make_table("guided tours (s, m; share of the time that people are seen; stragglers)")
+    table.add_column("tours", overflow="fold", min_width=8)
+    columns = ("finished", "time", "way", "people", "lost", "seen", "least")
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("back", justify="right", no_wrap=True)
+    table.add_column("alone", justify="right", no_wrap=True)
+    for name, tour in reports.items():
+        seen, stragglers = tour["seen"], tour["stragglers"]
+        back = "-" if stragglers["back"] is None else round(stragglers["back"] * stragglers["true"])
+        table.add_row(
+            Text(plain(name)),
+            f"{tour['finished']} of {tour['tours']}",
+            *(number(tour[key], 1, 1) for key in ("time_s", "way_m")),
+            *(str(tour[key]) for key in ("people", "lost")),
+            *(number(seen[key], 1, 3) for key in ("mean", "min")),
+            f"{back} of {stragglers['true']}" if stragglers["true"] else "-",
+            number(stragglers["alone_s"], 1, 1),
+            style="bold" if name == "total" else None,
+        )
+    return table
+
+
+def robots_of_tours_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    """Robots of guided tours, likewise."""
+    from rich.text import Text
+
+    table = make_table(
+        "robots of tours (m; s nearer to people than 0.5 m, than 0.45 m by own motion)"
+    )
+    table.add_column("tours", overflow="fold", min_width=8)
+    for column in ("least", "< 0.5", "own", "way", "post", "p95"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, tour in reports.items():
+        table.add_row(
+            Text(plain(name)),
+            number(tour["distance_m"], 1, 2),
+            number(tour["within_0_50_m_s"], 1, 1),
+            number(tour["within_0_45_m_by_own_motion_s"], 1, 1),
+            number(tour["path_m"], 1, 1),
+            *(number(tour["formation_m"][key], 1, 2) for key in ("median", "p95")),
+            style="bold" if name == "total" else None,
+        )
     return table
 
 

@@ -186,12 +186,15 @@ def finish_map(
 
 def draw_walls(axes: Axes, view: TopView) -> None:
     """Walls and furniture, as far as they are known."""
+    if view.grid is not None:
+        draw_grid(axes, view.grid)
+
+
+def draw_grid(axes: Axes, grid: OccupancyGrid) -> None:
+    """Occupied cells of a grid."""
     from matplotlib.colors import ListedColormap
     from matplotlib.transforms import Affine2D
 
-    grid = view.grid
-    if grid is None:
-        return
     occupied = np.ma.masked_less(grid.data, _OCCUPIED)
     height, width = grid.resolution * np.array(grid.data.shape)
     place = Affine2D().rotate(grid.yaw).translate(grid.x, grid.y) + axes.transData

@@ -10,6 +10,7 @@ import numpy as np
 from mrs_tools.evaluation.results import Result
 from mrs_tools.figures import plots
 from mrs_tools.figures.layout import DPI, new_figure
+from mrs_tools.figures.tour_figures import draw_tour
 from mrs_tools.paper import PAPER_KEPT
 from mrs_tools.scoring.positions import MATCH_DISTANCE
 
@@ -44,13 +45,20 @@ def draw_errors(result: Result) -> Figure:
 
 
 def figures_of_results(results: Mapping[str, Result]) -> dict[str, Figure]:
-    """Figures of the evaluation of some bags: `errors`, `stages` and, of several bags, `bags`."""
+    """Figures of the evaluation of some bags.
+
+    `errors`, `stages`, of several bags `bags`, and a `tour` of each bag in which a team guided.
+    """
     total = Result.pooled(list(results.values()))
     figures = {"errors": draw_errors(total)}
     if total.counts:
         figures["stages"] = draw_stages(total)
     if len(results) > 1:
         figures["bags"] = draw_bags(results)
+    for name, result in results.items():
+        if result.tour_record is not None:
+            which = f"tour_{name.replace('/', '_')}" if len(results) > 1 else "tour"
+            figures[which] = draw_tour(result.tour_record, result.grid)
     return figures
 
 

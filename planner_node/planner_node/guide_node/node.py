@@ -16,7 +16,7 @@ from mrs_people_msgs.msg import People
 from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.qos import QoSProfile
 
-from mrs_people_loc import messages
+from mrs_people_loc import guide_messages, messages
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import GuideConfig, PlannerConfig
 from mrs_people_loc.errors import PeopleError, PoseError, TourError
@@ -26,6 +26,7 @@ from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.guiding.tour import Tour, check_tour
 from mrs_people_loc.health.findings import Finding
+from mrs_people_loc.health.guide import of_tour, of_tour_robots, of_walls
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_people_loc.team.poses import Pose
@@ -34,7 +35,6 @@ from mrs_ros.qos import MAP, POSES, STREAM
 from planner_node.guide_node.action import End, TourAction
 from planner_node.guide_node.bases import Goals, Velocities
 from planner_node.guide_node.outputs import Outputs
-from planner_node.guide_node.tours import tour_of_goal, tour_of_path
 
 #: Period of velocities [s].
 _PERIOD_S = 0.05
@@ -148,7 +148,7 @@ class GuideNode(ManagedNode):
 
     def _on_people(self, message: People) -> None:
         stamp_ns = messages.read_stamp(message)
-        persons, groups = messages.read_people(message, self.config.map_frame)
+        persons, groups = guide_messages.read_people(message, self.config.map_frame)
         robots = tuple(scan.robot for scan in message.scans)
         if len(robots) > _MOST_ROBOTS:
             raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
@@ -168,12 +168,12 @@ class GuideNode(ManagedNode):
         if not message.poses:
             self._cancel()
             return
-        self._begin_tour(tour_of_path(message, self.config.map_frame))
+        self._begin_tour(guide_messages.read_tour_path(message, self.config.map_frame))
 
     # ---- tours ----
 
     def _begin_goal(self, goal: Any) -> None:
-        self._begin_tour(tour_of_goal(goal, self.config.map_frame))
+        self._begin_tour(guide_messages.read_tour_goal(goal, self.config.map_frame))
 
     def _begin_tour(self, tour: Tour) -> None:
         """Begins a tour.
@@ -183,6 +183,7 @@ class GuideNode(ManagedNode):
         """
         if self._underway is not None:
             raise TourError(f"the tour {self._underway.tour.name!r} is under way; cancel it first")
+        tour = dataclasses.replace(tour, name=tour.name or "tour")
         robots = self._check_team()
         config = dataclasses.replace(self.config, robots=robots)
         space = self._space(tour)
@@ -193,8 +194,9 @@ class GuideNode(ManagedNode):
         guide.begin(tour)
         self._bases.begin(robots)
         self._underway = _Underway(tour, guide, steering, Guidance(0, State.GATHERING))
-        walls = "" if self._grid else "; there is no map: the robots keep off no walls"
-        self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}{walls}")
+        self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
+        if self._grid is None:
+            self._outputs.say("there is no map: the robots keep off no walls")
 
     def _check_team(self) -> tuple[str, ...]:
         """The robots of a tour that begins now.
@@ -254,7 +256,7 @@ class GuideNode(ManagedNode):
         self._bases.stop(underway.steering.poses())
         state = State.FINISHED if finished else State.CANCELLED
         last = dataclasses.replace(
-            underway.guidance, state=state, reason=message, speed=0.0, posts={}, events=()
+            underway.guidance, state=state, reason=message, speed=0.0, posts={}
         )
         self._publish(underway, last)
         if not finished:
@@ -271,11 +273,11 @@ class GuideNode(ManagedNode):
         steering = underway.steering
         steering.take_people(persons, stamp_ns, self._now_ns())
         guidance = underway.guide.step(persons, groups, steering.poses(), stamp_ns)
-        self._publish(underway, guidance)
         if not underway.guide.is_running:
-            finished = guidance.state == State.FINISHED
-            self._end_tour(guidance.reason or "the group is there", finished=finished)
+            underway.guidance, finished = guidance, guidance.state == State.FINISHED
+            self._end_tour(guidance.reason or "the group is at the end", finished=finished)
             return
+        self._publish(underway, guidance)
         steering.take_posts(guidance.posts)
         self._bases.send(guidance.posts, steering.poses())
 
@@ -297,7 +299,7 @@ class GuideNode(ManagedNode):
         self._bases.drive(steering.step(now_ns))
 
     def _publish(self, underway: _Underway, guidance: Guidance) -> None:
-        underway.guidance = guidance
+        underway.guidance = dataclasses.replace(guidance, events=())  # they are published once
         poses, frame_id = underway.steering.poses(), self.config.map_frame
         self._action.tell(self._outputs.publish(underway.tour, guidance, poses, frame_id))
 
@@ -312,8 +314,18 @@ class GuideNode(ManagedNode):
     # ---- diagnostics ----
 
     def findings(self) -> list[Finding]:
-        """The tour."""
-        return []
+        """The map, the tour, and each robot of it."""
+        walls = of_walls(self.resolve_topic_name("map"), is_known=self._grid is not None)
+        if self._underway is None:
+            return [walls, of_tour("", Guidance(0, State.IDLE))]
+        guidance, poses = self._underway.guidance, self._underway.steering.poses()
+        distances = {
+            robot: math.dist(post.xy, (poses[robot].x, poses[robot].y))
+            for robot, post in guidance.posts.items()
+            if robot in poses
+        }
+        tour = of_tour(self._underway.tour.name, guidance)
+        return [walls, tour, *of_tour_robots(guidance, distances)]
 
 
 def _are_same(one: Grid, other: Grid) -> bool:

@@ -1,0 +1,245 @@
+"""guide_node: tours by action and by path, what it refuses, and when the robots stand."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalStatus
+from mrs_people_msgs.msg import GuideStatus
+
+from ros.guide_peer import GuideWorld, goal_of, map_of, path_of
+from ros.harness import OK, NodeProcess, Peer, Team
+
+#: A tour in seconds: fast robots, which may find each other's way quickly.
+FAST = {
+    "pace.speed": "1.5",
+    "base.max_speed": "1.5",
+    "base.acceleration": "2.0",
+    "looks_back": "[robot_a]",
+}
+#: On a machine that is busy with other things, people and poses come late.
+PATIENT = {"safety.people_timeout": "3.0", "safety.pose_timeout": "3.0"}
+#: As shipped.
+PEOPLE_TIMEOUT_S = 0.45
+STAND = (0.0, 0.0)
+PLACES = {"robot_a": (0.0, 0.0, 0.0), "robot_b": (-3.5, 0.0, 0.0)}
+PEOPLE = [(-1.5, 0.0), (-1.5, 0.6)]
+AHEAD = goal_of((0.0, 0.0), (3.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def guide(team: Team) -> NodeProcess:
+    """The node that is asked for tours; it halts as shipped."""
+    return team.start("guide_node", params=FAST | {"base.stamped": "true"})
+
+
+@pytest.fixture(scope="module")
+def doomed(team: Team) -> NodeProcess:
+    """A node that is ended in the middle of a tour."""
+    return team.start("guide_node", namespace="/doomed", params=FAST | PATIENT)
+
+
+@pytest.fixture(scope="module")
+def nav2(team: Team) -> NodeProcess:
+    """A node that drives robots by Nav2."""
+    params = FAST | PATIENT | {"drive": "nav2", "robots": "[robot_a]"}
+    return team.start("guide_node", namespace="/nav2", params=params)
+
+
+@pytest.fixture
+def make_world(
+    peer: Peer, guide: NodeProcess, doomed: NodeProcess, nav2: NodeProcess
+) -> Iterator[Callable[..., GuideWorld]]:
+    made: list[GuideWorld] = []
+
+    def make(namespace: str = "/", **how: Any) -> GuideWorld:
+        how = {"places": PLACES, "people": PEOPLE, "stamped": namespace == "/"} | how
+        world = GuideWorld(peer, namespace, **how)
+        made.append(world)
+        peer.until_active(f"{namespace}guide_node")
+        return world
+
+    yield make
+    for world in made:
+        world.close()
+
+
+def _is_driven(world: GuideWorld, *robots: str) -> bool:
+    """Whether one of these robots, or any, is told to drive or turn."""
+    last = [one for robot in robots or PLACES for one in world.last_commands(robot, 3)]
+    return any(abs(v) + abs(w) > 0.2 for v, w in last)
+
+
+def _status(world: GuideWorld) -> Any:
+    return world.statuses[-1] if world.statuses else None
+
+
+def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world()
+    peer = world.peer
+    feedback: list[GuideStatus] = []
+    goal = goal_of((0.0, 0.0), (4.0, 0.0), (4.0, 2.0), stops=[("Foyer", (3.0, 0.5), 1)])
+    _, result = world.start(goal, feedback)
+    for robot in PLACES:
+        peer.until(lambda r=robot: _is_driven(world, r), lambda: guide.log)  # type: ignore[misc]
+
+    world.speaks.remove("people")
+    last_ns = world.last_people_ns
+    peer.until(lambda: _status(world).state == GuideStatus.HALTED, lambda: guide.log)
+    assert "people" in _status(world).reason
+    peer.spin(0.5)
+    moved_ns = max(one.sent_ns for one in world.commands if (one.v, one.w) != STAND)
+    assert (moved_ns - last_ns) / 1e9 < PEOPLE_TIMEOUT_S + 0.05
+    assert world.last_commands("robot_a", 5) == world.last_commands("robot_b", 5) == [STAND] * 5
+
+    world.speaks.add("people")
+    peer.until(result.done, lambda: guide.log)
+    assert result.result().status == GoalStatus.STATUS_SUCCEEDED
+    assert result.result().result.finished
+    states = [state for state, _ in itertools.groupby(status.state for status in feedback)]
+    assert states[0] == GuideStatus.GATHERING
+    assert states[-1] == GuideStatus.FINISHED
+    assert {GuideStatus.LEADING, GuideStatus.AT_STOP, GuideStatus.HALTED} <= set(states)
+    assert {s.stop for s in feedback if s.state == GuideStatus.AT_STOP} == {"Foyer"}
+    assert feedback[-1].way == pytest.approx(feedback[-1].length, abs=2.5)
+    assert world.places["robot_a"][:2] == pytest.approx((4.0, 2.0), abs=0.6)
+    # A joystick may drive after it.
+    peer.spin(1.0)
+    count = len(world.commands)
+    peer.spin(0.5)
+    assert len(world.commands) == count
+    assert world.last_commands("robot_b", 3) == [STAND] * 3
+
+
+def test_cancelled_tour_stops_the_robots_at_once(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world()
+    handle, result = world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+    second = world.refused(goal_of((0.0, 0.0), (2.0, 0.0), name="another"))
+    assert second == "the tour 'hall' is under way; cancel it first"
+    handle.cancel_goal_async()
+    world.peer.until(result.done, lambda: guide.log)
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    assert result.result().status == GoalStatus.STATUS_CANCELED
+    assert not result.result().result.finished
+    assert _status(world).state == GuideStatus.CANCELLED
+
+
+def test_path_starts_a_tour_and_an_empty_one_cancels_it(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world()
+    peer = world.peer
+    peer.until(world.path.get_subscription_count, "nobody listens to tour_path")
+    peer.spin(0.5)
+    world.path.publish(path_of((0.0, 0.0), (1.0, 0.0), (3.0, 0.0)))
+    peer.until(lambda: _is_driven(world), lambda: guide.log)
+    assert _status(world).tour == "tour"
+    world.path.publish(path_of())
+    peer.until(lambda: _status(world).state == GuideStatus.CANCELLED, lambda: guide.log)
+
+
+def test_deactivated_node_lets_the_robots_stand(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world()
+    _, result = world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+    assert world.peer.change_state("/guide_node", "deactivate")
+    world.peer.until(result.done, lambda: guide.log)
+    assert result.result().status == GoalStatus.STATUS_ABORTED
+    assert result.result().result.message == "guide_node was deactivated"
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    handle, _ = world.ask(AHEAD)
+    assert not handle.accepted
+    assert world.peer.change_state("/guide_node", "activate")
+
+
+def test_bad_goals_are_refused_before_anything_moves(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world(bases=["robot_a"])
+    peer = world.peer
+    world.speaks.clear()
+    assert world.refused(AHEAD) == "nothing comes on /people; is the planner running?"
+    world.speaks.add("people")
+    peer.until(lambda: "/robot_b/pose" in peer.heard_by("/guide_node"), lambda: guide.log)
+    no_pose = "robot_a has no pose: nothing comes on /robot_a/pose"
+    peer.until(lambda: world.refused(AHEAD) == no_pose, lambda: guide.log)
+    world.speaks.add("poses")
+    no_base = "robot_b has no base: nobody subscribes to /robot_b/cmd_vel"
+    peer.until(lambda: world.refused(AHEAD) == no_base, lambda: world.refused(AHEAD))
+    world.give_base("robot_b")
+    world.map.publish(map_of(20.0, 10.0, [(2.0, -5.0, 2.5, 5.0)]))
+    wall = "the way passes through a wall at (2."
+    peer.until(lambda: wall in world.refused(AHEAD), lambda: world.refused(AHEAD))
+    for goal, reason in (
+        (goal_of((0.0, 0.0)), "points have the shape (1, 2)"),
+        (goal_of((0.0, 0.0), (1.5, 0.0), frame_id="odom"), "frame_id of the path is 'odom'; wanted: 'map'"),
+        (
+            goal_of((0.0, 0.0), (1.5, 0.0), stops=[("Foyer", (1.0, 4.0), 1)]),
+            "stop 'Foyer' is 4.0 m from the way; allowed: 2 m",
+        ),
+    ):
+        assert reason in world.refused(goal)
+    assert {(one.v, one.w) for one in world.commands} <= {STAND}
+    world.map.publish(map_of(20.0, 10.0, []))
+
+
+def test_robots_stand_when_the_node_is_ended(
+    make_world: Callable[..., GuideWorld], doomed: NodeProcess
+) -> None:
+    world = make_world("/doomed/")
+    _, result = world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: doomed.log)
+    doomed.process.send_signal(signal.SIGTERM)
+    world.peer.until(lambda: not doomed.alive, lambda: doomed.log)
+    assert doomed.exit_code() == 0, doomed.log
+    world.peer.spin(0.2)
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    assert result.done()
+    assert result.result().result.message == "guide_node has ended"
+
+
+def test_nav2_gets_one_start_and_then_goals_with_later_and_later_stamps(
+    make_world: Callable[..., GuideWorld], nav2: NodeProcess
+) -> None:
+    world = make_world("/nav2/", places={"robot_a": PLACES["robot_a"]}, bases=[])
+    lacks = "robot_a has no base: nobody subscribes to /nav2/robot_a/goal_update"
+    world.peer.until(lambda: world.refused(AHEAD) == lacks, lambda: world.refused(AHEAD))
+    starts, updates, cancelled = world.give_nav2("robot_a")
+    handle, result = world.start(AHEAD)
+    world.peer.until(lambda: len(updates) > 15, lambda: nav2.log)
+    assert len(starts) == 1
+    stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in [*starts, *updates]]
+    assert stamps == sorted(set(stamps))
+    assert {m.header.frame_id for m in updates} == {"map"}
+    # It leads on while its goal moves on.
+    world.peer.until(lambda: updates[-1].pose.position.x > 0.3, lambda: nav2.log)
+    handle.cancel_goal_async()
+    world.peer.until(result.done, lambda: nav2.log)
+    world.peer.until(lambda: cancelled, lambda: nav2.log)
+    assert list(cancelled[0].goal_info.goal_id.uuid) == [0] * 16, "all goals"
+    assert updates[-1].pose.position.x == pytest.approx(world.places["robot_a"][0])
+    assert {(one.v, one.w) for one in world.commands} <= {STAND}
+
+
+def test_guide_that_waits_for_a_tour_complains_of_nothing(
+    make_world: Callable[..., GuideWorld],
+) -> None:
+    world = make_world()
+    world.map.publish(map_of(20.0, 10.0, []))
+
+    def well() -> bool:
+        found = world.peer.next_findings("/guide_node")["/guide_node"]
+        return all(finding.level == OK for finding in found.values())
+
+    world.peer.until(well, lambda: world.peer.findings("/guide_node"))
