@@ -59,10 +59,6 @@ class RangeError(PeopleLocError):
     """A range of a sonar or a laser scan that cannot be used."""
 
 
-class PeopleError(PeopleLocError):
-    """A message of people that cannot be used."""
-
-
 class TourError(PeopleLocError):
     """A tour that cannot be guided."""
 

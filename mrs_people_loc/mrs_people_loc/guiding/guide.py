@@ -79,13 +79,18 @@ class Guide:
         """Of the tour."""
         return State.IDLE if self._run is None else self._run.state
 
+    @property
+    def is_running(self) -> bool:
+        """Whether a tour has begun and has not ended."""
+        return self.state in RUNNING
+
     def begin(self, tour: Tour) -> None:
         """Begins a tour, with the group that is there then."""
         self._run = _Run(tour, self.config, self.space, self._tuning)
 
     def cancel(self) -> None:
         """Ends the tour."""
-        if self._run is not None and self.state in RUNNING:
+        if self._run is not None and self.is_running:
             self._run.end(State.CANCELLED, "cancelled")
 
     def halt(self, reason: str) -> Guidance:
@@ -96,7 +101,7 @@ class Guide:
         """
         if self._run is None:
             return Guidance(0, State.IDLE)
-        if self.state in RUNNING:
+        if self.is_running:
             self._run.halt(reason)
         return self._run.guidance({})
 
@@ -120,7 +125,7 @@ class Guide:
         """
         if self._run is None:
             return Guidance(now_ns, State.IDLE)
-        if self.state not in RUNNING:
+        if not self.is_running:
             return self._run.guidance({})
         self._run.configure(self.config, self.space)
         return self._run.guidance(self._run.step(people, groups, poses, now_ns))

@@ -33,7 +33,7 @@ class GroupTuning:
         near: A person who has fallen behind is back when this near to somebody of the group [m].
         ahead: Who is apart but not farther ahead of the group's middle than this walks ahead [m].
         missing_s: A person whose track ended so long ago has fallen behind [s].
-        joins_m: A newcomer is guided once they have come along with the group for so far [m].
+        joins_m: A newcomer is guided once they have come along the way for so far [m].
         switch_s: A track that begins within this time of another's end may be the same person [s]
         switch_reach: ... within this distance [m], and what people walk meanwhile.
         empty_s: A place that robots have seen empty for so long is empty [s].
@@ -56,7 +56,7 @@ class GroupTuning:
     same_s: float = 1.0
 
 
-@dataclass
+@dataclass(eq=False)
 class Guest:
     """A person of the group.
 
@@ -276,12 +276,13 @@ class GuidedGroup:
             return
         distance = np.array([[float(np.hypot(*(g.xy - p.position))) for p in fresh] for g in gone])
         last_s = np.array([guest.last_s for guest in gone])[:, None]
+        unseen_s = np.array([guest.unseen_s for guest in gone])[:, None]
         began_s = now_s - np.array([person.age_s for person in fresh])[None]
         in_group = np.array([person.id in home for person in fresh])[None]
         empty = np.array([guest.empty_s >= tuning.empty_s for guest in gone])[:, None]
         allowed = distance <= tuning.switch_reach + tuning.fastest * (now_s - last_s)
         allowed &= began_s > last_s - tuning.same_s
-        allowed &= (began_s < last_s + tuning.switch_s) | (empty & in_group)
+        allowed &= (unseen_s <= tuning.switch_s) | (distance <= tuning.beside) | (empty & in_group)
         cost = np.where(allowed, distance, 1e3)
         for row, column in zip(*linear_sum_assignment(cost), strict=True):
             if allowed[row, column]:
@@ -295,15 +296,17 @@ class GuidedGroup:
         known = {guest.id for guest in self.guests if guest.followed}
         for number in sorted(home - known):
             if number in by_id:
-                guest = _guest(by_id[number], self.way_m, now_s)
-                guest.joined_m = self.way_m
+                xy = by_id[number].position[None]
+                (way_m,) = self.way.nearest(xy, self.way_m, self.tuning.start_reach)
+                guest = _guest(by_id[number], float(way_m), now_s)
+                guest.joined_m = guest.way_m
                 self.guests.append(guest)
         kept = []
         for guest in self.guests:
             if guest.joined_m is not None:
                 if guest.id not in home or not guest.followed:
                     continue
-                if self.way_m - guest.joined_m >= self.tuning.joins_m:
+                if guest.way_m - guest.joined_m >= self.tuning.joins_m:
                     guest.joined_m = None
                     self.events.append(f"person {guest.id} joins the tour")
             kept.append(guest)

@@ -15,7 +15,8 @@ class PaceTuning:
         more_gap: The leader waits where the group is farther behind than `pace.lead` by this [m].
         patience: A group that stands for so long [s] without a straggler is as near and as close
             as it comes: ...
-        relaxes: ... the limits of gap and stretch grow by this until the leader goes on [m/s],
+        relaxes: ... the limits of gap and stretch grow by this [m/s]
+        goes_on: ... until the leader may go at this share of its speed,
         recovers: ... and shrink to those of the parameters by this while it goes [m/s].
         starts: The leader sets off at this share of its speed at least, and stands below it.
         acceleration: Highest increase of the speed [m/s^2].
@@ -25,6 +26,7 @@ class PaceTuning:
     more_gap: float = 1.6
     patience: float = 3.0
     relaxes: float = 1.0
+    goes_on: float = 0.5
     recovers: float = 0.05
     starts: float = 0.15
     acceleration: float = 0.4
@@ -45,7 +47,7 @@ class PaceControl:
         self.tuning = tuning or PaceTuning()
         self.speed = 0.0
         self._stood_s = 0.0
-        self._relaxed = 0.0
+        self._relaxed, self._relaxes = 0.0, False
 
     def stand(self) -> float:
         """The leader stands from now on, whatever the group does: 0 m/s."""
@@ -68,12 +70,15 @@ class PaceControl:
             [m/s].
         """
         tuning = self.tuning
-        if self._stood_s > tuning.patience:
+        if self._relaxes or self._stood_s > tuning.patience:
             self._relaxed += tuning.relaxes * dt_s
         elif self.speed > 0.0:
             self._relaxed = max(self._relaxed - tuning.recovers * dt_s, 0.0)
         share = falls(stretch - self._relaxed, config.stretch, config.max_stretch)
         share *= falls(gap - self._relaxed, config.lead, config.lead + tuning.more_gap)
+        self._relaxes = self._stood_s > tuning.patience or (
+            self._relaxes and share < tuning.goes_on
+        )
         wanted = highest * share if share >= tuning.starts else 0.0
         low = self.speed - tuning.deceleration * dt_s
         high = max(self.speed, tuning.starts * highest) + tuning.acceleration * dt_s

@@ -16,7 +16,7 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig, Localization, PlannerConfig
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Guidance, Role, State
-from mrs_people_loc.guiding.guide import Guide
+from mrs_people_loc.guiding.guide import RUNNING, Guide
 from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.localization.localizer import Localizer
 from mrs_people_loc.localization.relative_poses import RelativePoses
@@ -265,7 +265,7 @@ class LightTour:
 
     def _guided_by(self, people: People, now_ns: int) -> None:
         """The guide takes people, as guide_node does."""
-        if not self._guide.is_running:
+        if self._guide.state not in RUNNING:
             return
         steering = self._steering
         steering.take_people(people.persons, people.stamp_ns, now_ns)
@@ -276,7 +276,7 @@ class LightTour:
 
     def _drive(self, alive: list[str], now_ns: int) -> None:
         """The robots get commands, as from guide_node."""
-        if self._guide.is_running:
+        if self._guide.state in RUNNING:
             age_s = self._steering.people_age_s(now_ns)
             outdated = self._config.safety.people_timeout <= age_s < np.inf
             if outdated and self._guidance.state != State.HALTED:
