@@ -13,7 +13,7 @@ comes to rest there, and who comes nearer does so by their own motion. Likewise 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,8 +50,12 @@ class DriveTuning:
         left: ... and starts again farther off than this [m].
         aligned: It stops turning on the post at this difference [rad] ...
         turned: ... and starts again at this one [rad].
-        pass_within: It keeps to the right of team-mates ahead that are nearer than this [m] ...
-        pass_by: ... by up to this [m].
+        pass_within: It looks for a way past team-mates ahead that are nearer than this [m] ...
+        pass_left: ... on their left if they are so far to its right [m], else on their right ...
+        pass_by: ... with so much more than the smallest distance [m].
+        blocked: One of two robots that block each other for this time [s] makes room for the other
+            one ...
+        gives_way: ... for this time [s].
     """
 
     speeds: int = 11
@@ -70,7 +74,10 @@ class DriveTuning:
     aligned: float = 0.04
     turned: float = 0.15
     pass_within: float = 2.0
-    pass_by: float = 0.5
+    pass_left: float = 0.3
+    pass_by: float = 0.3
+    blocked: float = 1.5
+    gives_way: float = 6.0
 
 
 DRIVE_TUNING = DriveTuning()
@@ -80,7 +87,10 @@ _STEP, _LATER_STEP = 0.1, 0.15
 #: and to walls.
 _SPEED_COST, _TURN_COST, _WAY_COST, _NEAR_COST, _WALL_COST = 1.0, 0.4, 0.3, 0.6, 0.15
 #: Wanted speed and turn, by distance and by error of the heading [1/s].
-_SPEED_GAIN, _TURN_GAIN = 1.5, 2.5
+_SPEED_GAIN, _TURN_GAIN = 3.0, 2.5
+#: Two robots that block each other: the one that comes first in this direction makes room, at most
+#: at this speed [m/s].
+_ORDER, _MAKING_ROOM = np.array([0.8, 0.6]), 0.4
 #: Clearance in a place that is too near to a wall may get less by rounding only [m].
 _ROUNDING = 0.002
 
@@ -117,6 +127,19 @@ class _Others(StructOfArrays):
 
 
 @dataclass(frozen=True)
+class _Mates(StructOfArrays):
+    """Team-mates now.
+
+    Attributes:
+        xy: [m], shape (m, 2).
+        velocity: [m/s], shape (m, 2).
+    """
+
+    xy: Float
+    velocity: Float
+
+
+@dataclass(frozen=True)
 class _Arcs(StructOfArrays):
     """Where arcs lead, at times from now on.
 
@@ -135,13 +158,17 @@ class Drive:
     """Drives one robot to its post.
 
     Args:
-        config: Limits of its base and what it keeps off.
+        config: Limits of its base and what it keeps off; may be replaced at any time.
         tuning: Constants.
+
+    Attributes:
+        config: Limits of the base and what it keeps off.
     """
 
     def __init__(self, config: GuideConfig, *, tuning: DriveTuning = DRIVE_TUNING) -> None:
-        self._config, self._tuning = config, tuning
+        self.config, self._tuning = config, tuning
         self._arrived = self._aligned = self._backwards = False
+        self._blocked_s = self._giving_way_s = 0.0
 
     def step(
         self,
@@ -181,15 +208,23 @@ class Drive:
         if post is None or limit <= 0.0:
             return self._ramped(twist, (0.0, 0.0), dt)
         others = self._others(pose, people, people_velocity, people_age, robots, robots_velocity)
-        mates = robots, np.zeros_like(robots) if robots_velocity is None else robots_velocity
-        carrot = self._carrot(pose, post, path, mates, space)
+        here = np.array([pose.x, pose.y])
+        carrot = self._carrot(here, post, path, space)
+        still = np.zeros_like(robots)
+        mates = _Mates(robots, still if robots_velocity is None else robots_velocity)
+        mate = self._meeting(here, carrot, post, mates)
+        if self._gives_way(here, mate, twist[0], dt) and mate is not None:
+            post = self._room_made(here, post, mate, space)
+            carrot = post.xy
+        elif mate is not None:
+            carrot = self._past(here, carrot, mate, space)
         wanted = self._wanted(pose, post, carrot, limit)
         speeds, turns = self._candidates(post.speed * limit, limit, wanted)
         allowed = self._are_allowed(pose, twist, speeds, turns, others, space)
         if not allowed.any():
             return self._ramped(twist, (0.0, 0.0), dt)
         speeds, turns = speeds[allowed], turns[allowed]
-        goal = np.array([pose.x, pose.y]) if self._arrived else carrot
+        goal = here if self._arrived else carrot
         costs = self._costs(pose, twist, speeds, turns, wanted, goal, others, space)
         best = int(costs.argmin())
         return self._ramped(twist, (float(speeds[best]), float(turns[best])), dt)
@@ -198,7 +233,7 @@ class Drive:
         self, twist: tuple[float, float], wanted: tuple[float, float], dt: float
     ) -> tuple[float, float]:
         """What of the wanted velocity can be reached by then."""
-        base, after = self._config.base, np.array([dt])
+        base, after = self.config.base, np.array([dt])
         v = _ramp(twist[0], np.array([[wanted[0]]]), after, base.acceleration, base.deceleration)
         turn = base.turn_acceleration
         w = _ramp(twist[1], np.array([[wanted[1]]]), after, turn, turn)
@@ -214,7 +249,7 @@ class Drive:
         robots_velocity: Float | None,
     ) -> _Others:
         """Everybody near: people as they go on and as they stop, team-mates likewise."""
-        safety, tuning = self._config.safety, self._tuning
+        safety, tuning = self.config.safety, self._tuning
         still = safety.person_distance, tuning.gain_still, tuning.aside
         walking = safety.person_distance, tuning.gain_walking, tuning.aside
         mate = safety.robot_distance, tuning.gain_robot, 0.0
@@ -232,42 +267,67 @@ class Drive:
             ]
         )
         away = np.linalg.norm(others.xy - (pose.x, pose.y), axis=1)
-        fastest = np.linalg.norm(others.velocity, axis=1) + self._config.base.max_speed
-        reach = others.keep + fastest * tuning.horizon + self._config.base.max_speed / others.gain
+        fastest = np.linalg.norm(others.velocity, axis=1) + self.config.base.max_speed
+        reach = others.keep + fastest * tuning.horizon + self.config.base.max_speed / others.gain
         return others.select(away < reach)
 
-    def _carrot(
-        self,
-        pose: Pose,
-        post: Post,
-        path: Float | None,
-        mates: tuple[Float, Float],
-        space: FreeSpace,
-    ) -> Float:
-        """The point that the robot drives to now [m], shape (2,)."""
-        here, tuning = np.array([pose.x, pose.y]), self._tuning
+    def _carrot(self, here: Float, post: Post, path: Float | None, space: FreeSpace) -> Float:
+        """The point that the robot drives to now, if nobody is in the way [m], shape (2,)."""
         end = np.asarray(post.xy, dtype=np.float64)
-        if path is not None and len(path) > 1:
-            end = self._on_path(here, np.concatenate([path[:-1], end[np.newaxis]]), space)
-        ahead = end - here
-        away = float(np.linalg.norm(ahead))
-        robots, velocity = mates
-        if away < tuning.left or not len(robots):
+        if path is None or len(path) < 2:
             return end
-        ahead = ahead / away
-        offset = robots - here
+        return self._on_path(here, np.concatenate([path[:-1], end[np.newaxis]]), space)
+
+    def _past(self, here: Float, carrot: Float, mate: Float, space: FreeSpace) -> Float:
+        """The point to drive to past a team-mate who comes: to the right, if there is room."""
+        ahead = (carrot - here) / np.linalg.norm(carrot - here)
+        right = np.array([ahead[1], -ahead[0]])
+        if (mate - here) @ right > self._tuning.pass_left:
+            right = -right
+        beside = mate + (self.config.safety.robot_distance + self._tuning.pass_by) * right
+        if space.clearance(beside) < self.config.safety.wall_distance:
+            return carrot
+        return np.asarray(beside)
+
+    def _meeting(self, here: Float, carrot: Float, post: Post, mates: _Mates) -> Float | None:
+        """The nearest team-mate that stands in the way or comes, and is not behind the post."""
+        ahead = (carrot - here) / max(float(np.linalg.norm(carrot - here)), 1e-6)
+        offset = mates.xy - here
         distance = np.linalg.norm(offset, axis=1)
-        left = float(np.linalg.norm(post.xy - here))
-        meets = (distance < min(tuning.pass_within, left + self._config.safety.robot_distance)) & (
-            offset @ ahead > 0.5 * distance
-        )
-        meets &= velocity @ ahead < 0.1
+        left = float(np.linalg.norm(post.xy - here)) + self.config.safety.robot_distance
+        meets = distance < min(self._tuning.pass_within, left)
+        meets &= (offset @ ahead > 0.5 * distance) & (mates.velocity @ ahead < 0.1)
         if not meets.any():
-            return end
-        aside = tuning.pass_by * (1.0 - float(distance[meets].min()) / tuning.pass_within)
-        passing = end + aside * np.array([ahead[1], -ahead[0]])
-        wall = self._config.safety.wall_distance
-        return passing if space.clearance(passing) > wall else end
+            return None
+        nearest: Float = mates.xy[int(np.where(meets, distance, np.inf).argmin())]
+        return nearest
+
+    def _gives_way(self, here: Float, mate: Float | None, speed: float, dt: float) -> bool:
+        """Whether the robot makes room for a team-mate: one of two that block each other does."""
+        tuning = self._tuning
+        if mate is None:
+            self._blocked_s = self._giving_way_s = 0.0
+            return False
+        if self._giving_way_s > 0.0:
+            self._giving_way_s -= dt
+            return True
+        self._blocked_s = self._blocked_s + dt if abs(speed) < 0.05 else 0.0
+        # Both robots know both places: one of them comes first in this order.
+        if self._blocked_s > tuning.blocked and float((here - mate) @ _ORDER) < 0.0:
+            self._blocked_s, self._giving_way_s = 0.0, tuning.gives_way
+            return True
+        return False
+
+    def _room_made(self, here: Float, post: Post, mate: Float, space: FreeSpace) -> Post:
+        """Where to go to make room for a team-mate: away from it, rather where there is space."""
+        offset = here - mate
+        angles = math.atan2(offset[1], offset[0]) + np.linspace(-1.6, 1.6, 9)
+        away = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        step = max(self._tuning.pass_within - float(np.linalg.norm(offset)), 0.0)
+        clearance = np.minimum(space.clearance(here + 0.5 * away), space.clearance(here + away))
+        value = np.minimum(clearance, 1.0) + 0.5 * np.cos(np.linspace(-1.6, 1.6, 9))
+        best = away[int(value.argmax())]
+        return replace(post, xy=here + step * best, speed=min(post.speed, _MAKING_ROOM))
 
     def _on_path(self, here: Float, path: Float, space: FreeSpace) -> Float:
         """The farthest point of a path, up to `near` ahead, that the robot can go to straight."""
@@ -279,13 +339,13 @@ class Drive:
         ahead = points[nearest : nearest + 1 + round(self._tuning.near / 0.05)][::-2]
         part = np.linspace(0.1, 1.0, 10)[:, np.newaxis, np.newaxis]
         clearance = space.clearance(here + part * (ahead - here)).min(axis=0)
-        good = clearance >= min(self._config.safety.wall_distance, clearance.max())
+        good = clearance >= min(self.config.safety.wall_distance, clearance.max())
         found: Float = ahead[int(good.argmax())]
         return found
 
     def _wanted(self, pose: Pose, post: Post, carrot: Float, limit: float) -> tuple[float, float]:
         """Speed and rate of turn with which nothing is in the way."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         here = np.array([pose.x, pose.y])
         left, off = float(np.linalg.norm(post.xy - here)), carrot - here
         bearing = math.atan2(off[1], off[0])
@@ -299,14 +359,14 @@ class Drive:
             return 0.0, 0.0 if self._aligned else self._turn(error, limit)
         self._aligned = False
         fastest = base.max_reverse if self._backwards else base.max_speed
-        brakes = math.sqrt(min(base.acceleration, base.deceleration) * left)
+        brakes = math.sqrt(base.deceleration * left)
         speed = min(fastest, post.speed, brakes, _SPEED_GAIN * left) * limit
         speed *= max(math.cos(min(1.5 * abs(error), math.pi)), 0.0)
         return -speed if self._backwards else speed, self._turn(error, limit)
 
     def _goes_backwards(self, pose: Pose, post: Post, bearing: float, left: float) -> bool:
         """Whether it drives backwards: as it turns least now and on the post."""
-        if self._config.base.max_reverse <= 0.0:
+        if self.config.base.max_reverse <= 0.0:
             return False
         ahead = math.cos(post.yaw - bearing) + 0.7 * math.cos(pose.yaw - bearing)
         ahead += -0.4 if self._backwards else 0.4
@@ -314,7 +374,7 @@ class Drive:
 
     def _turn(self, error: float, limit: float) -> float:
         """Rate of turn that takes away an error of the heading."""
-        base = self._config.base
+        base = self.config.base
         brakes = math.sqrt(base.turn_acceleration * abs(error))
         fastest = min(base.max_turn * limit, brakes)
         return max(-fastest, min(fastest, _TURN_GAIN * error))
@@ -323,7 +383,7 @@ class Drive:
         self, speed: float, limit: float, wanted: tuple[float, float]
     ) -> tuple[Float, Float]:
         """Speeds and rates of turn that are tried, shapes (n,)."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         ahead, back = min(speed, base.max_speed), min(speed, base.max_reverse)
         speeds = np.concatenate([[wanted[0], 0.0], np.linspace(-back, ahead, tuning.speeds)])
         turn = base.max_turn * limit
@@ -341,7 +401,7 @@ class Drive:
         space: FreeSpace,
     ) -> Bool:
         """Which arcs keep off people, robots and walls until the robot stands, shape (n,)."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         fastest = max(abs(twist[0]), base.max_speed, base.max_reverse)
         after = tuning.reaction + fastest / base.deceleration
         times: Float = _STEP * np.arange(1.0, math.ceil(after / _STEP) + 1)
@@ -357,7 +417,7 @@ class Drive:
             allowed &= (towards <= most).all(axis=(1, 2))
         clearance = space.clearance(arcs.xy)
         now = float(space.clearance(np.array([pose.x, pose.y])))
-        wall = self._config.safety.wall_distance
+        wall = self.config.safety.wall_distance
         allowed &= (clearance >= min(wall, now - _ROUNDING)).all(axis=1)
         if now < wall:
             allowed &= clearance[:, -1] >= now
@@ -375,16 +435,17 @@ class Drive:
         space: FreeSpace,
     ) -> Float:
         """What is against each arc, shape (n,)."""
-        base, tuning = self._config.base, self._tuning
+        base, tuning = self.config.base, self._tuning
         times: Float = _LATER_STEP * np.arange(1.0, round(tuning.horizon / _LATER_STEP) + 1)
         arcs = self._arcs(pose, twist, speeds, turns, times)
         cost = _SPEED_COST * ((speeds - wanted[0]) / base.max_speed) ** 2
         cost += _TURN_COST * ((turns - wanted[1]) / base.max_turn) ** 2
-        cost += _WAY_COST * np.linalg.norm(arcs.xy[:, -1] - goal, axis=1)
+        left = min(float(np.linalg.norm(goal - (pose.x, pose.y))), 1.0)
+        cost += _WAY_COST * left * np.linalg.norm(arcs.xy[:, -1] - goal, axis=1)
         if len(others):
             free = (_offsets(arcs, others, times)[1] - others.keep).min(axis=(1, 2))
-            cost += _NEAR_COST * np.clip(1.0 - free / tuning.clear[0], 0.0, 2.0) ** 2
-        free = space.clearance(arcs.xy).min(axis=1) - self._config.safety.wall_distance
+            cost += _NEAR_COST * np.clip(1.0 - free / tuning.clear[0], 0.0, 3.0) ** 2
+        free = space.clearance(arcs.xy).min(axis=1) - self.config.safety.wall_distance
         return np.asarray(cost + _WALL_COST * np.clip(1.0 - free / tuning.clear[1], 0.0, 3.0) ** 2)
 
     def _arcs(
@@ -397,7 +458,7 @@ class Drive:
         brakes_at: float | None = None,
     ) -> _Arcs:
         """Where the robot gets with wanted speeds and rates of turn, within its limits."""
-        base = self._config.base
+        base = self.config.base
         up, down, turn = base.acceleration, base.deceleration, base.turn_acceleration
         v = _ramp(twist[0], speeds[:, np.newaxis], times, up, down)
         w = _ramp(twist[1], turns[:, np.newaxis], times, turn, turn)

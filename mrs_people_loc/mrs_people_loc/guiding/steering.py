@@ -56,6 +56,7 @@ class Steering:
         self.config = config
         self.space = space
         self.robots = tuple(robots)
+        self._drives = {robot: Drive(config) for robot in self.robots}
         self._heard: dict[str, _Heard] = {}
         self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
         self._posts: Mapping[str, Post] = {}
@@ -126,7 +127,9 @@ class Steering:
         if share <= 0.0:
             return 0.0, 0.0
         others = [name for name in poses if name != robot]
-        return Drive(self.config).step(
+        drive = self._drives[robot]
+        drive.config = self.config
+        return drive.step(
             poses[robot],
             self._velocities[robot],
             self._posts.get(robot),
