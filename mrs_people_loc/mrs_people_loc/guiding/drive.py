@@ -58,8 +58,8 @@ class DriveTuning:
         gives_way: ... for this time [s].
     """
 
-    speeds: int = 11
-    turns: int = 13
+    speeds: int = 9
+    turns: int = 11
     reaction: float = 0.2
     horizon: float = 1.2
     gain_still: float = 1.5
@@ -460,12 +460,10 @@ class Drive:
         v = _ramp(twist[0], speeds[:, np.newaxis], times, up, down)
         w = _ramp(twist[1], turns[:, np.newaxis], times, turn, turn)
         if brakes_at is not None:
-            since = np.maximum(times - brakes_at, 0.0)
-            at = np.array([brakes_at])
-            fastest = _ramp(twist[0], speeds[:, np.newaxis], at, up, down)
-            quickest = _ramp(twist[1], turns[:, np.newaxis], at, turn, turn)
-            v = np.where(since > 0.0, _shrunk(fastest, since * down), v)
-            w = np.where(since > 0.0, _shrunk(quickest, since * turn), w)
+            last = int(np.flatnonzero(times <= brakes_at + 1e-9)[-1])
+            since = times[last + 1 :] - times[last]
+            v[:, last + 1 :] = _shrunk(v[:, last, np.newaxis], since * down)
+            w[:, last + 1 :] = _shrunk(w[:, last, np.newaxis], since * turn)
         step = times[1] - times[0]
         yaw = pose.yaw + np.cumsum(w, axis=1) * step
         middle = yaw - 0.5 * w * step

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc import timing
-from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guide import Guide

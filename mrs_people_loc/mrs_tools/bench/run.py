@@ -5,9 +5,9 @@
 
 Eight parts: one robot's view, stage by stage (`robot`); one interval of the planner (`planner`);
 what it costs as the team grows (`growth`); following people (`tracking`); where the robots are
-(`walls`, `localization`); guiding people (`guiding`); and real processes over DDS (`live`). Nothing of the people's stages is
-timed that differs from the repository's oracle: `tests/oracle/comparison` says what is compared,
-and how closely.
+(`walls`, `localization`); guiding people (`guiding`); and real processes over DDS (`live`).
+Nothing of the people's stages is timed that differs from the repository's oracle:
+`tests/oracle/comparison` says what is compared, and how closely.
 
 How it is timed: on one core (OpenCV's threads are off), stages as the pipeline times them itself,
 but by the processor time that they take, so that other work on the machine does not count. It does
