@@ -19,7 +19,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
 from mrs_people_loc.config import GuideConfig
-from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
 from mrs_people_loc.team.poses import Pose
@@ -47,7 +47,8 @@ class DriveTuning:
         near: The robot goes by the post itself within this distance; farther off by a point so far
             ahead on its path [m].
         arrived: It stops nearer to the post than this [m] ...
-        left: ... and starts again farther off than this [m].
+        left: ... and starts again farther off than this [m]; both are twice as much across the
+            post's heading, where it would have to turn first.
         aligned: It stops turning on the post at this difference [rad] ...
         turned: ... and starts again at this one [rad].
         pass_within: It looks for a way past team-mates ahead that are nearer than this [m] ...
@@ -91,6 +92,8 @@ _SPEED_GAIN, _TURN_GAIN = 3.0, 2.5
 #: Two robots that block each other: the one that comes first in this direction makes room, at most
 #: at this speed [m/s].
 _ORDER, _MAKING_ROOM = np.array([0.8, 0.6]), 0.4
+#: Distances to the post across its heading count by this share.
+_ACROSS = 0.5
 #: Clearance in a place that is too near to a wall may get less by rounding only [m].
 _ROUNDING = 0.002
 
@@ -352,7 +355,9 @@ class Drive:
         self._backwards = self._goes_backwards(pose, post, bearing, left)
         error = wrap_angle(bearing - pose.yaw + (math.pi if self._backwards else 0.0))
         passed = left < tuning.left and abs(error) > 1.0
-        self._arrived = left < (tuning.left if self._arrived else tuning.arrived) or passed
+        along, across = (post.xy - here) @ rotation_2d(post.yaw)
+        near = math.hypot(along, _ACROSS * across)
+        self._arrived = near < (tuning.left if self._arrived else tuning.arrived) or passed
         if self._arrived:
             error = wrap_angle(post.yaw - pose.yaw)
             self._aligned = abs(error) < (tuning.turned if self._aligned else tuning.aligned)
