@@ -55,6 +55,10 @@ class RangeError(PeopleLocError):
     """A range of a sonar or a laser scan that cannot be used."""
 
 
+class PeopleError(PeopleLocError):
+    """A message of people that cannot be used."""
+
+
 class TourError(PeopleLocError):
     """A tour that cannot be guided."""
 

@@ -43,10 +43,14 @@ def test_small_changes_of_the_post_move_nobody() -> None:
     robot = Robot(0.0, 0.0, 0.0, post(0.0, 0.0))
     world, rng = World([robot]), np.random.default_rng(1)
     for _ in range(20):
-        robot.post = post(*rng.uniform(-0.06, 0.06, 2), rng.uniform(-0.1, 0.1))
+        x, y, yaw = rng.uniform(-1.0, 1.0, 3) * (0.06, 0.12, 0.1)
+        robot.post = post(float(x), float(y), float(yaw))
         world.run(0.2)
     assert robot.xy == pytest.approx([0.0, 0.0], abs=0.07)
     assert (robot.track[-60:, 3:] == 0.0).all()
+    robot.post = post(0.2, 0.0)
+    world.run(2.0)
+    assert is_at_post(robot)
 
 
 @pytest.mark.parametrize("turned", [0.0, math.pi])
