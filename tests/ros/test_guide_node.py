@@ -183,7 +183,10 @@ def test_bad_goals_are_refused_before_anything_moves(
     peer.until(lambda: wall in world.refused(AHEAD), lambda: world.refused(AHEAD))
     for goal, reason in (
         (goal_of((0.0, 0.0)), "points have the shape (1, 2)"),
-        (goal_of((0.0, 0.0), (1.5, 0.0), frame_id="odom"), "frame_id of the path is 'odom'; wanted: 'map'"),
+        (
+            goal_of((0.0, 0.0), (1.5, 0.0), frame_id="odom"),
+            "frame_id of the path is 'odom'; wanted: 'map'",
+        ),
         (
             goal_of((0.0, 0.0), (1.5, 0.0), stops=[("Foyer", (1.0, 4.0), 1)]),
             "stop 'Foyer' is 4.0 m from the way; allowed: 2 m",

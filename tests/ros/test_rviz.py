@@ -22,6 +22,7 @@ from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.markers import markers
+from planner_node.guide_node.node import GuideNode
 from planner_node.node import PlannerNode
 from robot_node.node import RobotNode
 from ros.harness import ROOT
@@ -50,9 +51,9 @@ def config(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture
 def published(domain: int) -> Iterator[dict[str, tuple[str, bool]]]:
-    """The topics of the planner and of a robot: type, and whether it is reliable."""
+    """The topics of the planner, a robot and the guide: type, and whether it is reliable."""
     rclpy.init(args=["node", "--ros-args", "-p", "autostart:=false", "-r", "robot_node:__ns:=/r"])
-    nodes = [PlannerNode(), RobotNode()]
+    nodes = [PlannerNode(), RobotNode(), GuideNode()]
     try:
         topics = {}
         for node in nodes:

@@ -19,7 +19,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
 from mrs_people_loc.config import GuideConfig
-from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
 from mrs_people_loc.team.poses import Pose
@@ -47,7 +47,8 @@ class DriveTuning:
         near: The robot goes by the post itself within this distance; farther off by a point so far
             ahead on its path [m].
         arrived: It stops nearer to the post than this [m] ...
-        left: ... and starts again farther off than this [m].
+        left: ... and starts again farther off than this [m]; both are twice as much across the
+            post's heading, where it would have to turn first.
         aligned: It stops turning on the post at this difference [rad] ...
         turned: ... and starts again at this one [rad].
         pass_within: It looks for a way past team-mates ahead that are nearer than this [m] ...
@@ -58,8 +59,8 @@ class DriveTuning:
         gives_way: ... for this time [s].
     """
 
-    speeds: int = 11
-    turns: int = 13
+    speeds: int = 9
+    turns: int = 11
     reaction: float = 0.2
     horizon: float = 1.2
     gain_still: float = 1.5
@@ -91,6 +92,8 @@ _SPEED_GAIN, _TURN_GAIN = 3.0, 2.5
 #: Two robots that block each other: the one that comes first in this direction makes room, at most
 #: at this speed [m/s].
 _ORDER, _MAKING_ROOM = np.array([0.8, 0.6]), 0.4
+#: Distances to the post across its heading count by this share.
+_ACROSS = 0.5
 #: Clearance in a place that is too near to a wall may get less by rounding only [m].
 _ROUNDING = 0.002
 
@@ -352,7 +355,9 @@ class Drive:
         self._backwards = self._goes_backwards(pose, post, bearing, left)
         error = wrap_angle(bearing - pose.yaw + (math.pi if self._backwards else 0.0))
         passed = left < tuning.left and abs(error) > 1.0
-        self._arrived = left < (tuning.left if self._arrived else tuning.arrived) or passed
+        along, across = (post.xy - here) @ rotation_2d(post.yaw)
+        near = math.hypot(along, _ACROSS * across)
+        self._arrived = near < (tuning.left if self._arrived else tuning.arrived) or passed
         if self._arrived:
             error = wrap_angle(post.yaw - pose.yaw)
             self._aligned = abs(error) < (tuning.turned if self._aligned else tuning.aligned)
@@ -418,10 +423,7 @@ class Drive:
         clearance = space.clearance(arcs.xy)
         now = float(space.clearance(np.array([pose.x, pose.y])))
         wall = self.config.safety.wall_distance
-        allowed &= (clearance >= min(wall, now - _ROUNDING)).all(axis=1)
-        if now < wall:
-            allowed &= clearance[:, -1] >= now
-        return allowed
+        return np.asarray(allowed & (clearance >= min(wall, now - _ROUNDING)).all(axis=1))
 
     def _costs(
         self,
@@ -463,12 +465,10 @@ class Drive:
         v = _ramp(twist[0], speeds[:, np.newaxis], times, up, down)
         w = _ramp(twist[1], turns[:, np.newaxis], times, turn, turn)
         if brakes_at is not None:
-            since = np.maximum(times - brakes_at, 0.0)
-            at = np.array([brakes_at])
-            fastest = _ramp(twist[0], speeds[:, np.newaxis], at, up, down)
-            quickest = _ramp(twist[1], turns[:, np.newaxis], at, turn, turn)
-            v = np.where(since > 0.0, _shrunk(fastest, since * down), v)
-            w = np.where(since > 0.0, _shrunk(quickest, since * turn), w)
+            last = int(np.flatnonzero(times <= brakes_at + 1e-9)[-1])
+            since = times[last + 1 :] - times[last]
+            v[:, last + 1 :] = _shrunk(v[:, last, np.newaxis], since * down)
+            w[:, last + 1 :] = _shrunk(w[:, last, np.newaxis], since * turn)
         step = times[1] - times[0]
         yaw = pose.yaw + np.cumsum(w, axis=1) * step
         middle = yaw - 0.5 * w * step

@@ -35,6 +35,11 @@ _FROM_WALL = 0.20
 _STRIDE = 0.15
 #: Time in which people reach the velocity that they want [s] (Moussaid et al. 2009).
 _RELAXATION = 0.54
+#: People stand round a leader in rows: distance of the first one, and from row to row [m]; half of
+#: the sector that they fill [rad]; and from one to the next [m].
+_ROW, _HALF_CIRCLE, _BESIDE = (1.6, 0.9), math.radians(60.0), 0.95
+#: ... once it has been standing for so long [s].
+_STANDS_S = 4.0
 #: Strongest force [m/s^2].
 _STRONGEST = 4.0
 
@@ -333,7 +338,7 @@ class Crowd:
         side = np.clip(self._side + 0.2 * self._wander.at(self.time + 60.0), -room, room)
         places = places + side[:, None] * _left_of(ahead)
         wish = unit(places - self.xy) * pace[:, None]
-        if self._stands_for > 2.0:
+        if self._stands_for > _STANDS_S:
             wish = np.where(self._walks[:, None], wish, self._spread(robots[self._leader]))
         for k in np.flatnonzero(self.stayed):
             who = self._who[k]
@@ -342,26 +347,26 @@ class Crowd:
 
     def _spread(self, leader: Float) -> Float:
         """Velocities of those who stand round the leader, to see it past the others, (n, 2)."""
-        near = np.linalg.norm(self.xy - leader, axis=1) < 5.0
-        near[self._who[self.stayed]] = False
-        if not near.any():
-            return np.zeros_like(self.xy)
-        bearing = self._bearing[near]
-        middle = math.atan2(float(np.sin(bearing).mean()), float(np.cos(bearing).mean()))
-        order = np.argsort(np.argsort(_wrapped(bearing - middle)))
-        count = len(bearing)
-        half = min(math.radians(80.0), 0.3 * count)
-        angle = middle + half * (2.0 * (order + 0.5) / count - 1.0)
-        radius = 1.5 + 0.35 * (order % 2) * (count > 4)
-        places = leader + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        lack, out = self._clearance.at(places)
-        places = places + np.maximum(0.4 - lack, 0.0)[:, None] * out
-        # Where a wall leaves no place so far from the leader, they stay.
-        close = np.linalg.norm(places - leader, axis=1, keepdims=True) < 1.2
         wish = np.zeros_like(self.xy)
-        toward = np.where(close, 0.0, places - self.xy[near])
+        off = self.xy - leader
+        near = np.linalg.norm(off, axis=1) < 6.0
+        near[self._who[self.stayed]] = False
+        who = np.flatnonzero(near)
+        if not len(who):
+            return wish
+        sin, cos = np.sin(self._bearing[who]).mean(), np.cos(self._bearing[who]).mean()
+        middle = math.atan2(float(sin), float(cos))
+        bearing = _wrapped(np.arctan2(off[who, 1], off[who, 0]) - middle)
+        places = leader + _rows(np.linalg.norm(off[who], axis=1), bearing, middle)
+        distance, out = self._clearance.at(places)
+        places = places + np.maximum(0.4 - distance, 0.0)[:, None] * out
+        toward = places - self.xy[who]
         far = np.linalg.norm(toward, axis=1, keepdims=True)
-        wish[near] = unit(toward) * np.clip((far - 0.25) / 1.0, 0.0, 0.5)
+        # Nobody goes past the leader, nor close to it, where a wall leaves no place in the row.
+        seen = places - leader
+        angle = _wrapped(np.arctan2(seen[:, 1], seen[:, 0]) - middle)
+        free = (np.abs(angle) < 1.2 * _HALF_CIRCLE) & (np.linalg.norm(seen, axis=1) > 1.2)
+        wish[who] = unit(toward) * np.clip((far - 0.25) / 1.0, 0.0, 0.5) * free[:, None]
         return wish
 
     # -------------------------------------------------------------------------- straggling ----
@@ -457,6 +462,26 @@ class Crowd:
         target = np.where(pace > 0.25, walking, standing)
         turn = _wrapped(target - self.yaw) / 0.5
         self.yaw = _wrapped(self.yaw + np.clip(turn, -2.5, 2.5) * dt)
+
+
+def _rows(distance: Float, bearing: Float, middle: float) -> Float:
+    """Places in rows of a sector round a leader, the nearest people in the first row, shape (n, 2).
+
+    Args:
+        distance: Of the people from it [m], shape (n,).
+        bearing: Theirs, from the middle of the sector [rad], shape (n,).
+        middle: Of the sector [rad].
+    """
+    places, order, first, radius = np.empty((len(distance), 2)), np.argsort(distance), 0, _ROW[0]
+    while first < len(order):
+        fit = int(2.0 * _HALF_CIRCLE * radius / _BESIDE) + 1
+        row = order[first : first + fit]
+        row = row[np.argsort(bearing[row])]
+        step = min(_BESIDE / radius, 2.0 * _HALF_CIRCLE / max(len(row) - 1, 1))
+        angle = middle + step * (np.arange(len(row)) - 0.5 * (len(row) - 1))
+        places[row] = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        first, radius = first + fit, radius + _ROW[1]
+    return places
 
 
 def _evading(

@@ -76,6 +76,7 @@ class GuideNode(ManagedNode):
             if config.drive == "nav2"
             else Velocities(self, stamped=config.base.stamped)
         )
+        self._bases.begin(config.robots)  # so that they are found before a tour
         self._action = TourAction(self, self._begin_goal, self._cancel)
         self.until_cleanup(self._action.destroy)
 
