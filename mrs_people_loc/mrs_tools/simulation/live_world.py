@@ -60,6 +60,8 @@ class Progress:
         dropped: Images of robots that were left out because rendering was too slow.
         behind_s: Longest time that the world itself was late [s].
         bumps: How often a robot has run into something (`GuidedWorld.bumps`).
+        world_cpu_s: Processor time of the process that moves people and robots [s].
+        cameras_cpu_s: Processor time of those that render [s].
     """
 
     time: float = 0.0
@@ -67,6 +69,8 @@ class Progress:
     dropped: int = 0
     behind_s: float = 0.0
     bumps: int = 0
+    world_cpu_s: float = 0.0
+    cameras_cpu_s: float = 0.0
 
 
 class LiveWorld:
@@ -106,12 +110,6 @@ class LiveWorld:
             while self._pipe.poll():
                 self._progress = self._pipe.recv()
         return self._progress
-
-    @property
-    def pid(self) -> int:
-        """Of the process that moves people and robots."""
-        assert self._process.pid is not None
-        return self._process.pid
 
     @property
     def exit_code(self) -> int | None:
@@ -240,10 +238,11 @@ class _World:
                 pipe.send(self._so_far())
 
     def _so_far(self) -> Progress:
-        cameras = self._cameras
+        cameras, world = self._cameras, self._world
         return Progress(
-            self._world.time, cameras.rendered, cameras.dropped, self._behind_s, self._world.bumps
-        )
+            world.time, cameras.rendered, cameras.dropped, self._behind_s, world.bumps,
+            time.process_time(), cameras.cpu_s,
+        )  # fmt: skip
 
     def _obey(self) -> None:
         """Takes the commands and the leader that have come since the last step."""
@@ -351,6 +350,11 @@ class _Cameras:
         for renderer in self._renderers:
             renderer.end()
 
+    @property
+    def cpu_s(self) -> float:
+        """Processor time of all of them [s]."""
+        return sum(renderer.cpu_s for renderer in self._renderers)
+
     def show(self, ns: int, people: Sequence[Place], robots: dict[str, Place]) -> None:
         """Lets all render an instant but those that are still busy with another one."""
         ready = [renderer for renderer in self._renderers if renderer.is_ready]
@@ -376,11 +380,12 @@ class _Renderer:
     Attributes:
         robots: Their names.
         is_ready: Whether it has nothing to do.
+        cpu_s: Its processor time [s].
     """
 
     def __init__(self, scene: Scene, robots: Sequence[str]) -> None:
         context = get_context("spawn")
-        self.robots, self.is_ready = robots, False
+        self.robots, self.is_ready, self.cpu_s = robots, False, 0.0
         self._pipe, others = context.Pipe()
         self._process: BaseProcess = context.Process(
             target=_run_cameras, args=(scene, robots, others), name=f"cameras of {robots}"
@@ -402,7 +407,8 @@ class _Renderer:
         """Stamps of what was rendered since the last time, and pixels of each person."""
         found = []
         while self._pipe.poll():
-            found.append(self._pipe.recv())
+            ns, pixels, self.cpu_s = self._pipe.recv()
+            found.append((ns, pixels))
             self.is_ready = True
         return found
 
@@ -435,7 +441,7 @@ def _run_cameras(scene: Scene, robots: Sequence[str], pipe: Connection) -> None:
                     place = instant.robots[name]
                     seen = stage.seen_pixels(name, place, instant.people, pixels)
                     best = np.maximum(best, seen)
-                pipe.send((instant.ns, best))
+                pipe.send((instant.ns, best, time.process_time()))
 
 
 class _Head:
