@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import itertools
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -145,6 +148,9 @@ def test_path_starts_a_tour_and_an_empty_one_cancels_it(
     assert _status(world).tour == "tour"
     world.path.publish(path_of())
     peer.until(lambda: _status(world).state == GuideStatus.CANCELLED, lambda: guide.log)
+    world.path.publish(path_of((0.0, 0.0), (3.0, 0.0), frame_id="odom"))
+    counted = "dropped.TourError"
+    peer.until_finding("/guide_node", "tour_path", lambda f: f.values.get(counted) == "1")
 
 
 def test_deactivated_node_lets_the_robots_stand(
@@ -235,6 +241,30 @@ def test_nav2_gets_one_start_and_then_goals_with_later_and_later_stamps(
     assert {(one.v, one.w) for one in world.commands} <= {STAND}
 
 
+def test_mrs_tour_is_cancelled_by_ctrl_c(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess, domain: int, tmp_path: Path
+) -> None:
+    world = make_world()
+    file = tmp_path / "hall.yaml"
+    file.write_text("points: [[0, 0], [3, 0]]\nstops: [{name: Foyer, at: [1, 0.5]}]\n")
+    with subprocess.Popen(
+        [sys.executable, "-m", "mrs_tools", "tour", str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as tour:
+        world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+        tour.send_signal(signal.SIGINT)
+        world.peer.until(lambda: tour.poll() is not None, "mrs tour does not end")
+        assert tour.stdout is not None
+        reported = tour.stdout.read()
+    assert tour.returncode == 130, reported
+    assert "gathering; sees" in reported
+    assert reported.endswith("cancelled\n")
+    assert (_status(world).tour, _status(world).stop) == ("hall", "Foyer")
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+
+
 def test_guide_that_waits_for_a_tour_complains_of_nothing(
     make_world: Callable[..., GuideWorld],
 ) -> None:
@@ -246,3 +276,16 @@ def test_guide_that_waits_for_a_tour_complains_of_nothing(
         return all(finding.level == OK for finding in found.values())
 
     world.peer.until(well, lambda: world.peer.findings("/guide_node"))
+
+
+def test_node_that_is_shut_down_on_a_tour_lets_the_robots_stand(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    """By the lifecycle transition: the publishers are destroyed at once."""
+    world = make_world()
+    world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+    assert world.peer.change_state("/guide_node", "shutdown")
+    assert world.peer.state("/guide_node") == "finalized"
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    guide.stop()
