@@ -373,7 +373,7 @@ class Drive:
         """Whether it drives backwards: as it turns least now and on the post."""
         if self.config.base.max_reverse <= 0.0:
             return False
-        ahead = math.cos(post.yaw - bearing) + 0.7 * math.cos(pose.yaw - bearing)
+        ahead = math.cos(post.yaw - bearing) + 0.4 * math.cos(pose.yaw - bearing)
         ahead += -0.4 if self._backwards else 0.4
         return ahead + min(max(left / 3.0 - 1.0, 0.0), 1.0) < 0.0
 

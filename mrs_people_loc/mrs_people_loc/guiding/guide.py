@@ -377,6 +377,7 @@ class _Run:
                 robots=team.robots,
                 moving=self._pace.speed > 0.0,
                 now_s=self._now_ns / 1e9,
+                unseen_s=np.array([one.unseen_s for one in there]),
             )
         )
         return dict(sorted(posts.items()))
