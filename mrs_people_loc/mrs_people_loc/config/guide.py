@@ -49,12 +49,12 @@ class Formation(Section):
     )
     reach: float = field(4.5, "people are seen up to this distance [m]", low=1.0, high=20.0)
     nearest: float = field(1.0, "... and from this distance on [m]", low=0.1, high=5.0)
-    view: float = field(1.0, "horizontal field of view of the heads [rad]", low=0.2, high=6.3)
+    view: float = field(1.2, "horizontal field of view of the heads [rad]", low=0.2, high=6.3)
     hysteresis: float = field(
-        0.15, "a robot changes its post only where the team sees more by this share",
+        0.08, "a robot changes its post only where the team sees more by this share",
         low=0.0, high=1.0,
     )  # fmt: skip
-    hold: float = field(3.0, "... and not sooner than after this time [s]", low=0.0, high=60.0)
+    hold: float = field(1.5, "... and not sooner than after this time [s]", low=0.0, high=60.0)
 
     def _check_relations(self) -> None:
         if self.nearest >= self.reach:

@@ -44,6 +44,8 @@ class FormationTuning:
         closer: A post may be nearer to people than the distance, by this factor: they move.
         second_side: What it is worth to see a person from a second side, from `side` [rad] on;
             to see them at all is worth 1.
+        unseen: Who is not seen is worth more by this each second,
+        unseen_s: ... for this time [1/s, s].
         farther: What it costs to be behind, per metre, as a share of all that can be seen.
         changed: An assignment that keeps a robot on its post may be longer by this [m].
         drift: The group's ends and middle move by at most this [m/s]: people appear and vanish.
@@ -52,7 +54,7 @@ class FormationTuning:
 
     margin: tuple[float, float] = (0.3, 0.1)
     rows: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0)
-    columns: tuple[float, ...] = (0.0, -0.7, 0.7, -1.3, 1.3, -2.0, 2.0)
+    columns: tuple[float, ...] = (0.0, -0.35, 0.35, -0.7, 0.7, -1.05, 1.05, -1.5, 1.5, -2.0, 2.0)
     beside: tuple[float, ...] = (0.0, 0.5, 1.0)
     off: tuple[float, ...] = (1.0, 1.6)
     ahead: tuple[float, ...] = (0.0, 0.5, 1.0)
@@ -60,6 +62,8 @@ class FormationTuning:
     closer: float = 0.85
     second_side: float = 0.25
     side: float = math.radians(60.0)
+    unseen: float = 0.5
+    unseen_s: float = 4.0
     farther: float = 0.02
     changed: float = 0.5
     drift: float = 1.5
@@ -83,6 +87,7 @@ class Scenery:
         robots: Poses of those that take part, by name; the leader, too.
         moving: Whether the group goes on; else the robots turn to it.
         now_s: Time [s].
+        unseen_s: For how long each person has not been seen [s], shape (n,); None: all are seen.
     """
 
     people: Float
@@ -94,6 +99,7 @@ class Scenery:
     robots: Mapping[str, Pose]
     moving: bool
     now_s: float
+    unseen_s: Float | None = None
 
 
 @dataclass(frozen=True)
@@ -369,8 +375,9 @@ class FormationPlanner:
         always = np.arange(len(candidates), len(candidates) + len(taken))
         sets_of_all = np.concatenate([sets, np.broadcast_to(always, (len(sets), len(taken)))], 1)
         seen, second = team.of(sets_of_all)
-        each = max(len(now.people), 1)
-        worth = (seen + tuning.second_side * second).sum(axis=1) / each
+        unseen_s = np.zeros(len(now.people)) if now.unseen_s is None else now.unseen_s
+        weight = 1.0 + tuning.unseen * np.minimum(unseen_s, tuning.unseen_s)
+        worth = (seen + tuning.second_side * second) @ weight / max(weight.sum(), 1.0)
         return np.asarray(worth - candidates.cost[sets].sum(axis=1))
 
 

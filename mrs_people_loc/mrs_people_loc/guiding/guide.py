@@ -39,8 +39,8 @@ class GuideTuning:
     """
 
     settled_s: float = 2.0
-    ahead: float = 0.4
-    ahead_s: float = 1.0
+    ahead: float = 0.5
+    ahead_s: float = 1.7
     there: float = 0.4
     brake_m: float = 0.15
     brakes: float = 0.8
@@ -146,7 +146,7 @@ class _Run:
         self._now_ns: int | None = None
         self._post_m = 0.0
         self._settled_s = self._there_s = 0.0
-        self._is_off, self._is_at_stop = False, False
+        self._is_off, self._is_at_stop, self._overtakes = False, False, False
         self._next = 0
 
     def configure(self, config: cfg.GuideConfig, space: FreeSpace) -> None:
@@ -236,14 +236,14 @@ class _Run:
         """Waits until a group is there."""
         assert self._now_ns is not None
         self.state = State.GATHERING
-        before = {guest.id for guest in self._group.guests}
-        pose = self._team.robots[self._team.leader]
-        self._group.gather(people, groups, np.array([pose.x, pose.y]), self._now_ns / 1e9)
+        before, pose = len(self._group.guests), self._team.robots[self._team.leader]
+        leader, now_s = np.array([pose.x, pose.y]), self._now_ns / 1e9
+        self._group.gather(people, groups, leader, now_s, self._in_view)
         guests = self._group.guests
         if not guests:
             self._settled_s, self._reason = 0.0, "waits for people: none is seen"
             return
-        self._settled_s = self._settled_s + dt_s if before == {one.id for one in guests} else 0.0
+        self._settled_s = self._settled_s + dt_s if len(guests) <= before else 0.0
         ways = np.array([one.way_m for one in guests])
         off = np.array([one.xy for one in guests]) - self._tour.way.at(ways)
         away, allowed = float(np.median(np.hypot(*off.T))), self.config.pace.max_stretch
@@ -265,6 +265,10 @@ class _Run:
             self.end(State.CANCELLED, "nobody of the group is left")
         elif self._is_at_stop:
             self._stay(waits, dt_s)
+        elif self._overtakes:
+            self.state = State.WAITING
+            self._reason = f"waits until {self._team.leader} is in front"
+            self._pace.stand()
         elif waits:
             self.state, self._reason, self._there_s = State.WAITING, waits, 0.0
             self._pace.stand()
@@ -324,7 +328,7 @@ class _Run:
 
     def _is_group_there(self) -> bool:
         """Whether everybody is at the next stop: near it, or near each other behind the leader."""
-        xy = np.array([one.xy for one in self._group.guided])
+        xy = np.array([one.xy for one in self._group.together])
         gather, lead = self.config.pace.gather, self.config.pace.lead
         stop_m = self._tour.way.length if self._stop is None else self._stop.way_m
         place, middle = self._tour.way.at(stop_m), np.median(xy, axis=0)
@@ -342,6 +346,9 @@ class _Run:
         if self._team.lead(self.config.leader, self._tour.way, group.way_m, front_m, moving=moving):
             self._post_m = self._team.leader_m
             self._pace.stand()
+            self._overtakes = self._is_off and self._team.leader_m < group.way_m
+        elif self._team.leader_m >= group.foremost_m + 0.5 * self.config.pace.lead:
+            self._overtakes = False
         self._events += self._team.events
 
     def _in_view(self, xy: Float) -> Bool:
@@ -357,7 +364,8 @@ class _Run:
     def _posts(self) -> dict[str, Post]:
         """Where the robots are to go."""
         group, team, speed = self._group, self._team, self._pace.speed
-        there = [one for one in group.guests if one.followed and not one.lost]
+        there = [one for one in group.guests if not one.lost and not one.is_behind]
+        there += [one for one in group.behind if one.followed]
         if not there:
             return {}
         fetched = self._who_is_fetched()
@@ -376,6 +384,7 @@ class _Run:
                 robots=team.robots,
                 moving=self._pace.speed > 0.0,
                 now_s=self._now_ns / 1e9,
+                unseen_s=np.array([one.unseen_s for one in there]),
             )
         )
         return dict(sorted(posts.items()))
@@ -383,8 +392,7 @@ class _Run:
     def _leaders_post(self, speed: float) -> tuple[float, float]:
         """Where on the way the leader is to go [m], and how fast [m/s]."""
         group, leader_m, tuning = self._group, self._team.leader_m, self._tuning
-        if self._is_off and group.together and leader_m < group.way_m:
-            # It is behind: it has just become the leader.
+        if self._overtakes and group.together:
             front_m = group.foremost_m + self.config.pace.lead
             return min(front_m, max(self._stop_m, leader_m)), self.config.base.max_speed
         if speed > 0.0:

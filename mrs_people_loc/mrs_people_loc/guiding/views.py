@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 #: People and robots as discs on the floor [m].
 PERSON_RADIUS, ROBOT_RADIUS = 0.25, 0.20
-#: Share of a body that has to be in view for a detection that is as good as none, as the best.
-_TOO_LITTLE, _ENOUGH = 0.2, 0.7
 #: Detection rate of one head where everything is in view. Below 1: a second view always helps.
 _BEST = 0.9
 #: The rate falls over this range at the ends of the reach [m] and of the field of view [rad].
@@ -47,8 +45,8 @@ def detection_rates(
         * np.clip((distance - formation.nearest) / _EDGE + 1.0, 0.0, 1.0)
         * np.clip((0.5 * formation.view - aside) / _SIDE + 0.5, 0.0, 1.0)
     )
-    shown = 1.0 - hidden_by_people(places, people)
-    rates *= np.clip((shown - _TOO_LITTLE) / (_ENOUGH - _TOO_LITTLE), 0.0, 1.0)
+    # A body that is half hidden now may be in view or hidden in a moment.
+    rates *= 1.0 - hidden_by_people(places, people)
     rates *= space.is_visible(places[:, np.newaxis], people[np.newaxis])
     return np.asarray(_BEST * rates)
 

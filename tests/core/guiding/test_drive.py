@@ -43,11 +43,14 @@ def test_small_changes_of_the_post_move_nobody() -> None:
     robot = Robot(0.0, 0.0, 0.0, post(0.0, 0.0))
     world, rng = World([robot]), np.random.default_rng(1)
     for _ in range(20):
-        x, y, yaw = rng.uniform(-1.0, 1.0, 3) * (0.06, 0.06, 0.1)
+        x, y, yaw = rng.uniform(-1.0, 1.0, 3) * (0.06, 0.12, 0.1)
         robot.post = post(float(x), float(y), float(yaw))
         world.run(0.2)
     assert robot.xy == pytest.approx([0.0, 0.0], abs=0.07)
     assert (robot.track[-60:, 3:] == 0.0).all()
+    robot.post = post(0.2, 0.0)
+    world.run(2.0)
+    assert is_at_post(robot)
 
 
 @pytest.mark.parametrize("turned", [0.0, math.pi])
@@ -178,6 +181,14 @@ def test_team_mates_who_meet_pass_each_other(plan: bool) -> None:
     assert is_at_post(one)
     assert is_at_post(other)
     assert world.closest_robots > SAFETY.robot_distance
+
+
+def test_team_mates_stay_on_posts_beside_each_other() -> None:
+    robots = [Robot(0.75 * k, 0.0, 0.0, post(0.75 * k + 0.15, 0.0)) for k in range(3)]
+    World(robots).run(5.0)
+    for robot in robots:
+        assert (robot.track[-60:, 3:] == 0.0).all()
+        assert is_at_post(robot)
 
 
 def test_one_of_two_that_meet_in_a_door_makes_room() -> None:
