@@ -93,6 +93,9 @@ _SPEED_GAIN, _TURN_GAIN = 3.0, 2.5
 #: Two robots that block each other: the one that comes first in this direction makes room, at most
 #: at this speed [m/s].
 _ORDER, _MAKING_ROOM = np.array([0.8, 0.6]), 0.4
+#: Ahead or backwards: weights of turning now against turning on the post, and of keeping to the
+#: gear; farther off than this [m] it rather drives ahead.
+_TURN_NOW, _GEAR, _FAR = 0.4, 0.4, 3.0
 #: Distances to the post across its heading count by this share.
 _ACROSS = 0.5
 #: Clearance in a place that is too near to a wall may get less by rounding only [m].
@@ -377,9 +380,9 @@ class Drive:
         """Whether it drives backwards: as it turns least now and on the post."""
         if self.config.base.max_reverse <= 0.0:
             return False
-        ahead = math.cos(post.yaw - bearing) + 0.4 * math.cos(pose.yaw - bearing)
-        ahead += -0.4 if self._backwards else 0.4
-        return ahead + min(max(left / 3.0 - 1.0, 0.0), 1.0) < 0.0
+        ahead = math.cos(post.yaw - bearing) + _TURN_NOW * math.cos(pose.yaw - bearing)
+        ahead += -_GEAR if self._backwards else _GEAR
+        return ahead + min(max(left / _FAR - 1.0, 0.0), 1.0) < 0.0
 
     def _turn(self, error: float, limit: float) -> float:
         """Rate of turn that takes away an error of the heading."""
