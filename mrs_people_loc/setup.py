@@ -25,6 +25,7 @@ setup(
         ("share/mrs_people_loc", ["package.xml", "../NOTICE"]),
         ("share/mrs_people_loc/config", glob("../config/*.yaml") + glob("../config/*.rviz")),
         ("share/mrs_people_loc/config/fastdds", glob("../config/fastdds/*.xml")),
+        ("share/mrs_people_loc/config/nav2", glob("../config/nav2/*")),
         ("share/mrs_people_loc/config/sros2", glob("../config/sros2/*.xml")),
         # What `mrs demo`, `bench`, `experiment` and `suite` take unless they are told otherwise.
         ("share/mrs_people_loc/scenes", glob("../scenes/*")),

@@ -47,16 +47,16 @@ class PoseError(PeopleLocError):
     """A pose that cannot be used, or none at the time that was asked for."""
 
 
-class PeopleError(PeopleLocError):
-    """People, as a planner publishes them, that cannot be used."""
-
-
 class GridError(PeopleLocError):
     """An occupancy grid that cannot be used."""
 
 
 class RangeError(PeopleLocError):
     """A range of a sonar or a laser scan that cannot be used."""
+
+
+class PeopleError(PeopleLocError):
+    """A message of people that cannot be used."""
 
 
 class TourError(PeopleLocError):

@@ -21,7 +21,6 @@ from mrs_people_loc.errors import (
     CameraError,
     GridError,
     ImageError,
-    PeopleError,
     PoseError,
     RangeError,
     ScanError,
@@ -31,7 +30,6 @@ from mrs_people_loc.geometry import wrap_angle, yaw_from_quaternion
 from mrs_people_loc.localization.ranges import LaserScan, SonarRange
 from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
 from mrs_people_loc.localization.walls import Walls
-from mrs_people_loc.people import Group, Person
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE, Cells, Scan
 from mrs_people_loc.sensing.camera import CameraModel
 from mrs_people_loc.team.masking import OccupancyGrid
@@ -245,85 +243,6 @@ def read_people_scans(message: Message) -> dict[str, Pose]:
         PoseError: A pose cannot be used.
     """
     return {scan.robot: _pose(stamp_ns_of(scan.stamp), scan.pose) for scan in message.scans}
-
-
-def read_people(
-    message: Message, map_frame: str | None = None
-) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
-    """The people and groups of a mrs_people_msgs/People.
-
-    Args:
-        message: The message.
-        map_frame: The frame that it must be in: the common one; None: any.
-
-    Raises:
-        PeopleError: The frame, a place, or a group's stragglers cannot be used.
-    """
-    if map_frame is not None and message.header.frame_id != map_frame:
-        raise PeopleError(f"frame_id is {message.header.frame_id!r}; wanted: {map_frame!r}")
-    stamp_ns = stamp_ns_of(message.header.stamp)
-    persons = tuple(_person(person, stamp_ns) for person in message.persons)
-    return persons, tuple(map(_group, message.groups))
-
-
-def _person(message: Message, stamp_ns: int) -> Person:
-    velocity, covariance = _velocity(message.velocity)
-    return Person(
-        *_place(message.pose, f"person {message.id}"),
-        height=float(message.height),
-        sigma=float(message.sigma),
-        robots=tuple(message.robots),
-        label=-1,
-        stamp_ns=stamp_ns,
-        id=int(message.id),
-        velocity=velocity,
-        velocity_covariance=covariance,
-        age_s=_seconds(message.age),
-        coasting=bool(message.coasting),
-    )
-
-
-def _group(message: Message) -> Group:
-    if len(message.stragglers) != len(message.straggling_for):
-        raise PeopleError(
-            f"group {message.id} has {len(message.stragglers)} stragglers and "
-            f"{len(message.straggling_for)} times of straggling; wanted: as many"
-        )
-    velocity, covariance = _velocity(message.velocity)
-    away_s = map(_seconds, message.straggling_for)
-    return Group(
-        *_place(message.centre, f"group {message.id}"),
-        radius=float(message.radius),
-        rms_spread=float(message.rms_spread),
-        size=int(message.size),
-        velocity=velocity,
-        velocity_covariance=covariance,
-        members=tuple(map(int, message.members)),
-        id=int(message.id),
-        stragglers=dict(zip(map(int, message.stragglers), away_s, strict=True)),
-    )
-
-
-def _place(pose: Message, what: str) -> tuple[Float, Float]:
-    """Position [m], shape (2,), and covariance [m^2], shape (2, 2), of a PoseWithCovariance."""
-    xy = np.array([pose.pose.position.x, pose.pose.position.y])
-    if not (np.abs(xy) <= _MAX_COORDINATE_M).all():  # NaN compares false
-        raise PeopleError(
-            f"{what} is at {xy.tolist()}; wanted: x, y within {_MAX_COORDINATE_M:g} m"
-        )
-    return xy, np.reshape(pose.covariance, (6, 6))[:2, :2]
-
-
-def _velocity(twist: Message) -> tuple[Float | None, Float | None]:
-    """Velocity [m/s] and covariance of a TwistWithCovariance; None where it is not finite."""
-    v = twist.twist.linear
-    if not (math.isfinite(v.x) and math.isfinite(v.y)):
-        return None, None
-    return np.array([v.x, v.y]), np.reshape(twist.covariance, (6, 6))[:2, :2]
-
-
-def _seconds(duration: Message) -> float:
-    return float(duration.sec + duration.nanosec * 1e-9)
 
 
 def read_scan(message: Message, robot: str, frame_id: str | None = None) -> Scan:

@@ -106,23 +106,29 @@ class RunningTeam:
         # AMENT_PREFIX_PATH: a pip install sets nothing. A session of their own: Ctrl-C at the
         # terminal reaches us, and we end them in order. However we end, also killed, the other end
         # of their standard input is closed then, and they end, too.
-        whole = {
-            "AMENT_PREFIX_PATH": sys.prefix,
-            **environment(),
-            **(env or {}),
-            LIFELINE: "1",
-        }
-        self.processes = {
-            node: subprocess.Popen(
-                node.command(),
-                env=whole,
-                start_new_session=True,
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=log,
-            )
-            for node in nodes
-        }
+        self._log, self._env = (
+            log,
+            {
+                "AMENT_PREFIX_PATH": sys.prefix,
+                **environment(),
+                **(env or {}),
+                LIFELINE: "1",
+            },
+        )
+        self.processes: dict[NodeProcess, subprocess.Popen[bytes]] = {}
+        for node in nodes:
+            self.start(node)
+
+    def start(self, node: NodeProcess) -> None:
+        """Starts a node; one that was started before must have ended."""
+        self.processes[node] = subprocess.Popen(
+            node.command(),
+            env=self._env,
+            start_new_session=True,
+            stdin=subprocess.PIPE,
+            stdout=self._log,
+            stderr=self._log,
+        )
 
     def __enter__(self) -> RunningTeam:
         """Returns the team."""

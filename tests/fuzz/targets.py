@@ -25,6 +25,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.guide_messages import read_people, read_tour_path
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.tour import check_tour, read_tour
 from mrs_people_loc.head import Head
@@ -47,7 +48,6 @@ from mrs_tools.recordings.oak import read_oak_calibration
 from mrs_tools.recordings.pcd import read_rgbd
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import load_scene
-from planner_node.guide_node.tours import tour_of_path
 
 ROOT = Path(__file__).resolve().parents[2]
 STAMP_NS = 1_700_000_000_000_000_000
@@ -350,7 +350,7 @@ def take_people(data: bytes) -> None:
         with contextlib.suppress(PeopleLocError):
             messages.read_people_scans(message)
         with contextlib.suppress(PeopleLocError):
-            messages.read_people(message, "map")
+            read_people(message, "map")
         read_estimate(message)
 
 
@@ -379,7 +379,7 @@ def take_path(data: bytes) -> None:
     """A tour as a path."""
     message = _decoded(PATH, data)
     if message is not None:
-        tour_of_path(message, "map")
+        read_tour_path(message, "map")
 
 
 def _path() -> bytes:

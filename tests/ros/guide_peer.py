@@ -83,6 +83,7 @@ class GuideWorld:
         self._people = node.create_publisher(People, f"{namespace}people", 10)
         self.map = node.create_publisher(OccupancyGrid, f"{namespace}map", MAP)
         self.path = node.create_publisher(Path, f"{namespace}tour_path", 10)
+        self._bases: list[Any] = []
         for robot in places if bases is None else bases:
             self.give_base(robot)
         self.statuses: list[GuideStatus] = peer.hear(GuideStatus, f"{namespace}guide_status")
@@ -103,7 +104,8 @@ class GuideWorld:
 
         kind = TwistStamped if self._stamped else Twist
         topic = f"{self.namespace}{robot}/cmd_vel"
-        self.peer.node.create_subscription(kind, topic, take, QoSProfile(depth=10))
+        depth = QoSProfile(depth=10)
+        self._bases.append(self.peer.node.create_subscription(kind, topic, take, depth))
 
     def give_nav2(self, robot: str) -> tuple[list[Any], list[Any], list[Any]]:
         """Plays a robot's Nav2: goals that start it, goals that move, requests to cancel."""
@@ -120,9 +122,16 @@ class GuideWorld:
         return starts, updates, cancelled
 
     def close(self) -> None:
-        """Ends the world."""
-        self.peer.node.destroy_timer(self._timer)
+        """Ends the world, and a tour in it."""
+        node = self.peer.node
+        self.path.publish(Path())
+        self.peer.spin(0.1)
+        node.destroy_timer(self._timer)
         self.client.destroy()
+        for publisher in (*self._poses.values(), self._people, self.map, self.path):
+            node.destroy_publisher(publisher)
+        for subscription in self._bases:
+            node.destroy_subscription(subscription)
 
     # ---- physics ----
 
@@ -142,28 +151,7 @@ class GuideWorld:
         if "people" in self.speaks and time.monotonic() >= self._told_s:
             self._told_s = time.monotonic() + PEOPLE_S
             self.last_people_ns = now
-            self._people.publish(self.message(now))
-
-    def message(self, stamp_ns: int) -> People:
-        """The people as they are now."""
-        message = People()
-        message.header.frame_id = "map"
-        set_stamp(message, stamp_ns)
-        message.scans = [RobotScan(robot=robot) for robot in self.places]
-        for number, (place, velocity) in enumerate(
-            zip(self.people, self.velocity, strict=True), start=1
-        ):
-            person = Person(id=number, height=1.7, sigma=0.1, robots=list(self.places))
-            person.pose.pose.position = Point(x=float(place[0]), y=float(place[1]))
-            person.velocity.twist.linear.x = float(velocity[0])
-            person.velocity.twist.linear.y = float(velocity[1])
-            message.persons.append(person)
-        if len(self.people):
-            centre = self.people.mean(axis=0)
-            group = Group(id=1, size=len(self.people), members=range(1, len(self.people) + 1))
-            group.centre.pose.position = Point(x=float(centre[0]), y=float(centre[1]))
-            message.groups.append(group)
-        return message
+            self._people.publish(people_of(now, self.people, self.velocity, list(self.places)))
 
     # ---- tours ----
 
@@ -183,6 +171,22 @@ class GuideWorld:
         assert handle is not None
         return handle, handle.get_result_async() if handle.accepted else None
 
+    def start(
+        self, goal: GuideTour.Goal, feedback: list[GuideStatus] | None = None
+    ) -> tuple[Any, Any]:
+        """Asks for a tour until it begins: the node may not have heard of this world yet."""
+        while True:
+            count = len(self.statuses)
+            handle, future = self.ask(goal, feedback)
+            self.peer.until(
+                lambda f=future, n=count: f.done() or len(self.statuses) > n,  # type: ignore[misc]
+                "no answer",
+            )
+            if not future.done():
+                return handle, future
+            reason = future.result().result.message
+            assert "nothing c" in reason or "nobody" in reason, reason
+
     def refused(self, goal: GuideTour.Goal) -> str:
         """Asks for a tour that is aborted at once; its message."""
         _, future = self.ask(goal)
@@ -194,6 +198,33 @@ class GuideWorld:
     def last_commands(self, robot: str, count: int) -> list[tuple[float, float]]:
         """The last velocities that a robot was sent."""
         return [(one.v, one.w) for one in self.commands if one.robot == robot][-count:]
+
+
+def people_of(stamp_ns: int, places: Any, velocities: Any, robots: Sequence[str]) -> People:
+    """People with ids from 1 on, as one group.
+
+    Args:
+        stamp_ns: Stamp [ns].
+        places: Where they are [m], shape (n, 2).
+        velocities: [m/s], shape (n, 2).
+        robots: Those that see them.
+    """
+    message = People()
+    message.header.frame_id = "map"
+    set_stamp(message, stamp_ns)
+    message.scans = [RobotScan(robot=robot) for robot in robots]
+    for number, (place, velocity) in enumerate(zip(places, velocities, strict=True), start=1):
+        person = Person(id=number, height=1.7, sigma=0.1, robots=list(robots))
+        person.pose.pose.position = Point(x=float(place[0]), y=float(place[1]))
+        person.velocity.twist.linear.x = float(velocity[0])
+        person.velocity.twist.linear.y = float(velocity[1])
+        message.persons.append(person)
+    if len(places):
+        centre = np.mean(places, axis=0)
+        group = Group(id=1, size=len(places), members=range(1, len(places) + 1))
+        group.centre.pose.position = Point(x=float(centre[0]), y=float(centre[1]))
+        message.groups.append(group)
+    return message
 
 
 def goal_of(

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import itertools
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -68,8 +71,10 @@ def make_world(
         world.close()
 
 
-def _is_driven(world: GuideWorld, robot: str) -> bool:
-    return any(v > 0.2 or v < -0.2 for v, _ in world.last_commands(robot, 3))
+def _is_driven(world: GuideWorld, *robots: str) -> bool:
+    """Whether one of these robots, or any, is told to drive or turn."""
+    last = [one for robot in robots or PLACES for one in world.last_commands(robot, 3)]
+    return any(abs(v) + abs(w) > 0.2 for v, w in last)
 
 
 def _status(world: GuideWorld) -> Any:
@@ -82,10 +87,10 @@ def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
     world = make_world()
     peer = world.peer
     feedback: list[GuideStatus] = []
-    goal = goal_of((0.0, 0.0), (4.0, 0.0), (4.0, 2.0), stops=[("Foyer", (3.0, 0.5), 1)])
-    _, result = world.ask(goal, feedback)
-    peer.until(lambda: _is_driven(world, "robot_a"), lambda: guide.log)
-    assert _is_driven(world, "robot_b")
+    goal = goal_of((0.0, 0.0), (2.2, 0.0), stops=[("Foyer", (0.5, 0.5), 0)])
+    _, result = world.start(goal, feedback)
+    for robot in PLACES:
+        peer.until(lambda r=robot: _is_driven(world, r), lambda: guide.log)  # type: ignore[misc]
 
     world.speaks.remove("people")
     last_ns = world.last_people_ns
@@ -106,7 +111,7 @@ def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
     assert {GuideStatus.LEADING, GuideStatus.AT_STOP, GuideStatus.HALTED} <= set(states)
     assert {s.stop for s in feedback if s.state == GuideStatus.AT_STOP} == {"Foyer"}
     assert feedback[-1].way == pytest.approx(feedback[-1].length, abs=2.5)
-    assert world.places["robot_a"][:2] == pytest.approx((4.0, 2.0), abs=0.6)
+    assert world.places["robot_a"][:2] == pytest.approx((2.2, 0.0), abs=0.6)
     # A joystick may drive after it.
     peer.spin(1.0)
     count = len(world.commands)
@@ -119,8 +124,8 @@ def test_cancelled_tour_stops_the_robots_at_once(
     make_world: Callable[..., GuideWorld], guide: NodeProcess
 ) -> None:
     world = make_world()
-    handle, result = world.ask(AHEAD)
-    world.peer.until(lambda: _is_driven(world, "robot_a"), lambda: guide.log)
+    handle, result = world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
     second = world.refused(goal_of((0.0, 0.0), (2.0, 0.0), name="another"))
     assert second == "the tour 'hall' is under way; cancel it first"
     handle.cancel_goal_async()
@@ -139,18 +144,21 @@ def test_path_starts_a_tour_and_an_empty_one_cancels_it(
     peer.until(world.path.get_subscription_count, "nobody listens to tour_path")
     peer.spin(0.5)
     world.path.publish(path_of((0.0, 0.0), (1.0, 0.0), (3.0, 0.0)))
-    peer.until(lambda: _is_driven(world, "robot_a"), lambda: guide.log)
-    assert _status(world).tour == "tour_path"
+    peer.until(lambda: _is_driven(world), lambda: guide.log)
+    assert _status(world).tour == "tour"
     world.path.publish(path_of())
     peer.until(lambda: _status(world).state == GuideStatus.CANCELLED, lambda: guide.log)
+    world.path.publish(path_of((0.0, 0.0), (3.0, 0.0), frame_id="odom"))
+    counted = "dropped.TourError"
+    peer.until_finding("/guide_node", "tour_path", lambda f: f.values.get(counted) == "1")
 
 
 def test_deactivated_node_lets_the_robots_stand(
     make_world: Callable[..., GuideWorld], guide: NodeProcess
 ) -> None:
     world = make_world()
-    _, result = world.ask(AHEAD)
-    world.peer.until(lambda: _is_driven(world, "robot_a"), lambda: guide.log)
+    _, result = world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
     assert world.peer.change_state("/guide_node", "deactivate")
     world.peer.until(result.done, lambda: guide.log)
     assert result.result().status == GoalStatus.STATUS_ABORTED
@@ -169,7 +177,7 @@ def test_bad_goals_are_refused_before_anything_moves(
     world.speaks.clear()
     assert world.refused(AHEAD) == "nothing comes on /people; is the planner running?"
     world.speaks.add("people")
-    peer.until(lambda: "robot_b/pose" in peer.heard_by("/guide_node"), lambda: guide.log)
+    peer.until(lambda: "/robot_b/pose" in peer.heard_by("/guide_node"), lambda: guide.log)
     no_pose = "robot_a has no pose: nothing comes on /robot_a/pose"
     peer.until(lambda: world.refused(AHEAD) == no_pose, lambda: guide.log)
     world.speaks.add("poses")
@@ -181,14 +189,17 @@ def test_bad_goals_are_refused_before_anything_moves(
     peer.until(lambda: wall in world.refused(AHEAD), lambda: world.refused(AHEAD))
     for goal, reason in (
         (goal_of((0.0, 0.0)), "points have the shape (1, 2)"),
-        (goal_of((0.0, 0.0), (1.5, 0.0), frame_id="odom"), "frame_id is 'odom'; wanted: 'map'"),
+        (
+            goal_of((0.0, 0.0), (1.5, 0.0), frame_id="odom"),
+            "frame_id of the path is 'odom'; wanted: 'map'",
+        ),
         (
             goal_of((0.0, 0.0), (1.5, 0.0), stops=[("Foyer", (1.0, 4.0), 1)]),
             "stop 'Foyer' is 4.0 m from the way; allowed: 2 m",
         ),
     ):
         assert reason in world.refused(goal)
-    assert not world.commands
+    assert {(one.v, one.w) for one in world.commands} <= {STAND}
     world.map.publish(map_of(20.0, 10.0, []))
 
 
@@ -196,8 +207,8 @@ def test_robots_stand_when_the_node_is_ended(
     make_world: Callable[..., GuideWorld], doomed: NodeProcess
 ) -> None:
     world = make_world("/doomed/")
-    _, result = world.ask(AHEAD)
-    world.peer.until(lambda: _is_driven(world, "robot_a"), lambda: doomed.log)
+    _, result = world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: doomed.log)
     doomed.process.send_signal(signal.SIGTERM)
     world.peer.until(lambda: not doomed.alive, lambda: doomed.log)
     assert doomed.exit_code() == 0, doomed.log
@@ -214,7 +225,7 @@ def test_nav2_gets_one_start_and_then_goals_with_later_and_later_stamps(
     lacks = "robot_a has no base: nobody subscribes to /nav2/robot_a/goal_update"
     world.peer.until(lambda: world.refused(AHEAD) == lacks, lambda: world.refused(AHEAD))
     starts, updates, cancelled = world.give_nav2("robot_a")
-    handle, result = world.ask(AHEAD)
+    handle, result = world.start(AHEAD)
     world.peer.until(lambda: len(updates) > 15, lambda: nav2.log)
     assert len(starts) == 1
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in [*starts, *updates]]
@@ -227,7 +238,31 @@ def test_nav2_gets_one_start_and_then_goals_with_later_and_later_stamps(
     world.peer.until(lambda: cancelled, lambda: nav2.log)
     assert list(cancelled[0].goal_info.goal_id.uuid) == [0] * 16, "all goals"
     assert updates[-1].pose.position.x == pytest.approx(world.places["robot_a"][0])
-    assert not world.commands
+    assert {(one.v, one.w) for one in world.commands} <= {STAND}
+
+
+def test_mrs_tour_is_cancelled_by_ctrl_c(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess, domain: int, tmp_path: Path
+) -> None:
+    world = make_world()
+    file = tmp_path / "hall.yaml"
+    file.write_text("points: [[0, 0], [3, 0]]\nstops: [{name: Foyer, at: [1, 0.5]}]\n")
+    with subprocess.Popen(
+        [sys.executable, "-m", "mrs_tools", "tour", str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as tour:
+        world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+        tour.send_signal(signal.SIGINT)
+        world.peer.until(lambda: tour.poll() is not None, "mrs tour does not end")
+        assert tour.stdout is not None
+        reported = tour.stdout.read()
+    assert tour.returncode == 130, reported
+    assert "gathering; sees" in reported
+    assert reported.endswith("cancelled\n")
+    assert (_status(world).tour, _status(world).stop) == ("hall", "Foyer")
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
 
 
 def test_guide_that_waits_for_a_tour_complains_of_nothing(
@@ -241,3 +276,16 @@ def test_guide_that_waits_for_a_tour_complains_of_nothing(
         return all(finding.level == OK for finding in found.values())
 
     world.peer.until(well, lambda: world.peer.findings("/guide_node"))
+
+
+def test_node_that_is_shut_down_on_a_tour_lets_the_robots_stand(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    """By the lifecycle transition: the publishers are destroyed at once."""
+    world = make_world()
+    world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+    assert world.peer.change_state("/guide_node", "shutdown")
+    assert world.peer.state("/guide_node") == "finalized"
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    guide.stop()

@@ -20,6 +20,7 @@ from ros.harness import DEADLINE_S, ROOT, Peer, holds
 
 TEAM = """
 /**/planner_node: {ros__parameters: {robots: [robot_a]}}
+/**/guide_node: {ros__parameters: {pace: {speed: 0.5}}}
 /**/robot_node: {ros__parameters: {mounting: {height: 1.25}}}
 /robot_a/robot_node: {ros__parameters: {zones: {low: 0.1}}}
 /camera_driver: {ros__parameters: {fps: 30}}
@@ -155,7 +156,8 @@ def test_launch_reports_wrong_arguments(
 
 @pytest.fixture(scope="module")
 def team(ros2: str, home: Path) -> Iterator[Launched]:
-    made = launch(ros2, "planner_node", "team.launch.py", "team:=~/team.yaml", "autostart:=false")
+    file = ("team:=~/team.yaml", "guide:=true", "autostart:=false")
+    made = launch(ros2, "planner_node", "team.launch.py", *file)
     yield made
     made.end()
 
@@ -175,7 +177,7 @@ def test_team_with_autostart_false_waits_unconfigured(
     ros2: str, team: Launched, included: Launched, peer: Peer
 ) -> None:
     """`autostart:=false` and the file, in `~` and with sections of others, apply to all nodes."""
-    for node in ("/robot_a/robot_node", "/planner_node"):
+    for node in ("/robot_a/robot_node", "/planner_node", "/guide_node"):
         peer.until(lambda n=node: peer.state(n) == "unconfigured", f"{node} does not wait")  # type: ignore[misc]
     where = ("/robot_a/robot_node", "--no-daemon", "--spin-time", "2")
     asked = [
@@ -200,7 +202,7 @@ def test_launch_file_can_be_included_by_one_with_more_arguments(
 
 
 def test_launch_ends_its_nodes_in_order(team: Launched, included: Launched) -> None:
-    for one, count in ((team, 2), (included, 1)):
+    for one, count in ((team, 3), (included, 1)):
         reported = one.end()
         assert one.process.returncode == 0, reported
         assert reported.count("process has finished cleanly") == count, reported
@@ -221,4 +223,7 @@ def test_executables_run(ros2: str, home: Path) -> None:
     assert node.returncode in (0, -signal.SIGINT), reported
     assert "Traceback" not in reported.replace("KeyboardInterrupt", ""), reported
     assert ask(ros2, "run", "mrs_people_loc", "mrs", "--version").startswith("mrs ")
-    assert "robot_node robot_node" in ask(ros2, "pkg", "executables")
+    assert "usage: guide_node" in ask(ros2, "run", "planner_node", "guide_node", "--help")
+    executables = ask(ros2, "pkg", "executables")
+    assert "robot_node robot_node" in executables
+    assert "planner_node guide_node" in executables

@@ -15,13 +15,17 @@ import pytest
 import rclpy
 import yaml
 from rclpy.qos import ReliabilityPolicy
+from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.guiding.guidance import Guidance, Post, Role, State
+from mrs_people_loc.guiding.tour import tour_from
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
-from mrs_ros.markers import markers
+from mrs_ros.markers import markers, tour_markers
+from planner_node.guide_node.node import GuideNode
 from planner_node.node import PlannerNode
 from robot_node.node import RobotNode
 from ros.harness import ROOT
@@ -50,9 +54,9 @@ def config(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture
 def published(domain: int) -> Iterator[dict[str, tuple[str, bool]]]:
-    """The topics of the planner and of a robot: type, and whether it is reliable."""
+    """The topics of the planner, a robot and the guide: type, and whether it is reliable."""
     rclpy.init(args=["node", "--ros-args", "-p", "autostart:=false", "-r", "robot_node:__ns:=/r"])
-    nodes = [PlannerNode(), RobotNode()]
+    nodes = [PlannerNode(), RobotNode(), GuideNode()]
     try:
         topics = {}
         for node in nodes:
@@ -119,10 +123,17 @@ def test_channels_and_namespaces_are_published(config: Any) -> None:
     fields = {field.name for field in convert.short_term_map(result, "map").fields}
     for display in displays(config, "PointCloud2"):
         assert display["Channel Name"] in fields
-    drawn = {m.ns for m in markers(result, "map", 3.0, trails).markers if m.action == m.ADD}
+    tour = tour_from([(0, 0), (4, 0)], [("Foyer", (2, 0), 0.0)])
+    post = Post(Role.LEADER, np.array([1.0, 0.0]), 0.0, 0.5)
+    guidance = Guidance(10**9, State.LEADING, posts={"robot_a": post})
+    of_displays = {
+        "People": markers(result, "map", 3.0, trails),
+        "Tour": tour_markers(tour, guidance, "map"),
+        "Walls": MarkerArray(),  # namespaces of the robots' own names
+    }
     for display in displays(config, "MarkerArray"):
-        of_robots = display["Name"] == "Walls"  # namespaces of the robots' own names
-        assert display["Namespaces"] == ({} if of_robots else dict.fromkeys(drawn, True))
+        drawn = {m.ns for m in of_displays[display["Name"]].markers if m.action == m.ADD}
+        assert display["Namespaces"] == dict.fromkeys(drawn, True)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.6, -1.2])

@@ -39,7 +39,7 @@ def has_plugin() -> bool:
     return fast_dds is not None and b"DDS:Auth:PKI-DH" in fast_dds.read_bytes()
 
 
-@pytest.mark.parametrize("executable", ["robot_node", "planner_node"])
+@pytest.mark.parametrize("executable", ["robot_node", "planner_node", "planner_node.guide_node"])
 @pytest.mark.parametrize(
     ("variables", "keystore", "reported"),
     [
@@ -136,8 +136,19 @@ def allowed(enclave: str, node: str) -> dict[str, set[str]]:
         assert rule == "ALLOW"
         for entry in section:
             name = (entry.text or "").replace("~", f"{namespace}/{node}", 1)
-            found[kind].add(name if name.startswith("/") else f"{namespace}/{name}")
+            name = name if name.startswith("/") else f"{namespace}/{name}"
+            for one, parts in OF_ACTIONS.get(kind, {kind: ("",)}).items():
+                found[one] |= {name + part for part in parts}
     return found
+
+
+_TOLD = ("/_action/feedback", "/_action/status")
+_ASKED = ("/_action/cancel_goal", "/_action/get_result", "/_action/send_goal")
+#: What sros2 makes of an action.
+OF_ACTIONS: dict[str, dict[str, tuple[str, ...]]] = {
+    "execute": {"publish": _TOLD, "reply": _ASKED},
+    "call": {"subscribe": _TOLD, "request": _ASKED},
+}
 
 
 #: Of the policy: how the graph is asked for it.
@@ -150,7 +161,7 @@ KINDS = {
 #: What `mrs doctor` asks at its end, for a moment only: the graph may not show it.
 BRIEFLY = {
     f"/{node}/{service}"
-    for node in ("planner_node", "*/robot_node")
+    for node in ("planner_node", "guide_node", "*/robot_node")
     for service in ("get_parameters", "get_state")
 }
 NOTHING: dict[str, set[str]] = {kind: set() for kind in KINDS}
@@ -189,7 +200,11 @@ def running(peer: Peer, team: Team, tmp_path_factory: pytest.TempPathFactory) ->
         team.start("robot_node", namespace="/robot_c", params={"pose.source": "tf"})
     planner = {"robots": "['robot_a']", "masking.occupancy_grid": "true", "use_sim_time": "true"}
     team.start("planner_node", params=planner)
-    peer.until_active(*(f"/{robot}/robot_node" for robot in ROBOTS), "/planner_node")
+    guide = {"robots": "['robot_a']", "use_sim_time": "true"}
+    team.start("guide_node", params=guide)
+    team.start("guide_node", namespace="/other", params=guide | {"drive": "nav2"})
+    nodes = (*(f"{robot}/robot_node" for robot in ROBOTS), "planner_node", "guide_node")
+    peer.until_active(*(f"/{node}" for node in nodes), "/other/guide_node")
     return peer
 
 
@@ -218,6 +233,20 @@ def test_policy_of_the_planner_matches_its_topics_and_services(running: Peer) ->
     running.until(lambda: not off(), lambda: off())
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_policy_of_the_guide_matches_its_topics_and_services(running: Peer) -> None:
+    def off() -> dict[str, set[str]]:
+        by_velocities, by_goals = (used(running, "guide_node", ns) for ns in ("/", "/other"))
+        real = {
+            kind: by_velocities[kind] | {name.removeprefix("/other") for name in by_goals[kind]}
+            for kind in KINDS
+        }
+        return difference(allowed("/guide", "guide_node"), real)
+
+    running.until(lambda: not off(), lambda: off())
+
+
 def test_all_robots_have_the_same_policy() -> None:
     for robot in ROBOTS:
         same = as_robot_a(allowed(f"/{robot}", "robot_node"), robot)
@@ -232,12 +261,17 @@ def test_all_robots_have_the_same_policy() -> None:
         ("mrs_people", ("people",)),
         ("mrs_record", ("record", "OUT", "/people")),
         ("mrs_doctor", ("doctor", "--duration", "600")),
+        # Where nobody guides, so that it waits.
+        ("mrs_tour", ("tour", "TOUR", "--namespace", "/nobody")),
     ],
 )
 def test_policy_of_the_tools_matches_their_topics_and_services(
     running: Peer, domain: int, tmp_path: Path, node: str, command: tuple[str, ...]
 ) -> None:
-    arguments = [str(tmp_path / "out.mcap") if a == "OUT" else a for a in command]
+    (tmp_path / "tour.yaml").write_text("points: [[0, 0], [4, 0]]")
+    files = {"OUT": tmp_path / "out.mcap", "TOUR": tmp_path / "tour.yaml"}
+    arguments = [str(files.get(argument, argument)) for argument in command]
+    namespace, enclave = ("/nobody", "/tours") if node == "mrs_tour" else ("/", "/tools")
     if node == "mrs_people":  # takes its time from there, if it is published
         running.publisher(Clock, "/clock")
     with subprocess.Popen(
@@ -248,8 +282,9 @@ def test_policy_of_the_tools_matches_their_topics_and_services(
 
         def off() -> dict[str, set[str]]:
             names = [n for n in running.node.get_node_names() if n.startswith(node)]
-            real = used(running, names[0], "/") if names else NOTHING
-            policy = allowed("/tools", node)
+            found = used(running, names[0], namespace) if names else NOTHING
+            real = {kind: {n.removeprefix("/nobody") for n in found[kind]} for kind in KINDS}
+            policy = allowed(enclave, node)
             return difference(policy | {"request": policy["request"] - BRIEFLY}, real)
 
         try:

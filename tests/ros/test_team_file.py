@@ -77,6 +77,9 @@ def test_robots_may_be_named_by_their_sections(tmp_path):
         "/**/planner_node: {ros__parameters: {robots: []}}\n",
     )
     assert [p.label for p in team_processes([file])] == ["robot_x", "planner"]
+    *_, guide = team_processes([file], guide=True)
+    assert guide.label == "guide"
+    assert guide.command()[1:4] == ["-m", "planner_node.guide_node", "--ros-args"]
 
 
 def test_team_without_robots_is_refused():

@@ -39,8 +39,8 @@ class GuideTuning:
     """
 
     settled_s: float = 2.0
-    ahead: float = 0.4
-    ahead_s: float = 1.0
+    ahead: float = 0.5
+    ahead_s: float = 1.7
     there: float = 0.4
     brake_m: float = 0.15
     brakes: float = 0.8
@@ -236,14 +236,14 @@ class _Run:
         """Waits until a group is there."""
         assert self._now_ns is not None
         self.state = State.GATHERING
-        before = {guest.id for guest in self._group.guests}
-        pose = self._team.robots[self._team.leader]
-        self._group.gather(people, groups, np.array([pose.x, pose.y]), self._now_ns / 1e9)
+        before, pose = len(self._group.guests), self._team.robots[self._team.leader]
+        leader, now_s = np.array([pose.x, pose.y]), self._now_ns / 1e9
+        self._group.gather(people, groups, leader, now_s, self._in_view)
         guests = self._group.guests
         if not guests:
             self._settled_s, self._reason = 0.0, "waits for people: none is seen"
             return
-        self._settled_s = self._settled_s + dt_s if before == {one.id for one in guests} else 0.0
+        self._settled_s = self._settled_s + dt_s if len(guests) <= before else 0.0
         ways = np.array([one.way_m for one in guests])
         off = np.array([one.xy for one in guests]) - self._tour.way.at(ways)
         away, allowed = float(np.median(np.hypot(*off.T))), self.config.pace.max_stretch
@@ -324,7 +324,7 @@ class _Run:
 
     def _is_group_there(self) -> bool:
         """Whether everybody is at the next stop: near it, or near each other behind the leader."""
-        xy = np.array([one.xy for one in self._group.guided])
+        xy = np.array([one.xy for one in self._group.together])
         gather, lead = self.config.pace.gather, self.config.pace.lead
         stop_m = self._tour.way.length if self._stop is None else self._stop.way_m
         place, middle = self._tour.way.at(stop_m), np.median(xy, axis=0)
@@ -357,7 +357,8 @@ class _Run:
     def _posts(self) -> dict[str, Post]:
         """Where the robots are to go."""
         group, team, speed = self._group, self._team, self._pace.speed
-        there = [one for one in group.guests if one.followed and not one.lost]
+        there = [one for one in group.guests if not one.lost and not one.is_behind]
+        there += [one for one in group.behind if one.followed]
         if not there:
             return {}
         fetched = self._who_is_fetched()

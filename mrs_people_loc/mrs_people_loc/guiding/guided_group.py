@@ -30,12 +30,15 @@ class GroupTuning:
         fastest: People do not come along the way faster than this [m/s].
         astray: A person farther from their place along the way than this is sought anew on it [m].
         apart_s: A person who is apart from the group for so long has fallen behind [s].
-        near: A person who has fallen behind is back when this near to somebody of the group [m].
+        near: A person who has fallen behind is back when this near to somebody of the group [m],
+        apart: ... and a person who is no farther than this from somebody is with the group [m].
         ahead: Who is apart but not farther ahead of the group's middle than this walks ahead [m].
-        missing_s: A person whose track ended so long ago has fallen behind [s].
+        missing_s: A person whose track ended so long ago, apart from the group, has fallen behind
+            [s].
         joins_m: A newcomer is guided once they have come along the way for so far [m].
         switch_s: A track that begins within this time of another's end may be the same person [s]
-        switch_reach: ... within this distance [m], and what people walk meanwhile.
+        switch_reach: ... within this distance [m], and what people walk meanwhile,
+        switch_most: ... but no farther than this [m].
         empty_s: A place that robots have seen empty for so long is empty [s].
         beside: Who is nearer to a place than this is there [m].
         same_s: A track with the id of another is another one if it began later by this [s].
@@ -46,14 +49,16 @@ class GroupTuning:
     astray: float = 2.5
     apart_s: float = 0.6
     near: float = 2.0
+    apart: float = 2.5
     ahead: float = 4.0
-    missing_s: float = 6.0
+    missing_s: float = 3.0
     joins_m: float = 1.5
     switch_s: float = 3.0
     switch_reach: float = 1.0
+    switch_most: float = 8.0
     empty_s: float = 0.6
     beside: float = 0.7
-    same_s: float = 1.0
+    same_s: float = 1.5
 
 
 @dataclass(eq=False)
@@ -62,8 +67,8 @@ class Guest:
 
     Attributes:
         id: Of their track.
-        xy: Where they are, or were when last followed [m], shape (2,).
-        velocity: Likewise [m/s], shape (2,).
+        xy: Where they are; who is hidden among the group is taken to go on with it [m], shape (2,).
+        place: Where they were when they were last followed [m], shape (2,).
         way_m: How far along the way they are [m].
         began_s: When their track began [s].
         last_s: When they were last followed [s].
@@ -78,7 +83,7 @@ class Guest:
 
     id: int
     xy: Float
-    velocity: Float
+    place: Float
     way_m: float
     began_s: float
     last_s: float
@@ -169,7 +174,12 @@ class GuidedGroup:
         return min([leader_m - self.foremost_m, *away])
 
     def gather(
-        self, people: Sequence[Person], groups: Sequence[Group], leader: Float, now_s: float
+        self,
+        people: Sequence[Person],
+        groups: Sequence[Group],
+        leader: Float,
+        now_s: float,
+        sees: Callable[[Float], Bool],
     ) -> None:
         """Takes the people with whom the tour begins: the largest group, the nearest of several.
 
@@ -178,19 +188,33 @@ class GuidedGroup:
             groups: Their groups.
             leader: Where the leader is [m], shape (2,).
             now_s: Time of the interval [s].
+            sees: As for `step`.
         """
         by_id = {person.id: person for person in people if person.id}
         parts = [[by_id[i] for i in group.members if i in by_id] for group in groups]
-        parts = [part for part in parts if part]
-        self.guests, self.way_m, self._now_s = [], -math.inf, now_s
-        if not parts:
-            return
-        chosen = min(parts, key=lambda part: (-len(part), _distance(part, leader)))
-        xy = np.array([person.position for person in chosen])
-        ways = self.way.nearest(xy, 0.0, self.tuning.start_reach)
-        for person, way_m in zip(chosen, ways, strict=True):
-            self.guests.append(_guest(person, float(way_m), now_s))
-        self.way_m = float(np.median(ways))
+        chosen = min(
+            (part for part in parts if part),
+            key=lambda part: (-len(part), _distance(part, leader)),
+            default=[],
+        )
+        known = {guest.id for guest in self.guests if guest.followed}
+        if self.guests and (not chosen or not known.isdisjoint(p.id for p in chosen)):
+            self.step(people, groups, now_s, sees)
+            self.guests = [one for one in self.guests if one.unseen_s < self.tuning.missing_s]
+        else:
+            self.guests, self._now_s = [_guest(person, 0.0, now_s) for person in chosen], now_s
+        for guest in self.guests:
+            guest.joined_m = guest.behind_s = None
+        self._start()
+
+    def _start(self) -> None:
+        """How far along the way everybody is before the tour has set off."""
+        if self.guests:
+            xy = np.array([guest.xy for guest in self.guests])
+            ways = self.way.nearest(xy, 0.0, self.tuning.start_reach).tolist()
+            for guest, way_m in zip(self.guests, ways, strict=True):
+                guest.way_m = way_m
+            self.way_m = float(np.median(ways))
 
     def step(
         self,
@@ -214,16 +238,16 @@ class GuidedGroup:
         self._follow(by_id, now_s, dt_s)
         self._watch_places(by_id.values(), dt_s, sees)
         home = self._home(groups)
-        self._reassign(by_id, home, now_s)
+        self._reassign(by_id, now_s)
         self._admit(by_id, home, now_s)
         self._locate(dt_s, away_s)
         self._judge(home, dt_s)
         self._advance(away_s)
 
     def give_up(self, patience_s: float) -> None:
-        """The tour goes on without those who have been behind for so long [s]."""
-        for guest in self.behind:
-            if (guest.behind_s or 0.0) >= patience_s:
+        """The tour goes on without those who have been behind, or unseen, for so long [s]."""
+        for guest in self.guided:
+            if max(guest.behind_s or 0.0, guest.unseen_s) >= patience_s:
                 guest.lost = True
                 self.events.append(f"goes on without person {guest.id}")
 
@@ -247,7 +271,7 @@ class GuidedGroup:
         gone = [guest for guest in self.guests if not guest.followed]
         if not gone:
             return
-        places = np.array([guest.xy for guest in gone])
+        places = np.array([guest.place for guest in gone])
         xy = np.array([person.position for person in people]).reshape(-1, 2)
         away = np.linalg.norm(places[:, None] - xy[None], axis=2).min(axis=1, initial=math.inf)
         empty = sees(places) & (away > self.tuning.beside)
@@ -262,11 +286,11 @@ class GuidedGroup:
         chosen = max(groups, key=lambda group: (len(mine & set(group.members)), group.size))
         return frozenset(chosen.members)
 
-    def _reassign(self, by_id: Mapping[int, Person], home: frozenset[int], now_s: float) -> None:
+    def _reassign(self, by_id: Mapping[int, Person], now_s: float) -> None:
         """Gives new tracks to people whose own have ended.
 
         A track that begins soon after the end of another, near by, is of the same person; later
-        one of the group is, too, if the place where the other ended has been seen empty.
+        too, unless that person may still stand, apart from the group, where they were last.
         """
         tuning = self.tuning
         gone = [one for one in self.guests if not one.followed and one.joined_m is None]
@@ -274,25 +298,43 @@ class GuidedGroup:
         fresh = [p for i, p in sorted(by_id.items()) if i not in taken and not p.coasting]
         if not gone or not fresh:
             return
-        distance = np.array([[float(np.hypot(*(g.xy - p.position))) for p in fresh] for g in gone])
+        xy = np.array([person.position for person in fresh])
+        distance = np.linalg.norm(np.array([guest.xy for guest in gone])[:, None] - xy, axis=2)
+        there = np.linalg.norm(np.array([guest.place for guest in gone])[:, None] - xy, axis=2)
         last_s = np.array([guest.last_s for guest in gone])[:, None]
-        unseen_s = np.array([guest.unseen_s for guest in gone])[:, None]
-        began_s = now_s - np.array([person.age_s for person in fresh])[None]
-        in_group = np.array([person.id in home for person in fresh])[None]
-        empty = np.array([guest.empty_s >= tuning.empty_s for guest in gone])[:, None]
-        allowed = distance <= tuning.switch_reach + tuning.fastest * (now_s - last_s)
+        began_s = now_s - np.array([person.age_s for person in fresh])
+        reach = tuning.switch_reach + tuning.fastest * (now_s - last_s)
+        allowed = np.minimum(distance, there) <= np.minimum(reach, tuning.switch_most)
         allowed &= began_s > last_s - tuning.same_s
-        allowed &= (unseen_s <= tuning.switch_s) | (distance <= tuning.beside) | (empty & in_group)
-        cost = np.where(allowed, distance, 1e3)
+        loose = [one.unseen_s <= tuning.switch_s or self._is_hidden(one) for one in gone]
+        allowed &= np.array(loose)[:, None] | (there <= tuning.beside)
+        cost = np.where(allowed, np.minimum(distance, there), 1e3)
         for row, column in zip(*linear_sum_assignment(cost), strict=True):
             if allowed[row, column]:
-                guest, person = gone[row], fresh[column]
-                self.guests = [g for g in self.guests if g is guest or g.id != person.id]
-                guest.id, guest.unseen_s = person.id, 0.0
-                _take(guest, person, now_s)
+                self._is_now(gone[row], fresh[column], now_s)
+
+    def _is_now(self, guest: Guest, person: Person, now_s: float) -> None:
+        """A guest has another track from now on."""
+        self.guests = [one for one in self.guests if one is guest or one.id != person.id]
+        guest.id, guest.unseen_s = person.id, 0.0
+        _take(guest, person, now_s)
+
+    def _is_hidden(self, guest: Guest) -> bool:
+        """Whether somebody who is not followed is taken to be among the group.
+
+        They are if their last place is there, or if nobody is at that place.
+        """
+        if guest.followed:
+            return False
+        away = [float(np.hypot(*(guest.place - one.xy))) for one in self.together]
+        near = min(away, default=math.inf) <= self.tuning.apart
+        return near or guest.empty_s >= self.tuning.empty_s
 
     def _admit(self, by_id: Mapping[int, Person], home: frozenset[int], now_s: float) -> None:
-        """Newcomers of the group are guided once they have come along for a while."""
+        """Newcomers of the group are guided once they have come along for a while.
+
+        Where somebody of the group is hidden, they are that one.
+        """
         known = {guest.id for guest in self.guests if guest.followed}
         for number in sorted(home - known):
             if number in by_id:
@@ -301,16 +343,21 @@ class GuidedGroup:
                 guest = _guest(by_id[number], float(way_m), now_s)
                 guest.joined_m = guest.way_m
                 self.guests.append(guest)
-        kept = []
-        for guest in self.guests:
-            if guest.joined_m is not None:
-                if guest.id not in home or not guest.followed:
-                    continue
-                if guest.way_m - guest.joined_m >= self.tuning.joins_m:
-                    guest.joined_m = None
-                    self.events.append(f"person {guest.id} joins the tour")
-            kept.append(guest)
-        self.guests = kept
+        for guest in [one for one in self.guests if one.joined_m is not None]:
+            if guest.id not in home or not guest.followed:
+                self.guests.remove(guest)
+            elif guest.way_m - (guest.joined_m or 0.0) >= self.tuning.joins_m:
+                self._join(guest, by_id[guest.id], now_s)
+
+    def _join(self, guest: Guest, person: Person, now_s: float) -> None:
+        hidden = [one for one in self.guided if self._is_hidden(one)]
+        if hidden:
+            longest = max(hidden, key=lambda one: (one.unseen_s, -one.id))
+            longest.way_m = guest.way_m
+            self._is_now(longest, person, now_s)
+        else:
+            guest.joined_m = None
+            self.events.append(f"person {guest.id} joins the tour")
 
     # ---- along the way ----
 
@@ -336,46 +383,59 @@ class GuidedGroup:
 
     def _judge(self, home: frozenset[int], dt_s: float) -> None:
         """Who has fallen behind, and who is back."""
-        tuning = self.tuning
         near = np.array([one.xy for one in self.together if one.id in home]).reshape(-1, 2)
-        for guest in self.guests:
-            if guest.joined_m is not None:
-                continue
-            away = np.hypot(*(near - guest.xy).T).min(initial=math.inf)
+        for guest in [one for one in self.guests if one.joined_m is None]:
             if guest.followed:
-                ahead = 0.0 < guest.way_m - self.way_m < tuning.ahead
-                with_group = guest.id in home or (guest.is_behind and away < tuning.near)
-                guest.apart_s = 0.0 if with_group or ahead else guest.apart_s + dt_s
-                behind = guest.apart_s >= tuning.apart_s
+                away = np.hypot(*(near - guest.xy).T).min(initial=math.inf)
+                self._judge_followed(guest, float(away), guest.id in home, dt_s)
             else:
-                behind = guest.unseen_s >= tuning.missing_s
-            if behind and guest.behind_s is None:
-                guest.behind_s = 0.0
-                what = "has fallen behind" if guest.followed else "is not seen any more"
-                self.events.append(f"person {guest.id} {what}")
-            elif guest.behind_s is not None and guest.followed and guest.apart_s == 0.0:
-                guest.behind_s, guest.lost = None, False
-                self.events.append(f"person {guest.id} is back")
-            elif guest.behind_s is not None:
+                guest.apart_s = 0.0
+                hidden = self._is_hidden(guest)
+                if guest.behind_s is None and not hidden:
+                    if guest.unseen_s >= self.tuning.missing_s:
+                        guest.behind_s = guest.unseen_s
+                        self.events.append(f"person {guest.id} is not seen any more")
+                elif guest.behind_s is not None and hidden and not guest.lost:
+                    guest.behind_s = None
+                    self.events.append(f"person {guest.id} is not where they were seen last")
+            if guest.behind_s is not None:
                 guest.behind_s += dt_s
+
+    def _judge_followed(self, guest: Guest, away: float, at_home: bool, dt_s: float) -> None:
+        tuning, was_behind = self.tuning, guest.behind_s is not None
+        is_with = at_home or away < (tuning.near if was_behind else tuning.apart)
+        is_ahead = 0.0 < guest.way_m - self.way_m < tuning.ahead
+        guest.apart_s = 0.0 if is_with or is_ahead else guest.apart_s + dt_s
+        if not was_behind and guest.apart_s >= tuning.apart_s:
+            guest.behind_s = 0.0
+            self.events.append(f"person {guest.id} has fallen behind")
+        elif was_behind and guest.apart_s == 0.0:
+            guest.behind_s, guest.lost = None, False
+            self.events.append(f"person {guest.id} is back")
 
     def _advance(self, away_s: float) -> None:
         """How far the group's middle has come: the median of those who are together."""
         ways = [guest.way_m for guest in self.together]
-        if ways:
-            most = self.way_m + self.tuning.fastest * max(away_s, 0.0)
-            self.way_m = max(self.way_m, min(float(np.median(ways)), most))
+        if not ways:
+            return
+        most = self.way_m + self.tuning.fastest * max(away_s, 0.0)
+        before, self.way_m = self.way_m, max(self.way_m, min(float(np.median(ways)), most))
+        onward = self.way_m - before
+        for guest in self.guests:
+            if not guest.followed and guest.behind_s is None and onward > 0.0:
+                guest.xy = guest.xy + self.way.at(guest.way_m + onward) - self.way.at(guest.way_m)
+                guest.way_m += onward
 
 
 def _guest(person: Person, way_m: float, now_s: float) -> Guest:
-    guest = Guest(person.id, person.position, np.zeros(2), way_m, now_s, now_s)
+    guest = Guest(person.id, person.position, person.position, way_m, now_s, now_s)
     _take(guest, person, now_s)
     return guest
 
 
 def _take(guest: Guest, person: Person, now_s: float) -> None:
-    guest.xy, guest.began_s, guest.last_s = person.position, now_s - person.age_s, now_s
-    guest.velocity = np.zeros(2) if person.velocity is None else person.velocity
+    guest.xy = guest.place = person.position
+    guest.began_s, guest.last_s = now_s - person.age_s, now_s
     guest.followed, guest.empty_s = True, 0.0
 
 

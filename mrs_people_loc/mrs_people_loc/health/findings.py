@@ -73,6 +73,7 @@ class Code(str, Enum):
     NO_ROBOT = "no_robot"
     NO_INTERVAL = "no_interval"
     # of the guide
+    NO_MAP = "no_map"
     TOUR_HALTED = "tour_halted"
     PEOPLE_LOST = "people_lost"
     TAKES_NO_PART = "takes_no_part"

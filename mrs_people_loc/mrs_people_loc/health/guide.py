@@ -18,6 +18,19 @@ _TEXTS = {
 }
 
 
+def of_walls(topic: str, *, is_known: bool) -> Finding:
+    """Whether robots keep off walls.
+
+    Args:
+        topic: Full name of the map's topic.
+        is_known: Whether a map has come.
+    """
+    if is_known:
+        return Finding("walls")
+    text = f"no map has come on {topic}: the robots of a tour keep off no walls"
+    return Finding("walls", WARN, text, code=Code.NO_MAP)
+
+
 def of_tour(tour: str, guidance: Guidance) -> Finding:
     """How the tour goes on.
 

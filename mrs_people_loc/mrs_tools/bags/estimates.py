@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.truth import MAX_PEOPLE
@@ -70,6 +72,77 @@ def _centre(groups: Sequence[tuple[int, Any]]) -> Float | None:
     sizes, centres = zip(*groups, strict=True)
     with np.errstate(over="ignore", invalid="ignore"):  # a message may say anything
         return np.asarray(np.average(np.array(centres, dtype=np.float64), axis=0, weights=sizes))
+
+
+def read_people(message: Any) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
+    """The people and groups of a mrs_people_msgs/People.
+
+    Raises:
+        ValueError: A group does not say of each straggler for how long.
+    """
+    for group in message.groups:
+        if len(group.stragglers) != len(group.straggling_for):
+            raise ValueError(
+                f"group {group.id} has {len(group.stragglers)} stragglers and "
+                f"{len(group.straggling_for)} times of straggling; wanted: as many"
+            )
+    stamp_ns = stamp_ns_of(message.header.stamp)
+    persons = tuple(_person(person, stamp_ns) for person in message.persons)
+    return persons, tuple(map(_group, message.groups))
+
+
+def _person(message: Any, stamp_ns: int) -> Person:
+    """A mrs_people_msgs/Person."""
+    velocity, covariance = _velocity(message.velocity)
+    return Person(
+        *_place(message.pose),
+        height=message.height,
+        sigma=message.sigma,
+        robots=tuple(message.robots),
+        label=-1,
+        stamp_ns=stamp_ns,
+        id=message.id,
+        velocity=velocity,
+        velocity_covariance=covariance,
+        age_s=seconds_of(message.age),
+        coasting=message.coasting,
+    )
+
+
+def _group(message: Any) -> Group:
+    """A mrs_people_msgs/Group."""
+    velocity, covariance = _velocity(message.velocity)
+    away_s = map(seconds_of, message.straggling_for)
+    return Group(
+        *_place(message.centre),
+        radius=message.radius,
+        rms_spread=message.rms_spread,
+        size=message.size,
+        velocity=velocity,
+        velocity_covariance=covariance,
+        members=tuple(message.members),
+        id=message.id,
+        stragglers=dict(zip(message.stragglers, away_s, strict=True)),
+    )
+
+
+def _place(pose: Any) -> tuple[Float, Float]:
+    """Position [m], shape (2,), and covariance [m^2], shape (2, 2), of a PoseWithCovariance."""
+    at = pose.pose.position
+    return np.array([at.x, at.y]), np.reshape(pose.covariance, (6, 6))[:2, :2]
+
+
+def _velocity(twist: Any) -> tuple[Float | None, Float | None]:
+    """Velocity [m/s] and covariance of a TwistWithCovariance; None if it is NaN."""
+    v = twist.twist.linear
+    if math.isnan(v.x) or math.isnan(v.y):
+        return None, None
+    return np.array([v.x, v.y]), np.reshape(twist.covariance, (6, 6))[:2, :2]
+
+
+def seconds_of(duration: Any) -> float:
+    """A builtin_interfaces/Duration [s]."""
+    return float(duration.sec + duration.nanosec * 1e-9)
 
 
 PEOPLE_TYPE = "mrs_people_msgs/msg/People"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -41,39 +42,10 @@ class RobotWriter:
             ns: Its stamp [ns].
         """
         header = self._header(f"{self._robot}/{name}_camera_optical", ns)
-        height, width = image.shape
-        message = self._make(
-            "sensor_msgs/msg/Image",
-            header=header,
-            height=height,
-            width=width,
-            encoding="mono8",
-            is_bigendian=0,
-            step=width,
-            data=np.ascontiguousarray(image).reshape(-1),
+        self._bag.write(
+            f"/{self._robot}/{name}/{image_topic}", ns, image_message(self._make, header, image)
         )
-        self._bag.write(f"/{self._robot}/{name}/{image_topic}", ns, message)
-        info = self._make(
-            "sensor_msgs/msg/CameraInfo",
-            header=header,
-            height=model.height,
-            width=model.width,
-            distortion_model=model.distortion_model,
-            d=np.array(model.d, dtype=np.float64),
-            k=model.k.reshape(-1),
-            r=model.r.reshape(-1),
-            p=model.p.reshape(-1),
-            binning_x=0,
-            binning_y=0,
-            roi=self._make(
-                "sensor_msgs/msg/RegionOfInterest",
-                x_offset=0,
-                y_offset=0,
-                height=0,
-                width=0,
-                do_rectify=False,
-            ),
-        )
+        info = camera_info(self._make, header, model)
         self._bag.write(f"/{self._robot}/{name}/camera_info", ns, info)
 
     def odometry_at_origin(self, ns: int) -> None:
@@ -123,3 +95,49 @@ class RobotWriter:
 
     def _make(self, kind: str, **fields: Any) -> Any:
         return self._types[kind](**fields)
+
+
+def image_message(make: Callable[..., Any], header: Any, image: Gray) -> Any:
+    """sensor_msgs/Image.
+
+    Args:
+        make: Makes a message from its type name and fields.
+        header: Its header.
+        image: Grey image.
+    """
+    height, width = image.shape
+    return make(
+        "sensor_msgs/msg/Image",
+        header=header,
+        height=height,
+        width=width,
+        encoding="mono8",
+        is_bigendian=0,
+        step=width,
+        data=np.ascontiguousarray(image).reshape(-1),
+    )
+
+
+def camera_info(make: Callable[..., Any], header: Any, model: CameraModel) -> Any:
+    """sensor_msgs/CameraInfo of a calibration; see `image_message`."""
+    return make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header,
+        height=model.height,
+        width=model.width,
+        distortion_model=model.distortion_model,
+        d=np.array(model.d, dtype=np.float64),
+        k=model.k.reshape(-1),
+        r=model.r.reshape(-1),
+        p=model.p.reshape(-1),
+        binning_x=0,
+        binning_y=0,
+        roi=make(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=0,
+            y_offset=0,
+            height=0,
+            width=0,
+            do_rectify=False,
+        ),
+    )

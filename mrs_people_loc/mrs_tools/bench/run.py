@@ -3,11 +3,11 @@
     report = run_bench(bag, configs=[paper, default])
     report["targets"]                       # each figure that has a target, and whether it is met
 
-Seven parts: one robot's view, stage by stage (`robot`); one interval of the planner (`planner`);
+Eight parts: one robot's view, stage by stage (`robot`); one interval of the planner (`planner`);
 what it costs as the team grows (`growth`); following people (`tracking`); where the robots are
-(`walls`, `localization`); and real processes over DDS (`live`). Nothing of the people's stages is
-timed that differs from the repository's oracle: `tests/oracle/comparison` says what is compared,
-and how closely.
+(`walls`, `localization`); guiding people (`guiding`); and real processes over DDS (`live`).
+Nothing of the people's stages is timed that differs from the repository's oracle:
+`tests/oracle/comparison` says what is compared, and how closely.
 
 How it is timed: on one core (OpenCV's threads are off), stages as the pipeline times them itself,
 but by the processor time that they take, so that other work on the machine does not count. It does
@@ -38,6 +38,7 @@ from mrs_tools.bags.offline import BagRun, Interval
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.sources import RobotView, robots_of
 from mrs_tools.bench.growth import LARGEST, time_growth
+from mrs_tools.bench.guiding import time_guiding
 from mrs_tools.bench.localization import time_localization
 from mrs_tools.bench.oracle import Oracle, find
 from mrs_tools.bench.planner import time_planner
@@ -104,6 +105,7 @@ def run_bench(
         on_step("finding walls")
         walls = time_walls(frames)
         localization = time_localization(on_step)
+        guiding = time_guiding(on_step)
     report = {
         "machine": machine(),
         "bag": str(bag),
@@ -114,6 +116,7 @@ def run_bench(
         "tracking": tracking,
         "walls": walls,
         "localization": localization,
+        "guiding": guiding,
         "live": _live(bag, live_files, seconds, on_step, on_domain) if live_files else None,
     }
     return {**report, "targets": [target.report() for target in targets(report)]}

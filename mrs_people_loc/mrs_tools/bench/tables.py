@@ -37,6 +37,7 @@ def show(report: Mapping[str, Any], console: Console) -> None:
     console.print(_tracking_table(report["tracking"]))
     console.print(_wall_table(report["walls"]))
     console.print(_localization_table(report["localization"]))
+    console.print(_guiding_table(report["guiding"]))
     if report["live"] is not None:
         for table in _live_tables(report["live"]):
             console.print(table)
@@ -118,6 +119,19 @@ def _localization_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = _table(title, "robots", *columns)
     for row in rows:
         table.add_row(str(row["robots"]), *(f"{row[key]:.3f}" for key in columns.values()))
+    return table
+
+
+def _guiding_table(row: Mapping[str, Any]) -> Table:
+    title = "\nguiding people: median [ms]"
+    columns = {
+        "step of the guide": "guide_ms",
+        "paths of all robots": "paths_ms",
+        "step of one drive": "drive_ms",
+    }
+    table = _table(title, "robots", "people", *columns)
+    figures = (f"{row[key]:.2f}" for key in columns.values())
+    table.add_row(str(row["robots"]), str(row["people"]), *figures)
     return table
 
 

@@ -13,6 +13,8 @@ from mrs_tools.bench.robot import PAIR_OF_THREE
 _TRACKER_MS = {10: 0.5, 200: 10.0}
 #: What finding the walls of a view or a scan may take [ms].
 _WALLS_MS = 1.0
+#: What a step of the guide, at 5 Hz, and of one robot's drive, at 20 Hz, may take [ms].
+_GUIDE_MS, _DRIVE_MS = 10.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,10 @@ def targets(report: Mapping[str, Any]) -> list[Target]:
         where = f"{row['robots']} robots"
         found.append(Target("shared pose, one robot", where, row["shared_ms"], 0.2, "ms"))
         found.append(Target("walls of a frame", where, row["walls_ms"], 1.0, "ms"))
+    guiding = report["guiding"]
+    where = f"{guiding['robots']} robots, {guiding['people']} people"
+    found.append(Target("guide, one step", where, guiding["guide_ms"], _GUIDE_MS, "ms"))
+    found.append(Target("drive, one step of a robot", where, guiding["drive_ms"], _DRIVE_MS, "ms"))
     live = report["live"]
     if live is not None:
         latency = live["latency_ms"]["newest"]["p99"]

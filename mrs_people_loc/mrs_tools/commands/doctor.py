@@ -36,7 +36,7 @@ def command(
 ) -> None:
     """Look at a running team for a few seconds; say what is wrong, and what to do.
 
-    Looks at every robot_node and planner_node in this ROS domain. Exit code 1 if there is an error.
+    Looks at every node of ours in this ROS domain. Exit code 1 if there is an error.
     """
     from rclpy.executors import SingleThreadedExecutor
     from rich.console import Console

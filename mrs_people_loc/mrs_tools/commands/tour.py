@@ -15,16 +15,60 @@ if TYPE_CHECKING:
 
 
 def command(
-    file: Annotated[Path, typer.Argument(metavar="TOUR.yaml", help="The way and its stops.")],
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[TOUR.yaml]", help="The way and its stops.")
+    ] = None,
     namespace: Annotated[
         str, typer.Option("--namespace", "-n", help="Namespace of guide_node.")
     ] = "",
+    simulate: Annotated[
+        bool,
+        typer.Option(
+            "--simulate",
+            help="Simulate a scene with its own tour: people who follow, robots with wheels and "
+            "rendered heads, and the team's real processes.",
+        ),
+    ] = False,
+    scene: Annotated[
+        str, typer.Option(help="With --simulate: a scene file, or the name of one of ours.")
+    ] = "guided_corridor",
+    seed: Annotated[int, typer.Option(help="With --simulate: of all chance.", min=0)] = 1,
+    poses: Annotated[
+        str,
+        typer.Option(
+            help="With --simulate: robots' poses are exact, localized (odometry corrected by "
+            "walls, people and the team) or odometry."
+        ),
+    ] = "exact",
+    kill: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME@T[-T2]",
+            help="With --simulate: kill a robot's node, planner or guide T seconds after the "
+            "tour's beginning, and start it again at T2.",
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="With --simulate: keep the recording, a new bag.")
+    ] = None,
+    images: Annotated[
+        bool, typer.Option("--images", help="With --record: with the images, too.")
+    ] = False,
+    duration: Annotated[
+        float, typer.Option(help="With --simulate: cancel the tour after so long [s].", min=1.0)
+    ] = 600.0,
 ) -> None:
     """Guide a group along a tour, by a running guide_node; Ctrl-C cancels the tour.
 
-    Shows how the tour goes on. Exit code 0 if the group has been guided to the end.
+    Shows how the tour goes on. Exit code 0 if the group has been guided to the end. With --simulate
+    everything runs on this machine in real time, and scores are printed at the end.
     """
-    _guide(file, namespace)
+    if simulate == (file is not None):
+        raise typer.BadParameter("give either TOUR.yaml or --simulate")
+    if file is not None:
+        _guide(file, namespace)
+        return
+    _simulate(scene, seed, poses, kill or [], record, images, duration)
 
 
 def _guide(file: Path, namespace: str) -> None:
@@ -68,3 +112,46 @@ def _report(result: Any, exit_code: int, console: Console) -> None:
     console.print(Text(f"finished: {plain(result.message)}", style="green"))
     if result.lost:
         console.print(f"without people {', '.join(map(str, result.lost))}")
+
+
+def _simulate(
+    scene: str,
+    seed: int,
+    poses: str,
+    kills: list[str],
+    record: Path | None,
+    images: bool,
+    duration: float,
+) -> None:
+    """Simulates a tour, and prints its scores."""
+    import tempfile
+
+    from rich.console import Console
+
+    from mrs_tools.domain import private_domain
+    from mrs_tools.evaluation.results import evaluate_bag
+    from mrs_tools.evaluation.tables import robots_of_tours_table, tours_table
+    from mrs_tools.installing import default_file
+    from mrs_tools.signals import stop_on_signals
+    from mrs_tools.simulation.guided import guided_scene
+    from mrs_tools.simulation.light_tour import POSES
+    from mrs_tools.tour.simulated_tour import Plan, run_tour
+    from mrs_tools.tour.trouble import read_kill
+
+    if poses not in POSES:
+        raise typer.BadParameter(f"--poses is {poses!r}; allowed: {', '.join(POSES)}")
+    path = Path(scene) if scene.endswith(".yaml") else default_file("scenes", f"{scene}.yaml")
+    what = guided_scene(path, seed)
+    names = [*what.robots, "planner", "guide"]
+    plan = Plan(what, poses, [read_kill(text, names) for text in kills], duration, images)
+    console = Console(soft_wrap=True, highlight=False)
+    with tempfile.TemporaryDirectory() as folder:
+        bag = record or Path(folder, "tour.mcap")
+        with private_domain() as where, stop_on_signals() as stop:
+            console.print(where)
+            result = run_tour(plan, bag, stop, console)
+        report = evaluate_bag(bag, recorded=True).report().get("tour")
+    if report is not None:
+        console.print(tours_table({what.name: report}))
+        console.print(robots_of_tours_table({what.name: report}))
+    _report(result, stop.exit_code, console)

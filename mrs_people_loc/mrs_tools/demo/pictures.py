@@ -19,6 +19,7 @@ from mrs_people_loc.errors import BagError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
 from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_tools.bags.estimates import read_people
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.sources import read_grid
 from mrs_tools.bags.truth import read_truth
@@ -147,7 +148,7 @@ def _top_view(
         layout = np.dtype([(f.name, kinds[f.datatype]) for f in cells.fields])
         records = np.frombuffer(cells.data, layout)
     stamp_ns = stamp_of(message)
-    people, groups = messages.read_people(message)
+    people, groups = read_people(message)
     true, visible = recorded.truth.at(stamp_ns)
     return TopView(
         title="",

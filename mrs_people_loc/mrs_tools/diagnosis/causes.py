@@ -12,8 +12,9 @@ from enum import Enum, auto
 from functools import cached_property
 from itertools import takewhile
 
+from mrs_people_loc.config import PLANNER_NODE
 from mrs_people_loc.health.findings import Code
-from mrs_tools.diagnosis.facts import ERROR, is_robot, robot_node_of
+from mrs_tools.diagnosis.facts import ERROR, is_guide, is_robot, robot_node_of
 
 
 class Kind(Enum):
@@ -31,6 +32,8 @@ class Kind(Enum):
     POINTS = auto()
     ROBOT = auto()
     INTERVALS = auto()
+    PEOPLE = auto()
+    TOUR = auto()
     OTHER = auto()
 
 
@@ -48,6 +51,8 @@ _KINDS = {
     "pose": Kind.POSE,
     "points": Kind.POINTS,
     "intervals": Kind.INTERVALS,
+    "people": Kind.PEOPLE,
+    "tour": Kind.TOUR,
 }
 
 #: What a scan, and a pose, need of the robot's node, in the order of the data.
@@ -77,6 +82,7 @@ _LACKS = {
     Code.TWO_PUBLISHERS,
     Code.NO_ROBOT,
     Code.NO_INTERVAL,
+    Code.TOUR_HALTED,
 }
 
 
@@ -198,7 +204,11 @@ def _places(symptom: Symptom) -> Iterable[_Place]:
     """Where the cause of a symptom may be, the nearest to the sensor first."""
     if symptom.code not in _LACKS:
         return ()
-    return _at_robot(symptom) if is_robot(symptom.node) else _at_planner(symptom)
+    if is_robot(symptom.node):
+        return _at_robot(symptom)
+    if is_guide(symptom.node) and symptom.kind is not Kind.POSE:
+        return _at_guide(symptom)
+    return _at_planner(symptom)
 
 
 def _at_robot(symptom: Symptom) -> Iterator[_Place]:
@@ -211,6 +221,14 @@ def _at_robot(symptom: Symptom) -> Iterator[_Place]:
         chain = _FOR_POSES if kind is Kind.POSE else _FOR_SCANS
         for earlier in takewhile(lambda each: each is not kind, chain):
             yield _Place(node, (earlier,))
+
+
+def _at_guide(symptom: Symptom) -> Iterator[_Place]:
+    if symptom.kind is Kind.TOUR:
+        yield _Place(symptom.node, (Kind.NODE, Kind.PEOPLE, Kind.POSE))
+    if symptom.kind is Kind.PEOPLE:
+        planner = f"{symptom.node.rpartition('/')[0]}/{PLANNER_NODE}"
+        yield _Place(planner, (Kind.NODE, Kind.INTERVALS))
 
 
 def _at_planner(symptom: Symptom) -> Iterator[_Place]:

@@ -61,6 +61,12 @@ _ADVICE = {
     Code.NOT_CORRECTED: "normal in a wide hall; else look at the sensors of walls, at the other "
     "robots, and whether the planner runs: docs/robots.md",
     Code.SLOW: "its computer or the network is too slow: see cpu, and *_ms",
+    Code.NO_MAP: "publish one (map_server), or see that nothing is in the way: docs/guiding.md",
+    Code.TOUR_HALTED: "it goes on by itself once they come again: look at the planner, the robots' "
+    "nodes and the load of their computers",
+    Code.PEOPLE_LOST: "look for them; see pace.patience",
+    Code.TAKES_NO_PART: "look at its node, its computer and the network; it takes part again once "
+    "its poses come",
     **dict.fromkeys(
         (Code.NO_VIEW, Code.NO_SCAN, Code.NO_ROBOT, Code.NO_INTERVAL), "wait, or see its inputs"
     ),

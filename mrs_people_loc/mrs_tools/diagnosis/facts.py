@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
+from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE, ROBOT_NODE
 from mrs_tools.diagnosis.shared_memory import Memory
 
 OK, WARN, ERROR, STALE = "ok", "warning", "error", "waiting"
@@ -58,9 +58,14 @@ def is_planner(node: str) -> bool:
     return node.endswith(f"/{PLANNER_NODE}")
 
 
-def robot_node_of(planner: str, robot: str) -> str:
-    """Full name of the node of a planner's robot."""
-    return f"{planner.removesuffix(PLANNER_NODE)}{robot}/{ROBOT_NODE}"
+def is_guide(node: str) -> bool:
+    """Whether a node of this full name is a guide."""
+    return node.endswith(f"/{GUIDE_NODE}")
+
+
+def robot_node_of(node: str, robot: str) -> str:
+    """Full name of the node of a robot that a planner or a guide hears."""
+    return f"{node.rpartition('/')[0]}/{robot}/{ROBOT_NODE}"
 
 
 def figures(facts: Facts) -> list[list[str]]:

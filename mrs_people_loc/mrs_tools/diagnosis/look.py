@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
+from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE, ROBOT_NODE
 from mrs_ros.network import node_of
 from mrs_tools.diagnosis import shared_memory
 from mrs_tools.diagnosis.facts import ERROR, LEVELS, Facts, is_planner
@@ -16,7 +16,7 @@ from mrs_tools.plain import plain
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-_KINDS = (ROBOT_NODE, PLANNER_NODE)
+_KINDS = (ROBOT_NODE, PLANNER_NODE, GUIDE_NODE)
 _PEOPLE = "mrs_people_msgs/msg/People"
 #: What nodes of `mrs people` are called, before a number.
 _VIEWER = "mrs_people_"

@@ -35,6 +35,11 @@ _FROM_WALL = 0.20
 _STRIDE = 0.15
 #: Time in which people reach the velocity that they want [s] (Moussaid et al. 2009).
 _RELAXATION = 0.54
+#: People stand round a leader in rows: distance of the first one, and from row to row [m]; half of
+#: the sector that they fill [rad]; and from one to the next [m].
+_ROW, _HALF_CIRCLE, _BESIDE = (1.6, 0.9), math.radians(60.0), 0.95
+#: ... once it has been standing for so long [s].
+_STANDS_S = 4.0
 #: Strongest force [m/s^2].
 _STRONGEST = 4.0
 
@@ -161,6 +166,23 @@ class Straggling:
 
 
 @dataclass(frozen=True)
+class Stay:
+    """A straggler's stay.
+
+    Attributes:
+        person: Who.
+        begin_s: When they stopped [s].
+        end_s: When they went on [s]; inf: not yet.
+        fetched: Whether a robot made them go on.
+    """
+
+    person: int
+    begin_s: float
+    end_s: float
+    fetched: bool
+
+
+@dataclass(frozen=True)
 class Habits:
     """How people differ; each value is drawn for a person, evenly between two bounds.
 
@@ -204,7 +226,6 @@ class Crowd:
         yaw: Where they face [rad], shape (n,).
         time: Since the start [s].
         walked: How far everybody has walked [m], shape (n,).
-        fetched: Which of them went on because a robot came, shape (stragglers,).
     """
 
     def __init__(
@@ -239,8 +260,8 @@ class Crowd:
         self._since = np.full(len(stragglers), math.inf)
         self._near_for = np.zeros(len(stragglers))
         self._spot = np.zeros((len(stragglers), 2))
-        self._over = np.zeros(len(stragglers), dtype=bool)
-        self.fetched: Bool = np.zeros(len(stragglers), dtype=bool)
+        self._until = np.full(len(stragglers), math.inf)
+        self._fetched: Bool = np.zeros(len(stragglers), dtype=bool)
         self._hurries = np.zeros(count, dtype=bool)
         self._trail: Trail | None = None
         self._leader: int | None = None
@@ -253,8 +274,19 @@ class Crowd:
     @property
     def stayed(self) -> Bool:
         """Which of the stragglers stands and looks at something, shape (stragglers,)."""
-        found: Bool = np.isfinite(self._since) & ~self._over
+        found: Bool = np.isfinite(self._since) & np.isinf(self._until)
         return found
+
+    @property
+    def stays(self) -> list[Stay]:
+        """The stays of stragglers that have begun."""
+        return [
+            Stay(one.person, float(begin), float(end), bool(fetched))
+            for one, begin, end, fetched in zip(
+                self._stragglers, self._since, self._until, self._fetched, strict=True
+            )
+            if math.isfinite(begin)
+        ]
 
     def step(self, dt: float, robots: Float, robot_velocities: Float, leader: int | None) -> None:
         """Walks on.
@@ -333,7 +365,7 @@ class Crowd:
         side = np.clip(self._side + 0.2 * self._wander.at(self.time + 60.0), -room, room)
         places = places + side[:, None] * _left_of(ahead)
         wish = unit(places - self.xy) * pace[:, None]
-        if self._stands_for > 2.0:
+        if self._stands_for > _STANDS_S:
             wish = np.where(self._walks[:, None], wish, self._spread(robots[self._leader]))
         for k in np.flatnonzero(self.stayed):
             who = self._who[k]
@@ -342,26 +374,26 @@ class Crowd:
 
     def _spread(self, leader: Float) -> Float:
         """Velocities of those who stand round the leader, to see it past the others, (n, 2)."""
-        near = np.linalg.norm(self.xy - leader, axis=1) < 5.0
-        near[self._who[self.stayed]] = False
-        if not near.any():
-            return np.zeros_like(self.xy)
-        bearing = self._bearing[near]
-        middle = math.atan2(float(np.sin(bearing).mean()), float(np.cos(bearing).mean()))
-        order = np.argsort(np.argsort(_wrapped(bearing - middle)))
-        count = len(bearing)
-        half = min(math.radians(80.0), 0.3 * count)
-        angle = middle + half * (2.0 * (order + 0.5) / count - 1.0)
-        radius = 1.5 + 0.35 * (order % 2) * (count > 4)
-        places = leader + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        lack, out = self._clearance.at(places)
-        places = places + np.maximum(0.4 - lack, 0.0)[:, None] * out
-        # Where a wall leaves no place so far from the leader, they stay.
-        close = np.linalg.norm(places - leader, axis=1, keepdims=True) < 1.2
         wish = np.zeros_like(self.xy)
-        toward = np.where(close, 0.0, places - self.xy[near])
+        off = self.xy - leader
+        near = np.linalg.norm(off, axis=1) < 6.0
+        near[self._who[self.stayed]] = False
+        who = np.flatnonzero(near)
+        if not len(who):
+            return wish
+        sin, cos = np.sin(self._bearing[who]).mean(), np.cos(self._bearing[who]).mean()
+        middle = math.atan2(float(sin), float(cos))
+        bearing = _wrapped(np.arctan2(off[who, 1], off[who, 0]) - middle)
+        places = leader + _rows(np.linalg.norm(off[who], axis=1), bearing, middle)
+        distance, out = self._clearance.at(places)
+        places = places + np.maximum(0.4 - distance, 0.0)[:, None] * out
+        toward = places - self.xy[who]
         far = np.linalg.norm(toward, axis=1, keepdims=True)
-        wish[near] = unit(toward) * np.clip((far - 0.25) / 1.0, 0.0, 0.5)
+        # Nobody goes past the leader, nor close to it, where a wall leaves no place in the row.
+        seen = places - leader
+        angle = _wrapped(np.arctan2(seen[:, 1], seen[:, 0]) - middle)
+        free = (np.abs(angle) < 1.2 * _HALF_CIRCLE) & (np.linalg.norm(seen, axis=1) > 1.2)
+        wish[who] = unit(toward) * np.clip((far - 0.25) / 1.0, 0.0, 0.5) * free[:, None]
         return wish
 
     # -------------------------------------------------------------------------- straggling ----
@@ -370,7 +402,7 @@ class Crowd:
         """Who stops, who has seen enough, who is fetched."""
         for k, one in enumerate(self._stragglers):
             who = one.person
-            if self._over[k]:
+            if math.isfinite(self._until[k]):
                 continue
             if not math.isfinite(self._since[k]):
                 if self.walked[who] >= one.after:
@@ -385,7 +417,7 @@ class Crowd:
             self._near_for[k] = self._near_for[k] + dt if near and settled else 0.0
             fetched = self._near_for[k] >= Fetching.time
             if fetched or self.time - self._since[k] >= one.stays:
-                self._over[k], self.fetched[k] = True, fetched
+                self._until[k], self._fetched[k] = self.time, fetched
                 self._hurries[who] = True
         if self._trail is not None:
             self._hurries &= self._gap() > 0.3
@@ -457,6 +489,26 @@ class Crowd:
         target = np.where(pace > 0.25, walking, standing)
         turn = _wrapped(target - self.yaw) / 0.5
         self.yaw = _wrapped(self.yaw + np.clip(turn, -2.5, 2.5) * dt)
+
+
+def _rows(distance: Float, bearing: Float, middle: float) -> Float:
+    """Places in rows of a sector round a leader, the nearest people in the first row, shape (n, 2).
+
+    Args:
+        distance: Of the people from it [m], shape (n,).
+        bearing: Theirs, from the middle of the sector [rad], shape (n,).
+        middle: Of the sector [rad].
+    """
+    places, order, first, radius = np.empty((len(distance), 2)), np.argsort(distance), 0, _ROW[0]
+    while first < len(order):
+        fit = int(2.0 * _HALF_CIRCLE * radius / _BESIDE) + 1
+        row = order[first : first + fit]
+        row = row[np.argsort(bearing[row])]
+        step = min(_BESIDE / radius, 2.0 * _HALF_CIRCLE / max(len(row) - 1, 1))
+        angle = middle + step * (np.arange(len(row)) - 0.5 * (len(row) - 1))
+        places[row] = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        first, radius = first + fit, radius + _ROW[1]
+    return places
 
 
 def _evading(

@@ -195,6 +195,10 @@ class HumanBody:
         parts += self._extras(neck, shoulder_twist)
         return merge(parts).placed(place.x, place.y, place.yaw)
 
+    def stride(self, speed: float) -> float:
+        """Way from one step of a foot to its next [m], at a speed [m/s]."""
+        return (0.55 + 0.48 * min(abs(speed), 2.0)) * self._h / 1.7
+
     # ------------------------------------------------------------------------- legs ----
 
     def _stand(self) -> _Legs:
@@ -209,7 +213,7 @@ class HumanBody:
     def _walk(self, place: Place, pace: float) -> _Legs:
         """Feet on the floor stay where they are while the body moves on."""
         h, speed = self._h, abs(place.speed)
-        stride = (0.55 + 0.48 * min(speed, 2.0)) * h / 1.7
+        stride = self.stride(speed)
         phase = (place.way / stride + self._phase / (2 * math.pi)) % 1.0
         stance = 0.60
         reach = stance * stride
@@ -574,7 +578,7 @@ class HumanBody:
     def _swung_wrist(self, place: Place, side: float) -> NDArray:
         """Where the wrist is while walking: arms swing against the legs."""
         h, girth = self._h, self._build
-        stride = (0.55 + 0.48 * min(abs(place.speed), 2.0)) * h / 1.7
+        stride = self.stride(place.speed)
         phase = (place.way / stride + self._phase / (2 * math.pi)) % 1.0
         angle = -self._swing_arms * (0.25 + 0.15 * min(abs(place.speed), 2.0)) * side
         angle *= math.cos(2 * math.pi * phase)

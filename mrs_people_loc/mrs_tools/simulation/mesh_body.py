@@ -44,13 +44,17 @@ class MeshBody:
         body = self._walking(place.way, speed, pace) if walks else self._mesh
         return body.placed(place.x, place.y, place.yaw)
 
+    def stride(self, speed: float) -> float:
+        """Way from one step of a foot to its next [m], at a speed [m/s]; see `HumanBody.stride`."""
+        return (0.55 + 0.48 * min(abs(speed), 2.0)) * self.height / 1.7
+
     def _walking(self, way: float, speed: float, pace: float) -> Mesh:
         """The mesh with one leg ahead and one behind, its lowest point on the floor.
 
         The stride is that of `HumanBody`; half of it is between the feet when both are down.
         """
         h = self.height
-        stride = (0.55 + 0.48 * min(speed, 2.0)) * h / 1.7
+        stride = self.stride(speed)
         swing = pace * math.asin(min(0.9, 0.25 * stride / (_HIP * h)))
         swing *= math.sin(2 * math.pi * way / stride)
         x, y, z = self._mesh.vertices.T

@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_tools.simulation.meshes import Mesh
+from mrs_tools.simulation.motion import Place
 from mrs_tools.simulation.range_sensors import (
     laser_angles,
     laser_ranges,
@@ -21,8 +23,7 @@ from mrs_tools.simulation.range_sensors import (
     people_circles,
     sonar_ranges,
 )
-from mrs_tools.simulation.scene import Laser, Sonar
-from mrs_tools.simulation.world import World
+from mrs_tools.simulation.scene import Laser, Scene, Sonar
 
 #: Sonars fire so often [Hz].
 SONAR_RATE = 10.0
@@ -32,25 +33,48 @@ _ROBOT_RADIUS = 0.22
 _ULTRASOUND = 0
 
 
+class Surroundings(Protocol):
+    """What range sensors are in: `World`, or `LiveWorld`."""
+
+    scene: Scene
+    names: list[str]
+
+    @property
+    def room(self) -> Mesh:
+        """The room and its furniture, in the map."""
+
+    def person_places(self, time: float) -> list[Place]:
+        """Where the people are at a time [s]."""
+
+    def robot_place(self, name: str, time: float) -> Place:
+        """Where a robot's base_link is at a time [s]."""
+
+    def stamp_ns(self, time: float) -> int:
+        """The stamp of a time [ns]."""
+
+
 @dataclass
 class RangeTopics:
     """What the sonars and laser scanners of a scene measure.
 
     Args:
-        world: The scene.
+        world: What they are in.
         make: Makes a message from its type name and fields.
         header: Makes a std_msgs/Header of a frame and a stamp [ns].
     """
 
-    world: World
+    world: Surroundings
     make: Callable[..., Any]
     header: Callable[[str, int], Any]
     _outlines: dict[float, NDArray] = field(default_factory=dict)
 
-    def events(self) -> Iterator[tuple[float, str, str]]:
-        """Time [s], robot and kind (`sonars` or `laser`) of each measurement, in no order."""
+    def events(self, last: float) -> Iterator[tuple[float, str, str]]:
+        """Time [s], robot and kind (`sonars` or `laser`) of each measurement, in no order.
+
+        Args:
+            last: Until this time [s].
+        """
         scene = self.world.scene
-        last = self.world.truth_time(scene.timing.frames - 1)
         for name in scene.sonars:
             for k in range(math.floor(last * SONAR_RATE) + 1):
                 yield k / SONAR_RATE, name, "sonars"

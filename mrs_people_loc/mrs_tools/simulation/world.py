@@ -1,7 +1,4 @@
-"""A scene come to life: what one robot sees at one instant, and what is true then.
-
-Owners of triangles: -1 the room and its furniture, i >= 0 person i, -10 - k robot k.
-"""
+"""A scene come to life: what one robot sees at one instant, and what is true then."""
 
 from __future__ import annotations
 
@@ -12,31 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.geometry import rotation_from_rpy
-from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
 from mrs_tools.simulation import motion
-from mrs_tools.simulation.assets import Source, load_assets
-from mrs_tools.simulation.heads import Camera, camera_models, expose, is_raw, make_camera
-from mrs_tools.simulation.heads import mounting as head_mounting
-from mrs_tools.simulation.human_body import HumanBody
-from mrs_tools.simulation.mesh_body import MeshBody
+from mrs_tools.simulation.assets import Source
+from mrs_tools.simulation.heads import Camera, expose
 from mrs_tools.simulation.meshes import Mesh, merge
 from mrs_tools.simulation.motion import Place, Track, Walker
 from mrs_tools.simulation.odometry import Belief, believe
-from mrs_tools.simulation.rendering import Caster, Light
-from mrs_tools.simulation.robots import robot_mesh
-from mrs_tools.simulation.rooms import footprint, furniture_mesh, room_mesh
+from mrs_tools.simulation.rendering import Caster
+from mrs_tools.simulation.rooms import footprint
 from mrs_tools.simulation.scene import Person, Robot, Scene
-from mrs_tools.simulation.textures import Atlas
+from mrs_tools.simulation.stage import Stage
 from mrs_tools.simulation.walks import Walked, walk_together
 
-ROOM = -1
-_ROBOT = -10
-#: What a person covers of the view, seen from the front [m^2]: the mean of this simulator's people.
-_BODY_AREA = 0.57
-#: Height that distances to people are measured to [m].
-_CHEST = 1.0
 #: For so many instants the bodies are kept.
 _INSTANTS = 4
 
@@ -69,7 +54,7 @@ class World:
     Attributes:
         scene: The scene.
         names: Names of the robots.
-        raw: Whether a robot gives raw images, by name.
+        stage: What the scene looks like.
         cameras: Each robot's cameras, by name.
         beliefs: What each robot says about its pose, by name.
         has_group: Whether somebody is known to walk in a group.
@@ -81,11 +66,9 @@ class World:
         self._duration = (scene.timing.frames - 1) / scene.timing.rate + max(
             [r.phase for r in scene.robots.values()], default=0.0
         )
-        self._atlas = Atlas()
-        self._assets = load_assets(scene.assets) if scene.assets else None
-        self._drawn: dict[str, Mesh] = {}
+        self.stage = Stage(scene)
+        self.cameras = self.stage.cameras
         self._walked = self._walk()
-        self._build_room()
         self._build_robots()
         self._build_people()
         self._casters: dict[tuple, Caster] = {}
@@ -114,46 +97,11 @@ class World:
         }
         return walk_together(scene, people, robots, self._duration, self._rng(11))
 
-    def _build_room(self) -> None:
-        scene, room = self.scene, self.scene.room
-        parts = [room_mesh(room, self._rng(1), self._atlas)]
-        for k, piece in enumerate(scene.furniture):
-            if piece.mesh:
-                shape = self._shape(piece.mesh)
-                parts.append(shape.placed(piece.x, piece.y, piece.yaw, piece.z))
-            else:
-                parts.append(furniture_mesh(piece, self._rng(2, k), self._atlas, room.contrast))
-        self._room = merge(parts)
-        rng = self._rng(3)
-        span = (np.arange(room.lamps) + 0.5) / room.lamps
-        along = room.length >= room.width
-        x = room.length * (span if along else np.full(room.lamps, 0.5))
-        y = room.width * (np.full(room.lamps, 0.5) if along else span)
-        lamps = np.stack([x, y, np.full(room.lamps, room.height - 0.05)], axis=1)
-        lamps[:, :2] += rng.normal(0.0, 0.3, (room.lamps, 2))
-        power = rng.uniform(2.0, 4.0, room.lamps) * (1.0 - room.ambient)
-        self._light = Light(lamps, power, room.ambient)
-
     def _build_robots(self) -> None:
         scene = self.scene
-        self.raw: dict[str, bool] = {}
-        self.cameras: dict[str, list[Camera]] = {}
         self.beliefs: dict[str, Belief] = {}
         self._robot_tracks: dict[str, Track] = {}
-        self._robot_meshes: dict[str, Mesh] = {}
-        self.stereo: dict[str, StereoCamera] = {}
         for k, (name, robot) in enumerate(scene.robots.items()):
-            head = scene.heads[name]
-            models = camera_models(head)
-            self.raw[name] = is_raw(head, models)
-            self.stereo[name] = StereoCamera.from_models(
-                models["left"], models["right"], models.get("top"), head_mounting(head)
-            )
-            rng = self._rng(4, k)
-            self.cameras[name] = [
-                make_camera(camera, model, self.raw[name], scene.imaging, rng)
-                for camera, model in models.items()
-            ]
             walked = self._walked.robots if self._walked else {}
             track = walked.get(name) or _robot_track(robot, self._duration)
             if robot.carried:
@@ -162,8 +110,6 @@ class World:
             self.beliefs[name] = believe(
                 track, scene.odometry, self._duration, self._rng(5, k), robot
             )
-            body = robot_mesh(robot, head, self._rng(6, k), self._atlas)
-            self._robot_meshes[name] = body.owned_by(_ROBOT - k)
 
     def _build_people(self) -> None:
         scene = self.scene
@@ -186,39 +132,19 @@ class World:
             self._walk_about(walkers, recorded)
         self._tracks += recorded
         for k in range(len(recorded)):
-            drawn = self._assets and self._assets.draw_person(Person(), self._rng(13, k))
-            people.append(drawn or Person())
+            people.append(self.stage.draw_person(self._rng(13, k)))
         self.people = people
-        dark = scene.layout.cloth == "dark"
-        self._bodies: list[HumanBody | MeshBody] = [
-            MeshBody(self._shape(person.mesh), person.height)
-            if person.mesh
-            else HumanBody(
-                person,
-                int(self._rng(8, k).integers(1, 2**31)),
-                self._atlas,
-                contrast=scene.room.contrast,
-                dark=dark,
-            )
-            for k, person in enumerate(people)
-        ]
-
-    def _shape(self, file: str) -> Mesh:
-        """An asset with its textures in the atlas."""
-        assert self._assets is not None
-        if file not in self._drawn:
-            self._drawn[file] = self._assets.shape(file).drawn_from(self._atlas)
-        return self._drawn[file]
+        self._bodies = self.stage.bodies(people)
 
     @property
     def room(self) -> Mesh:
         """The room and its furniture, in the map."""
-        return self._room
+        return self.stage.room
 
     @property
     def assets(self) -> dict[str, Source]:
         """Where the meshes in the scene are from, by file."""
-        return {file: self._assets.source(file) for file in self._drawn} if self._assets else {}
+        return self.stage.assets
 
     def _recorded_tracks(self) -> list[Track]:
         """Tracks of recorded people; their groups are added to those of the scene."""
@@ -339,17 +265,12 @@ class World:
         Args:
             frames: One per robot.
         """
-        limits = self.scene.visibility
         best = np.zeros(len(self.people))
         for frame in frames:
             time = self.time_of(frame.index) + self.scene.robots[frame.robot].phase
-            robot, camera = self.robot_place(frame.robot, time), self.stereo[frame.robot]
-            above = camera.mounting.height - _CHEST
-            for k, place in enumerate(self.person_places(time)):
-                away = math.hypot(place.x - robot.x, place.y - robot.y, above)
-                whole = _BODY_AREA * camera.fx * camera.fy / max(away, 0.1) ** 2
-                if away <= limits.range and frame.pixels[k] >= limits.share * whole:
-                    best[k] = max(best[k], frame.pixels[k])
+            robot, people = self.robot_place(frame.robot, time), self.person_places(time)
+            seen = self.stage.seen_pixels(frame.robot, robot, people, frame.pixels)
+            best = np.maximum(best, seen)
         return best
 
     def _lights(self, name: str, time: float) -> tuple[dict[str, NDArray], NDArray]:
@@ -385,23 +306,18 @@ class World:
         self, name: str, camera: Camera, time: float, chosen: slice
     ) -> tuple[NDArray, NDArray]:
         """Lens and directions in the map."""
-        place = self._robot_tracks[name].at(time)
-        turn, lens = self.stereo[name].robot_from_optical
-        heading = rotation_from_rpy(0.0, 0.0, place.yaw)
-        rotation = heading @ turn
-        origin = heading @ (lens + turn @ camera.centre) + [place.x, place.y, 0.0]
-        rays = camera.rays[chosen].reshape(-1, 3)
-        return origin, rays @ rotation.T.astype(np.float32)
+        return self.stage.rays(name, camera, self._robot_tracks[name].at(time), chosen)
 
     def _caster(self, name: str, time: float) -> Caster:
         """Everything that a robot can see at a time; its own body is not."""
         others = {n: self._robot_tracks[n].at(time) for n in self.names if n != name}
         key = (name, time)
         if key not in self._casters:
-            parts = [self._room, *self._people_meshes(time)]
+            parts = [self.room, *self._people_meshes(time)]
             for other, place in others.items():
-                parts.append(self._robot_meshes[other].placed(place.x, place.y, place.yaw))
-            self._casters = {key: Caster(merge(parts), self._atlas, self._light)}
+                mesh = self.stage.robot_meshes[other]
+                parts.append(mesh.placed(place.x, place.y, place.yaw))
+            self._casters = {key: Caster(merge(parts), self.stage.atlas, self.stage.light)}
         return self._casters[key]
 
     def _people_meshes(self, time: float) -> list[Mesh]:

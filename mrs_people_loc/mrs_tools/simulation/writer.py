@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,9 +25,12 @@ from mrs_tools.bags.robot_poses import true_pose_topic
 from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
 from mrs_tools.bags.truth import ASSETS_TOPIC
+from mrs_tools.simulation.motion import Place
 from mrs_tools.simulation.odometry import PoseSample
 from mrs_tools.simulation.range_topics import RangeTopics
 from mrs_tools.simulation.rooms import floor_plan
+from mrs_tools.simulation.scene import Scene
+from mrs_tools.simulation.stage import Stage
 from mrs_tools.simulation.world import RenderedFrame, World
 
 PEOPLE_TOPIC = "/ground_truth/people_poses"
@@ -75,13 +78,12 @@ class Messages:
             orientation=self.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
         )
 
-    def people(self, world: World, index: int) -> Any:
-        """Where the people are in a frame."""
-        time = world.truth_time(index)
+    def people(self, places: Sequence[Place], ns: int) -> Any:
+        """Where the people are at a time [ns]."""
         return self.make(
             "geometry_msgs/msg/PoseArray",
-            header=self.header("map", world.stamp_ns(time)),
-            poses=[self.pose(p.x, p.y, p.yaw) for p in world.person_places(time)],
+            header=self.header("map", ns),
+            poses=[self.pose(p.x, p.y, p.yaw) for p in places],
         )
 
     def visible(self, pixels: NDArray) -> Any:
@@ -91,12 +93,12 @@ class Messages:
         """
         return self._of_people("people_pixels", np.rint(pixels).astype(np.int32))
 
-    def groups(self, world: World, index: int) -> Any:
-        """Which group each person belongs to in a frame (`World.groups`).
+    def groups(self, numbers: NDArray) -> Any:
+        """Which group each person belongs to (`World.groups`).
 
         std_msgs/Int32MultiArray; one dimension, labelled `people_groups`.
         """
-        return self._of_people("people_groups", world.groups(world.truth_time(index)))
+        return self._of_people("people_groups", numbers.astype(np.int32))
 
     def assets(self, world: World) -> Any:
         """Files, licences and origins of the assets in a scene: std_msgs/String, a YAML list."""
@@ -113,19 +115,17 @@ class Messages:
         layout = self.make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
         return self.make("std_msgs/msg/Int32MultiArray", layout=layout, data=data)
 
-    def true_pose(self, world: World, robot: str, time: float) -> Any:
-        """Where a robot is, as PoseStamped."""
-        place = world.robot_place(robot, time)
+    def true_pose(self, place: Place, ns: int) -> Any:
+        """Where a robot is at a time [ns], as PoseStamped."""
         return self.make(
             "geometry_msgs/msg/PoseStamped",
-            header=self.header("map", world.stamp_ns(time)),
+            header=self.header("map", ns),
             pose=self.pose(place.x, place.y, place.yaw),
         )
 
-    def floor_plan(self, world: World) -> Any:
-        """The room's walls and furniture, as nav_msgs/OccupancyGrid."""
-        plan = floor_plan(world.scene.room, world.scene.furniture)
-        ns = world.stamp_ns(0.0)
+    def floor_plan(self, scene: Scene, ns: int) -> Any:
+        """The room's walls and furniture, as nav_msgs/OccupancyGrid of a time [ns]."""
+        plan = floor_plan(scene.room, scene.furniture)
         info = self.make(
             "nav_msgs/msg/MapMetaData",
             map_load_time=self.header("map", ns).stamp,
@@ -182,10 +182,11 @@ def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) ->
     messages = Messages()
     with BagWriter(out) as bag:
         bag.add_topic(MAP_TOPIC, "nav_msgs/msg/OccupancyGrid", [_MAP_QOS])
-        bag.write(MAP_TOPIC, world.stamp_ns(0.0), messages.floor_plan(world))
+        begin = world.stamp_ns(0.0)
+        bag.write(MAP_TOPIC, begin, messages.floor_plan(world.scene, begin))
         if world.assets:
             bag.add_topic(ASSETS_TOPIC, "std_msgs/msg/String", [_MAP_QOS])
-            bag.write(ASSETS_TOPIC, world.stamp_ns(0.0), messages.assets(world))
+            bag.write(ASSETS_TOPIC, begin, messages.assets(world))
         recordings = {name: RobotWriter(bag, name) for name in world.names}
         pending = _events(bag, world, messages)
 
@@ -196,17 +197,18 @@ def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) ->
         for index, seen in enumerate(frames):
             for frame in sorted(seen, key=lambda f: f.stamp_ns):
                 events_until(frame.stamp_ns)
-                topic = "image_raw" if world.raw[frame.robot] else "image_rect"
+                topic = "image_raw" if world.stage.raw[frame.robot] else "image_rect"
                 for camera in world.cameras[frame.robot]:
                     recordings[frame.robot].camera(
                         camera.name, topic, frame.images[camera.name], camera.model, frame.stamp_ns
                     )
             ns = world.stamp_ns(world.truth_time(index))
             events_until(ns)
-            bag.write(PEOPLE_TOPIC, ns, messages.people(world, index))
+            time = world.truth_time(index)
+            bag.write(PEOPLE_TOPIC, ns, messages.people(world.person_places(time), ns))
             bag.write(VISIBLE_TOPIC, ns, messages.visible(world.seen_pixels(seen)))
             if world.has_group:
-                bag.write(GROUP_TOPIC, ns, messages.groups(world, index))
+                bag.write(GROUP_TOPIC, ns, messages.groups(world.groups(time)))
         events_until(math.inf)
 
 
@@ -217,7 +219,8 @@ def _events(
 
     def odometry(name: str, frame: str, sample: PoseSample, ns: int) -> None:
         bag.write(f"/{name}/odom", ns, messages.odometry(name, frame, sample, ns))
-        bag.write(true_pose_topic(name), ns, messages.true_pose(world, name, sample.time))
+        place = world.robot_place(name, sample.time)
+        bag.write(true_pose_topic(name), ns, messages.true_pose(place, ns))
 
     def ranges(time: float, name: str, kind: str, ns: int) -> None:
         for topic, message in sensors.measured(time, name, kind):
@@ -232,50 +235,56 @@ def _events(
         sensors = RangeTopics(world, messages.make, messages.header)
         bag.add_topic(TF_TOPIC, "tf2_msgs/msg/TFMessage", [_MAP_QOS])
         bag.write(TF_TOPIC, world.stamp_ns(0.0), sensors.mountings())
-        for time, name, kind in sensors.events():
+        for time, name, kind in sensors.events(world.truth_time(world.scene.timing.frames - 1)):
             ns = world.stamp_ns(time)
             events.append((ns, name, partial(ranges, time, name, kind, ns)))
     return sorted(events, key=lambda event: event[:2], reverse=True)
 
 
-def team_parameters(world: World) -> dict[str, Any]:
-    """Parameters of the simulated team, as a ROS 2 parameter file holds them: what differs."""
+def team_parameters(
+    stage: Stage, starts: Mapping[str, tuple[float, float, float] | None]
+) -> dict[str, Any]:
+    """Parameters of a simulated team, as a ROS 2 parameter file holds them: what differs.
+
+    Args:
+        stage: The scene.
+        starts: By robot, where the frame of its odometry is in the map (`Belief.map_from_odom`).
+    """
     document: dict[str, Any] = {}
-    for name in world.names:
-        mounting = world.stereo[name].mounting.to_mapping()
+    for name, place in starts.items():
+        mounting = stage.stereo[name].mounting.to_mapping()
         mounting = {
             key: round(value, 6) for key, value in mounting.items() if value or key == "height"
         }
         parameters: dict[str, Any] = {"mounting": mounting}
         images: dict[str, Any] = {}
-        if world.raw[name]:
+        if stage.raw[name]:
             images["rectified"] = False
-        if len(world.cameras[name]) == 3:
+        if len(stage.cameras[name]) == 3:
             images["top"] = True
         if images:
             parameters["images"] = images
-        place = world.beliefs[name].map_from_odom
         if place is not None:
             parameters["pose"] = {"map_from_odom": [round(v, 6) for v in place]}
-        walls = _wall_sensors(world, name)
+        walls = _wall_sensors(stage.scene, name)
         if walls:
             parameters["walls"] = walls
-            odometry = world.scene.odometry
+            odometry = stage.scene.odometry
             sigmas = [odometry.sigma, odometry.sigma, odometry.sigma_yaw]
             parameters["localization"] = {"start_sigmas": sigmas}
         document[f"/{name}/robot_node"] = {"ros__parameters": parameters}
-    document["/**/planner_node"] = {"ros__parameters": {"robots": list(world.names)}}
+    document["/**/planner_node"] = {"ros__parameters": {"robots": list(starts)}}
     return document
 
 
-def _wall_sensors(world: World, name: str) -> dict[str, Any]:
+def _wall_sensors(scene: Scene, name: str) -> dict[str, Any]:
     """Parameters of a robot's sonars and laser scanner; none if it has none."""
     parameters: dict[str, Any] = {}
-    sonars = world.scene.sonars.get(name, ())
+    sonars = scene.sonars.get(name, ())
     if sonars:
         parameters["sonars"] = [f"sonar_{k}" for k in range(len(sonars))]
         parameters["sonar_mountings"] = [v for s in sonars for v in (s.x, s.y, s.yaw)]
-    laser = world.scene.lasers.get(name)
+    laser = scene.lasers.get(name)
     if laser is not None:
         parameters |= {"laser": True, "laser_mounting": [laser.x, laser.y, laser.yaw]}
     return parameters
@@ -283,7 +292,10 @@ def _wall_sensors(world: World, name: str) -> dict[str, Any]:
 
 def write_team(path: Path, world: World) -> None:
     """Writes `team_parameters` as a file for the nodes and `--config`."""
-    text = yaml.safe_dump(team_parameters(world), sort_keys=False, default_flow_style=None)
+    starts = {name: belief.map_from_odom for name, belief in world.beliefs.items()}
+    text = yaml.safe_dump(
+        team_parameters(world.stage, starts), sort_keys=False, default_flow_style=None
+    )
     licences = sorted({f"{one.origin} ({one.licence})" for one in world.assets.values()})
     assets = f"# With meshes of {', '.join(licences)}.\n" if licences else ""
     path.write_text(

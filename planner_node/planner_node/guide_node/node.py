@@ -16,7 +16,7 @@ from mrs_people_msgs.msg import People
 from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.qos import QoSProfile
 
-from mrs_people_loc import messages
+from mrs_people_loc import guide_messages, messages
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import GuideConfig, PlannerConfig
 from mrs_people_loc.errors import PeopleError, PoseError, TourError
@@ -26,6 +26,7 @@ from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.guiding.tour import Tour, check_tour
 from mrs_people_loc.health.findings import Finding
+from mrs_people_loc.health.guide import of_tour, of_tour_robots, of_walls
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_people_loc.team.poses import Pose
@@ -34,7 +35,6 @@ from mrs_ros.qos import MAP, POSES, STREAM
 from planner_node.guide_node.action import End, TourAction
 from planner_node.guide_node.bases import Goals, Velocities
 from planner_node.guide_node.outputs import Outputs
-from planner_node.guide_node.tours import tour_of_goal, tour_of_path
 
 #: Period of velocities [s].
 _PERIOD_S = 0.05
@@ -52,6 +52,7 @@ class _Underway:
     guide: Guide
     steering: Steering
     guidance: Guidance
+    begun_ns: int
 
 
 class GuideNode(ManagedNode):
@@ -76,6 +77,7 @@ class GuideNode(ManagedNode):
             if config.drive == "nav2"
             else Velocities(self, stamped=config.base.stamped)
         )
+        self._bases.begin(config.robots)  # so that they are found before a tour
         self._action = TourAction(self, self._begin_goal, self._cancel)
         self.until_cleanup(self._action.destroy)
 
@@ -94,7 +96,9 @@ class GuideNode(ManagedNode):
 
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
-        self._end_tour("guide_node was deactivated")
+        if self._underway is not None:
+            self._end_tour("guide_node was deactivated")
+            self._bases.finish()
         self.destroy_timer(self._timer)
         self._forget()
 
@@ -112,6 +116,9 @@ class GuideNode(ManagedNode):
 
     def changed(self, config: GuideConfig) -> None:
         """Takes new parameters at once; another list of robots from the next tour on."""
+        if self.is_active:
+            for robot in config.robots:
+                self._hear(robot, any_number=False)
         if self.is_configured and self._underway is not None:
             steering, guide = self._underway.steering, self._underway.guide
             guide.config = steering.config = dataclasses.replace(config, robots=steering.robots)
@@ -148,7 +155,7 @@ class GuideNode(ManagedNode):
 
     def _on_people(self, message: People) -> None:
         stamp_ns = messages.read_stamp(message)
-        persons, groups = messages.read_people(message, self.config.map_frame)
+        persons, groups = guide_messages.read_people(message, self.config.map_frame)
         robots = tuple(scan.robot for scan in message.scans)
         if len(robots) > _MOST_ROBOTS:
             raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
@@ -168,12 +175,12 @@ class GuideNode(ManagedNode):
         if not message.poses:
             self._cancel()
             return
-        self._begin_tour(tour_of_path(message, self.config.map_frame))
+        self._begin_tour(guide_messages.read_tour_path(message, self.config.map_frame))
 
     # ---- tours ----
 
     def _begin_goal(self, goal: Any) -> None:
-        self._begin_tour(tour_of_goal(goal, self.config.map_frame))
+        self._begin_tour(guide_messages.read_tour_goal(goal, self.config.map_frame))
 
     def _begin_tour(self, tour: Tour) -> None:
         """Begins a tour.
@@ -183,6 +190,7 @@ class GuideNode(ManagedNode):
         """
         if self._underway is not None:
             raise TourError(f"the tour {self._underway.tour.name!r} is under way; cancel it first")
+        tour = dataclasses.replace(tour, name=tour.name or "tour")
         robots = self._check_team()
         config = dataclasses.replace(self.config, robots=robots)
         space = self._space(tour)
@@ -192,9 +200,11 @@ class GuideNode(ManagedNode):
             steering.take_pose(robot, pose, came_ns)
         guide.begin(tour)
         self._bases.begin(robots)
-        self._underway = _Underway(tour, guide, steering, Guidance(0, State.GATHERING))
-        walls = "" if self._grid else "; there is no map: the robots keep off no walls"
-        self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}{walls}")
+        first = Guidance(self._now_ns(), State.GATHERING)
+        self._underway = _Underway(tour, guide, steering, first, self._now_ns())
+        self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
+        if self._grid is None:
+            self._outputs.say("there is no map: the robots keep off no walls")
 
     def _check_team(self) -> tuple[str, ...]:
         """The robots of a tour that begins now.
@@ -288,9 +298,9 @@ class GuideNode(ManagedNode):
 
     def _drive(self, underway: _Underway) -> None:
         steering, now_ns = underway.steering, self._now_ns()
-        timeout, age_s = self.config.safety.people_timeout, steering.people_age_s(now_ns)
-        halted = underway.guidance.state == State.HALTED
-        if age_s >= timeout and math.isfinite(age_s) and not halted:
+        timeout = self.config.safety.people_timeout
+        age_s = min(steering.people_age_s(now_ns), (now_ns - underway.begun_ns) / 1e9)
+        if age_s >= timeout and underway.guidance.state != State.HALTED:
             reason = f"the people are {age_s:.2f} s old; allowed: {timeout:g} s"
             self._publish(underway, underway.guide.halt(reason))
             self._bases.send({}, steering.poses())
@@ -312,8 +322,18 @@ class GuideNode(ManagedNode):
     # ---- diagnostics ----
 
     def findings(self) -> list[Finding]:
-        """The tour."""
-        return []
+        """The map, the tour, and each robot of it."""
+        walls = of_walls(self.resolve_topic_name("map"), is_known=self._grid is not None)
+        if self._underway is None:
+            return [walls, of_tour("", Guidance(0, State.IDLE))]
+        guidance, poses = self._underway.guidance, self._underway.steering.poses()
+        distances = {
+            robot: math.dist(post.xy, (poses[robot].x, poses[robot].y))
+            for robot, post in guidance.posts.items()
+            if robot in poses
+        }
+        tour = of_tour(self._underway.tour.name, guidance)
+        return [walls, tour, *of_tour_robots(guidance, distances)]
 
 
 def _are_same(one: Grid, other: Grid) -> bool:

@@ -43,10 +43,14 @@ def test_small_changes_of_the_post_move_nobody() -> None:
     robot = Robot(0.0, 0.0, 0.0, post(0.0, 0.0))
     world, rng = World([robot]), np.random.default_rng(1)
     for _ in range(20):
-        robot.post = post(*rng.uniform(-0.06, 0.06, 2), rng.uniform(-0.1, 0.1))
+        x, y, yaw = rng.uniform(-1.0, 1.0, 3) * (0.06, 0.12, 0.1)
+        robot.post = post(float(x), float(y), float(yaw))
         world.run(0.2)
     assert robot.xy == pytest.approx([0.0, 0.0], abs=0.07)
     assert (robot.track[-60:, 3:] == 0.0).all()
+    robot.post = post(0.2, 0.0)
+    world.run(2.0)
+    assert is_at_post(robot)
 
 
 @pytest.mark.parametrize("turned", [0.0, math.pi])
@@ -149,25 +153,42 @@ def test_robot_passes_a_door_of_a_metre(y: float) -> None:
     assert world.least_clearance > SAFETY.wall_distance
 
 
-def test_robot_keeps_off_a_wall_without_a_path_and_leaves_one_it_touches() -> None:
-    robot = Robot(4.4, 1.0, 0.0, post(9.0, 1.0))
-    world = World([robot], space=ROOMS)
-    world.run(4.0)
+def test_robot_that_makes_room_keeps_off_walls() -> None:
+    robot = Robot(0.6, 3.0, 0.0, post(0.6, 3.0))
+    world = World([robot], people=lambda t: np.array([[max(0.8, 4.0 - t), 3.0]]), space=ROOMS)
+    world.run(5.0)
+    assert robot.x < 0.58
     assert world.least_clearance > SAFETY.wall_distance - 0.01
-    near = Robot(4.75, 1.0, 0.0, post(3.0, 1.0))
-    World([near], space=ROOMS).run(6.0)
-    assert is_at_post(near)
 
 
-def test_team_mates_who_meet_pass_each_other() -> None:
-    for space in (FreeSpace.unbounded(), FreeSpace(grid_of((10.0, 2.0), []))):
-        one = Robot(2.0, 1.0, 0.0, post(8.0, 1.0))
-        other = Robot(8.0, 1.0, math.pi, post(2.0, 1.0, math.pi))
-        world = World([one, other], space=space)
-        world.run(15.0, plan=True)
-        assert is_at_post(one)
-        assert is_at_post(other)
-        assert world.closest_robots > SAFETY.robot_distance
+def test_robot_too_near_to_a_wall_gets_no_nearer_and_leaves() -> None:
+    robot = Robot(4.75, 1.0, 0.0, post(9.0, 1.0))
+    world = World([robot], space=ROOMS)
+    world.run(3.0)
+    assert world.least_clearance > 0.24
+    robot.post = post(3.0, 1.0)
+    world.run(6.0)
+    assert is_at_post(robot)
+
+
+@pytest.mark.parametrize("plan", [True, False])
+def test_team_mates_who_meet_pass_each_other(plan: bool) -> None:
+    space = FreeSpace(grid_of((10.0, 2.0), [])) if plan else FreeSpace.unbounded()
+    one = Robot(2.0, 1.0, 0.0, post(8.0, 1.0))
+    other = Robot(8.0, 1.0, math.pi, post(2.0, 1.0, math.pi))
+    world = World([one, other], space=space)
+    world.run(15.0, plan=plan)
+    assert is_at_post(one)
+    assert is_at_post(other)
+    assert world.closest_robots > SAFETY.robot_distance
+
+
+def test_team_mates_stay_on_posts_beside_each_other() -> None:
+    robots = [Robot(0.75 * k, 0.0, 0.0, post(0.75 * k + 0.15, 0.0)) for k in range(3)]
+    World(robots).run(5.0)
+    for robot in robots:
+        assert (robot.track[-60:, 3:] == 0.0).all()
+        assert is_at_post(robot)
 
 
 def test_one_of_two_that_meet_in_a_door_makes_room() -> None:

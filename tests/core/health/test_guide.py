@@ -7,7 +7,7 @@ import pytest
 
 from mrs_people_loc.guiding.guidance import Guidance, Post, Role, State
 from mrs_people_loc.health.findings import ERROR, OK, WARN, Code
-from mrs_people_loc.health.guide import of_tour, of_tour_robots
+from mrs_people_loc.health.guide import of_tour, of_tour_robots, of_walls
 
 LEADING = Guidance(
     7, State.LEADING, stop="Foyer", way_m=3.25, length_m=60.0, people=(1, 2, 3), stragglers=(2,)
@@ -62,3 +62,10 @@ def test_robot_that_takes_no_part_is_reported():
     assert first.message == "takes no part in the tour: pose is 3.0 s old"
     assert (second.name, second.level) == ("robot robot_c", OK)
     assert dict(second.values) == {"role": "rear", "distance_m": "0.46"}
+
+
+def test_missing_map_is_a_warning() -> None:
+    found = of_walls("/tour/map", is_known=False)
+    assert (found.name, found.level, found.code) == ("walls", WARN, Code.NO_MAP)
+    assert "/tour/map" in found.message
+    assert of_walls("/tour/map", is_known=True).level == OK

@@ -146,7 +146,7 @@ def test_report_has_all_documented_figures(bag, tmp_path):
     report = json.loads(file.read_text())
     assert report.keys() == {
         "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "tracking", "walls",
-        "localization", "live", "targets",
+        "localization", "guiding", "live", "targets",
     }  # fmt: skip
     assert report["live"] is None
     assert report["equal_to_reference"]["views"] == 2 * 3 * 3
@@ -176,13 +176,23 @@ def test_report_has_all_documented_figures(bag, tmp_path):
     assert all(0 < row["median"] <= row["p99"] and row["found"] > 0 for row in report["walls"])
     assert [row["robots"] for row in report["localization"]] == [3, 8]
     assert all(row["shared_ms"] > 0 and row["walls_ms"] > 0 for row in report["localization"])
+    guiding = report["guiding"]
+    assert (guiding["robots"], guiding["people"]) == (3, 10)
+    assert all(guiding[f"{what}_ms"] > 0.05 for what in ("guide", "paths", "drive"))
     targets = report["targets"]
     limits = [1.0, 500.0, 2.0, 1.0, 1.0, 8.0, 3.0, 1.0, 1.0, 0.5, 10.0, 1.0, 1.0]
-    limits += [0.2, 1.0] * 2
+    limits += [*[0.2, 1.0] * 2, 10.0, 2.0]
     assert [t["limit"] for t in targets] == limits
     files = [t["configuration"].partition(",")[0] for t in targets]
     walls = ["stereo head", "laser"]
-    sizes = ["10 people", "200 people", *walls, *["3 robots"] * 2, *["8 robots"] * 2]
+    sizes = [
+        "10 people",
+        "200 people",
+        *walls,
+        *["3 robots"] * 2,
+        *["8 robots"] * 2,
+        *["3 robots"] * 2,
+    ]
     assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + sizes
     assert "pair of three" in targets[5]["configuration"]
     rows = [line.split() for line in result.output.splitlines()]

@@ -106,6 +106,10 @@ def test_reports_of_nodes_are_shown_with_advice():
         (Code.MATE_CLOCK, "synchronize"),
         (Code.CORRECTIONS_REFUSED, "mounting"),
         (Code.NOT_CORRECTED, "sensors of walls"),
+        (Code.NO_MAP, "map_server"),
+        (Code.TOUR_HALTED, "by itself"),
+        (Code.PEOPLE_LOST, "pace.patience"),
+        (Code.TAKES_NO_PART, "takes part again"),
         (Code.CLOCK_ASTRAY, ""),  # it says itself what to do
         (Code.NO_STAMPS, ""),
         (Code.OTHER_IMAGES, ""),
@@ -214,6 +218,33 @@ def test_missing_robot_is_one_finding():
     assert check.subject == f"{PLANNER}: robot_c/points"
     assert check.advice.startswith("there is no /robot_c/robot_node: start it")
     assert len(check.follows) == 2
+
+
+def test_halted_tour_follows_from_the_planner_that_finds_nobody():
+    guide = "/guide_node"
+    reports = {
+        PLANNER: {**WELL, "intervals": entry(ERROR, Code.NO_INTERVAL)},
+        ROBOT: WELL,
+        guide: {
+            **WELL,
+            "people": entry(ERROR, Code.NO_DATA),
+            "tour": entry(ERROR, Code.TOUR_HALTED),
+        },
+    }
+    (check,) = trouble(facts(nodes=[PLANNER, ROBOT, guide], reports=reports))
+    assert check.subject == f"{PLANNER}: intervals"
+    assert subjects(check.follows) == [f"{guide}: people", f"{guide}: tour"]
+
+
+def test_missing_robot_is_named_by_the_guide_that_lacks_its_pose():
+    guide = "/guide_node"
+    reports = {
+        PLANNER: WELL,
+        ROBOT: WELL,
+        guide: {**WELL, "robot_c/pose": entry(ERROR, Code.NO_PUBLISHER)},
+    }
+    (check,) = trouble(facts(nodes=[PLANNER, ROBOT, guide], reports=reports))
+    assert "there is no /robot_c/robot_node" in check.advice
 
 
 def test_missing_poses_do_not_follow_from_scans_with_another_cause():

@@ -17,12 +17,12 @@ pytest.importorskip("rich", reason="the tables need rich")
 from rich.console import Console
 
 from mrs_people_loc.clusters import measure
-from mrs_people_loc.messages import read_people
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
+from mrs_tools.bags.estimates import read_people
 from mrs_tools.live.people_table import LivePeople, follow_clock
 
 SECOND = 1_000_000_000

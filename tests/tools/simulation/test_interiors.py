@@ -19,7 +19,7 @@ from mrs_tools.simulation.interiors import HANGING, MAKERS, WALLED
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.meshes import Mesh, merge
 from mrs_tools.simulation.motion import Place
-from mrs_tools.simulation.rendering import Caster, Light
+from mrs_tools.simulation.rendering import Solid
 from mrs_tools.simulation.rooms import SIZES, furniture_mesh
 from mrs_tools.simulation.scene import FURNITURE, Furniture, Person, Scene, read_scene
 from mrs_tools.simulation.suite_scenes import suite_scenes, variants
@@ -37,8 +37,8 @@ def piece_mesh(seed: int = 3, **piece: object) -> Mesh:
 
 def hit(mesh: Mesh, origin: tuple[float, ...], direction: tuple[float, ...]) -> float:
     """How far a ray goes before it hits the mesh [m]; infinity: it does not."""
-    caster = Caster(mesh, Atlas(), Light(np.zeros((0, 3)), np.zeros(0), 1.0))
-    triangle, distance, _ = caster.cast(
+    solid = Solid(mesh)
+    triangle, distance, _ = solid.cast(
         np.array([origin], dtype=np.float32), np.array([direction], dtype=np.float32)
     )
     return float(distance[0]) if triangle[0] >= 0 else math.inf
@@ -185,11 +185,11 @@ def test_nobody_stands_in_furniture_but_some_close_to_it(varied: list[Scene]) ->
             continue
         rng = np.random.default_rng(0)
         pieces = [furniture_mesh(piece, rng, Atlas(), 1.0) for piece in scene.furniture]
-        caster = Caster(merge(pieces), Atlas(), Light(np.zeros((0, 3)), np.zeros(0), 1.0))
+        solid = Solid(merge(pieces))
         for person in scene.people:
             for height in (0.4, 1.0, 1.5):
                 origins = np.full((24, 3), (person.x, person.y, height), dtype=np.float32)
-                triangle, distance, _ = caster.cast(origins, sides)
+                triangle, distance, _ = solid.cast(origins, sides)
                 nearest.append(distance[triangle >= 0].min(initial=9.0))
     assert min(nearest) > 0.15
     assert np.mean(np.array(nearest) < 0.6) > 0.05

@@ -378,7 +378,7 @@ def test_disparity_agrees_with_true_depth(pair: str, roll: float) -> None:
     world = world_of(GEOMETRY, imaging={**CLEAN, "noise": 1.0}, head=head)
     images = world.render("robot_a", 0).images
     _, depth = world.look("robot_a", 0.0)
-    true = world.stereo["robot_a"].depth_disparity * np.mean(1.0 / depth, axis=0)
+    true = world.stage.stereo["robot_a"].depth_disparity * np.mean(1.0 / depth, axis=0)
     if pair == "horizontal":
         found = stereo_bm(images["left"], images["right"])
     else:
@@ -411,7 +411,7 @@ def test_rays_hit_the_room_at_its_position(camera: int) -> None:
     # P maps a point of the left camera's frame to w * (u, v, 1), and w is the depth.
     flat = np.stack([u * depth[0], v * depth[0], depth[0]], axis=-1) - p[:, 3]
     optical = flat @ np.linalg.inv(p[:, :3]).T
-    turn, lens = world.stereo["robot_a"].robot_from_optical
+    turn, lens = world.stage.stereo["robot_a"].robot_from_optical
     robot = optical @ turn.T + lens
     at = robot[..., :2] @ rotation_2d(0.6).T + [1.3, 2.0]
     room = world.scene.room
@@ -427,8 +427,8 @@ def test_rays_hit_the_room_at_its_position(camera: int) -> None:
 def test_rectified_raw_images_equal_the_rectified_ones() -> None:
     plain = world_of(GEOMETRY, imaging=CLEAN)
     raw = world_of(GEOMETRY, imaging=CLEAN, head={"distortion": [-0.25, 0.08, 0.001, -0.002, 0.0]})
-    assert raw.raw["robot_a"]
-    assert not plain.raw["robot_a"]
+    assert raw.stage.raw["robot_a"]
+    assert not plain.stage.raw["robot_a"]
     want = plain.render("robot_a", 0).images["left"].astype(float)
     model = raw.cameras["robot_a"][0].model
     maps = cv2.initUndistortRectifyMap(
@@ -459,7 +459,8 @@ def test_calibration_files_define_the_camera(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(f"{{robots: {{a: }}, head: {{calibration: {files}}}}}")
     world = World(load_scene(scene))
-    assert (world.stereo["a"].width, world.stereo["a"].baseline) == pytest.approx((64, 0.12))
+    stereo = world.stage.stereo["a"]
+    assert (stereo.width, stereo.baseline) == pytest.approx((64, 0.12))
     (tmp_path / "right.yaml").write_text("{}")
     with pytest.raises(ConfigError, match=r"right\.yaml: not a camera calibration"):
         World(load_scene(scene))
@@ -563,7 +564,7 @@ def test_near_and_visible_people_are_seen() -> None:
     robots = {name: {"x": 1.0, "y": 2.5, "head": {"height": 1.0}} for name in ("a", "b")}
     people = [{"x": 3.0, "y": 2.5}, {"x": 5.0, "y": 2.5}, {"x": 7.0, "y": 2.5}]
     world = world_of("{room: {length: 9.0, width: 5.0}}", robots=robots, people=people)
-    f = world.stereo["a"].fx
+    f = world.stage.stereo["a"].fx
     quarter = 0.25 * 0.57 * f * f / np.array([4.0, 16.0, 36.0])
     image = {"left": np.zeros((2, 2), np.uint8)}
 
@@ -733,7 +734,7 @@ def test_team_file_places_robots_at_their_true_poses(team: tuple[Path, World]) -
     assert config.robots["robot_a"].images.top
     assert not config.robots["robot_b"].images.top
     for name, settings in config.robots.items():
-        assert settings.mounting == world.stereo[name].mounting
+        assert settings.mounting == world.stage.stereo[name].mounting
         x0, y0, yaw0 = settings.pose.map_from_odom
         with BagReader(out) as bag:
             _, _, reported = next(bag.decoded([f"/{name}/odom"]))

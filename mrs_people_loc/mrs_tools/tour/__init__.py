@@ -1,0 +1,1 @@
+"""A guided tour in a simulated world, through the real processes of a team."""
