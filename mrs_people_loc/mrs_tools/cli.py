@@ -53,6 +53,10 @@ COMMANDS = {
         "mrs_tools.commands.localization:command",
         "Score a team's poses on simulated tours of 100 m.",
     ),
+    "guiding": (
+        "mrs_tools.commands.guiding:command",
+        "Score guided tours of 60 m, simulated without rendering.",
+    ),
     "suite": ("mrs_tools.commands.suite:command", "Score the published suite, step by step."),
     "fit": ("mrs_tools.commands.fit:command", "Fit the body model to bags with ground truth."),
     "calibrate": (

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import itertools
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -84,7 +87,7 @@ def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
     world = make_world()
     peer = world.peer
     feedback: list[GuideStatus] = []
-    goal = goal_of((0.0, 0.0), (3.0, 0.0), stops=[("Foyer", (0.8, 0.5), 0)])
+    goal = goal_of((0.0, 0.0), (2.2, 0.0), stops=[("Foyer", (0.5, 0.5), 0)])
     _, result = world.start(goal, feedback)
     for robot in PLACES:
         peer.until(lambda r=robot: _is_driven(world, r), lambda: guide.log)  # type: ignore[misc]
@@ -108,7 +111,7 @@ def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
     assert {GuideStatus.LEADING, GuideStatus.AT_STOP, GuideStatus.HALTED} <= set(states)
     assert {s.stop for s in feedback if s.state == GuideStatus.AT_STOP} == {"Foyer"}
     assert feedback[-1].way == pytest.approx(feedback[-1].length, abs=2.5)
-    assert world.places["robot_a"][:2] == pytest.approx((3.0, 0.0), abs=0.6)
+    assert world.places["robot_a"][:2] == pytest.approx((2.2, 0.0), abs=0.6)
     # A joystick may drive after it.
     peer.spin(1.0)
     count = len(world.commands)
@@ -145,6 +148,9 @@ def test_path_starts_a_tour_and_an_empty_one_cancels_it(
     assert _status(world).tour == "tour"
     world.path.publish(path_of())
     peer.until(lambda: _status(world).state == GuideStatus.CANCELLED, lambda: guide.log)
+    world.path.publish(path_of((0.0, 0.0), (3.0, 0.0), frame_id="odom"))
+    counted = "dropped.TourError"
+    peer.until_finding("/guide_node", "tour_path", lambda f: f.values.get(counted) == "1")
 
 
 def test_deactivated_node_lets_the_robots_stand(
@@ -166,9 +172,10 @@ def test_deactivated_node_lets_the_robots_stand(
 def test_bad_goals_are_refused_before_anything_moves(
     make_world: Callable[..., GuideWorld], guide: NodeProcess
 ) -> None:
-    world = make_world(bases=["robot_a"])
+    world = make_world(bases=["robot_a"], speaks=())
     peer = world.peer
-    world.speaks.clear()
+    for transition in ("deactivate", "activate"):  # it forgets whom it has heard
+        assert peer.change_state("/guide_node", transition)
     assert world.refused(AHEAD) == "nothing comes on /people; is the planner running?"
     world.speaks.add("people")
     peer.until(lambda: "/robot_b/pose" in peer.heard_by("/guide_node"), lambda: guide.log)
@@ -235,6 +242,30 @@ def test_nav2_gets_one_start_and_then_goals_with_later_and_later_stamps(
     assert {(one.v, one.w) for one in world.commands} <= {STAND}
 
 
+def test_mrs_tour_is_cancelled_by_ctrl_c(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess, domain: int, tmp_path: Path
+) -> None:
+    world = make_world()
+    file = tmp_path / "hall.yaml"
+    file.write_text("points: [[0, 0], [3, 0]]\nstops: [{name: Foyer, at: [1, 0.5]}]\n")
+    with subprocess.Popen(
+        [sys.executable, "-m", "mrs_tools", "tour", str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as tour:
+        world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+        tour.send_signal(signal.SIGINT)
+        world.peer.until(lambda: tour.poll() is not None, "mrs tour does not end")
+        assert tour.stdout is not None
+        reported = tour.stdout.read()
+    assert tour.returncode == 130, reported
+    assert "gathering; sees" in reported
+    assert reported.endswith("cancelled\n")
+    assert (_status(world).tour, _status(world).stop) == ("hall", "Foyer")
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+
+
 def test_guide_that_waits_for_a_tour_complains_of_nothing(
     make_world: Callable[..., GuideWorld],
 ) -> None:
@@ -246,3 +277,16 @@ def test_guide_that_waits_for_a_tour_complains_of_nothing(
         return all(finding.level == OK for finding in found.values())
 
     world.peer.until(well, lambda: world.peer.findings("/guide_node"))
+
+
+def test_node_that_is_shut_down_on_a_tour_lets_the_robots_stand(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    """By the lifecycle transition: the publishers are destroyed at once."""
+    world = make_world()
+    world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+    assert world.peer.change_state("/guide_node", "shutdown")
+    assert world.peer.state("/guide_node") == "finalized"
+    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    guide.stop()

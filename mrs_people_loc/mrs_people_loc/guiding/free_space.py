@@ -29,6 +29,8 @@ _THROUGH_DISC = 10.0
 _ESCAPE, _TOO_NEAR = 1.0, 20.0
 #: The line to the goal is taken where no path can cost much less.
 _GOOD_LINE = 1.25
+#: Straight lines replace up to so many nodes of a path.
+_LONGEST_LINE = 40
 #: An edge between nodes with more clearance than half its length crosses no wall [m].
 _LEAST = 0.5 * _NODES * 2**0.5 + 0.005
 
@@ -173,10 +175,10 @@ class _Cost:
         """Cost of a metre at places [m], shape (..., 2); inf where nobody may go."""
         clearance = self._space.clearance(xy)
         cost = 1.0 + _NARROW * np.clip(1.0 - (clearance - self._radius) / _WIDE, 0.0, 1.0)
-        escapes = np.linalg.norm(xy - self._start, axis=-1) < _ESCAPE
         too_near = clearance < self._radius
-        cost = cost + np.where(too_near, np.where(escapes, _TOO_NEAR, np.inf), 0.0)
-        cost = np.where(clearance < min(_LEAST, self._radius), np.inf, cost)
+        escapes = np.linalg.norm(xy[too_near] - self._start, axis=-1) < _ESCAPE
+        cost[too_near] += np.where(escapes, _TOO_NEAR, np.inf)
+        cost[clearance < min(_LEAST, self._radius)] = np.inf
         if len(self._discs):
             away = np.linalg.norm(xy[..., np.newaxis, :] - self._discs[:, :2], axis=-1)
             cost = cost + _THROUGH_DISC * (away < self._discs[:, 2]).any(axis=-1)
@@ -263,8 +265,8 @@ def _pulled(cost: _Cost, path: Float) -> Float:
     so_far = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps, posinf=1e6))])
     kept, at = [path[0]], 0
     while at < len(path) - 1:
-        lines = cost.of_lines(path[at], path[at + 1 :])
-        good = lines <= so_far[at + 1 :] - so_far[at] + 1e-9
+        ends = slice(at + 1, at + 1 + _LONGEST_LINE)
+        good = cost.of_lines(path[at], path[ends]) <= so_far[ends] - so_far[at] + 1e-9
         at += 1 + int(np.flatnonzero(good)[-1]) if good.any() else 1
         kept.append(path[at])
     return np.array(kept)

@@ -11,9 +11,10 @@ from typing import Annotated
 
 import typer
 
-from mrs_tools.common import process_count, progress_bar, replace_from, write_json
+from mrs_tools.common import process_count
 from mrs_tools.experiment.localization import CASES, run_cases
 from mrs_tools.experiment.localization_report import HEADING, markdown
+from mrs_tools.experiment.repeats import chosen_cases, print_cases
 
 
 def command(
@@ -39,21 +40,6 @@ def command(
     see of walls and people has the errors of real scans. Beside them tours on which something goes
     wrong, odometry alone, and the people that follow from the poses.
     """
-    cases = [case for case in CASES if only in case.name]
-    if not cases:
-        names = ", ".join(case.name for case in CASES)
-        raise typer.BadParameter(f"--only is {only!r}; allowed: a part of a name of {names}")
-    reports = []
-    with progress_bar() as progress:
-        task = progress.add_task(cases[0].name, total=len(cases))
-        for scores in run_cases(cases, seeds, jobs=process_count(jobs)):
-            reports.append(scores.report())
-            following = cases[min(len(reports), len(cases) - 1)].name
-            progress.update(task, completed=len(reports), description=following)
-    text = markdown(cases, reports)
-    typer.echo(text, nl=False)
-    if json_file is not None:
-        named = zip((case.name for case in cases), reports, strict=True)
-        write_json(json_file, dict(named))
-    if out is not None:
-        replace_from(out, HEADING, text)
+    cases = chosen_cases(CASES, only)
+    scores = run_cases(cases, seeds, jobs=process_count(jobs))
+    print_cases(cases, scores, markdown, heading=HEADING, out=out, json_file=json_file)

@@ -7,13 +7,12 @@ All figures depend on the seeds alone.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
+from mrs_tools.experiment.repeats import added_up
 from mrs_tools.installing import default_file
 from mrs_tools.scoring.poses import (
     PoseScores,
@@ -132,26 +131,8 @@ def run_cases(cases: Sequence[Case], seeds: int, *, jobs: int = 1) -> Iterator[C
     Yields:
         The scores of each case, in their order.
     """
-    todo = [
-        (number, seed)
-        for number, case in enumerate(cases)
-        for seed in range(1, (seeds if case.main else min(seeds, _FEW)) + 1)
-    ]
-    scores = [CaseScores() for _ in cases]
-    left = [sum(number == k for number, _ in todo) for k in range(len(cases))]
-    made: Any = map(run_case, (cases[number] for number, _ in todo), (seed for _, seed in todo))
-    pool = ProcessPoolExecutor(jobs, get_context("spawn")) if jobs > 1 else None
-    if pool is not None:
-        made = pool.map(run_case, *zip(*((cases[n], seed) for n, seed in todo), strict=True))
-    try:
-        for (number, _), result in zip(todo, made, strict=True):
-            scores[number] += result
-            left[number] -= 1
-            if not left[number]:
-                yield scores[number]
-    finally:
-        if pool is not None:
-            pool.shutdown(cancel_futures=True)
+    counts = [seeds if case.main else min(seeds, _FEW) for case in cases]
+    yield from added_up(run_case, cases, counts, CaseScores(), jobs=jobs)
 
 
 def run_case(case: Case, seed: int) -> CaseScores:

@@ -166,6 +166,23 @@ class Straggling:
 
 
 @dataclass(frozen=True)
+class Stay:
+    """A straggler's stay.
+
+    Attributes:
+        person: Who.
+        begin_s: When they stopped [s].
+        end_s: When they went on [s]; inf: not yet.
+        fetched: Whether a robot made them go on.
+    """
+
+    person: int
+    begin_s: float
+    end_s: float
+    fetched: bool
+
+
+@dataclass(frozen=True)
 class Habits:
     """How people differ; each value is drawn for a person, evenly between two bounds.
 
@@ -209,7 +226,6 @@ class Crowd:
         yaw: Where they face [rad], shape (n,).
         time: Since the start [s].
         walked: How far everybody has walked [m], shape (n,).
-        fetched: Which of them went on because a robot came, shape (stragglers,).
     """
 
     def __init__(
@@ -244,8 +260,8 @@ class Crowd:
         self._since = np.full(len(stragglers), math.inf)
         self._near_for = np.zeros(len(stragglers))
         self._spot = np.zeros((len(stragglers), 2))
-        self._over = np.zeros(len(stragglers), dtype=bool)
-        self.fetched: Bool = np.zeros(len(stragglers), dtype=bool)
+        self._until = np.full(len(stragglers), math.inf)
+        self._fetched: Bool = np.zeros(len(stragglers), dtype=bool)
         self._hurries = np.zeros(count, dtype=bool)
         self._trail: Trail | None = None
         self._leader: int | None = None
@@ -258,8 +274,19 @@ class Crowd:
     @property
     def stayed(self) -> Bool:
         """Which of the stragglers stands and looks at something, shape (stragglers,)."""
-        found: Bool = np.isfinite(self._since) & ~self._over
+        found: Bool = np.isfinite(self._since) & np.isinf(self._until)
         return found
+
+    @property
+    def stays(self) -> list[Stay]:
+        """The stays of stragglers that have begun."""
+        return [
+            Stay(one.person, float(begin), float(end), bool(fetched))
+            for one, begin, end, fetched in zip(
+                self._stragglers, self._since, self._until, self._fetched, strict=True
+            )
+            if math.isfinite(begin)
+        ]
 
     def step(self, dt: float, robots: Float, robot_velocities: Float, leader: int | None) -> None:
         """Walks on.
@@ -375,7 +402,7 @@ class Crowd:
         """Who stops, who has seen enough, who is fetched."""
         for k, one in enumerate(self._stragglers):
             who = one.person
-            if self._over[k]:
+            if math.isfinite(self._until[k]):
                 continue
             if not math.isfinite(self._since[k]):
                 if self.walked[who] >= one.after:
@@ -390,7 +417,7 @@ class Crowd:
             self._near_for[k] = self._near_for[k] + dt if near and settled else 0.0
             fetched = self._near_for[k] >= Fetching.time
             if fetched or self.time - self._since[k] >= one.stays:
-                self._over[k], self.fetched[k] = True, fetched
+                self._until[k], self._fetched[k] = self.time, fetched
                 self._hurries[who] = True
         if self._trail is not None:
             self._hurries &= self._gap() > 0.3

@@ -75,12 +75,14 @@ class TourRun:
         world: In its last state.
         speeds: Times [s] and true speeds of the robots [m/s], in the order of `world.names`,
             shape (n, 1 + robots).
+        start_ns: Stamp of the beginning [ns].
     """
 
     record: TourRecord
     poses: dict[str, PoseTrack]
     world: GuidedWorld
     speeds: Float
+    start_ns: int = _START_NS
 
 
 @dataclass

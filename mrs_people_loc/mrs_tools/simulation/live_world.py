@@ -1,8 +1,8 @@
 """A guided tour in real time, on ROS: bases that obey `cmd_vel`, odometry, images and the truth.
 
-Two processes. One moves people and robots by the clock of this machine, whatever else there is to
-do; the other one renders what the heads see at the instants that the first one gives it. Where
-rendering is too slow, instants are left out and counted: the world never waits for it.
+One process moves people and robots by the clock of this machine, whatever else there is to do;
+others render what the heads see at the instants that the first one gives them. Where rendering is
+too slow, images are left out and counted: the world never waits for them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import array
 import contextlib
 import dataclasses
 import math
+import os
 import signal
 import time
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mrs_people_loc.guiding.guidance import Role
 from mrs_people_loc.sensing.images import Gray
@@ -54,10 +56,12 @@ class Progress:
 
     Attributes:
         time: Since the start [s].
-        rendered: Instants that were rendered.
-        dropped: Instants that were left out because rendering was too slow.
+        rendered: Images of robots that were rendered.
+        dropped: Images of robots that were left out because rendering was too slow.
         behind_s: Longest time that the world itself was late [s].
         bumps: How often a robot has run into something (`GuidedWorld.bumps`).
+        world_cpu_s: Processor time of the process that moves people and robots [s].
+        cameras_cpu_s: Processor time of those that render [s].
     """
 
     time: float = 0.0
@@ -65,6 +69,8 @@ class Progress:
     dropped: int = 0
     behind_s: float = 0.0
     bumps: int = 0
+    world_cpu_s: float = 0.0
+    cameras_cpu_s: float = 0.0
 
 
 class LiveWorld:
@@ -104,12 +110,6 @@ class LiveWorld:
             while self._pipe.poll():
                 self._progress = self._pipe.recv()
         return self._progress
-
-    @property
-    def pid(self) -> int:
-        """Of the process that moves people and robots."""
-        assert self._process.pid is not None
-        return self._process.pid
 
     @property
     def exit_code(self) -> int | None:
@@ -238,10 +238,11 @@ class _World:
                 pipe.send(self._so_far())
 
     def _so_far(self) -> Progress:
-        cameras = self._cameras
+        cameras, world = self._cameras, self._world
         return Progress(
-            self._world.time, cameras.rendered, cameras.dropped, self._behind_s, self._world.bumps
-        )
+            world.time, cameras.rendered, cameras.dropped, self._behind_s, world.bumps,
+            time.process_time(), cameras.cpu_s,
+        )  # fmt: skip
 
     def _obey(self) -> None:
         """Takes the commands and the leader that have come since the last step."""
@@ -263,10 +264,10 @@ class _World:
             self._publish(f"/{name}/odom", odometry)
             self._publish(true_pose_topic(name), self._messages.true_pose(places[name], ns))
         people = self._world.people
-        if _is_due(step, IMAGE_RATE):
-            self._cameras.show(ns, people, places)
         for pixels in self._cameras.seen():
             self._publish(VISIBLE_TOPIC, self._messages.visible(pixels))
+        if _is_due(step, IMAGE_RATE):
+            self._cameras.show(ns, people, places)
         if _is_due(step, _TRUTH_RATE):
             self._publish(PEOPLE_TOPIC, self._messages.people(people, ns))
             self._publish(GROUP_TOPIC, self._messages.groups(self._world.groups))
@@ -324,66 +325,110 @@ class _Instant:
 
 
 class _Cameras:
-    """The process that renders, as the world sees it; use it as a context manager, which ends it.
+    """The processes that render; use it as a context manager, which ends them.
+
+    Each has some of the robots, so that all processors share the work on an instant.
 
     Attributes:
-        rendered: Instants that were rendered.
-        dropped: Instants that were left out, as it was busy.
+        rendered: Images of robots that were rendered.
+        dropped: Images of robots that were left out, as their process was busy.
     """
 
     def __init__(self, scene: Scene) -> None:
-        context = get_context("spawn")
         self.rendered = self.dropped = 0
-        self._is_ready, self._seen = False, list[np.ndarray]()
-        self._pipe, others = context.Pipe()
-        self._process: BaseProcess = context.Process(
-            target=_run_cameras, args=(scene, others), name="cameras"
-        )
-        self._process.start()
-        others.close()
-        self._pipe.recv()  # it has built everything
-        self._is_ready = True
+        names, count = list(scene.robots), min(len(scene.robots), os.cpu_count() or 1)
+        self._renderers = [_Renderer(scene, names[k::count]) for k in range(count)]
+        for renderer in self._renderers:
+            renderer.wait()
+        #: By stamp: how many processes work on the instant, and pixels of each person so far.
+        self._underway: dict[int, tuple[int, NDArray]] = {}
 
     def __enter__(self) -> _Cameras:
         return self
 
     def __exit__(self, *_: object) -> None:
+        for renderer in self._renderers:
+            renderer.end()
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time of all of them [s]."""
+        return sum(renderer.cpu_s for renderer in self._renderers)
+
+    def show(self, ns: int, people: Sequence[Place], robots: dict[str, Place]) -> None:
+        """Lets all render an instant but those that are still busy with another one."""
+        ready = [renderer for renderer in self._renderers if renderer.is_ready]
+        for renderer in ready:
+            renderer.show(_Instant(ns, people, robots))
+        self._underway[ns] = len(ready), np.zeros(len(people))
+        self.dropped += sum(len(r.robots) for r in self._renderers if r not in ready)
+
+    def seen(self) -> list[NDArray]:
+        """For each instant that was rendered since the last time: pixels of each person."""
+        for renderer in self._renderers:
+            for ns, pixels in renderer.results():
+                count, before = self._underway[ns]
+                self._underway[ns] = count - 1, np.maximum(before, pixels)
+                self.rendered += len(renderer.robots)
+        done = [ns for ns, (count, _) in self._underway.items() if not count]
+        return [self._underway.pop(ns)[1] for ns in done]
+
+
+class _Renderer:
+    """A process that renders what some robots see.
+
+    Attributes:
+        robots: Their names.
+        is_ready: Whether it has nothing to do.
+        cpu_s: Its processor time [s].
+    """
+
+    def __init__(self, scene: Scene, robots: Sequence[str]) -> None:
+        context = get_context("spawn")
+        self.robots, self.is_ready, self.cpu_s = robots, False, 0.0
+        self._pipe, others = context.Pipe()
+        self._process: BaseProcess = context.Process(
+            target=_run_cameras, args=(scene, robots, others), name=f"cameras of {robots}"
+        )
+        self._process.start()
+        others.close()
+
+    def wait(self) -> None:
+        """Waits until it has built everything."""
+        self._pipe.recv()
+        self.is_ready = True
+
+    def show(self, instant: _Instant) -> None:
+        """Lets it render an instant."""
+        self.is_ready = False
+        self._pipe.send(instant)
+
+    def results(self) -> list[tuple[int, NDArray]]:
+        """Stamps of what was rendered since the last time, and pixels of each person."""
+        found = []
+        while self._pipe.poll():
+            ns, pixels, self.cpu_s = self._pipe.recv()
+            found.append((ns, pixels))
+            self.is_ready = True
+        return found
+
+    def end(self) -> None:
+        """Ends it."""
         self._pipe.close()
         self._process.join(_GRACE_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
 
-    def show(self, ns: int, people: Sequence[Place], robots: dict[str, Place]) -> None:
-        """Lets it render an instant, or leaves that out if it is still busy with another one."""
-        self._take()
-        if not self._is_ready:
-            self.dropped += 1
-            return
-        self._is_ready = False
-        self._pipe.send(_Instant(ns, people, robots))
 
-    def seen(self) -> list[np.ndarray]:
-        """For each instant that was rendered since the last time: pixels of each person."""
-        self._take()
-        found, self._seen = self._seen, []
-        return found
-
-    def _take(self) -> None:
-        while self._pipe.poll():
-            self._seen.append(self._pipe.recv())
-            self.rendered += 1
-            self._is_ready = True
-
-
-def _run_cameras(scene: Scene, pipe: Connection) -> None:
-    """The process that renders, until the pipe is closed."""
+def _run_cameras(scene: Scene, robots: Sequence[str], pipe: Connection) -> None:
+    """The process that renders what some robots see, until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     imaging = dataclasses.replace(scene.imaging, samples=1, slices=1)
     stage = Stage(dataclasses.replace(scene, imaging=imaging))
     view = LiveView(stage, scene.people, scene.seed)
     with node("mrs_cameras") as ros:
-        heads = {name: _Head(ros, stage, name) for name in scene.robots}
+        heads = {name: _Head(ros, stage, name) for name in robots}
         with contextlib.suppress(EOFError, OSError):
             pipe.send(None)
             while True:
@@ -396,7 +441,7 @@ def _run_cameras(scene: Scene, pipe: Connection) -> None:
                     place = instant.robots[name]
                     seen = stage.seen_pixels(name, place, instant.people, pixels)
                     best = np.maximum(best, seen)
-                pipe.send(best)
+                pipe.send((instant.ns, best, time.process_time()))
 
 
 class _Head:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -173,17 +174,39 @@ class _Run:
             if stop.is_set():
                 return None
             tour = GuidedWorld(self._plan.scene).tour
-            self._began_s = time.monotonic()
+            self._began_s, before = time.monotonic(), self._cpu_s()
             with TourView(self._console, tour) as view:
-                return guide(
-                    self._ros,
-                    tour,
-                    spin=lambda: self._spin(stop),
-                    stop=stop,
-                    show=view.show,
+                result = guide(
+                    self._ros, tour, spin=lambda: self._spin(stop), stop=stop, show=view.show
                 )
+            self._report_load(before)
+            return result
         finally:
             self._executor.shutdown()
+
+    def _cpu_s(self) -> dict[str, float]:
+        """Processor time of each process [s]."""
+        progress = self._world.progress
+        team = {one.label: _cpu_s(process.pid) for one, process in self._team.processes.items()}
+        world = {"world": progress.world_cpu_s, "cameras": progress.cameras_cpu_s}
+        return {**team, **world, "recording": time.process_time()}
+
+    def _report_load(self, before: Mapping[str, float]) -> None:
+        """Says how many processors were used, and whether rendering kept up.
+
+        Args:
+            before: `_cpu_s` at the beginning.
+        """
+        lasted_s, progress = self._time_s(), self._world.progress
+        used = {
+            name: (cpu_s - before[name]) / lasted_s
+            for name, cpu_s in self._cpu_s().items()
+            if cpu_s > before[name]  # not started again meanwhile
+        }
+        parts = ", ".join(f"{name} {share:.2f}" for name, share in used.items())
+        self._console.print(f"processors used: {sum(used.values()):.2f} ({parts})")
+        images = progress.rendered + progress.dropped
+        self._console.print(f"images: {progress.rendered} of {images} were rendered in time")
 
     def _wait_for_team(self, stop: threading.Event) -> None:
         deadline, wanted = time.monotonic() + _START_S, set(self._plan.scene.robots)
@@ -256,3 +279,12 @@ class _Run:
         """What the processes of the team printed, its end."""
         self._log.seek(0)
         return "".join(self._log.readlines()[-20:])
+
+
+def _cpu_s(pid: int) -> float:
+    """Processor time of a process [s]; 0 if it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text("ascii").rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -19,7 +19,7 @@ from mrs_ros.managed_node import ManagedNode
 
 #: Zero velocity is repeated so often after a tour; then others may drive.
 _ZEROS = 10
-#: The last zeros are waited for so long at the end of the process [s].
+#: What was sent last is waited for so long before a publisher is destroyed [s].
 _ACKNOWLEDGED_S = 0.2
 #: Only the newest velocity or goal counts.
 _COMMANDS = QoSProfile(depth=1)
@@ -70,8 +70,7 @@ class Velocities:
             self.drive({})
 
     def finish(self) -> None:
-        """Sends zero before the process ends, and waits until it has arrived."""
-        self.drive({})
+        """Waits until the last velocities have arrived, before the publishers are destroyed."""
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
@@ -81,7 +80,8 @@ class Velocities:
         if self._type is Twist:
             return twist
         now_ns = self._node.get_clock().now().nanoseconds
-        return TwistStamped(header=convert.header(now_ns, f"{robot}/base_link"), twist=twist)
+        frame_id = f"{self._node.resolve_topic_name(robot).strip('/')}/base_link"
+        return TwistStamped(header=convert.header(now_ns, frame_id), twist=twist)
 
 
 class Goals:
@@ -144,7 +144,7 @@ class Goals:
         """Does nothing: navigation has ended."""
 
     def finish(self) -> None:
-        """Waits until the last goals have arrived, before the process ends."""
+        """Waits until the last goals have arrived, before the publishers are destroyed."""
         for update, *_ in self._publishers.values():
             update.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 

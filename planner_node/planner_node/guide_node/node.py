@@ -40,6 +40,8 @@ from planner_node.guide_node.outputs import Outputs
 _PERIOD_S = 0.05
 #: Robots of a tour, and robots whose poses are heard, at most.
 _MOST_GUIDES, _MOST_ROBOTS = 4, 16
+#: Nodes that subscribe to everything, and are no base.
+_RECORDERS = ("mrs_record", "rosbag2_recorder")
 #: The result of a tour gets so many turns of the executor, at the end of the process.
 _LAST_TURNS, _TURN_S = 10, 0.02
 
@@ -52,6 +54,7 @@ class _Underway:
     guide: Guide
     steering: Steering
     guidance: Guidance
+    begun_ns: int
 
 
 class GuideNode(ManagedNode):
@@ -95,7 +98,9 @@ class GuideNode(ManagedNode):
 
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
-        self._end_tour("guide_node was deactivated")
+        if self._underway is not None:
+            self._end_tour("guide_node was deactivated")
+            self._bases.finish()
         self.destroy_timer(self._timer)
         self._forget()
 
@@ -113,6 +118,9 @@ class GuideNode(ManagedNode):
 
     def changed(self, config: GuideConfig) -> None:
         """Takes new parameters at once; another list of robots from the next tour on."""
+        if self.is_active:
+            for robot in config.robots:
+                self._hear(robot, any_number=False)
         if self.is_configured and self._underway is not None:
             steering, guide = self._underway.steering, self._underway.guide
             guide.config = steering.config = dataclasses.replace(config, robots=steering.robots)
@@ -194,7 +202,8 @@ class GuideNode(ManagedNode):
             steering.take_pose(robot, pose, came_ns)
         guide.begin(tour)
         self._bases.begin(robots)
-        self._underway = _Underway(tour, guide, steering, Guidance(0, State.GATHERING))
+        first = Guidance(self._now_ns(), State.GATHERING)
+        self._underway = _Underway(tour, guide, steering, first, self._now_ns())
         self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
         if self._grid is None:
             self._outputs.say("there is no map: the robots keep off no walls")
@@ -237,7 +246,8 @@ class GuideNode(ManagedNode):
                 f"{robot}: the pose on {topic} is {age_s:.1f} s old; allowed: {timeout:g} s"
             )
         base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
-        if not self.count_subscribers(base):
+        listeners = self.get_subscriptions_info_by_topic(base)
+        if all(one.node_name.startswith(_RECORDERS) for one in listeners):
             raise TourError(f"{robot} has no base: nobody subscribes to {base}")
 
     def _space(self, tour: Tour) -> FreeSpace:
@@ -291,9 +301,9 @@ class GuideNode(ManagedNode):
 
     def _drive(self, underway: _Underway) -> None:
         steering, now_ns = underway.steering, self._now_ns()
-        timeout, age_s = self.config.safety.people_timeout, steering.people_age_s(now_ns)
-        halted = underway.guidance.state == State.HALTED
-        if age_s >= timeout and math.isfinite(age_s) and not halted:
+        timeout = self.config.safety.people_timeout
+        age_s = min(steering.people_age_s(now_ns), (now_ns - underway.begun_ns) / 1e9)
+        if age_s >= timeout and underway.guidance.state != State.HALTED:
             reason = f"the people are {age_s:.2f} s old; allowed: {timeout:g} s"
             self._publish(underway, underway.guide.halt(reason))
             self._bases.send({}, steering.poses())

@@ -1,0 +1,47 @@
+"""`mrs guiding`: how well a team guides groups on tours of 60 m.
+
+mrs guiding                                  the tables of docs/guiding_results.md
+mrs guiding --seeds 2 --only doors           cases whose name contains a word
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mrs_tools.common import process_count
+from mrs_tools.experiment.repeats import chosen_cases, print_cases
+from mrs_tools.experiment.tours import CASES, FEW, run_cases
+from mrs_tools.experiment.tours_report import HEADING, markdown
+
+
+def command(
+    seeds: Annotated[
+        int,
+        typer.Option(
+            help=f"Tours of each kind with exact poses; of the others {FEW} at most.", min=1
+        ),
+    ] = 10,
+    only: Annotated[str, typer.Option(help="Only tours whose name contains this.")] = "",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Replace what follows the tables' heading in this file."),
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures into this file.")
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
+    ] = 0,
+) -> None:
+    """Simulate guided tours of 60 m, and print how they went.
+
+    Three robots guide 5 to 10 people through a corridor, a hall, doors and round a block; with
+    exact poses, localized ones and odometry alone; with a robot or the planner failing. Nothing is
+    rendered: what robots see of walls and people has the errors of real scans.
+    """
+    cases = chosen_cases(CASES, only)
+    scores = run_cases(cases, seeds, jobs=process_count(jobs))
+    print_cases(cases, scores, markdown, heading=HEADING, out=out, json_file=json_file)
