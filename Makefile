@@ -29,7 +29,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite localization real fit experiment colcon lock clean FORCE
+.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -82,6 +82,9 @@ suite: setup ## Score the published suite step by step, into docs/suite.md (half
 
 localization: setup ## Score a team's poses on simulated tours, into docs/localization_results.md
 	$(BIN)/mrs localization --out docs/localization_results.md
+
+guiding: setup ## Score guided tours, simulated, into docs/guiding_results.md (half an hour)
+	$(BIN)/mrs guiding --out docs/guiding_results.md
 
 real: setup ## Score the recordings of real rooms in RECORDINGS=DIR, into docs/real_rooms.md
 	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
