@@ -151,28 +151,7 @@ class GuideWorld:
         if "people" in self.speaks and time.monotonic() >= self._told_s:
             self._told_s = time.monotonic() + PEOPLE_S
             self.last_people_ns = now
-            self._people.publish(self.message(now))
-
-    def message(self, stamp_ns: int) -> People:
-        """The people as they are now."""
-        message = People()
-        message.header.frame_id = "map"
-        set_stamp(message, stamp_ns)
-        message.scans = [RobotScan(robot=robot) for robot in self.places]
-        for number, (place, velocity) in enumerate(
-            zip(self.people, self.velocity, strict=True), start=1
-        ):
-            person = Person(id=number, height=1.7, sigma=0.1, robots=list(self.places))
-            person.pose.pose.position = Point(x=float(place[0]), y=float(place[1]))
-            person.velocity.twist.linear.x = float(velocity[0])
-            person.velocity.twist.linear.y = float(velocity[1])
-            message.persons.append(person)
-        if len(self.people):
-            centre = self.people.mean(axis=0)
-            group = Group(id=1, size=len(self.people), members=range(1, len(self.people) + 1))
-            group.centre.pose.position = Point(x=float(centre[0]), y=float(centre[1]))
-            message.groups.append(group)
-        return message
+            self._people.publish(people_of(now, self.people, self.velocity, list(self.places)))
 
     # ---- tours ----
 
@@ -219,6 +198,33 @@ class GuideWorld:
     def last_commands(self, robot: str, count: int) -> list[tuple[float, float]]:
         """The last velocities that a robot was sent."""
         return [(one.v, one.w) for one in self.commands if one.robot == robot][-count:]
+
+
+def people_of(stamp_ns: int, places: Any, velocities: Any, robots: Sequence[str]) -> People:
+    """People with ids from 1 on, as one group.
+
+    Args:
+        stamp_ns: Stamp [ns].
+        places: Where they are [m], shape (n, 2).
+        velocities: [m/s], shape (n, 2).
+        robots: Those that see them.
+    """
+    message = People()
+    message.header.frame_id = "map"
+    set_stamp(message, stamp_ns)
+    message.scans = [RobotScan(robot=robot) for robot in robots]
+    for number, (place, velocity) in enumerate(zip(places, velocities, strict=True), start=1):
+        person = Person(id=number, height=1.7, sigma=0.1, robots=list(robots))
+        person.pose.pose.position = Point(x=float(place[0]), y=float(place[1]))
+        person.velocity.twist.linear.x = float(velocity[0])
+        person.velocity.twist.linear.y = float(velocity[1])
+        message.persons.append(person)
+    if len(places):
+        centre = np.mean(places, axis=0)
+        group = Group(id=1, size=len(places), members=range(1, len(places) + 1))
+        group.centre.pose.position = Point(x=float(centre[0]), y=float(centre[1]))
+        message.groups.append(group)
+    return message
 
 
 def goal_of(

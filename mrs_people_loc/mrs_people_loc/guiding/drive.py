@@ -34,7 +34,8 @@ class DriveTuning:
         turns: Number of rates of turn that are tried, for each of them.
         reaction: An arc is driven for this time before the robot brakes [s]: until the next command
             takes effect.
-        horizon: Arcs are compared by where they lead within this time [s].
+        horizon: Arcs are compared by where they lead within this time [s], or sooner if the post is
+            nearer.
         gain_still: Highest speed towards a person, by the distance that is left, if they stop now
             [1/s].
         gain_walking: ... if they go on [1/s]; less, for they may also turn.
@@ -42,7 +43,7 @@ class DriveTuning:
         aside: People's places have errors: of any speed near them, this share counts as towards
             them.
         tolerance: Speeds towards somebody under this are none [m/s].
-        clear: More distance than this beyond the smallest one is as good as any [m]: to people and
+        clear: More distance than this beyond the smallest one is as good as any [m]: to people, to
             robots, to walls.
         near: The robot goes by the post itself within this distance; farther off by a point so far
             ahead on its path [m].
@@ -68,7 +69,7 @@ class DriveTuning:
     gain_robot: float = 1.5
     aside: float = 0.25
     tolerance: float = 0.03
-    clear: tuple[float, float] = (0.35, 0.15)
+    clear: tuple[float, float, float] = (0.35, 0.1, 0.15)
     near: float = 0.8
     arrived: float = 0.06
     left: float = 0.12
@@ -92,6 +93,9 @@ _SPEED_GAIN, _TURN_GAIN = 3.0, 2.5
 #: Two robots that block each other: the one that comes first in this direction makes room, at most
 #: at this speed [m/s].
 _ORDER, _MAKING_ROOM = np.array([0.8, 0.6]), 0.4
+#: Ahead or backwards: weights of turning now against turning on the post, and of keeping to the
+#: gear; farther off than this [m] it rather drives ahead.
+_TURN_NOW, _GEAR, _FAR = 0.4, 0.4, 3.0
 #: Distances to the post across its heading count by this share.
 _ACROSS = 0.5
 #: Clearance in a place that is too near to a wall may get less by rounding only [m].
@@ -120,6 +124,7 @@ class _Others(StructOfArrays):
         keep: Smallest distance to them [m], shape (n,).
         gain: Speed towards them by distance [1/s], shape (n,).
         aside: Share of any speed that counts as towards them, shape (n,).
+        clear: More distance than this beyond `keep` is as good as any [m], shape (n,).
     """
 
     xy: Float
@@ -127,6 +132,7 @@ class _Others(StructOfArrays):
     keep: Float
     gain: Float
     aside: Float
+    clear: Float
 
 
 @dataclass(frozen=True)
@@ -215,7 +221,7 @@ class Drive:
         carrot = self._carrot(here, post, path, space)
         still = np.zeros_like(robots)
         mates = _Mates(robots, still if robots_velocity is None else robots_velocity)
-        mate = self._meeting(here, carrot, post, mates)
+        mate = None if self._arrived else self._meeting(here, carrot, post, mates)
         if self._gives_way(here, mate, twist[0], dt) and mate is not None:
             post = self._room_made(here, post, mate, space)
             carrot = post.xy
@@ -253,9 +259,10 @@ class Drive:
     ) -> _Others:
         """Everybody near: people as they go on and as they stop, team-mates likewise."""
         safety, tuning = self.config.safety, self._tuning
-        still = safety.person_distance, tuning.gain_still, tuning.aside
-        walking = safety.person_distance, tuning.gain_walking, tuning.aside
-        mate = safety.robot_distance, tuning.gain_robot, 0.0
+        clear, clear_of_robot, _ = tuning.clear
+        still = safety.person_distance, tuning.gain_still, tuning.aside, clear
+        walking = safety.person_distance, tuning.gain_walking, tuning.aside, clear
+        mate = safety.robot_distance, tuning.gain_robot, 0.0, clear_of_robot
         kinds = [
             (people, np.zeros_like(people), still),
             (people + people_velocity * people_age, people_velocity, walking),
@@ -265,7 +272,7 @@ class Drive:
             kinds.append((robots, robots_velocity, mate))
         others = _Others.concatenate(
             [
-                _Others(xy, velocity, *np.broadcast_to(np.array([how]).T, (3, len(xy))))
+                _Others(xy, velocity, *np.broadcast_to(np.array([how]).T, (4, len(xy))))
                 for xy, velocity, how in kinds
             ]
         )
@@ -373,9 +380,9 @@ class Drive:
         """Whether it drives backwards: as it turns least now and on the post."""
         if self.config.base.max_reverse <= 0.0:
             return False
-        ahead = math.cos(post.yaw - bearing) + 0.4 * math.cos(pose.yaw - bearing)
-        ahead += -0.4 if self._backwards else 0.4
-        return ahead + min(max(left / 3.0 - 1.0, 0.0), 1.0) < 0.0
+        ahead = math.cos(post.yaw - bearing) + _TURN_NOW * math.cos(pose.yaw - bearing)
+        ahead += -_GEAR if self._backwards else _GEAR
+        return ahead + min(max(left / _FAR - 1.0, 0.0), 1.0) < 0.0
 
     def _turn(self, error: float, limit: float) -> float:
         """Rate of turn that takes away an error of the heading."""
@@ -390,7 +397,8 @@ class Drive:
         """Speeds and rates of turn that are tried, shapes (n,)."""
         base, tuning = self.config.base, self._tuning
         ahead, back = min(speed, base.max_speed), min(speed, base.max_reverse)
-        speeds = np.concatenate([[wanted[0], 0.0], np.linspace(-back, ahead, tuning.speeds)])
+        likely = wanted[0] * np.array([1.0, 0.5, 0.25, 0.0])
+        speeds = np.concatenate([likely, np.linspace(-back, ahead, tuning.speeds)])
         turn = base.max_turn * limit
         turns = np.concatenate([[wanted[1]], np.linspace(-turn, turn, tuning.turns)])
         both = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -438,17 +446,18 @@ class Drive:
     ) -> Float:
         """What is against each arc, shape (n,)."""
         base, tuning = self.config.base, self._tuning
-        times: Float = _LATER_STEP * np.arange(1.0, round(tuning.horizon / _LATER_STEP) + 1)
+        left = min(float(np.linalg.norm(goal - (pose.x, pose.y))), 1.0)
+        until = min(max(left / max(abs(wanted[0]), 0.1), 3 * _LATER_STEP), tuning.horizon)
+        times: Float = _LATER_STEP * np.arange(1.0, round(until / _LATER_STEP) + 1)
         arcs = self._arcs(pose, twist, speeds, turns, times)
         cost = _SPEED_COST * ((speeds - wanted[0]) / base.max_speed) ** 2
         cost += _TURN_COST * ((turns - wanted[1]) / base.max_turn) ** 2
-        left = min(float(np.linalg.norm(goal - (pose.x, pose.y))), 1.0)
         cost += _WAY_COST * left * np.linalg.norm(arcs.xy[:, -1] - goal, axis=1)
         if len(others):
-            free = (_offsets(arcs, others, times)[1] - others.keep).min(axis=(1, 2))
-            cost += _NEAR_COST * np.clip(1.0 - free / tuning.clear[0], 0.0, 3.0) ** 2
+            free = (_offsets(arcs, others, times)[1] - others.keep) / others.clear
+            cost += _NEAR_COST * np.clip(1.0 - free.min(axis=(1, 2)), 0.0, 3.0) ** 2
         free = space.clearance(arcs.xy).min(axis=1) - self.config.safety.wall_distance
-        return np.asarray(cost + _WALL_COST * np.clip(1.0 - free / tuning.clear[1], 0.0, 3.0) ** 2)
+        return np.asarray(cost + _WALL_COST * np.clip(1.0 - free / tuning.clear[2], 0.0, 3.0) ** 2)
 
     def _arcs(
         self,

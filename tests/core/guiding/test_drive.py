@@ -183,6 +183,14 @@ def test_team_mates_who_meet_pass_each_other(plan: bool) -> None:
     assert world.closest_robots > SAFETY.robot_distance
 
 
+def test_team_mates_stay_on_posts_beside_each_other() -> None:
+    robots = [Robot(0.75 * k, 0.0, 0.0, post(0.75 * k + 0.15, 0.0)) for k in range(3)]
+    World(robots).run(5.0)
+    for robot in robots:
+        assert (robot.track[-60:, 3:] == 0.0).all()
+        assert is_at_post(robot)
+
+
 def test_one_of_two_that_meet_in_a_door_makes_room() -> None:
     one = Robot(2.5, 3.0, 0.0, post(7.5, 3.0))
     other = Robot(7.5, 3.0, math.pi, post(2.5, 3.0, math.pi))

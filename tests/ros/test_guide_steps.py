@@ -1,0 +1,205 @@
+"""The guide's node in this process, step by step, by a clock of the test's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.clock import ROSClock
+from rclpy.clock_type import ClockType
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+
+from mrs_people_loc.errors import ConfigError, PoseError, TourError
+from mrs_people_loc.guiding.guidance import State
+from planner_node.guide_node.node import GuideNode
+from ros.guide_peer import goal_of, map_of, path_of, people_of
+from ros.planner_peer import pose_of
+
+PLACES = {"robot_a": (0.0, 0.0, 0.0), "robot_b": (-3.5, 0.0, 0.0)}
+#: When the tour begins [s].
+START = 100.0
+
+
+class Bases:
+    """What the robots are told."""
+
+    topic = "cmd_vel"
+
+    def __init__(self) -> None:
+        self.velocities: Mapping[str, tuple[float, float]] = {}
+        self.stops = 0
+
+    def begin(self, robots: Any) -> None:
+        pass
+
+    def drive(self, velocities: Mapping[str, tuple[float, float]]) -> None:
+        self.velocities = velocities
+
+    def send(self, posts: Any, poses: Any) -> None:
+        pass
+
+    def stop(self, poses: Any) -> None:
+        self.stops += 1
+
+    def keep_standing(self) -> None:
+        pass
+
+    def finish(self) -> None:
+        pass
+
+
+class Stepped(GuideNode):
+    """The node, with bases that only listen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[Any] = []
+        self.now_s = 0.0
+
+    def set_up(self) -> None:
+        super().set_up()
+        self.bases = Bases()
+        self._bases: Any = self.bases
+        self._outputs.publish = self._tell  # type: ignore[method-assign]
+
+    def _tell(self, tour: Any, guidance: Any, poses: Any, frame_id: str) -> Any:
+        self.told.append(guidance)
+
+    def count_subscribers(self, topic_name: str) -> int:
+        return 1
+
+    def at(self, seconds: float) -> None:
+        """Sets what `/clock` says."""
+        clock = self.get_clock()
+        assert isinstance(clock, ROSClock)
+        self.now_s = seconds
+        now = Time(nanoseconds=round(seconds * 1e9), clock_type=ClockType.ROS_TIME)
+        clock.set_ros_time_override(now)
+
+    def hear(self, *, people: bool = True) -> None:
+        """Poses of all robots, and people, of now."""
+        now_ns = round(self.now_s * 1e9)
+        for robot, place in PLACES.items():
+            self._on_pose(robot, pose_of(now_ns, *place))
+        if people:
+            places = [(-1.5, 0.0), (-1.5, 0.6)]
+            self._on_people(people_of(now_ns, places, [(0.0, 0.0)] * 2, list(PLACES)))
+
+    def run(self, seconds: float, *, people: bool = True) -> None:
+        """Poses and people come five times a second."""
+        end = self.now_s + seconds
+        while self.now_s < end - 1e-6:
+            self.at(self.now_s + 0.05)
+            if round(self.now_s / 0.05) % 4 == 0:
+                self.hear(people=people)
+            self._tick()
+
+    def is_told(self, state: State) -> bool:
+        return self.told[-1].state == state
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[Stepped]:
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/steps", "-p", "use_sim_time:=true"])
+    made = Stepped()
+    made.at(START)
+    made.trigger_configure()
+    made.trigger_activate()
+    made.hear()
+    made._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+    made.run(4.0)
+    assert made.is_told(State.LEADING)
+    yield made
+    made.destroy_node()
+    rclpy.shutdown()
+
+
+def drives(node: Stepped) -> bool:
+    return any(v or w for v, w in node.bases.velocities.values())
+
+
+def test_robots_stand_once_people_are_as_old_as_allowed_and_go_on_after(node: Stepped) -> None:
+    assert drives(node)
+    while node.now_s % 0.2 > 0.01:  # people came just now
+        node.run(0.05)
+    node.run(0.4, people=False)
+    assert drives(node)
+    assert node.is_told(State.LEADING)
+    node.run(0.05, people=False)
+    assert not drives(node)
+    assert node.is_told(State.HALTED)
+    assert "0.45 s old" in node.told[-1].reason
+    node.run(1.0, people=False)
+    assert sum(told.state == State.HALTED for told in node.told) == 1
+    node.run(1.0)
+    assert drives(node)
+    assert not node.is_told(State.HALTED)
+
+
+def test_error_in_a_step_ends_the_tour_and_not_the_node(
+    node: Stepped, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any) -> None:
+        raise ZeroDivisionError("on purpose")
+
+    assert node._underway is not None
+    monkeypatch.setattr(node._underway.steering, "step", fail)
+    node._tick()
+    assert node._underway is None
+    assert node.bases.stops == 1
+    assert node.is_told(State.CANCELLED)
+    assert "on purpose" in node.told[-1].reason
+    assert node.is_active
+    node.hear()
+    node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+
+
+def test_tour_ends_when_the_time_jumps_back(node: Stepped) -> None:
+    node.at(START - 50.0)
+    assert node._underway is None
+    assert node.bases.stops == 1
+    with pytest.raises(TourError, match="nothing comes on /steps/people"):
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+
+
+def test_parameters_take_effect_on_a_tour_but_for_its_robots(node: Stepped) -> None:
+    def set_to(name: str, value: Any) -> bool:
+        return bool(node.set_parameters([Parameter(name, value=value)])[0].successful)
+
+    assert set_to("pace.speed", 0.1)
+    assert set_to("robots", ["robot_b"])
+    assert not set_to("drive", "nav2")
+    assert node._underway is not None
+    assert node._underway.guide.config.pace.speed == 0.1
+    assert node._underway.steering.config.robots == tuple(PLACES)
+
+
+def test_messages_that_cannot_be_used_are_refused(node: Stepped) -> None:
+    now_ns = round(node.now_s * 1e9)
+    with pytest.raises(ConfigError, match="robots has 'no name'"):
+        node._on_people(people_of(now_ns, [], [], ["no name"]))
+    with pytest.raises(PoseError, match="frame_id is 'odom'; wanted: 'map'"):
+        node._on_pose("robot_a", pose_of(now_ns, 1.0, 0.0, 0.0, frame_id="odom"))
+    with pytest.raises(TourError, match="'hall' is under way"):
+        node._on_path(path_of((0.0, 0.0), (4.0, 0.0)))
+
+
+def test_late_pose_is_not_used(node: Stepped) -> None:
+    now_ns = round(node.now_s * 1e9)
+    node._on_pose("robot_a", pose_of(now_ns + 1, 1.0, 0.0, 0.0))
+    node._on_pose("robot_a", pose_of(now_ns - 10**8, 5.0, 0.0, 0.0))
+    assert node._underway is not None
+    assert node._underway.steering.poses()["robot_a"].x == 1.0
+
+
+def test_walls_that_come_on_a_tour_are_kept_off(node: Stepped) -> None:
+    assert node._underway is not None
+    steering = node._underway.steering
+    node._on_map(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]))
+    walls = steering.space
+    assert float(walls.clearance(PLACES["robot_a"][:2])) == pytest.approx(1.0, abs=0.1)
+    node._on_map(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]))
+    assert steering.space is walls, "the same map costs nothing"
