@@ -63,13 +63,14 @@ class GuideWorld:
         *,
         bases: Sequence[str] | None = None,
         stamped: bool = False,
+        speaks: Sequence[str] = ("poses", "people"),
     ) -> None:
         self._stamped = stamped
         self.peer, self.namespace = peer, namespace
         self.places = {robot: np.array(place, dtype=float) for robot, place in places.items()}
         self.people: Any = np.array(people, dtype=float).reshape(-1, 2)
         self.velocity: Any = np.zeros_like(self.people)
-        self.speaks = {"poses", "people"}
+        self.speaks = set(speaks)
         self.last_people_ns = 0
         self.commands: list[Command] = []
         self._twists = dict.fromkeys(places, (0.0, 0.0))

@@ -172,9 +172,10 @@ def test_deactivated_node_lets_the_robots_stand(
 def test_bad_goals_are_refused_before_anything_moves(
     make_world: Callable[..., GuideWorld], guide: NodeProcess
 ) -> None:
-    world = make_world(bases=["robot_a"])
+    world = make_world(bases=["robot_a"], speaks=())
     peer = world.peer
-    world.speaks.clear()
+    for transition in ("deactivate", "activate"):  # it forgets whom it has heard
+        assert peer.change_state("/guide_node", transition)
     assert world.refused(AHEAD) == "nothing comes on /people; is the planner running?"
     world.speaks.add("people")
     peer.until(lambda: "/robot_b/pose" in peer.heard_by("/guide_node"), lambda: guide.log)

@@ -146,7 +146,7 @@ class _Run:
         self._now_ns: int | None = None
         self._post_m = 0.0
         self._settled_s = self._there_s = 0.0
-        self._is_off, self._is_at_stop = False, False
+        self._is_off, self._is_at_stop, self._overtakes = False, False, False
         self._next = 0
 
     def configure(self, config: cfg.GuideConfig, space: FreeSpace) -> None:
@@ -265,6 +265,10 @@ class _Run:
             self.end(State.CANCELLED, "nobody of the group is left")
         elif self._is_at_stop:
             self._stay(waits, dt_s)
+        elif self._overtakes:
+            self.state = State.WAITING
+            self._reason = f"waits until {self._team.leader} is in front"
+            self._pace.stand()
         elif waits:
             self.state, self._reason, self._there_s = State.WAITING, waits, 0.0
             self._pace.stand()
@@ -342,6 +346,9 @@ class _Run:
         if self._team.lead(self.config.leader, self._tour.way, group.way_m, front_m, moving=moving):
             self._post_m = self._team.leader_m
             self._pace.stand()
+            self._overtakes = self._is_off and self._team.leader_m < group.way_m
+        elif self._team.leader_m >= group.foremost_m + 0.5 * self.config.pace.lead:
+            self._overtakes = False
         self._events += self._team.events
 
     def _in_view(self, xy: Float) -> Bool:
@@ -385,8 +392,7 @@ class _Run:
     def _leaders_post(self, speed: float) -> tuple[float, float]:
         """Where on the way the leader is to go [m], and how fast [m/s]."""
         group, leader_m, tuning = self._group, self._team.leader_m, self._tuning
-        if self._is_off and group.together and leader_m < group.way_m:
-            # It is behind: it has just become the leader.
+        if self._overtakes and group.together:
             front_m = group.foremost_m + self.config.pace.lead
             return min(front_m, max(self._stop_m, leader_m)), self.config.base.max_speed
         if speed > 0.0:

@@ -61,8 +61,9 @@ class TourTeam:
     def lead(self, named: str, way: Way, group_m: float, front_m: float, *, moving: bool) -> bool:
         """Chooses the leader.
 
-        It stays while it takes part. The next one is the robot that is nearest to the front. A
-        robot that is to lead takes the lead as soon as it is not behind the group.
+        The first one is the foremost along the way. It stays while it takes part; the next one is
+        the robot that is nearest to the front. A robot that is to lead takes the lead as soon as it
+        is not behind the group.
 
         Args:
             named: Name of the robot that is to lead; empty: any.
@@ -79,9 +80,8 @@ class TourTeam:
         ways = way.nearest(xy, max(group_m, 0.0), _REACH)
         before, there = self.leader, dict(zip(names, ways.tolist(), strict=True))
         if before not in there:
-            off = np.hypot(*(xy - way.at(front_m)).T)
-            ahead = names[int(off.argmin())]
-            self.leader = named if named in there and not moving else ahead
+            off = -ways if not before else np.hypot(*(xy - way.at(front_m)).T)
+            self.leader = names[int(off.argmin())]
         if named in there and (not moving or there[named] >= group_m):
             self.leader = named
         self.leader_m = there[self.leader]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from mrs_people_msgs.action import GuideTour
 from mrs_people_msgs.msg import GuideStatus
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.task import Future
 
 from mrs_people_loc.errors import PeopleLocError
 from mrs_ros.managed_node import ManagedNode
@@ -46,13 +46,14 @@ class TourAction:
         self._begin = begin
         self._cancel = cancel
         self._handle: Any = None
-        self._ended: Any = None
+        self._end: End | None = None
         self._server = ActionServer(
             node,
             GuideTour,
             "guide_tour",
             self._execute,
             goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )
 
@@ -72,30 +73,37 @@ class TourAction:
 
     def end(self, end: End) -> None:
         """Gives the goal its result; a tour that no goal asked for has none."""
-        if self._ended is not None and not self._ended.done():
-            self._ended.set_result(end)
+        if self._handle is not None and self._end is None:
+            self._end = end
+            self._handle.execute(self._execute)
 
     def _on_goal(self, _: Any) -> GoalResponse:
         # A rejection has no message: what is wrong with a goal is in its result.
         return GoalResponse.ACCEPT if self._node.is_active else GoalResponse.REJECT
 
-    def _on_cancel(self, handle: Any) -> CancelResponse:
-        if handle == self._handle:
-            self._cancel()
-        return CancelResponse.ACCEPT
-
-    async def _execute(self, handle: Any) -> Any:
+    def _on_accepted(self, handle: Any) -> None:
         try:
             self._begin(handle.request)
         except PeopleLocError as err:
             self._node.get_logger().warning(f"tour refused: {err}")
-            handle.abort()
-            return GuideTour.Result(message=str(err))
-        self._handle, self._ended = handle, Future(executor=self._node.executor)
-        if handle.is_cancel_requested:
+            handle.execute(partial(self._refuse, str(err)))
+        else:
+            self._handle, self._end = handle, None
+
+    def _on_cancel(self, handle: Any) -> CancelResponse:
+        if self._handle is not None and handle == self._handle:
             self._cancel()
-        end = await self._ended
-        self._handle = self._ended = None
+        return CancelResponse.ACCEPT
+
+    def _refuse(self, message: str, handle: Any) -> Any:
+        handle.abort()
+        return GuideTour.Result(message=message)
+
+    # Called when the tour has ended: while a coroutine waits here, the executor has it resumed
+    # without a pause.
+    def _execute(self, handle: Any) -> Any:
+        end = self._end or End(False, "")
+        self._handle = self._end = None
         if end.finished:
             handle.succeed()
         elif handle.is_cancel_requested:
