@@ -83,6 +83,16 @@ def test_people_follow_at_their_distance_and_stop_with_the_leader():
     assert np.cos(turned).min() > 0.5  # they look at it
 
 
+def test_people_stand_round_the_leader_in_rows():
+    crowd = Crowd(np.concatenate([SPOTS, SPOTS + [0.4, 1.0]]), hall(), 3)
+    lead(crowd, [(4.0, 2.5), (8.0, 2.5)], seconds=15.0)
+    off = crowd.xy - [8.0, 2.5]
+    assert np.linalg.norm(off, axis=1).min() > 1.2
+    assert np.abs(np.arctan2(off[:, 1], -off[:, 0])).max() < math.radians(75.0)
+    apart = np.linalg.norm(crowd.xy[:, None] - crowd.xy[None], axis=2)
+    assert np.sort(apart, axis=1)[:, 1].min() > 0.7
+
+
 def test_nobody_leads_and_nobody_walks():
     crowd = Crowd(SPOTS, hall(), 1)
     for _ in range(100):
