@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -57,6 +58,7 @@ class Stepped(GuideNode):
     def __init__(self) -> None:
         super().__init__()
         self.told: list[Any] = []
+        self.listeners = ["base"]
         self.now_s = 0.0
 
     def set_up(self) -> None:
@@ -68,8 +70,8 @@ class Stepped(GuideNode):
     def _tell(self, tour: Any, guidance: Any, poses: Any, frame_id: str) -> Any:
         self.told.append(guidance)
 
-    def count_subscribers(self, topic_name: str) -> int:
-        return 1
+    def get_subscriptions_info_by_topic(self, *_: Any, **__: Any) -> Any:
+        return [SimpleNamespace(node_name=name) for name in self.listeners]
 
     def at(self, seconds: float) -> None:
         """Sets what `/clock` says."""
@@ -185,6 +187,15 @@ def test_messages_that_cannot_be_used_are_refused(node: Stepped) -> None:
         node._on_pose("robot_a", pose_of(now_ns, 1.0, 0.0, 0.0, frame_id="odom"))
     with pytest.raises(TourError, match="'hall' is under way"):
         node._on_path(path_of((0.0, 0.0), (4.0, 0.0)))
+
+
+def test_recorder_is_no_base(node: Stepped) -> None:
+    node._cancel()
+    node.listeners = ["mrs_record_17", "rosbag2_recorder"]
+    with pytest.raises(TourError, match="nobody subscribes to /steps/robot_a/cmd_vel"):
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+    node.listeners.append("base")
+    node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
 
 
 def test_late_pose_is_not_used(node: Stepped) -> None:

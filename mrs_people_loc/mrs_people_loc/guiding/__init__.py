@@ -7,6 +7,7 @@
 | `free_space` | where robots may drive, and what they see past walls, from the map |
 | `guidance` | what flows: posts of robots, state of a tour |
 | `views` | who would be seen from where |
+| `candidates` | posts that are free, laid out along the way |
 | `formation` | posts around the group, chosen by what would be seen from them |
 | `guided_group` | who is guided, how far along the way they are, who falls behind |
 | `pace` | how fast the leader goes |

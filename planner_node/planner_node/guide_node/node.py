@@ -40,6 +40,8 @@ from planner_node.guide_node.outputs import Outputs
 _PERIOD_S = 0.05
 #: Robots of a tour, and robots whose poses are heard, at most.
 _MOST_GUIDES, _MOST_ROBOTS = 4, 16
+#: Nodes that subscribe to everything, and are no base.
+_RECORDERS = ("mrs_record", "rosbag2_recorder")
 #: The result of a tour gets so many turns of the executor, at the end of the process.
 _LAST_TURNS, _TURN_S = 10, 0.02
 
@@ -244,7 +246,8 @@ class GuideNode(ManagedNode):
                 f"{robot}: the pose on {topic} is {age_s:.1f} s old; allowed: {timeout:g} s"
             )
         base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
-        if not self.count_subscribers(base):
+        listeners = self.get_subscriptions_info_by_topic(base)
+        if all(one.node_name.startswith(_RECORDERS) for one in listeners):
             raise TourError(f"{robot} has no base: nobody subscribes to {base}")
 
     def _space(self, tour: Tour) -> FreeSpace:

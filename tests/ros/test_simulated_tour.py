@@ -1,0 +1,51 @@
+"""The whole loop over DDS: rendered heads, robot nodes, planner, guide, wheels, followers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("embreex", reason="the simulator needs embreex")
+
+from typer.testing import CliRunner
+
+from mrs_people_loc.guiding.guidance import State
+from mrs_tools.bags.guided_tours import read_statuses
+from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.cli import app
+
+SCENE = """
+room: {length: 15.0, width: 5.0, posters: 10}
+layout: {people: 4, activity: guided}
+tour: {points: [[3.0, 2.5], [13.0, 2.5]]}
+robots:
+  robot_a: {x: 6.0, y: 2.5, head: {yaw: 3.14159}}
+  robot_b: {x: 1.2, y: 3.2}
+  robot_c: {x: 1.0, y: 1.8}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_group_is_guided_through_the_whole_loop_and_an_outage_of_the_planner(
+    tmp_path: Path,
+) -> None:
+    scene, bag = tmp_path / "short.yaml", tmp_path / "tour.mcap"
+    scene.write_text(SCENE)
+    arguments = ["--scene", str(scene), "--kill", "planner@5-6", "--duration", "150"]
+    result = CliRunner().invoke(app, ["tour", "--simulate", *arguments, "--record", str(bag)])
+    assert result.exit_code == 0, result.output
+    assert re.search(r"short +1 of 1 .* 4 +0 ", result.output), result.output  # nobody is lost
+    with BagReader(bag) as reader:
+        statuses = read_statuses(reader)
+        assert {"/people", "/map", "/ground_truth/people_poses"} <= {
+            topic.name for topic in reader.topics.values() if topic.count
+        }
+    states = [status.state for status in statuses]
+    halted = states.index(State.HALTED)
+    assert State.LEADING in states[:halted]
+    assert State.LEADING in states[halted:]
+    assert states[-1] == State.FINISHED
