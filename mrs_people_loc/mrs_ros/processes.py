@@ -121,6 +121,10 @@ class RunningTeam:
 
     def start(self, node: NodeProcess) -> None:
         """Starts a node; one that was started before must have ended."""
+        before = self.processes.get(node)
+        if before is not None and before.stdin is not None:
+            before.wait()
+            before.stdin.close()
         self.processes[node] = subprocess.Popen(
             node.command(),
             env=self._env,
