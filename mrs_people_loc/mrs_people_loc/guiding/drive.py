@@ -83,8 +83,9 @@ class DriveTuning:
 
 
 DRIVE_TUNING = DriveTuning()
-#: Steps in which braking, and what comes later, is looked at [s].
-_STEP, _LATER_STEP = 0.1, 0.15
+#: Steps in which braking, and what comes later, is looked at [s]; longer ones where braking would
+#: take more than so many.
+_STEP, _LATER_STEP, _MOST_STEPS = 0.1, 0.15, 12
 #: Cost of: missing the wanted speed, and turn; a metre of way to go; nearness to people and robots,
 #: and to walls.
 _SPEED_COST, _TURN_COST, _WAY_COST, _NEAR_COST, _WALL_COST = 1.0, 0.4, 0.3, 0.6, 0.15
@@ -416,8 +417,10 @@ class Drive:
         """Which arcs keep off people, robots and walls until the robot stands, shape (n,)."""
         base, tuning = self.config.base, self._tuning
         fastest = max(abs(twist[0]), base.max_speed, base.max_reverse)
-        after = tuning.reaction + fastest / base.deceleration
-        times: Float = _STEP * np.arange(1.0, math.ceil(after / _STEP) + 1)
+        brakes_s = max(fastest / base.deceleration, _STEP)
+        steps = min(math.ceil(brakes_s / _STEP), _MOST_STEPS)
+        reacts: Float = _STEP * np.arange(1.0, round(tuning.reaction / _STEP) + 1)
+        times = np.concatenate([reacts, reacts[-1] + np.linspace(0.0, brakes_s, steps + 1)[1:]])
         arcs = self._arcs(pose, twist, speeds, turns, times, brakes_at=tuning.reaction)
         allowed = np.ones(len(speeds), dtype=bool)
         if len(others):
@@ -478,10 +481,11 @@ class Drive:
             since = times[last + 1 :] - times[last]
             v[:, last + 1 :] = _shrunk(v[:, last, np.newaxis], since * down)
             w[:, last + 1 :] = _shrunk(w[:, last, np.newaxis], since * turn)
-        step = times[1] - times[0]
-        yaw = pose.yaw + np.cumsum(w, axis=1) * step
-        middle = yaw - 0.5 * w * step
-        moves = (v * step)[..., np.newaxis] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+        step = np.diff(times, prepend=0.0)
+        turned = _means(w, twist[1]) * step
+        yaw = pose.yaw + np.cumsum(turned, axis=1)
+        middle, way = yaw - 0.5 * turned, _means(v, twist[0]) * step
+        moves = way[..., np.newaxis] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
         return _Arcs(np.cumsum(moves, axis=1) + (pose.x, pose.y), yaw, v)
 
 
@@ -511,6 +515,12 @@ def _ramp(start: float, wanted: Float, times: Float, up: float, down: float) -> 
     back = -np.minimum(-target, up * np.maximum(times - size / down, 0.0))
     other = np.where(slowing > 0.0, slowing, back)
     return np.asarray(np.where(target >= 0.0, same, other) * (1.0 if start >= 0.0 else -1.0))
+
+
+def _means(values: Float, first: float) -> Float:
+    """Means over the steps that end with these values, shape (n, t)."""
+    before = np.concatenate([np.full((len(values), 1), first), values[:, :-1]], axis=1)
+    return np.asarray(0.5 * (before + values))
 
 
 def _shrunk(values: Float, by: Float) -> Float:

@@ -141,7 +141,7 @@ def run_case(case: Case, seed: int) -> CaseScores:
     people = least + (seed - 1) % (most - least + 1)
     scene = guided_scene(default_file("scenes", case.scene), seed, people=people)
     run = LightTour(scene, case.poses, case.trouble).run()
-    stays = run.world.crowd.stays
+    stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)
     waited_for = sum(not s.fetched and _is_near(run, s.person, s.begin_s, s.end_s) for s in stays)
     reposted_s, formed_s = _after_killed(run, case.trouble)

@@ -16,12 +16,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.arrays import Bool, Float
-from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_people_loc.arrays import Float
+from mrs_tools.simulation.crowd_ground import Clearance, Trail
+from mrs_tools.simulation.stragglers import Stragglers, Straggling
 from mrs_tools.simulation.walks import Wander, shortened, unit
 
 Rng = np.random.Generator
@@ -40,146 +40,10 @@ _RELAXATION = 0.54
 _ROW, _HALF_CIRCLE, _BESIDE = (1.6, 0.9), math.radians(60.0), 0.95
 #: ... once it has been standing for so long [s].
 _STANDS_S = 4.0
+#: Who catches up is faster by this.
+_HURRY = 1.35
 #: Strongest force [m/s^2].
 _STRONGEST = 4.0
-
-
-class Clearance:
-    """Distances to walls and furniture.
-
-    Args:
-        grid: Where they are; what is not free is one.
-    """
-
-    def __init__(self, grid: OccupancyGrid) -> None:
-        solid = (grid.data != 0).astype(np.uint8)
-        inside = cv2.distanceTransform(solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        outside = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        signed = (outside - inside - np.where(solid, -0.5, 0.5)) * grid.resolution
-        slopes = np.gradient(signed.astype(np.float64), grid.resolution)
-        self._field = np.stack([signed, slopes[1], slopes[0]], axis=-1)
-        self._origin = np.array([grid.x, grid.y])
-        self._resolution = grid.resolution
-
-    def at(self, xy: Float) -> tuple[Float, Float]:
-        """Distances, negative inside, and unit vectors away from what is nearest.
-
-        Args:
-            xy: Places [m], shape (n, 2).
-
-        Returns:
-            Shapes (n,) [m] and (n, 2).
-        """
-        rows, columns = self._field.shape[:2]
-        at = (xy - self._origin) / self._resolution - 0.5
-        at = np.clip(at, 0.0, [columns - 1.001, rows - 1.001])
-        low = at.astype(int)
-        (x, y), (p, q) = low.T, (at - low).T[..., None]
-        field = self._field
-        found = (1 - q) * ((1 - p) * field[y, x] + p * field[y, x + 1]) + q * (
-            (1 - p) * field[y + 1, x] + p * field[y + 1, x + 1]
-        )
-        return found[:, 0], unit(found[:, 1:])
-
-
-class Trail:
-    """Where the leader has been.
-
-    Args:
-        xy: Where it is first [m], shape (2,).
-    """
-
-    #: Distance of its points, and how far back a leader that returns, or another one, is
-    #: recognized [m].
-    _GRAIN, _BACK, _TAKEN = 0.1, 4.0, 15.0
-
-    def __init__(self, xy: Float) -> None:
-        self._points = np.asarray(xy, dtype=np.float64)[None]
-
-    @property
-    def length(self) -> float:
-        """How far the leader has come [m]."""
-        return self._GRAIN * (len(self._points) - 1)
-
-    def take_over(self, xy: Float) -> None:
-        """Another robot leads from there on: from the place of the trail that is nearest to it."""
-        recent = self._points[-round(self._TAKEN / self._GRAIN) :]
-        later = len(recent) - 1 - int(np.linalg.norm(recent - xy, axis=1).argmin())
-        self._points = self._points[: len(self._points) - later]
-        self.extend(xy)
-
-    def extend(self, xy: Float) -> None:
-        """The leader is there; where it comes back, the trail becomes shorter again."""
-        away = float(np.linalg.norm(xy - self._points[-1]))
-        if away < self._GRAIN:
-            return
-        recent = self._points[-round(self._BACK / self._GRAIN) :]
-        back = np.linalg.norm(recent - xy, axis=1)
-        nearest = len(recent) - 1 - int(back[::-1].argmin())
-        if nearest < len(recent) - 1 and back[nearest] < 0.7 * self._GRAIN:
-            self._points = self._points[: len(self._points) - (len(recent) - 1 - nearest)]
-            return
-        count = int(away / self._GRAIN)
-        ahead = (xy - self._points[-1]) / away
-        more = self._points[-1] + self._GRAIN * np.arange(1, count + 1)[:, None] * ahead
-        self._points = np.concatenate([self._points, more])
-
-    def at(self, way: Float) -> tuple[Float, Float]:
-        """Places at lengths of the trail [m], and its directions there, each (n, 2)."""
-        last = len(self._points) - 1
-        row = np.clip(way / self._GRAIN, 0.0, last)
-        low = np.minimum(row.astype(int), max(last - 1, 0))
-        part, high = (row - low)[:, None], np.minimum(low + 1, last)
-        places = self._points[low] * (1 - part) + self._points[high] * part
-        behind = self._points[np.maximum(low - 4, 0)]
-        return places, unit(self._points[np.minimum(high + 4, last)] - behind)
-
-    def nearest(self, xy: Float, around: Float, reach: float = 1.5) -> Float:
-        """Lengths of the trail nearest to places [m], shape (n,).
-
-        Args:
-            xy: Places [m], shape (n, 2).
-            around: Looked for only near these lengths [m], shape (n,),
-            reach: ... no farther than this [m].
-        """
-        steps = np.arange(-round(reach / self._GRAIN), round(reach / self._GRAIN) + 1)
-        rows = np.rint(around / self._GRAIN).astype(int)[:, None] + steps
-        rows = np.clip(rows, 0, len(self._points) - 1)
-        away = ((self._points[rows] - xy[:, None]) ** 2).sum(axis=2)
-        found: Float = self._GRAIN * rows[np.arange(len(rows)), away.argmin(axis=1)]
-        return found
-
-
-@dataclass(frozen=True)
-class Straggling:
-    """Somebody stops to look at something, and stays behind.
-
-    Attributes:
-        person: Who.
-        after: Once they have walked so far [m].
-        stays: For so long [s], or until they are fetched.
-    """
-
-    person: int
-    after: float
-    stays: float = 40.0
-
-
-@dataclass(frozen=True)
-class Stay:
-    """A straggler's stay.
-
-    Attributes:
-        person: Who.
-        begin_s: When they stopped [s].
-        end_s: When they went on [s]; inf: not yet.
-        fetched: Whether a robot made them go on.
-    """
-
-    person: int
-    begin_s: float
-    end_s: float
-    fetched: bool
 
 
 @dataclass(frozen=True)
@@ -201,15 +65,6 @@ class Habits:
     start: tuple[float, float] = (0.3, 0.7)
 
 
-@dataclass(frozen=True)
-class Fetching:
-    """When a straggler goes on: a robot is near for some time [m], [s]; and how they catch up."""
-
-    distance: float = 1.5
-    time: float = 2.0
-    hurry: float = 1.35
-
-
 class Crowd:
     """People who follow a robot.
 
@@ -226,6 +81,7 @@ class Crowd:
         yaw: Where they face [rad], shape (n,).
         time: Since the start [s].
         walked: How far everybody has walked [m], shape (n,).
+        stragglers: Who of them stays behind.
     """
 
     def __init__(
@@ -242,6 +98,8 @@ class Crowd:
         self.velocity: Float = np.zeros((count, 2))
         self.yaw: Float = rng.uniform(-math.pi, math.pi, count)
         self.time = 0.0
+        self.walked = np.zeros(count)
+        self.stragglers = Stragglers(stragglers, clearance)
         self._clearance = clearance
         self._speed, self._distance, self._side, self._reaction, self._start = (
             rng.uniform(*bounds, count)
@@ -253,15 +111,6 @@ class Crowd:
         self._distance += 0.18 * max(count - 5, 0) * (self._distance - habits.distance[0])
         self._wander = Wander(count, (8.0, 25.0), rng)
         self._gaze = Wander(count, (4.0, 15.0), rng)
-        self._looks = rng.choice([-1.0, 1.0], count)
-        self.walked = np.zeros(count)
-        self._stragglers = stragglers
-        self._who = np.array([one.person for one in stragglers], dtype=np.intp)
-        self._since = np.full(len(stragglers), math.inf)
-        self._near_for = np.zeros(len(stragglers))
-        self._spot = np.zeros((len(stragglers), 2))
-        self._until = np.full(len(stragglers), math.inf)
-        self._fetched: Bool = np.zeros(len(stragglers), dtype=bool)
         self._hurries = np.zeros(count, dtype=bool)
         self._trail: Trail | None = None
         self._leader: int | None = None
@@ -270,23 +119,6 @@ class Crowd:
         self._walks = np.zeros(count, dtype=bool)
         self._stands_for = 0.0
         self._bearing = np.zeros(count)
-
-    @property
-    def stayed(self) -> Bool:
-        """Which of the stragglers stands and looks at something, shape (stragglers,)."""
-        found: Bool = np.isfinite(self._since) & np.isinf(self._until)
-        return found
-
-    @property
-    def stays(self) -> list[Stay]:
-        """The stays of stragglers that have begun."""
-        return [
-            Stay(one.person, float(begin), float(end), bool(fetched))
-            for one, begin, end, fetched in zip(
-                self._stragglers, self._since, self._until, self._fetched, strict=True
-            )
-            if math.isfinite(begin)
-        ]
 
     def step(self, dt: float, robots: Float, robot_velocities: Float, leader: int | None) -> None:
         """Walks on.
@@ -298,7 +130,8 @@ class Crowd:
             leader: Which of them leads; None: nobody does, and people stand.
         """
         self._follow(dt, robots, robot_velocities, leader)
-        self._straggle(dt, robots)
+        goes_on = self.stragglers.step(self.time, dt, self.xy, self.walked, robots)
+        self._hurries[goes_on] = True
         wish, cap = self._wishes(robots)
         force = (wish - self.velocity) / _RELAXATION
         force += self._from_people() + self._from_walls() + self._together()
@@ -342,6 +175,7 @@ class Crowd:
         self._noticed += (self._trail.length - self._noticed) * dt / (self._reaction + dt)
         gap = self._gap()
         self._walks = (gap > self._start) | (self._walks & (gap > 0.1))
+        self._hurries &= gap > 0.3
 
     def _gap(self) -> Float:
         """How far everybody is behind their place along the trail [m], shape (n,)."""
@@ -351,7 +185,7 @@ class Crowd:
     def _wishes(self, robots: Float) -> tuple[Float, Float]:
         """Velocities that people would like to have, (n, 2), and their highest speeds, (n, 1)."""
         count = len(self.xy)
-        speed = np.where(self._hurries, Fetching.hurry, 1.0) * self._speed
+        speed = np.where(self._hurries, _HURRY, 1.0) * self._speed
         cap = 1.4 * speed[:, None]
         if self._trail is None or self._leader is None:
             return np.zeros((count, 2)), cap
@@ -367,9 +201,8 @@ class Crowd:
         wish = unit(places - self.xy) * pace[:, None]
         if self._stands_for > _STANDS_S:
             wish = np.where(self._walks[:, None], wish, self._spread(robots[self._leader]))
-        for k in np.flatnonzero(self.stayed):
-            who = self._who[k]
-            wish[who] = shortened((self._spot[k] - self.xy[who]) / 0.8, 0.6)
+        who = self.stragglers.who
+        wish[who] = shortened((self.stragglers.spots - self.xy[who]) / 0.8, 0.6)
         return wish, cap
 
     def _spread(self, leader: Float) -> Float:
@@ -377,7 +210,7 @@ class Crowd:
         wish = np.zeros_like(self.xy)
         off = self.xy - leader
         near = np.linalg.norm(off, axis=1) < 6.0
-        near[self._who[self.stayed]] = False
+        near[self.stragglers.who] = False
         who = np.flatnonzero(near)
         if not len(who):
             return wish
@@ -395,38 +228,6 @@ class Crowd:
         free = (np.abs(angle) < 1.2 * _HALF_CIRCLE) & (np.linalg.norm(seen, axis=1) > 1.2)
         wish[who] = unit(toward) * np.clip((far - 0.25) / 1.0, 0.0, 0.5) * free[:, None]
         return wish
-
-    # -------------------------------------------------------------------------- straggling ----
-
-    def _straggle(self, dt: float, robots: Float) -> None:
-        """Who stops, who has seen enough, who is fetched."""
-        for k, one in enumerate(self._stragglers):
-            who = one.person
-            if math.isfinite(self._until[k]):
-                continue
-            if not math.isfinite(self._since[k]):
-                if self.walked[who] >= one.after:
-                    self._since[k] = self.time
-                    self._spot[k] = self._exhibit(who)
-                continue
-            near = (
-                len(robots)
-                and float(np.linalg.norm(robots - self.xy[who], axis=1).min()) < Fetching.distance
-            )
-            settled = self.time - self._since[k] > 2.0
-            self._near_for[k] = self._near_for[k] + dt if near and settled else 0.0
-            fetched = self._near_for[k] >= Fetching.time
-            if fetched or self.time - self._since[k] >= one.stays:
-                self._until[k], self._fetched[k] = self.time, fetched
-                self._hurries[who] = True
-        if self._trail is not None:
-            self._hurries &= self._gap() > 0.3
-
-    def _exhibit(self, who: int) -> Float:
-        """Where somebody stands to look at something beside their way [m], shape (2,)."""
-        place = self.xy[who : who + 1]
-        distance, out = self._clearance.at(place)
-        return np.asarray(place[0] - out[0] * np.clip(distance[0] - 0.45, 0.0, 0.6))
 
     # ----------------------------------------------------------------------------- forces ----
 
@@ -452,7 +253,7 @@ class Crowd:
         Only for who follows in sight of it, and weaker than theirs: the trail holds them, too.
         """
         held = self._walks & ~self._hurries
-        held[self._who[self.stayed]] = False
+        held[self.stragglers.who] = False
         if held.sum() < 2:
             return np.zeros_like(self.xy)
         toward = self.xy[held].mean(axis=0) - self.xy
@@ -482,10 +283,9 @@ class Crowd:
         if self._leader is not None and len(robots) > self._leader:
             toward = robots[self._leader] - self.xy
             standing = np.arctan2(toward[:, 1], toward[:, 0]) + 0.25 * self._gaze.at(self.time)
-        for k in np.flatnonzero(self.stayed):
-            who = self._who[k]
-            out = self._clearance.at(self.xy[who : who + 1])[1][0]
-            standing[who] = math.atan2(-out[1], -out[0])
+        who = self.stragglers.who
+        out = self._clearance.at(self.xy[who])[1]
+        standing[who] = np.arctan2(-out[:, 1], -out[:, 0])
         target = np.where(pace > 0.25, walking, standing)
         turn = _wrapped(target - self.yaw) / 0.5
         self.yaw = _wrapped(self.yaw + np.clip(turn, -2.5, 2.5) * dt)

@@ -20,6 +20,11 @@ def post(x: float, y: float, yaw: float = 0.0, speed: float = 0.6) -> Post:
     return Post(Role.REAR, np.array([x, y]), yaw, speed)
 
 
+def standing(xy: np.ndarray) -> Callable[[float], np.ndarray]:
+    """People who stand."""
+    return lambda _: xy
+
+
 @dataclass
 class Robot:
     """Drives as it is told, within the limits of its base."""
@@ -73,6 +78,7 @@ class World:
         age: Of what robots know about people [s].
         sigma: ... and its error [m].
         closest: Least distance of a robot to a person towards whom it moved by more than 0.05 m/s.
+        bumped: Who has walked into a robot, and is still there: they count no more.
     """
 
     robots: list[Robot]
@@ -86,6 +92,7 @@ class World:
     closest: float = math.inf
     closest_robots: float = math.inf
     least_clearance: float = math.inf
+    bumped: set = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
@@ -138,10 +145,15 @@ class World:
         people = self.people_at(self.time)
         for robot in self.robots:
             self.least_clearance = min(self.least_clearance, float(self.space.clearance(robot.xy)))
-            for where in people:
+            for number, where in enumerate(people):
                 away = float(np.linalg.norm(where - robot.xy))
+                if away > 0.6:
+                    self.bumped.discard(number)
                 if robot.velocity @ (where - robot.xy) > 0.05 * away:
-                    self.closest = min(self.closest, away)
+                    if number not in self.bumped:
+                        self.closest = min(self.closest, away)
+                elif away < 0.35:
+                    self.bumped.add(number)
             for other in self.robots:
                 if other is not robot:
                     apart = float(np.linalg.norm(other.xy - robot.xy))

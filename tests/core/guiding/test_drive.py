@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.guiding.driving import CONFIG, DT, Robot, World, post
+from core.guiding.driving import CONFIG, DT, Robot, World, post, standing
 from core.guiding.test_free_space import ROOMS, grid_of
 from mrs_people_loc.guiding.drive import limit
 from mrs_people_loc.guiding.free_space import FreeSpace
@@ -113,11 +113,30 @@ def test_robot_comes_near_nobody_by_its_own_motion(seed: int) -> None:
     assert world.closest > SAFETY.person_distance - 0.05
 
 
+def test_base_with_weak_brakes_stops_in_time() -> None:
+    base = dataclasses.replace(CONFIG.base, deceleration=0.15, acceleration=0.15)
+    config = dataclasses.replace(CONFIG, base=base)
+    for people in (np.array([[3.0, 1.0]]), np.zeros((0, 2))):
+        robot = Robot(1.0, 1.0, 0.0, post(9.0, 1.0), config)
+        world = World([robot], people=standing(people), space=ROOMS)
+        world.run(20.0)
+        assert robot.x > 1.5
+        assert world.closest > SAFETY.person_distance
+        assert world.least_clearance > SAFETY.wall_distance
+
+
+def test_person_on_the_very_spot_is_left() -> None:
+    robot = Robot(0.0, 0.0, 0.0, post(1.0, 0.0))
+    world = World([robot], people=standing(np.zeros((1, 2))))
+    world.run(5.0)
+    assert is_at_post(robot)
+
+
 def test_robot_waits_before_somebody_who_stands_and_goes_round_by_a_path() -> None:
     stands = np.array([[2.5, 0.0]])
     for plan in (False, True):
         robot = Robot(0.0, 0.0, 0.0, post(5.0, 0.0))
-        world = World([robot], people=lambda t: stands)
+        world = World([robot], people=standing(stands))
         world.run(13.0, plan=plan)
         assert is_at_post(robot) == plan
         assert world.closest > SAFETY.person_distance

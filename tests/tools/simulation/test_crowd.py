@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mrs_tools.simulation.crowd import Clearance, Crowd, Straggling, Trail
+from mrs_tools.simulation.crowd import Crowd
+from mrs_tools.simulation.crowd_ground import Clearance, Trail
 from mrs_tools.simulation.rooms import floor_plan
 from mrs_tools.simulation.scene import Furniture, Room
+from mrs_tools.simulation.stragglers import Straggling
 
 DT = 0.05
 SPOTS = np.array([[2.0, 2.0], [2.0, 3.0], [1.2, 2.5], [2.8, 2.5]])
@@ -81,6 +83,16 @@ def test_people_follow_at_their_distance_and_stop_with_the_leader():
     assert np.cos(turned).min() > 0.5  # they look at it
 
 
+def test_people_stand_round_the_leader_in_rows():
+    crowd = Crowd(np.concatenate([SPOTS, SPOTS + [0.4, 1.0]]), hall(), 3)
+    lead(crowd, [(4.0, 2.5), (8.0, 2.5)], seconds=15.0)
+    off = crowd.xy - [8.0, 2.5]
+    assert np.linalg.norm(off, axis=1).min() > 1.2
+    assert np.abs(np.arctan2(off[:, 1], -off[:, 0])).max() < math.radians(75.0)
+    apart = np.linalg.norm(crowd.xy[:, None] - crowd.xy[None], axis=2)
+    assert np.sort(apart, axis=1)[:, 1].min() > 0.7
+
+
 def test_nobody_leads_and_nobody_walks():
     crowd = Crowd(SPOTS, hall(), 1)
     for _ in range(100):
@@ -129,14 +141,14 @@ def test_a_robot_that_comes_is_evaded():
 def test_a_straggler_stays_until_time_is_over_or_a_robot_comes(robot_comes):
     crowd = Crowd(SPOTS, hall(), 5, (Straggling(1, after=3.0, stays=20.0),))
     lead(crowd, [(4.0, 2.5), (14.0, 2.5)])
-    assert crowd.stayed.tolist() == [True]
+    assert crowd.stragglers.who.tolist() == [1]
     assert crowd.xy[1, 0] < np.delete(crowd.xy[:, 0], 1).min() - 1.0
     others = [crowd.xy[1] + [-1.0, -0.5]] if robot_comes else []
     lead(crowd, [(14.0, 2.5)], others=others, seconds=3.0)
-    assert crowd.stayed.tolist() == [not robot_comes]
+    assert len(crowd.stragglers.who) == (not robot_comes)
     lead(crowd, [(14.0, 2.5)], others=others, seconds=30.0)
-    assert crowd.stayed.tolist() == [False]
-    (stay,) = crowd.stays
+    assert not len(crowd.stragglers.who)
+    (stay,) = crowd.stragglers.stays
     assert (stay.person, stay.fetched) == (1, robot_comes)
     assert stay.end_s - stay.begin_s == pytest.approx(20.0, abs=0.1) or robot_comes
     assert np.linalg.norm(crowd.xy[1] - [14.0, 2.5]) < 3.5

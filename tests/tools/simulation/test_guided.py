@@ -79,6 +79,11 @@ def test_scenes_without_what_a_tour_needs_are_refused(tmp_path):
 
 def test_stragglers_are_as_many_as_the_scene_says():
     scene = guided_scene(SCENES / "guided_hall.yaml", 3, people=6)
-    followers = dataclasses.replace(scene.followers, stragglers=2)
+    followers = dataclasses.replace(scene.followers, stragglers=2, stay=5.0)
     one = GuidedWorld(dataclasses.replace(scene, followers=followers))
-    assert one.crowd.stayed.tolist() == [False, False]
+    one.crowd.walked[:] = 100.0
+    one.step()
+    assert len(one.crowd.stragglers.who) == 2
+    for _ in range(110):
+        one.step()
+    assert [stay.end_s for stay in one.crowd.stragglers.stays] == pytest.approx([5.0, 5.0], abs=0.1)

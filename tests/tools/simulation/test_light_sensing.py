@@ -41,11 +41,11 @@ def test_people_walls_and_robots_hide_people():
 
 def test_errors_last_for_seconds_and_are_as_large_as_stated():
     one, place = eyes(), np.array([[3.0, 0.0]])
-    off = []
+    errors = []
     for _ in range(3000):
         view = one.people(np.zeros(3), place, NOBODY, NOTHING, 0.2)
-        off.append((view.xy[0, 0] - 3.0) / view.along[0])
-    off = np.array(off)
+        errors.append((view.xy[0, 0] - 3.0) / view.along[0])
+    off = np.array(errors)
     assert off.std() == pytest.approx(1.0, abs=0.15)
     share, lasts = HEAD.lasting
     assert (off[1:] * off[:-1]).mean() == pytest.approx(share * math.exp(-0.2 / lasts), abs=0.12)
