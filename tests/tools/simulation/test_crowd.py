@@ -157,7 +157,7 @@ def test_a_straggler_stays_until_time_is_over_or_a_robot_comes(robot_comes):
 # ------------------------------------------------------------------------------------- never
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(seed=st.integers(0, 1000), count=st.integers(1, 10), y=st.floats(0.6, 4.4))
 def test_nobody_is_ever_in_a_wall_or_in_somebody_else(seed, count, y):
     wall = [
