@@ -316,7 +316,9 @@ class GuidedGroup:
     def _is_now(self, guest: Guest, person: Person, now_s: float) -> None:
         """A guest has another track from now on."""
         self.guests = [
-            one for one in self.guests if one.joined_m is None or one.id != person.id or one is guest
+            one
+            for one in self.guests
+            if one.joined_m is None or one.id != person.id or one is guest
         ]
         guest.id, guest.unseen_s = person.id, 0.0
         _take(guest, person, now_s)
