@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.errors import PeopleError, StampError, TourError
-from mrs_people_loc.guide_messages import read_people, read_tour_goal, read_tour_path
+from mrs_people_loc.messages import read_people, read_tour_goal, read_tour_path
 
 NAN = math.nan
 
