@@ -104,7 +104,7 @@ _ROUNDING = 0.002
 
 
 def limit(age_s: float, timeout_s: float) -> float:
-    """Share of its speed at which a robot drives by information of some age.
+    """Share of its highest speed up to which a robot drives by information of some age.
 
     1 up to half of the timeout, from there on less, 0 from the timeout on.
 
@@ -209,7 +209,7 @@ class Drive:
             robots_velocity: [m/s], shape (m, 2); None: they stand.
             space: Free floor.
             path: To the post, from `FreeSpace.path`, shape (k, 2); None: straight on.
-            limit: Share of its speed that it may use, see `limit`.
+            limit: Share of the base's highest speeds that it may use, see `limit`.
             dt: Until the next step [s].
 
         Returns:
@@ -229,7 +229,7 @@ class Drive:
         elif mate is not None:
             carrot = self._past(here, carrot, mate, space)
         wanted = self._wanted(pose, post, carrot, limit)
-        speeds, turns = self._candidates(post.speed * limit, limit, wanted)
+        speeds, turns = self._candidates(post.speed, limit, wanted)
         allowed = self._are_allowed(pose, twist, speeds, turns, others, space)
         if not allowed.any():
             return self._ramped(twist, (0.0, 0.0), dt)
@@ -373,7 +373,8 @@ class Drive:
         self._aligned = False
         fastest = base.max_reverse if self._backwards else base.max_speed
         brakes = math.sqrt(base.deceleration * left)
-        speed = min(fastest, post.speed, brakes, _SPEED_GAIN * left) * limit
+        slows = _SPEED_GAIN * max(left - 0.5 * tuning.arrived, 0.0)
+        speed = min(fastest * limit, post.speed, brakes, slows)
         speed *= max(math.cos(min(1.5 * abs(error), math.pi)), 0.0)
         return -speed if self._backwards else speed, self._turn(error, limit)
 
@@ -397,7 +398,7 @@ class Drive:
     ) -> tuple[Float, Float]:
         """Speeds and rates of turn that are tried, shapes (n,)."""
         base, tuning = self.config.base, self._tuning
-        ahead, back = min(speed, base.max_speed), min(speed, base.max_reverse)
+        ahead, back = min(speed, base.max_speed * limit), min(speed, base.max_reverse * limit)
         likely = wanted[0] * np.array([1.0, 0.5, 0.25, 0.0])
         speeds = np.concatenate([likely, np.linspace(-back, ahead, tuning.speeds)])
         turn = base.max_turn * limit
