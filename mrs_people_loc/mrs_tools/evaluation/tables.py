@@ -197,7 +197,7 @@ def tours_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
 
     table = make_table("guided tours (s, m; share of the time that people are seen; stragglers)")
     table.add_column("tours", overflow="fold", min_width=8)
-    columns = ("finished", "time", "way", "people", "lost", "seen", "least")
+    columns = ("finished", "time", "way", "people", "lost", "seen", "least", "detected")
     for column in columns:
         table.add_column(column, justify="right", no_wrap=True)
     table.add_column("back", justify="right", no_wrap=True)
@@ -210,7 +210,7 @@ def tours_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
             f"{tour['finished']} of {tour['tours']}",
             *(number(tour[key], 1, 1) for key in ("time_s", "way_m")),
             *(str(tour[key]) for key in ("people", "lost")),
-            *(number(seen[key], 1, 3) for key in ("mean", "min")),
+            *(number(seen[key], 1, 3) for key in ("mean", "min", "detected")),
             f"{back} of {stragglers['true']}" if stragglers["true"] else "-",
             number(stragglers["alone_s"], 1, 1),
             style="bold" if name == "total" else None,
@@ -226,12 +226,13 @@ def robots_of_tours_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
         "robots of tours (m; s nearer to people than 0.5 m, than 0.45 m by own motion)"
     )
     table.add_column("tours", overflow="fold", min_width=8)
-    for column in ("least", "< 0.5", "own", "way", "post", "p95"):
+    for column in ("least", "contacts", "< 0.5", "own", "way", "post", "p95"):
         table.add_column(column, justify="right", no_wrap=True)
     for name, tour in reports.items():
         table.add_row(
             Text(plain(name)),
             number(tour["distance_m"], 1, 2),
+            str(tour["contacts"]),
             number(tour["within_0_50_m_s"], 1, 1),
             number(tour["within_0_45_m_by_own_motion_s"], 1, 1),
             number(tour["path_m"], 1, 1),

@@ -16,7 +16,7 @@ from mrs_people_loc.guiding.guidance import Guidance
 from mrs_tools.experiment.repeats import added_up
 from mrs_tools.installing import default_file
 from mrs_tools.scoring.positions import sums_of
-from mrs_tools.scoring.tours import TourScores, score_tour
+from mrs_tools.scoring.tours import TourScores, leaders_way, off_post, score_tour
 from mrs_tools.simulation.guided import guided_scene
 from mrs_tools.simulation.light_tour import LightTour, TourRun, Trouble
 
@@ -179,11 +179,11 @@ def _after_killed(run: TourRun, trouble: Trouble) -> tuple[tuple[float, ...], tu
 
 
 def _farthest(run: TourRun, status: Guidance) -> float:
-    """Distance of the robot that is farthest from its post [m]."""
-    stamp = np.array([status.stamp_ns])
+    """Distance of the robot that is farthest from where it should be [m]."""
+    stamp, way = np.array([status.stamp_ns]), leaders_way(run.record.statuses)
     return max(
-        float(np.linalg.norm(run.record.robots[name].at(stamp)[0, :2] - post.xy))
-        for name, post in status.posts.items()
+        off_post(status, name, run.record.robots[name].at(stamp)[0, :2], way)
+        for name in status.posts
     )
 
 

@@ -32,18 +32,20 @@ def markdown(cases: Sequence[Case], reports: Sequence[_Report]) -> str:
         "### Tours",
         "",
         *table(
-            ("tour", "finished", "time [s]", "people lost", "seen", "least seen", "stragglers",
-             "fetched", "waited for", "alone [s]"),
+            ("tour", "finished", "time [s]", "people lost", "seen", "least seen", "detected",
+             "stragglers", "fetched", "waited for", "alone [s]"),
             [_tour(name, report) for name, report in rows],
         ),
         "",
-        f"Waited for: nobody fetched them, but the group stayed within {WAITS_M:g} m.",
+        "Seen: found by `people` within 0.5 m; detected: without those who are only predicted for a "
+        "moment. Waited for: nobody fetched them, but the group stayed within "
+        f"{WAITS_M:g} m.",
         "",
         "### Robots",
         "",
         *table(
             ("tour", "off the post [m]", "nearest person [m]", "within 0.50 m [s]",
-             "within 0.45 m by own motion [s]", "path [m]", "bumps"),
+             "within 0.45 m by own motion [s]", "path [m]", "contacts", "bumps"),
             [_robots(name, report) for name, report in rows],
         ),
     ]  # fmt: skip
@@ -71,6 +73,7 @@ def _tour(name: str, report: _Report) -> list[str]:
         f"{tour['lost']} of {tour['people']}",
         number(tour["seen"]["mean"], 1, 3),
         number(tour["seen"]["min"], 1, 2),
+        number(tour["seen"]["detected"], 1, 3),
         *(str(stragglers[key]) for key in ("stopped", "fetched", "waited_for")),
         number(tour["stragglers"]["alone_s"], 1, 0),
     ]
@@ -86,6 +89,7 @@ def _robots(name: str, report: _Report) -> list[str]:
         number(tour["within_0_50_m_s"], 1, 1),
         number(tour["within_0_45_m_by_own_motion_s"], 1, 1),
         number(tour["path_m"], 1, 0),
+        str(tour["contacts"]),
         str(report["bumps"]),
     ]
 

@@ -89,7 +89,7 @@ def test_scores_are_added_and_reported():
     assert total["stragglers"] == {"stopped": 3, "fetched": 1, "waited_for": 1}
     assert (total["bumps"], total["reposted_s"]) == (2, [2.0, None])
     text = markdown([Case("hall", "")], [total])
-    assert "| hall | 1 of 2 | - | 0 of 0 | - | - | 3 | 1 | 1 | 0 |" in text
+    assert "| hall | 1 of 2 | - | 0 of 0 | - | - | - | 3 | 1 | 1 | 0 |" in text
     assert "| hall | 2 | 2.0 / never | 4.0 / never | - |" in text
 
 

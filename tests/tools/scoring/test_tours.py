@@ -84,7 +84,7 @@ def test_a_tour_that_never_began():
     only = [Guidance(0, State.GATHERING), Guidance(S, State.CANCELLED)]
     report = score_tour(record(statuses=only)).report()
     assert (report["tours"], report["finished"], report["people"]) == (1, 0, 0)
-    assert report["seen"] == {"mean": None, "min": None}
+    assert report["seen"] == {"mean": None, "min": None, "detected": None}
 
 
 def test_who_is_seen_and_for_how_long():
@@ -102,6 +102,62 @@ def test_who_is_lost():
     truth = people(T, T, 0.0, np.where(T < 5.0, T, np.nan))
     scores = score_tour(record(truth))
     assert (scores.people, scores.lost) == (4, 2)
+
+
+def lead(x: float, speed: float = 0.5) -> list[Guidance]:
+    """A leader with a post at x all the time, finished in the end."""
+    posts = {"a": Post(Role.LEADER, np.array([x, 0.0]), 0.0, speed)}
+    return [dataclasses.replace(one, speed=speed) for one in statuses(posts)]
+
+
+def test_a_tour_without_its_group_at_the_end_is_not_finished_and_everybody_is_lost():
+    # Two stand at 0 and 1 m; the leader goes to 20 m, and the guide says that it is finished.
+    robots = {"a": track(2.0 * T)}
+    alone = score_tour(record(people(0.0, 1.0), robots, statuses=lead(20.0)))
+    assert (alone.finished, len(alone.times_s), alone.lost) == (0, 0, 2)
+    there = score_tour(record(people(16.0, 17.0), robots, statuses=lead(20.0)))
+    assert (there.finished, there.lost) == (1, 0)
+    # One of three is 10.9 m from the end: less than 6 m from the others, who are 5.9 m from it.
+    late = score_tour(record(people(14.2, 14.2, 9.3), robots, statuses=lead(20.0)))
+    assert (late.finished, late.lost) == (1, 1)
+
+
+def test_who_is_only_predicted_is_seen_but_not_detected():
+    truth = people(T, T)
+    half = [
+        dataclasses.replace(one, coasting=np.array([False, one.stamp_ns >= 5 * S]))
+        for one in found(truth)
+    ]
+    scores = score_tour(record(truth, estimates=half))
+    assert scores.seen == pytest.approx([1.0, 1.0])
+    # 20 of the 41 times from 1 s to 9 s are before 5 s.
+    assert scores.detected == pytest.approx([1.0, 20 / 41])
+
+
+def test_contacts_are_counted_once_each():
+    # At 0.4 m of the first person in [2, 4) and [6, 7) s, else 3 m off.
+    x = np.where(((T >= 2.0) & (T < 4.0)) | ((T >= 6.0) & (T < 7.0)), 0.4, 3.0)
+    assert score_tour(record(people(0.0), {"a": track(x)})).contacts == 2
+    assert score_tour(record(people(0.0), {"a": track(x + 0.1)})).contacts == 0
+
+
+def test_leader_that_drives_is_measured_from_its_way_and_one_that_waits_from_its_post():
+    # 0.3 m beside the way, along x, on which its post is 1.5 m ahead.
+    def driven(speed: float) -> list[Guidance]:
+        return [
+            dataclasses.replace(
+                one,
+                speed=speed,
+                posts={"a": Post(Role.LEADER, np.array([one.stamp_ns / S + 1.5, 0.0]), 0.0, 1.0)},
+            )
+            for one in statuses()
+        ]
+
+    robots = {"a": track(T, 0.3)}
+    goes = score_tour(record(people(T), robots, statuses=driven(1.0))).formation_m
+    assert goes[5:] == pytest.approx(0.3)
+    waits = score_tour(record(people(T), robots, statuses=driven(0.0))).formation_m
+    assert waits == pytest.approx(np.hypot(1.5, 0.3))
 
 
 def test_near_a_person_by_whose_motion():
