@@ -373,7 +373,8 @@ class Drive:
         self._aligned = False
         fastest = base.max_reverse if self._backwards else base.max_speed
         brakes = math.sqrt(base.deceleration * left)
-        speed = min(fastest * limit, post.speed, brakes, _SPEED_GAIN * left)
+        slows = _SPEED_GAIN * max(left - 0.5 * tuning.arrived, 0.0)
+        speed = min(fastest * limit, post.speed, brakes, slows)
         speed *= max(math.cos(min(1.5 * abs(error), math.pi)), 0.0)
         return -speed if self._backwards else speed, self._turn(error, limit)
 
