@@ -29,7 +29,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock clean FORCE
+.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -70,6 +70,9 @@ $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 
 demo: setup ## Run the whole system on this machine: simulated robots follow a walking group
 	$(BIN)/mrs demo
+
+tour: setup ## Guide a simulated group on this machine: rendered heads, the team's real processes
+	$(BIN)/mrs tour --simulate
 
 bench: setup ## Compare results with tests/oracle, then measure speed, latency and bandwidth
 	$(BIN)/mrs bench

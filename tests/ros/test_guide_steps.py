@@ -133,7 +133,7 @@ def test_robots_stand_once_people_are_as_old_as_allowed_and_go_on_after(node: St
     node.run(0.05, people=False)
     assert not drives(node)
     assert node.is_told(State.HALTED)
-    assert "0.45 s old" in node.told[-1].reason
+    assert "no people have come for 0.45 s" in node.told[-1].reason
     node.run(1.0, people=False)
     assert sum(told.state == State.HALTED for told in node.told) == 1
     node.run(1.0)

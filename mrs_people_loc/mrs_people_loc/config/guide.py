@@ -69,8 +69,8 @@ class Safety(Section):
     """When robots stand, and what they keep off."""
 
     people_timeout: float = field(
-        0.45, "robots stand while people are older than this; they slow down from half of it on "
-        "[s]",
+        0.45, "robots stand when no people have come for this time; they slow down from half of "
+        "it on [s]",
         low=0.1, high=5.0,
     )  # fmt: skip
     pose_timeout: float = field(

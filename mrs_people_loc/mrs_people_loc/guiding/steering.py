@@ -23,6 +23,9 @@ _DETOUR_M = 0.2
 #: ... and those who are nearer to the post than this are no reason for a detour [m].
 _AT_POST_M = 0.1
 
+#: Images become people in this time [ns]; poses come at once.
+_PEOPLE_NS = 200_000_000
+
 #: Speed ahead [m/s] and rate of turn [rad/s].
 Velocity = tuple[float, float]
 
@@ -39,7 +42,7 @@ class Steering:
     """Drives the robots of a tour to their posts.
 
     What is older than half of its timeout slows robots down, and stops them at the timeout. The
-    age counts from the stamp, or from the arrival where the stamp is later.
+    age counts from the arrival; where that is later than usual after the stamp, from then.
 
     Args:
         config: Parameters; may be replaced at any time.
@@ -63,7 +66,8 @@ class Steering:
         self._paths: dict[str, Float | None] = {}
         self._people = np.empty((0, 2))
         self._people_velocity = np.empty((0, 2))
-        self._people_ns: int | None = None
+        self._stamp_ns: int | None = None
+        self._came_ns = 0
         self._stepped_ns: int | None = None
 
     def take_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
@@ -76,7 +80,7 @@ class Steering:
         velocities = [unknown if one.velocity is None else one.velocity for one in people]
         self._people = np.array([one.position for one in people]).reshape(-1, 2)
         self._people_velocity = np.array(velocities).reshape(-1, 2)
-        self._people_ns = min(stamp_ns, now_ns)
+        self._stamp_ns, self._came_ns = min(stamp_ns, now_ns), now_ns
 
     def take_posts(self, posts: Mapping[str, Post]) -> None:
         """Takes new posts, and plans the paths to them; robots without one stand."""
@@ -88,8 +92,10 @@ class Steering:
         }
 
     def people_age_s(self, now_ns: int) -> float:
-        """Age of the people [s]."""
-        return math.inf if self._people_ns is None else (now_ns - self._people_ns) / 1e9
+        """For how long people have been missing [s]: see the class."""
+        if self._stamp_ns is None:
+            return math.inf
+        return (now_ns - min(self._stamp_ns + _PEOPLE_NS, self._came_ns)) / 1e9
 
     def pose_age_s(self, robot: str, now_ns: int) -> float:
         """Age of a robot's pose [s]."""
@@ -135,7 +141,7 @@ class Steering:
             self._posts.get(robot),
             people=self._people,
             people_velocity=self._people_velocity,
-            people_age=self.people_age_s(now_ns),
+            people_age=0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) / 1e9,
             robots=np.array([(poses[name].x, poses[name].y) for name in others]).reshape(-1, 2),
             robots_velocity=np.array([self._motion(name, poses[name]) for name in others]).reshape(
                 -1, 2

@@ -304,7 +304,7 @@ class GuideNode(ManagedNode):
         timeout = self.config.safety.people_timeout
         age_s = min(steering.people_age_s(now_ns), (now_ns - underway.begun_ns) / 1e9)
         if age_s >= timeout and underway.guidance.state != State.HALTED:
-            reason = f"the people are {age_s:.2f} s old; allowed: {timeout:g} s"
+            reason = f"no people have come for {age_s:.2f} s; allowed: {timeout:g} s"
             self._publish(underway, underway.guide.halt(reason))
             self._bases.send({}, steering.poses())
         self._bases.drive(steering.step(now_ns))

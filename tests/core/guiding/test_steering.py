@@ -89,6 +89,14 @@ def test_stamps_of_the_future_do_not_keep_robots_going() -> None:
     assert made.step(T0 + TIMEOUT)["robot_a"] == (0.0, 0.0)
 
 
+def test_people_count_from_their_arrival_unless_they_come_late() -> None:
+    made = steering("robot_a")
+    made.take_people([], T0 - 150 * MS, T0)
+    assert made.people_age_s(T0 + 100 * MS) == pytest.approx(0.1)
+    made.take_people([], T0 - 500 * MS, T0)
+    assert made.people_age_s(T0 + 100 * MS) == pytest.approx(0.4)
+
+
 def test_robot_without_a_pose_a_post_or_people_stands() -> None:
     assert Steering(CONFIG, FreeSpace.unbounded(), ["robot_a"]).step(T0) == {"robot_a": (0.0, 0.0)}
     without_people = Steering(CONFIG, FreeSpace.unbounded(), ["robot_a"])
