@@ -38,10 +38,20 @@ _FOLLOWS = 0.2
 
 @dataclass(frozen=True)
 class _Thing:
-    """A solid somewhere in the map; `reach` is the largest distance of it from its z axis [m]."""
+    """A solid somewhere in the map.
+
+    Attributes:
+        solid: In its own frame.
+        reach: Its largest distance from its z axis [m].
+        top: Its greatest height [m].
+        x: Where its frame is [m].
+        y: Likewise.
+        yaw: How that is turned [rad].
+    """
 
     solid: Solid
     reach: float
+    top: float
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
@@ -51,8 +61,8 @@ class _Thing:
 
 
 def _thing(solid: Solid) -> _Thing:
-    x, y, _ = solid.mesh.vertices.T
-    return _Thing(solid, float(np.hypot(x, y).max(initial=0.0)))
+    x, y, z = solid.mesh.vertices.T
+    return _Thing(solid, float(np.hypot(x, y).max()), float(z.max()))
 
 
 class _Eye:
@@ -63,9 +73,11 @@ class _Eye:
         turn, lens = stage.stereo[robot].robot_from_optical
         self._lens = lens + turn @ camera.centre
         self._rays = camera.rays[0] @ turn.T.astype(np.float32)
-        bearing = np.arctan2(self._rays[:, 1], self._rays[:, 0])
+        x, y, z = self._rays.T
+        bearing = np.arctan2(y, x)
         self._order = np.argsort(bearing, kind="stable").astype(np.int32)
         self._bearing = bearing[self._order]
+        self._slope = (z / np.maximum(np.hypot(x, y), np.float32(1e-6)))[self._order]
 
     def at(self, place: Place) -> tuple[NDArray, Float32]:
         """The lens [m], shape (3,), and the directions in the map, shape (n, 3)."""
@@ -73,13 +85,29 @@ class _Eye:
         origin = turn @ self._lens + [place.x, place.y, 0.0]
         return origin, self._rays @ turn.T.astype(np.float32)
 
-    def towards(self, bearing: float, half: float) -> Int32:
-        """Rays within an angle of a bearing in the robot's frame [rad]; their indices."""
-        low, high = bearing - half, bearing + half
-        parts = [
-            self._order[slice(*np.searchsorted(self._bearing, (low + turn, high + turn)))]
-            for turn in (-2 * math.pi, 0.0, 2 * math.pi)
-        ]
+    def towards(self, thing: _Thing, origin: NDArray, yaw: float) -> Int32:
+        """Rays that may hit a thing; their indices.
+
+        Args:
+            thing: Where it is.
+            origin: The lens in the map [m], shape (3,).
+            yaw: Of the robot [rad].
+        """
+        away = math.hypot(thing.x - origin[0], thing.y - origin[1])
+        if away <= thing.reach:
+            return self._order
+        half = math.asin(thing.reach / away)
+        middle = math.atan2(thing.y - origin[1], thing.x - origin[0]) - yaw
+        # The nearest of it is lowest in the view, and highest if it is higher than the lens.
+        lens, rise = float(origin[2]), thing.top - float(origin[2])
+        lowest = -lens / (away - thing.reach)
+        highest = rise / (away - thing.reach if rise > 0.0 else away + thing.reach)
+        parts = []
+        for turn in (-2 * math.pi, 0.0, 2 * math.pi):
+            low = wrap_angle(middle) + turn - half
+            rows = slice(*np.searchsorted(self._bearing, (low, low + 2 * half)))
+            slope = self._slope[rows]
+            parts.append(self._order[rows][(slope >= lowest) & (slope <= highest)])
         return np.concatenate(parts)
 
 
@@ -191,10 +219,7 @@ class LiveView:
         hits = _Hits(len(directions))
         hits.cast(self._room, origin, directions, None)
         for thing in things:
-            away = math.hypot(thing.x - origin[0], thing.y - origin[1])
-            half = math.asin(thing.reach / away) if away > thing.reach else math.pi
-            bearing = math.atan2(thing.y - origin[1], thing.x - origin[0]) - place.yaw
-            hits.cast(thing, origin, directions, eye.towards(wrap_angle(bearing), half))
+            hits.cast(thing, origin, directions, eye.towards(thing, origin, place.yaw))
         return hits
 
     def _light(self, eye: _Eye, place: Place, hits: _Hits, light: Light) -> Float32:

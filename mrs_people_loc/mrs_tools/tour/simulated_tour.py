@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import yaml
 
-from mrs_people_loc.config import GUIDE_NODE
+from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE
 from mrs_people_loc.errors import PeopleLocError
 from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 from mrs_tools.bags.recorder import Recorder
@@ -114,6 +114,9 @@ def team_of(plan: Plan) -> dict[str, Any]:
             parameters["localization"] = {"run": "never"}
         elif plan.poses == "localized":
             parameters.setdefault("walls", {})["occupancy_grid"] = True
+    # A team that guides has a map.
+    planner = document[f"/**/{PLANNER_NODE}"]["ros__parameters"]
+    planner["masking"] = {"occupancy_grid": True}
     guide_parameters: dict[str, Any] = {"robots": world.names}
     if world.looks_back:
         guide_parameters["looks_back"] = list(world.looks_back)
