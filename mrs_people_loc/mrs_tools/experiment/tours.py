@@ -88,7 +88,7 @@ class CaseScores:
         reposted_s: Of each robot that was killed: when the others had posts without it [s] after
             it; NaN: never.
         formed_s: ... and when they were there [s].
-        stood_s: Of each time without a planner: when all stood, after its beginning [s]; NaN: never.
+        stood_s: Of each time without a planner: how long it took until all stood [s]; NaN: never.
     """
 
     tour: TourScores = field(default_factory=TourScores)
