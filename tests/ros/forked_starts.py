@@ -24,7 +24,8 @@ def start(executable: str, arguments: list[str], log: IO[bytes]) -> int:
         os.dup2(log.fileno(), stream)
     sys.argv = [executable, *arguments]
     try:
-        importlib.import_module(f"{executable}.__main__").main()
+        module = {"guide_node": "planner_node.guide_node"}.get(executable, executable)
+        importlib.import_module(f"{module}.__main__").main()
         code: object = "main() came back"
     except SystemExit as end:
         code = end.code
@@ -38,7 +39,12 @@ def start(executable: str, arguments: list[str], log: IO[bytes]) -> int:
 
 def main() -> None:
     """Starts all."""
-    for name in ("robot_node.node", "planner_node.node", "mrs_ros.running"):
+    for name in (
+        "robot_node.node",
+        "planner_node.node",
+        "planner_node.guide_node.node",
+        "mrs_ros.running",
+    ):
         importlib.import_module(name)
     results = []
     for executable, arguments in json.load(sys.stdin):

@@ -155,6 +155,13 @@ BAD_STARTS: dict[str, tuple[str, list[str], list[str]]] = {
         "planner_node", _p("human.min_height:=2.5"),
         [r"human\.min_height is 2\.5; allowed: at most human\.max_height, 2\.2"],
     ),
+    "unknown way to drive": (
+        "guide_node", _p("drive:=wheels"), [r"drive is 'wheels'; allowed: one of cmd_vel, nav2"]
+    ),
+    "leader of no tour": (
+        "guide_node", _p("robots:=[robot_a]", "leader:=robot_b"),
+        ["leader has 'robot_b'; allowed: those of `robots`, robot_a"],
+    ),
 }  # fmt: skip
 #: Where TF's packages are missing, as on the machines that these tests are made for.
 NO_TF = {
@@ -179,6 +186,7 @@ BAD_STARTS |= {
 HELP: dict[str, tuple[str, list[str]]] = {
     "robot_node --help": ("robot_node", ["--help"]),
     "planner_node -h": ("planner_node", ["-h"]),
+    "guide_node --help": ("guide_node", ["--help"]),
     "planner_node --help and ROS": ("planner_node", ["--help", "--ros-args", "-p", "robots:=[a]"]),
 }
 

@@ -218,26 +218,37 @@ class Drive:
         if post is None or limit <= 0.0:
             return self._ramped(twist, (0.0, 0.0), dt)
         others = self._others(pose, people, people_velocity, people_age, robots, robots_velocity)
-        here = np.array([pose.x, pose.y])
-        carrot = self._carrot(here, post, path, space)
         still = np.zeros_like(robots)
         mates = _Mates(robots, still if robots_velocity is None else robots_velocity)
-        mate = None if self._arrived else self._meeting(here, carrot, post, mates)
-        if self._gives_way(here, mate, twist[0], dt) and mate is not None:
-            post = self._room_made(here, post, mate, space)
-            carrot = post.xy
-        elif mate is not None:
-            carrot = self._past(here, carrot, mate, space)
+        post, carrot = self._aim(pose, twist, post, path, mates, space, dt)
         wanted = self._wanted(pose, post, carrot, limit)
         speeds, turns = self._candidates(post.speed, limit, wanted)
         allowed = self._are_allowed(pose, twist, speeds, turns, others, space)
         if not allowed.any():
             return self._ramped(twist, (0.0, 0.0), dt)
         speeds, turns = speeds[allowed], turns[allowed]
-        goal = here if self._arrived else carrot
-        costs = self._costs(pose, twist, speeds, turns, wanted, goal, others, space)
+        costs = self._costs(pose, twist, speeds, turns, wanted, carrot, others, space)
         best = int(costs.argmin())
         return self._ramped(twist, (float(speeds[best]), float(turns[best])), dt)
+
+    def _aim(
+        self,
+        pose: Pose,
+        twist: tuple[float, float],
+        post: Post,
+        path: Float | None,
+        mates: _Mates,
+        space: FreeSpace,
+        dt: float,
+    ) -> tuple[Post, Float]:
+        """Where it goes, past team-mates, and the point that it drives to now [m], shape (2,)."""
+        here = np.array([pose.x, pose.y])
+        carrot = self._carrot(here, post, path, space)
+        mate = None if self._arrived else self._meeting(here, carrot, post, mates)
+        if self._gives_way(here, mate, twist[0], dt) and mate is not None:
+            post = self._room_made(here, post, mate, space)
+            return post, post.xy
+        return post, carrot if mate is None else self._past(here, carrot, mate, space)
 
     def _ramped(
         self, twist: tuple[float, float], wanted: tuple[float, float], dt: float
@@ -444,12 +455,13 @@ class Drive:
         speeds: Float,
         turns: Float,
         wanted: tuple[float, float],
-        goal: Float,
+        carrot: Float,
         others: _Others,
         space: FreeSpace,
     ) -> Float:
         """What is against each arc, shape (n,)."""
         base, tuning = self.config.base, self._tuning
+        goal = np.array([pose.x, pose.y]) if self._arrived else carrot
         left = min(float(np.linalg.norm(goal - (pose.x, pose.y))), 1.0)
         until = min(max(left / max(abs(wanted[0]), 0.1), 3 * _LATER_STEP), tuning.horizon)
         times: Float = _LATER_STEP * np.arange(1.0, round(until / _LATER_STEP) + 1)

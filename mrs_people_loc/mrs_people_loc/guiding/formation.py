@@ -38,6 +38,7 @@ class FormationTuning:
         unseen: Who is not seen is worth more by this each second,
         unseen_s: ... for this time [1/s, s].
         changed: An assignment that keeps a robot on its post may be longer by this [m].
+        most: Sets of three posts are made of so many candidates: those that are worth most alone.
         drift: The group's ends and middle move by at most this [m/s]: people appear and vanish.
         around: Angle between the posts of a fetcher around a straggler [rad].
         other_side: A fetcher goes to another one only where it is nearer to the side away from
@@ -49,6 +50,7 @@ class FormationTuning:
     unseen: float = 0.5
     unseen_s: float = 4.0
     changed: float = 0.5
+    most: int = 20
     drift: float = 1.5
     around: float = math.radians(30.0)
     other_side: float = math.radians(45.0)
@@ -265,9 +267,7 @@ class FormationPlanner:
         )
         if kept and now.now_s - self._chosen_s < config.hold:
             return held
-        size = len(names)
-        while not len(sets := _sets(apart, size)):
-            size -= 1
+        sets = self._possible(now, candidates, fixed, apart, len(names), held)
         worth = self._worth(now, candidates, fixed, sets)
         best = int(worth.argmax())
         if kept:
@@ -276,6 +276,27 @@ class FormationPlanner:
                 return held
         self._chosen_s = now.now_s
         return np.asarray(sets[best])
+
+    def _possible(
+        self,
+        now: Scenery,
+        candidates: Candidates,
+        fixed: Mapping[str, Post],
+        apart: Bool,
+        size: int,
+        held: Int,
+    ) -> Int:
+        """Sets of so many posts that are apart, or of as many as can be, shape (c, size)."""
+        if size > 2 and len(candidates) > self._tuning.most:
+            single = np.arange(len(candidates))
+            worth = self._worth(now, candidates, fixed, single[:, np.newaxis])
+            best = np.union1d(np.argsort(-worth, kind="stable")[: self._tuning.most], held)
+            sets = _sets(apart[np.ix_(best, best)], size)
+            if len(sets):
+                return np.asarray(best[sets])
+        while not len(sets := _sets(apart, size)):
+            size -= 1
+        return sets
 
     def _worth(
         self, now: Scenery, candidates: Candidates, fixed: Mapping[str, Post], sets: Int

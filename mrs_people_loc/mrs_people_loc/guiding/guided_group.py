@@ -401,7 +401,6 @@ class GuidedGroup:
                         self.events.append(f"person {guest.id} is not seen any more")
                 elif guest.behind_s is not None and hidden and not guest.lost:
                     guest.behind_s = None
-                    self.events.append(f"person {guest.id} is not where they were seen last")
             if guest.behind_s is not None:
                 guest.behind_s += dt_s
 

@@ -73,8 +73,8 @@ def _follow(client: Any, goal: Any, spin: Callable[[], object], stop: threading.
     result, cancelled_s = goal.get_result_async(), None
     while not result.done():
         spin()
-        if not client.server_is_ready():
-            raise PeopleLocError("guide_node has ended; the robots stand by themselves")
+        if not client.server_is_ready() and not result.done():
+            raise PeopleLocError("guide_node has ended; see that the robots stand")
         if stop.is_set() and cancelled_s is None:
             goal.cancel_goal_async()
             cancelled_s = time.monotonic()

@@ -24,8 +24,6 @@ from mrs_tools.simulation.crowd_ground import Clearance, Trail
 from mrs_tools.simulation.stragglers import Stragglers, Straggling
 from mrs_tools.simulation.walks import Wander, shortened, unit
 
-Rng = np.random.Generator
-
 #: Axes of two people, and of a person and a robot, never come closer than this [m].
 _APART, _FROM_ROBOT = 0.42, 0.42
 #: Axes of people stay this far from walls and furniture [m].
@@ -315,7 +313,7 @@ def _evading(
     xy: Float, velocity: Float, others: Float, their_velocity: Float, *, nearer: float = 0.0,
     skip_self: bool = False,
 ) -> Float:  # fmt: skip
-    """Accelerations that evade others, shape (n, 2) [m/s^2]: Moussaid et al. 2009, eq. 2.3 to 2.6.
+    """Accelerations that evade others, shape (n, 2) [m/s^2] (Moussaid et al. 2009).
 
     Args:
         xy: Of those who evade [m], shape (n, 2).

@@ -97,6 +97,12 @@ def test_start_too_near_to_a_wall_has_a_way_out() -> None:
     path = thin.path(np.array([2.9, 1.0]), np.array([3.8, 1.0]), 0.35)
     assert path is not None
     assert length(path) > 8.0
+    # Out of a niche of 0.6 m by its open end.
+    boxes = [(3.0, 0.0, 3.05, 5.0, 100), (2.0, 0.0, 2.4, 2.0, 100)]
+    niche = FreeSpace(grid_of((6.0, 6.0), boxes), occupied_from=65)
+    path = niche.path(np.array([2.7, 1.3]), np.array([1.0, 3.0]), 0.35)
+    assert path is not None
+    assert length(path) < 3.5
 
 
 def test_goal_in_a_wall_or_another_room_has_no_path() -> None:
