@@ -189,6 +189,29 @@ def test_messages_that_cannot_be_used_are_refused(node: Stepped) -> None:
         node._on_path(path_of((0.0, 0.0), (4.0, 0.0)))
 
 
+def test_people_without_ids_are_named(node: Stepped) -> None:
+    node._cancel()
+    message = people_of(round(node.now_s * 1e9) + 1, [(-1.5, 0.0)], [(0.0, 0.0)], list(PLACES))
+    message.persons[0].id = 0
+    node._on_people(message)
+    with pytest.raises(TourError, match=r"people on /steps/people have no ids; .*tracking.enabled"):
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+
+
+def test_robots_of_a_tour_are_those_in_use_lately(node: Stepped) -> None:
+    """One interval without the scan of a robot does not keep it out; more of them do."""
+    node._cancel()
+    for wanted in (("robot_a", "robot_b"), ("robot_a",)):
+        now_ns = round(node.now_s * 1e9) + 1
+        node._on_people(people_of(now_ns, [(-1.5, 0.0)], [(0.0, 0.0)], ["robot_a"]))
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+        assert node._underway is not None
+        assert node._underway.steering.robots == wanted
+        node._cancel()
+        node.at(node.now_s + 3.0)
+        node._on_pose("robot_a", pose_of(round(node.now_s * 1e9), *PLACES["robot_a"]))
+
+
 def test_recorder_is_no_base(node: Stepped) -> None:
     node._cancel()
     node.listeners = ["mrs_record_17", "rosbag2_recorder"]
