@@ -44,7 +44,8 @@ from stereo_msgs.msg import DisparityImage
 from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
 from mrs_people_loc.guiding.guidance import Guidance, Post
-from mrs_people_loc.localization.shared import RelativePose, SeenWalls, TeamPose
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.scan import Scan

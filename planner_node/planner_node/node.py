@@ -26,8 +26,8 @@ from mrs_people_loc.health.team import (
     of_member,
     of_people,
 )
-from mrs_people_loc.localization.relative_poses import RelativePoses
-from mrs_people_loc.localization.seen_people import people_by_robot
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.intervals import Closed, IntervalCollector
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
@@ -188,8 +188,7 @@ class PlannerNode(ManagedNode):
         """Publishes where robots are to each other, by the people whom both see, if any listens."""
         if self._outputs.wants_relative_poses:
             seen = people_by_robot(result.fused, result.poses, self.config)
-            poses = {name: pose.relative_to_team() for name, pose in result.poses.items()}
-            measured = self._relative_poses.step(seen, poses)
+            measured = self._relative_poses.step(seen, result.poses)
             if measured:
                 self._outputs.publish_relative_poses(result.stamp_ns, measured, self.config)
 

@@ -11,7 +11,6 @@ from mrs_people_msgs.msg import TeamPose as TeamPoseMessage
 from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc import messages
-from mrs_people_loc.clocks import RateLimit
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.health.findings import Finding
@@ -21,8 +20,12 @@ from mrs_people_loc.health.localization import (
     of_localization,
     own_sources,
 )
-from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.localizer import LocalizationState
+from mrs_people_loc.localization.robot_localization import (
+    RobotLocalization,
+    localizes,
+    may_localize,
+)
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose
@@ -30,29 +33,11 @@ from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.markers import wall_markers
 from mrs_ros.qos import POSES, TEAM
-from robot_node.wall_finder import WallFinder, known_walls
+from robot_node.wall_topics import WallTopics
 
 
-def may_localize(config: RobotConfig) -> bool:
-    """Whether poses of `pose.source` may be dead reckoning, depending on their frame."""
-    return config.localization.run != "never" and config.pose.source in ("odom", "pose_in")
-
-
-def localizes(config: RobotConfig, frame_id: str) -> bool:
-    """Whether poses of `pose.source` in a frame are dead reckoning, to be corrected.
-
-    Args:
-        config: The robot's configuration.
-        frame_id: Frame of a pose, without a leading slash.
-    """
-    pose, localization = config.pose, config.localization
-    starts = bool(localization.start or pose.map_from_odom)
-    apart = pose.source == "odom" and frame_id != pose.map_frame and starts
-    return (localization.run == "always" or apart) and may_localize(config)
-
-
-class RobotLocalization:
-    """The robot's `Localizer` with its topics.
+class LocalizationTopics:
+    """The robot's localization with its topics.
 
     Its team are the robots whose namespaces have the same parent, where the topics of the team are.
     A robot without a namespace has none.
@@ -69,13 +54,11 @@ class RobotLocalization:
         self._node = node
         self._config: RobotConfig = node.config
         self._parent, _, self._robot = str(node.get_namespace()).rstrip("/").rpartition("/")
-        self._localizer: Localizer | None = None
-        self._began_ns = 0
+        self._own = RobotLocalization(self._robot, self._config)
+        self._state: LocalizationState | None = None
         self._refusals = RefusalWatch()
-        self._known = known_walls(self._config.walls)
-        self._finder = WallFinder(node, base_frame, look_up, self._take_known)
+        self._walls = WallTopics(node, base_frame, look_up, self._own)
         self._listens = False
-        self._rate = RateLimit()
         self._told: Any = None
         self._drawn: Any = None
         if self._robot and may_localize(self._config):
@@ -90,23 +73,20 @@ class RobotLocalization:
 
     def begin_anew(self) -> None:
         """Forgets where the robot is: the time was set back, or its start was changed."""
-        self._localizer = None
-        self._finder.begin_anew(None)
+        self._own.begin_anew()
+        self._state = None
         self._refusals = RefusalWatch()
-        self._rate.begin_anew()
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters."""
         old, self._config = self._config, config
-        self._finder.changed(config)
+        self._own.configure(config)
         if old.pose.map_from_odom != config.pose.map_from_odom:
             self.begin_anew()
-        elif self._localizer is not None:
-            self._localizer.configure(config.localization)
 
     def take_view(self, stages: Stages, camera: StereoCamera) -> None:
         """Takes a view of the head, after its people were found."""
-        self._finder.take_view(stages, camera)
+        self._own.take_view(stages.scan, stages.disparity, camera)
 
     def take_odometry(self, pose: Pose) -> Pose:
         """The robot's pose in the map, from its pose in the odometry's frame.
@@ -116,35 +96,16 @@ class RobotLocalization:
         """
         if not self._listens:
             self._listen()
-        config = self._config
-        x, y, yaw = config.pose.map_from_odom or (0.0, 0.0, 0.0)
-        in_map = Pose(pose.stamp_ns, x, y, yaw) @ pose
-        localizer = self._localizer or self._begin(in_map)
-        placed = localizer.take_odometry(in_map)
-        if self._told is not None and self._rate.lets_through(
-            pose.stamp_ns, config.localization.share_rate
-        ):
-            told = convert.team_pose(localizer.share(), config.pose.map_frame)
-            self._told.publish(told)
+        placed = self._own.take_odometry(pose)
+        told = None if self._told is None else self._own.share()
+        if told is not None:
+            self._told.publish(convert.team_pose(told, self._config.pose.map_frame))
         return placed
-
-    def _begin(self, odometry: Pose) -> Localizer:
-        """A localizer that begins with an odometry."""
-        made = Localizer(self._robot, self._config.localization, self._known)
-        self._localizer, self._began_ns = made, odometry.stamp_ns
-        self._finder.begin_anew(made)
-        return made
-
-    def _take_known(self, walls: Walls) -> None:
-        """Takes the walls of a map, beside those of the file."""
-        self._known = walls if self._known is None else Walls.concatenate([self._known, walls])
-        if self._localizer is not None:
-            self._localizer.take_known(self._known)
 
     def _listen(self) -> None:
         """Subscribes to absolute poses and to the team."""
         self._listens, node = True, self._node
-        self._finder.start(self._parent)
+        self._walls.start(self._parent)
         if self._config.pose.source != "pose_in":
             node.listen(
                 PoseWithCovarianceStamped, "pose_in", self._on_absolute, POSES, any_number=True
@@ -161,41 +122,42 @@ class RobotLocalization:
         if message.header.frame_id.lstrip("/") != wanted:
             raise PoseError(f"frame_id is {message.header.frame_id!r}; wanted: {wanted!r}")
         pose = messages.read_pose(message)
-        if self._localizer is not None:
-            self._localizer.take_absolute(pose)
+        if self._own.localizer is not None:
+            self._own.localizer.take_absolute(pose)
 
     def _on_team_pose(self, message: TeamPoseMessage) -> None:
-        if message.robot == self._robot or self._localizer is None:
+        localizer = self._own.localizer
+        if message.robot == self._robot or localizer is None:
             return
         told = messages.read_team_pose(message, self._config.pose.map_frame)
-        self._localizer.take_teammate(told, self._now_ns())
+        localizer.take_teammate(told)
 
     def _on_relative_poses(self, message: RelativePoses) -> None:
         for relative in messages.read_relative_poses(message):
-            if self._localizer is not None:
-                self._localizer.take_relative(relative)
+            if self._own.localizer is not None:
+                self._own.localizer.take_relative(relative)
 
     # ---- what is told of it ----
 
     def observe(self) -> None:
         """Updates what `findings` reports; publishes the walls, for display, if anybody asks."""
-        if self._localizer is None:
+        if self._own.localizer is None:
             return
-        state = self._localizer.state
+        state = self._state = self._own.localizer.state
         now_ns, frame = self._now_ns(), self._config.pose.map_frame
         self._refusals.update(own_sources(self._robot, state), now_ns)
         if self._drawn is not None and self._drawn.get_subscription_count():
             self._drawn.publish(wall_markers(now_ns, frame, self._robot, state.walls))
 
     def findings(self) -> list[Finding]:
-        """How it goes; nothing where it does not run."""
-        if self._localizer is None:
+        """How it went when it was observed last; nothing where it does not run."""
+        if self._state is None:
             return []
         now_ns = self._now_ns()
         health = LocalizationHealth(
             robot=self._robot,
-            state=self._localizer.state,
-            began_ns=self._began_ns,
+            state=self._state,
+            began_ns=self._own.began_ns,
             now_ns=now_ns,
             refused=self._refusals.refused(now_ns),
         )

@@ -16,13 +16,14 @@ from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.robot import PoseState, of_pose
+from mrs_people_loc.localization.robot_localization import localizes
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose, PoseIntake, frame_of, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import POSES
-from robot_node import wall_finder
-from robot_node.localization import RobotLocalization, localizes
+from robot_node import wall_topics
+from robot_node.localization import LocalizationTopics
 
 #: Period of looking the pose up in TF [s].
 TF_PERIOD_S = 0.02
@@ -39,7 +40,7 @@ def check(robot: RobotConfig) -> None:
         ConfigError: A parameter, a file or a package for that is missing.
     """
     config = robot.pose
-    wall_finder.check(robot.walls)
+    wall_topics.check(robot.walls)
     if robot.localization.run == "always" and config.source not in ("odom", "pose_in"):
         raise ConfigError(
             f"localization.run is always but pose.source is {config.source}; allowed: odom, pose_in"
@@ -78,7 +79,7 @@ class PoseSource:
         self._scan_at_s = 0.0
         self._error = ""
         self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
-        self.localization = RobotLocalization(node, base_frame, self._look_up)
+        self.localization = LocalizationTopics(node, base_frame, self._look_up)
         tells = self._config.pose.publish_tf != "never" and tf.installed("tf2_msgs")
         self._frames_out = tf.FramePublisher(node.offer) if tells else None
         self._odom_frame = ""

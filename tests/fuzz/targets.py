@@ -25,13 +25,14 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, PoseInput, RobotConfig, load_team, robots_named
 from mrs_people_loc.errors import PeopleLocError
-from mrs_people_loc.guide_messages import read_people, read_tour_path
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.tour import check_tour, read_tour
 from mrs_people_loc.head import Head
-from mrs_people_loc.localization.known_walls import read_walls, walls_of_grid
-from mrs_people_loc.localization.shared import Odometry
-from mrs_people_loc.localization.sonar_walls import SonarTuning, SonarWalls
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
+from mrs_people_loc.localization.walls.sonar import SonarTuning, SonarWalls
+from mrs_people_loc.messages import read_people, read_tour_path
+from mrs_people_loc.messages.scans import MAX_CELLS
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector
@@ -514,7 +515,7 @@ _CELLS = struct.Struct("<HBBbb")
 def take_full_scan(data: bytes) -> None:
     """A scan as large as any may be: six bytes each say where so many cells are, and how close."""
     parts = [_CELLS.unpack_from(data, at) for at in range(0, len(data) - 5, 6)]
-    left, places, bodies = messages._MAX_CELLS, [], []
+    left, places, bodies = MAX_CELLS, [], []
     for number, (count, spread, of_body, x, y) in enumerate(parts):
         count = min(count, left)
         left -= count
@@ -523,7 +524,7 @@ def take_full_scan(data: bytes) -> None:
         middle = np.array([x, y]) / 10
         places.append(middle + rng.uniform(-size, size, (count, 2)))
         bodies.append(np.full(count, of_body % 120))
-    cells = np.zeros(messages._MAX_CELLS - left, BODY_DTYPE)
+    cells = np.zeros(MAX_CELLS - left, BODY_DTYPE)
     if not cells.size:
         return
     cells["x"], cells["y"] = np.concatenate(places).T

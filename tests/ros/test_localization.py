@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,17 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from mrs_people_msgs.msg import TeamPose
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan, Range
 from visualization_msgs.msg import MarkerArray
 
-from mrs_people_loc.localization.shared import Odometry as OdometryValue
+from mrs_people_loc.health.findings import Code
+from mrs_people_loc.localization.odometry import Odometry as OdometryValue
 from mrs_people_loc.localization.shared import RelativePose
 from mrs_people_loc.localization.shared import TeamPose as TeamPoseValue
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
-from ros.harness import OK, WARN, Finding, NodeProcess, Peer, Team
+from mrs_ros.qos import TEAM as TEAM_QOS
+from ros.harness import HEAR_ALL, OK, WARN, Finding, NodeProcess, Peer, Team
 from ros.planner_peer import pose_of
 from ros.recording import set_stamp, stamp_of
 
@@ -49,11 +53,12 @@ class Driven:
         peer: A node on its domain.
         process: The robot_node.
         name: The robot's name in its team.
+        team: The namespace of its team.
     """
 
-    def __init__(self, peer: Peer, process: NodeProcess, name: str) -> None:
+    def __init__(self, peer: Peer, process: NodeProcess, name: str, team: str = TEAM) -> None:
         self.peer, self.process, self.name = peer, process, name
-        self.space = f"/{TEAM}/{name}"
+        self.space = f"/{team}/{name}"
         self.node = f"{self.space}/robot_node"
         self.place = (0.0, 0.0, 0.0)
         self.poses: list[Any] = peer.hear(PoseWithCovarianceStamped, f"{self.space}/pose")
@@ -306,14 +311,20 @@ def test_bad_messages_of_the_team_are_refused(first: Driven, peer: Peer) -> None
 # --- walls ----------------------------------------------------------------------------------------
 
 
-def ranges_to_corner(at: Pose, bearings: np.ndarray) -> list[float]:
-    """Ranges of rays from a place to the walls x = 3 and y = 2, in the map [m]."""
+def send_scan(robot: Driven, stamp_ns: int, at: Pose) -> None:
+    """Sends what a laser scanner at a place sees of the walls x = 3 and y = 2, in the map [m]."""
+    bearings = np.arange(-120, 121) * math.pi / 180
     directions = bearings + at.yaw
     with np.errstate(divide="ignore"):
         to_x = (3.0 - at.x) / np.cos(directions)
         to_y = (2.0 - at.y) / np.sin(directions)
     to_x[to_x < 0], to_y[to_y < 0] = np.inf, np.inf
-    return [float(r) for r in np.minimum(to_x, to_y)]
+    scan = LaserScan(
+        angle_min=float(bearings[0]), angle_increment=math.pi / 180, range_min=0.1,
+        range_max=10.0, ranges=[float(r) for r in np.minimum(to_x, to_y)],
+    )  # fmt: skip
+    set_stamp(scan, stamp_ns)
+    robot.peer.send(f"{robot.space}/scan", scan)
 
 
 def test_walls_of_a_map_in_a_laser_scan_correct_the_pose(
@@ -336,25 +347,20 @@ def test_walls_of_a_map_in_a_laser_scan_correct_the_pose(
     grid.data = cells.reshape(-1).tolist()
     peer.publisher(OccupancyGrid, f"/{TEAM}/map", latched).publish(grid)
     drawn = peer.hear(MarkerArray, f"/{TEAM}/walls")
-    bearings = np.arange(-120, 121) * math.pi / 180
 
     def corrected() -> bool:
-        stamp_ns = started.step()
-        scan = LaserScan(
-            angle_min=float(bearings[0]), angle_increment=math.pi / 180, range_min=0.1,
-            range_max=10.0, ranges=ranges_to_corner(truth @ placed(*mounting), bearings),
-        )  # fmt: skip
-        set_stamp(scan, stamp_ns)
-        peer.send(f"{started.space}/scan", scan)
+        send_scan(started, started.step(), truth @ placed(*mounting))
         x, y, yaw = planar(started.stepped().pose.pose)
         away = math.hypot(x - truth.x, y - truth.y)
-        return away < 0.03 and abs(yaw - truth.yaw) < 0.02 and bool(drawn)
+        is_drawn = any(m.ns == "robot_d" for message in drawn for m in message.markers)
+        return away < 0.03 and abs(yaw - truth.yaw) < 0.02 and is_drawn
 
     peer.until(corrected, lambda: str(peer.findings(started.node).get("localization")))
     finding = started.localization(lambda f: f.count("known_walls.accepted") > 0)
     assert finding.level == OK, finding
-    (marker,) = drawn[-1].markers
-    assert (marker.ns, marker.header.frame_id) == ("robot_d", "map")
+    # Its team-mates draw the walls that it tells them of, too.
+    marker = [m for message in drawn for m in message.markers if m.ns == "robot_d"][-1]
+    assert marker.header.frame_id == "map"
     # Lines along both walls.
     lines = np.array([(p.x, p.y) for p in marker.points]).reshape(-1, 2, 2)
     off = np.minimum(np.abs(lines[:, :, 0] - 3.0), np.abs(lines[:, :, 1] - 2.0))
@@ -386,3 +392,82 @@ def test_known_wall_in_sonar_ranges_corrects_the_pose(
     peer.until(drive, lambda: f"{driven.place} {peer.findings(driven.node).get('localization')}")
     assert driven.place[0] < 8.0
     driven.process.stop()
+
+
+# --- what goes wrong ------------------------------------------------------------------------------
+
+
+class Liar:
+    """Tells a team what a robot of another one says; when it lies, the pose 1 m off in x.
+
+    Args:
+        peer: A node on their domain.
+        origin: The team whose robot it is.
+        team: The team that hears it.
+    """
+
+    def __init__(self, peer: Peer, origin: str, team: str) -> None:
+        self.lies = False
+        self._to = peer.publisher(TeamPose, f"/{team}/team_poses", TEAM_QOS)
+        peer.node.create_subscription(TeamPose, f"/{origin}/team_poses", self._on_told, HEAR_ALL)
+
+    def _on_told(self, told: Any) -> None:
+        if self.lies:
+            told.pose.pose.position.x += 1.0
+        self._to.publish(told)
+
+
+def test_carried_robot_lying_team_mate_and_wrong_map_are_named(
+    team: Team, peer: Peer, tmp_path: Path
+) -> None:
+    """Three robots stand before a corner; of its walls one is known, the other 1 m off in the map.
+
+    One robot is carried by 0.5 m. What another says about its pose is falsified on the way.
+    """
+    file = tmp_path / "walls.yaml"
+    file.write_text("walls: [[3.0, 2.0, -3.0, 2.0], [4.0, -3.0, 4.0, 1.9]]\n")
+    true = {"robot_a": (0.5, 0.3, 0.4), "robot_b": (0.1, -0.6, 0.6), "robot_c": (-0.5, 0.6, 0.3)}
+    teams = {"robot_a": "hall", "robot_b": "hall", "robot_c": "elsewhere"}
+    params = {"walls.laser": "true", "walls.laser_mounting": "[0.0, 0.0, 0.0]",
+              "walls.file": str(file), "localization.share_rate": "20.0"}  # fmt: skip
+    robots = {}
+    for name, place in true.items():
+        given = {**params, "pose.map_from_odom": str([*place])}
+        space = f"/{teams[name]}/{name}"
+        process = team.start("robot_node", namespace=space, params=given)
+        robots[name] = Driven(peer, process, name, teams[name])
+    liar = Liar(peer, "elsewhere", "hall")
+    a, b, c = robots.values()
+    peer.until_active(*(robot.node for robot in robots.values()))
+
+    def reported(robot: Driven, *codes: Code) -> bool:
+        """Goes on; whether a robot's last report names these problems."""
+        for name, driven in robots.items():
+            send_scan(driven, driven.step(), placed(*true[name]))
+        peer.spin(0.05)
+        finding = peer.findings(robot.node).get("localization")
+        names = "robot_a, robot_b, robot_c" if robot is not c else "robot_c"
+        if finding is None or finding.values["team"] != names:
+            return False
+        return {*codes} <= set(finding.values.get("problems", "").split(", "))
+
+    def until(robot: Driven, *codes: Code) -> str:
+        def now() -> str:
+            return f"{codes}; {peer.findings(robot.node).get('localization')}"
+
+        peer.until(lambda: reported(robot, *codes), now)
+        return peer.findings(robot.node)["localization"].message
+
+    for robot in (a, b, c):
+        assert re.search(
+            r"wall 1 \(off by (0\.9[5-9]|1\.0[0-5]) m\)", until(robot, Code.MAP_MISFIT)
+        )
+    x, y, yaw = true["robot_b"]
+    true["robot_b"] = (x, y - 0.5, yaw)
+    liar.lies = True
+    until(b, Code.CARRIED, Code.MATE_DOUBTED)
+    assert "robot_c (off by 1.00 m)" in until(a, Code.MATE_DOUBTED, Code.MAP_MISFIT)
+    # The carried robot is right again, the others were right all the time.
+    for name, robot in robots.items():
+        assert planar(robot.poses[-1].pose.pose) == pytest.approx(true[name], abs=0.03)
+        assert peer.findings(robot.node)["localization"].count("times_lost") == (robot is b)

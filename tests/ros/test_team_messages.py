@@ -6,8 +6,9 @@ import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
 from mrs_people_loc import messages
-from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 

@@ -18,8 +18,8 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.anthropometry import APART_AMONG_ROBOTS
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.alignment import Places, align
-from mrs_people_loc.localization.seen_people import people_by_robot
+from mrs_people_loc.localization.people.alignment import Places, align
+from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.neighbours import pairs_between
 from mrs_people_loc.team.fusion import ShortTermMap, map_from_robot
 from mrs_people_loc.team.poses import Pose

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.health.findings import WARN, Code, Finding
+from mrs_people_loc.localization.filter.team_state import Source
 from mrs_people_loc.localization.localizer import LocalizationState
-from mrs_people_loc.localization.team_state import Source
 
 #: A pose that nothing has corrected for so long is reported [s] ...
 UNCORRECTED_S = 30.0

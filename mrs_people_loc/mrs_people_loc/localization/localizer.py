@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -13,8 +12,8 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.localization.history import History
-from mrs_people_loc.localization.observations import (
+from mrs_people_loc.localization.filter.history import History
+from mrs_people_loc.localization.filter.observations import (
     Claimed,
     Joined,
     Left,
@@ -24,12 +23,12 @@ from mrs_people_loc.localization.observations import (
     Reached,
     WallsSeen,
 )
-from mrs_people_loc.localization.odometry import DeadReckoning, OdometryTrack
-from mrs_people_loc.localization.shared import Odometry, RelativePose, SeenWalls, TeamPose
-from mrs_people_loc.localization.team_filter import FilterTuning, TeamFilter
-from mrs_people_loc.localization.team_state import Landmark, Misfit, Source, TeamState, Trust
-from mrs_people_loc.localization.wall_landmarks import WallLandmarks
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.filter.team_filter import FilterTuning, TeamFilter
+from mrs_people_loc.localization.filter.team_state import Misfit, Source, TeamState, Trust
+from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
+from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls, moved
 from mrs_people_loc.team.poses import Pose
 
 #: What a robot measured is repeated in its messages for this long after it was taken [ns].
@@ -70,7 +69,6 @@ class LocalizationState:
         misfits: Known walls that are not where the map says, by index.
         walls: Walls of the state in the map, with their covariances.
         known: Index of each among the known walls; -1: it is none.
-        silent: By team-mate: for how long nothing was heard [s].
         clocks: By team-mate whose clock is too far off: by how much [s].
         late: Observations that came too late, or for whose time there is no odometry, so far.
         resets: How often the clock jumped back, so far.
@@ -85,7 +83,6 @@ class LocalizationState:
     misfits: Mapping[int, Misfit]
     walls: Walls
     known: tuple[int, ...]
-    silent: Mapping[str, float]
     clocks: Mapping[str, float]
     late: int
     resets: int
@@ -97,7 +94,6 @@ class _Mate:
     """What came from a team-mate."""
 
     track: OdometryTrack = field(default_factory=OdometryTrack)
-    received_ns: int = 0
     clock_ns: int = 0
     at_ns: int = 0
     seen: dict[tuple[type[Observation], int], None] = field(default_factory=dict)
@@ -137,6 +133,8 @@ class Localizer:
         self._walls: list[tuple[int, SeenWalls]] = []
         self._absolute: list[tuple[int, Pose]] = []
         self._taken: dict[tuple[type[Observation], int], None] = {}
+        # The robot's last pose, and what it was made from.
+        self._placed: tuple[Odometry, TeamState, list[str], Pose] | None = None
 
     def begin_anew(self) -> None:
         """Forgets everything; the next odometry is the start."""
@@ -216,18 +214,13 @@ class Localizer:
         _check_rank(relative.covariance)
         self._wait_for_odometry(Met, relative)
 
-    def take_teammate(self, told: TeamPose, received_ns: int) -> None:
-        """Takes what a team-mate tells; what it told before is recognized.
-
-        Args:
-            told: The message.
-            received_ns: When it came, by any clock that goes forward [ns].
-        """
+    def take_teammate(self, told: TeamPose) -> None:
+        """Takes what a team-mate tells; what it told before is recognized."""
         newest = self._track.newest
         if told.robot == self.robot or newest is None:
             return
         mate = self._mates.setdefault(told.robot, _Mate())
-        mate.received_ns, mate.at_ns = received_ns, newest.stamp_ns
+        mate.at_ns = newest.stamp_ns
         mate.clock_ns = told.odometry.stamp_ns - newest.stamp_ns
         if abs(mate.clock_ns) > _MAX_CLOCK_NS:
             return
@@ -315,7 +308,6 @@ class Localizer:
             last = self._track_of(robot).newest
             if last is not None:
                 poses[robot] = _pose(last, state, robot)
-        now_ns = max((mate.received_ns for mate in self._mates.values()), default=0)
         return LocalizationState(
             stamp_ns=newest_ns,
             poses=poses,
@@ -325,7 +317,6 @@ class Localizer:
             misfits={k: misfit for k, misfit in state.misfits.items() if misfit.count >= 5},
             walls=_walls_of(state),
             known=tuple(wall.known for wall in state.walls),
-            silent={n: (now_ns - m.received_ns) / 1e9 for n, m in self._mates.items()},
             clocks={
                 name: mate.clock_ns / 1e9
                 for name, mate in self._mates.items()
@@ -444,12 +435,16 @@ class Localizer:
 
     def _own_pose(self, odometry: Odometry, state: TeamState) -> Pose:
         """base_link in the map, also relative to the team-mates that are heard, if any is."""
-        pose = _pose(odometry, state, self.robot)
         heard = [name for name in state.odometry if self._is_heard(name, _SILENT_NS)]
-        if not heard:
-            return pose
-        in_team = state.in_team(self.robot, odometry, heard)
-        return dataclasses.replace(pose, in_team=in_team)
+        last = self._placed
+        if last and last[0] is odometry and last[1] is state and last[2] == heard:
+            return last[3]
+        pose = _pose(odometry, state, self.robot)
+        if heard:
+            in_team = state.in_team(self.robot, odometry, heard)
+            pose = dataclasses.replace(pose, in_team=in_team)
+        self._placed = odometry, state, heard, pose
+        return pose
 
     def _is_heard(self, robot: str, within_ns: int) -> bool:
         """Whether a team-mate was heard while the own odometry went on by no more than this."""
@@ -500,30 +495,13 @@ def _walls_of(state: TeamState) -> Walls:
     """The walls of a state in the map's normal form."""
     count, begin = len(state.walls), 3 * len(state.odometry)
     lines = state.mean[begin:].reshape(-1, 2)
-    covariances = state.covariance[begin:, begin:]
-    made = [
-        _normal_form(state.walls[k], lines[k], covariances[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])
-        for k in range(count)
-    ]
-    return Walls(
-        distance=np.array([one[0] for one in made]),
-        bearing=np.array([one[1] for one in made]),
-        covariance=np.array([one[2] for one in made]).reshape(-1, 2, 2),
-        extent=np.array([one[3] for one in made]).reshape(-1, 2),
+    blocks = state.covariance[begin:, begin:].reshape(count, 2, count, 2)
+    anchors = np.array([wall.anchor for wall in state.walls]).reshape(-1, 2)
+    beside_anchors = Walls(
+        distance=lines[:, 0],
+        bearing=lines[:, 1],
+        covariance=blocks[range(count), :, range(count)],
+        extent=np.array([wall.extent for wall in state.walls]).reshape(-1, 2),
         is_end=np.zeros((count, 2), dtype=bool),
     )
-
-
-def _normal_form(
-    wall: Landmark, line: Float, covariance: Float
-) -> tuple[float, float, Float, tuple[float, float]]:
-    bearing = float(line[1])
-    c, s = math.cos(bearing), math.sin(bearing)
-    x, y = wall.anchor
-    distance, along = float(line[0]) + c * x + s * y, c * y - s * x
-    jacobian = np.array([[1.0, along], [0.0, 1.0]])
-    begin, end = wall.extent[0] + along, wall.extent[1] + along
-    if distance < 0:
-        distance, bearing, begin, end = -distance, bearing + math.pi, -end, -begin
-        jacobian[0] *= -1.0
-    return distance, wrap_angle(bearing), jacobian @ covariance @ jacobian.T, (begin, end)
+    return moved(beside_anchors, anchors[:, 0], anchors[:, 1], 0.0)

@@ -19,8 +19,7 @@ from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.localization.shared import Odometry
-from mrs_people_loc.team.poses import Pose, frame_of
+from mrs_people_loc.team.poses import Pose, frame_of, is_jump
 
 #: How far the newest motion is extrapolated [ns].
 MAX_AHEAD_NS = 100_000_000
@@ -28,12 +27,36 @@ MAX_AHEAD_NS = 100_000_000
 _MOST_STATED = 25.0
 #: Largest variances between two times: beyond, nothing is known [m^2, rad^2].
 _MAX_VARIANCES = 1e4, 10.0
-#: Odometry that goes farther than this [m], and than at this speed [m/s], ...
-_JUMP, _JUMP_SPEED = 1.0, 3.0
-#: ... or turns likewise [rad, rad/s], begins anew ...
+#: Odometry that jumps (`is_jump`), or turns by more than this [rad] and this speed [rad/s] explain,
+#: begins anew ...
 _TURN, _TURN_SPEED = 1.0, 6.0
 #: ... and what the robot did meanwhile is unknown: variances of position and heading [m^2, rad^2].
 _JUMP_VARIANCES = 0.5**2, 0.2**2
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """Dead reckoning since a robot's start.
+
+    The errors of two pieces of the way are independent, so what lies between two of these has the
+    differences of the variances, whatever was lost between them.
+
+    Attributes:
+        stamp_ns: Time [ns].
+        x: Position in the odometry's frame [m].
+        y: Position [m].
+        yaw: Heading [rad].
+        position_variance: Variance of the position, along the way and likewise across, that the way
+            so far has added by itself, without the effect of the heading [m^2]; it never falls.
+        heading_variance: Likewise of the heading [rad^2].
+    """
+
+    stamp_ns: int
+    x: float
+    y: float
+    yaw: float
+    position_variance: float
+    heading_variance: float
 
 
 def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
@@ -117,7 +140,7 @@ class DeadReckoning:
         position = heading = 0.0
         if order is Order.NEWER and self._last is not None:
             before, so_far = self._last
-            if _is_jump(before, pose):
+            if is_jump(before, pose) or _is_turned(before, pose):
                 position, heading = _JUMP_VARIANCES
                 self._frame = frame_of(self._frame @ before, pose)
                 self.jumps += 1
@@ -150,11 +173,9 @@ class DeadReckoning:
         )
 
 
-def _is_jump(before: Pose, pose: Pose) -> bool:
+def _is_turned(before: Pose, pose: Pose) -> bool:
     seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
-    way = math.hypot(pose.x - before.x, pose.y - before.y)
-    turn = abs(wrap_angle(pose.yaw - before.yaw))
-    return way > max(_JUMP, _JUMP_SPEED * seconds) or turn > max(_TURN, _TURN_SPEED * seconds)
+    return abs(wrap_angle(pose.yaw - before.yaw)) > _TURN + _TURN_SPEED * seconds
 
 
 @dataclass

@@ -5,46 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.team.poses import Pose
-
-
-@dataclass(frozen=True)
-class Odometry:
-    """Dead reckoning since a robot's start.
-
-    The errors of two pieces of the way are independent, so what lies between two of these has the
-    differences of the variances, whatever was lost between them.
-
-    Attributes:
-        stamp_ns: Time [ns].
-        x: Position in the odometry's frame [m].
-        y: Position [m].
-        yaw: Heading [rad].
-        position_variance: Variance of the position, along the way and likewise across, that the way
-            so far has added by itself, without the effect of the heading [m^2]; it never falls.
-        heading_variance: Likewise of the heading [rad^2].
-    """
-
-    stamp_ns: int
-    x: float
-    y: float
-    yaw: float
-    position_variance: float
-    heading_variance: float
-
-
-@dataclass(frozen=True)
-class SeenWalls:
-    """Walls that a robot sees at one time.
-
-    Attributes:
-        stamp_ns: Time of the measurement [ns].
-        walls: In the robot's base_link.
-    """
-
-    stamp_ns: int
-    walls: Walls
 
 
 @dataclass(frozen=True)

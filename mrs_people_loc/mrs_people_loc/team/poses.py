@@ -125,6 +125,13 @@ def frame_of(pose: Pose, local: Pose) -> Pose:
     return Pose(pose.stamp_ns, pose.x - float(dx), pose.y - float(dy), yaw)
 
 
+def is_jump(before: Pose, pose: Pose, tuning: PoseTuning = _TUNING) -> bool:
+    """Whether a pose is farther from the one before than a robot drives."""
+    seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
+    allowed = tuning.jump + tuning.jump_speed * seconds
+    return math.hypot(pose.x - before.x, pose.y - before.y) > allowed
+
+
 @dataclass
 class PoseBuffer:
     """The last poses of one robot, to be read at any time between them.
@@ -195,7 +202,7 @@ class PoseBuffer:
         index = bisect.bisect_left(self._stamps, pose.stamp_ns)
         if index < len(self._stamps) and self._stamps[index] == pose.stamp_ns:
             raise PoseError(f"stamp {pose.stamp_ns} ns is repeated; wanted: one pose per stamp")
-        if order is Order.NEWER and newest is not None and self._is_jump(newest, pose):
+        if order is Order.NEWER and newest is not None and is_jump(newest, pose, self.tuning):
             self.jumps += 1
             self.last_jump = newest, pose
         self._stamps.insert(index, pose.stamp_ns)
@@ -291,11 +298,6 @@ class PoseBuffer:
         made = _between(other, end, stamp_ns)
         carried = np.array([made.x - end.x, made.y - end.y, wrap_angle(made.yaw - end.yaw)])
         return _less_sure(made, carried, 0.5 * seconds**2 * np.array(tuning.speed_changes))
-
-    def _is_jump(self, one: Pose, other: Pose) -> bool:
-        seconds = (other.stamp_ns - one.stamp_ns) / 1e9
-        allowed = self.tuning.jump + self.tuning.jump_speed * seconds
-        return math.hypot(other.x - one.x, other.y - one.y) > allowed
 
 
 def _less_sure(pose: Pose, *sigmas: Float) -> Pose:

@@ -94,8 +94,7 @@ class _Playback:
         self._on_view = on_view
         self._config = team.planner
         self._team = TeamLocalization(
-            {n: s.localization for n, s in sources.items() if s.localization is not None},
-            team.robots,
+            {n: s.localization for n, s in sources.items() if s.localization is not None}
         )
         self._waiting: dict[str, RobotView] = {}  # behind the scans that wait for their interval
 
@@ -114,7 +113,7 @@ class _Playback:
 
     def _take_pose(self, source: Source, pose: Pose, now_ns: int) -> None:
         self._collector.add_pose(source.has.name, pose, now_ns)
-        self._team.share(source.has.name, now_ns)
+        self._team.share(source.has.name)
         source.poses += 1
 
     def _take_scan(self, source: Source, made: RobotView | Scan, now_ns: int) -> None:
@@ -122,7 +121,8 @@ class _Playback:
             if self._on_view is not None:
                 self._on_view(made)
             if source.localization is not None:
-                source.localization.take_view(made.stages, made.camera)
+                stages = made.stages
+                source.localization.take_view(stages.scan, stages.disparity, made.camera)
         scan = made.stages.scan if isinstance(made, RobotView) else made
         if source.stands:
             self._take_pose(source, static_pose(source.config.pose, scan.stamp_ns), now_ns)

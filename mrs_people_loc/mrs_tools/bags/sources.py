@@ -13,6 +13,11 @@ from typing import Any
 from mrs_people_loc import head, messages
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, RobotConfig, load_yaml
 from mrs_people_loc.errors import ConfigError, GridError, PoseError
+from mrs_people_loc.localization.robot_localization import (
+    RobotLocalization,
+    localizes,
+    may_localize,
+)
 from mrs_people_loc.robot import Stages
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
@@ -20,7 +25,7 @@ from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
 from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.bags.team_localization import RobotLocalization, localizes
+from mrs_tools.bags.team_localization import range_handlers
 
 MAP_TOPIC = "/map"
 GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
@@ -167,9 +172,9 @@ class Source:
             self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
         self._intake = PoseIntake(self.config.pose)
         self.localization: RobotLocalization | None = None
-        if self.localize and self._pose_topic() == "odom" and localizes(config):
+        if self.localize and self._pose_topic() == config.pose.source and may_localize(config):
             self.localization = RobotLocalization(name, config)
-            self.handlers.update(self.localization.handlers)
+            self.handlers.update(range_handlers(name, self.localization, config.walls))
 
     def _pose_topic(self) -> str:
         has = self.has.poses
@@ -201,9 +206,10 @@ class Source:
         pose = messages.read_pose(message, f"{self.has.name}/base_link")
         frame_id = message.header.frame_id
         config, recorded = self.config.pose, self._pose_topic() == "pose"
-        if self.localization is not None and frame_id.lstrip("/") != config.map_frame:
+        came_in = frame_id.lstrip("/")
+        if self.localization is not None and localizes(self.config, came_in):
             return self._intake(self.localization.take_odometry(pose), config.map_frame)
-        if frame_id.lstrip("/") != config.map_frame and (recorded or not config.map_from_odom):
+        if came_in != config.map_frame and (recorded or not config.map_from_odom):
             remedy = ", or pose.map_from_odom (x, y, yaw of that frame in the map) in a --config"
             raise FrameError(
                 f"frame_id is {frame_id!r}; wanted: {config.map_frame!r}"

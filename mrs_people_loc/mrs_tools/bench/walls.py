@@ -10,9 +10,9 @@ import numpy as np
 
 from mrs_people_loc import timing
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.localization.laser_walls import walls_of_laser
-from mrs_people_loc.localization.stereo_walls import StereoWalls
 from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.walls.laser import walls_of_laser
+from mrs_people_loc.localization.walls.stereo import StereoWalls
 from mrs_people_loc.team.poses import Pose
 from mrs_tools.bench.samples import Samples, blocks
 from mrs_tools.bench.scenes import CAMERA, drawn_disparity

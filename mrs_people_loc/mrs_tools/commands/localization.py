@@ -20,7 +20,7 @@ from mrs_tools.experiment.repeats import chosen_cases, print_cases
 def command(
     seeds: Annotated[
         int,
-        typer.Option(help="Tours of each kind; two at most where something goes wrong.", min=1),
+        typer.Option(help="Tours of each kind.", min=1),
     ] = 10,
     only: Annotated[str, typer.Option(help="Only tours whose name contains this.")] = "",
     out: Annotated[

@@ -42,7 +42,6 @@ class Case:
         trouble: What goes wrong.
         carried: By robot, when and how far it is carried, as `scene.Robot.carried`.
         event_s: When something happens that the team has to recover from [s]; None: nothing does.
-        main: Whether it is repeated with all seeds, or with two at most.
     """
 
     name: str
@@ -50,15 +49,13 @@ class Case:
     trouble: Trouble = field(default_factory=Trouble)
     carried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     event_s: float | None = None
-    main: bool = False
 
 
 _L = "tour_l_corridor.yaml"
 CASES = (
-    Case("L corridor", _L, main=True),
-    Case("straight corridor, walls known", "tour_straight_corridor.yaml", Trouble(known=True),
-         main=True),
-    Case("hall, no wall in range", "tour_hall.yaml", main=True),
+    Case("L corridor", _L),
+    Case("straight corridor, walls known", "tour_straight_corridor.yaml", Trouble(known=True)),
+    Case("hall, no wall in range", "tour_hall.yaml"),
     Case("loop", "tour_loop.yaml"),
     Case("L corridor, walls known", _L, Trouble(known=True)),
     Case("robot_b carried 0.5 m at 60 s", _L, carried={"robot_b": (60.0, 0.0, 0.5, 0.0)},
@@ -74,8 +71,6 @@ CASES = (
     Case("start known to 1 m, 15 degrees", _L, Trouble(start=(1.0, 1.0, np.radians(15.0))),
          event_s=0.0),
 )  # fmt: skip
-#: Cases that are not `main` have so many seeds at most.
-_FEW = 2
 
 
 @dataclass(frozen=True)
@@ -131,8 +126,7 @@ def run_cases(cases: Sequence[Case], seeds: int, *, jobs: int = 1) -> Iterator[C
     Yields:
         The scores of each case, in their order.
     """
-    counts = [seeds if case.main else min(seeds, _FEW) for case in cases]
-    yield from added_up(run_case, cases, counts, CaseScores(), jobs=jobs)
+    yield from added_up(run_case, cases, [seeds] * len(cases), CaseScores(), jobs=jobs)
 
 
 def run_case(case: Case, seed: int) -> CaseScores:

@@ -17,10 +17,10 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization, PlannerConfig, Tracking
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.relative_poses import RelativePoses
-from mrs_people_loc.localization.seen_people import SeenPeople
-from mrs_people_loc.localization.shared import RelativePose, SeenWalls, TeamPose
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.seen_people import SeenPeople
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_tools.bags.estimates import estimate_of
@@ -175,7 +175,7 @@ class LightTeam:
         planner = Planner(PlannerConfig(tracking=Tracking(enabled=False)))
         for step in range(0, len(tour.times), _VIEW):
             time = float(tour.times[step])
-            self._deliver(stamp_of(step), time)
+            self._deliver(time)
             for name, localizer in self._localizers.items():
                 pose = localizer.take_odometry(_pose(stamp_of(step), tour.odometry[name][step]))
                 localized[name].append(pose)
@@ -214,9 +214,7 @@ class LightTeam:
         stamp_ns = stamp_of(step)
         heard = [name for name in self.names if not self._is_cut_off(name, time)]
         seen = {name: seen_places(stamp_ns, self._people[name][step // _VIEW]) for name in heard}
-        poses = {
-            name: self._localizers[name].pose_at(stamp_ns).relative_to_team() for name in heard
-        }
+        poses = {name: self._localizers[name].pose_at(stamp_ns) for name in heard}
         for relative in self._relative.step(seen, poses):
             self._underway += [(name, relative) for name in self.names]
 
@@ -228,7 +226,7 @@ class LightTeam:
             told = dataclasses.replace(told, pose=moved)
         return told
 
-    def _deliver(self, now_ns: int, time: float) -> None:
+    def _deliver(self, time: float) -> None:
         underway, self._underway = self._underway, []
         for to, message in underway:
             sender = message.robot if isinstance(message, TeamPose) else ""
@@ -237,7 +235,7 @@ class LightTeam:
             if self._is_cut_off(to, time) or self._is_cut_off(sender, time):
                 continue
             if isinstance(message, TeamPose):
-                self._localizers[to].take_teammate(message, now_ns)
+                self._localizers[to].take_teammate(message)
             else:
                 self._localizers[to].take_relative(message)
 

@@ -19,8 +19,8 @@ from mrs_people_loc.guiding.guidance import Guidance, Role, State
 from mrs_people_loc.guiding.guide import RUNNING, Guide
 from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.relative_poses import RelativePoses
-from mrs_people_loc.localization.shared import SeenWalls
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_tools.bags.estimates import estimate_of
@@ -255,13 +255,13 @@ class LightTour:
                 if len(walls):
                     self._localizers[name].take_walls(SeenWalls(now_ns, walls))
             told.append(self._localizers[name].share())
-        poses = {name: self._poses[name].relative_to_team() for name in views}
+        poses = {name: self._poses[name] for name in views}
         seen = {name: seen_places(now_ns, view) for name, view in views.items()}
         relative = self._relative.step(seen, poses)
         for name in views:
             for message in told:
                 if message.robot != name:
-                    self._localizers[name].take_teammate(message, now_ns)
+                    self._localizers[name].take_teammate(message)
             for pose in relative:
                 self._localizers[name].take_relative(pose)
 

@@ -17,7 +17,7 @@ from mrs_people_msgs.msg import People
 from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.qos import QoSProfile
 
-from mrs_people_loc import guide_messages, messages
+from mrs_people_loc import messages
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import GuideConfig, PlannerConfig
 from mrs_people_loc.errors import PeopleError, PoseError, TourError
@@ -157,7 +157,7 @@ class GuideNode(ManagedNode):
 
     def _on_people(self, message: People) -> None:
         stamp_ns = messages.read_stamp(message)
-        persons, groups = guide_messages.read_people(message, self.config.map_frame)
+        persons, groups = messages.read_people(message, self.config.map_frame)
         robots = tuple(scan.robot for scan in message.scans)
         if len(robots) > _MOST_ROBOTS:
             raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
@@ -185,12 +185,12 @@ class GuideNode(ManagedNode):
         if not message.poses:
             self._cancel()
             return
-        self._begin_tour(guide_messages.read_tour_path(message, self.config.map_frame))
+        self._begin_tour(messages.read_tour_path(message, self.config.map_frame))
 
     # ---- tours ----
 
     def _begin_goal(self, goal: Any) -> None:
-        self._begin_tour(guide_messages.read_tour_goal(goal, self.config.map_frame))
+        self._begin_tour(messages.read_tour_goal(goal, self.config.map_frame))
 
     def _begin_tour(self, tour: Tour) -> None:
         """Begins a tour.

@@ -14,8 +14,8 @@ from mrs_people_loc.health.localization import (
     RefusalWatch,
     of_localization,
 )
+from mrs_people_loc.localization.filter.team_state import Misfit, Source, Trust
 from mrs_people_loc.localization.localizer import LocalizationState
-from mrs_people_loc.localization.team_state import Misfit, Source, Trust
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.team.poses import Pose
 
@@ -37,7 +37,6 @@ WELL = LocalizationState(
     misfits={},
     walls=NO_WALLS,
     known=(),
-    silent={},
     clocks={},
     late=4,
     resets=1,

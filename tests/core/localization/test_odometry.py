@@ -10,8 +10,13 @@ from hypothesis import strategies as st
 
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
-from mrs_people_loc.localization.odometry import DeadReckoning, OdometryTrack, carried_on, motion
-from mrs_people_loc.localization.shared import Odometry
+from mrs_people_loc.localization.odometry import (
+    DeadReckoning,
+    Odometry,
+    OdometryTrack,
+    carried_on,
+    motion,
+)
 from mrs_people_loc.team.poses import Pose
 
 S = 1_000_000_000

@@ -10,8 +10,8 @@ import numpy as np
 from mrs_people_loc.config import Localization
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.localizer import Localizer
-from mrs_people_loc.localization.shared import RelativePose, SeenWalls
-from mrs_people_loc.localization.walls import Walls
+from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.team.poses import Pose
 
 START = (0.02, 0.02, 0.01)
@@ -299,7 +299,7 @@ class Tour:
         if self.on_message is not None:
             told = self.on_message(step, told, sender, receiver)
         if told is not None:
-            receiver.localizer.take_teammate(told, told.odometry.stamp_ns)
+            receiver.localizer.take_teammate(told)
 
     def _meet(self, stamp_ns, robots, rng):
         truth = np.array([robot.truth for robot in robots])

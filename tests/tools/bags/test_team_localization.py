@@ -9,9 +9,10 @@ import pytest
 pytest.importorskip("rosbags.interfaces", reason="writing bags needs rosbags")
 pytest.importorskip("embreex", reason="the simulator needs embreex")
 
-from mrs_people_loc.config import Localization, PoseInput, RobotConfig
+from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.localization.robot_localization import RobotLocalization
 from mrs_tools.bags.offline import BagRun
-from mrs_tools.bags.team_localization import RobotLocalization, localizes
+from mrs_tools.bags.team_localization import range_handlers
 from mrs_tools.evaluation.results import evaluate_bag
 from mrs_tools.simulation.render_scene import simulate
 from mrs_tools.simulation.scene import read_scene
@@ -69,24 +70,10 @@ def test_topics_of_range_sensors_follow_the_configuration():
         {"walls": {"sonars": ["left", "/other/right"], "sonar_mountings": [0.0] * 6,
                    "laser": True, "laser_mounting": [0.1, 0.0, 0.0]}}
     )  # fmt: skip
-    handlers = RobotLocalization("robot_a", config).handlers
-    assert sorted(handlers) == ["/other/right", "/robot_a/left", "/robot_a/scan"]
+    assert sorted(topics(config)) == ["/other/right", "/robot_a/left", "/robot_a/scan"]
     without = RobotConfig.from_mapping({"walls": {"sonars": ["left"], "laser": True}})
-    assert RobotLocalization("robot_a", without).handlers == {}
+    assert not topics(without)
 
 
-@pytest.mark.parametrize(
-    ("pose", "localization", "expected"),
-    [
-        ({"map_from_odom": [0.0, 0.0, 0.0]}, {}, True),
-        ({}, {"start": [0.0, 0.0, 0.0]}, True),
-        ({}, {}, False),
-        ({"map_from_odom": [0.0, 0.0, 0.0]}, {"run": "never"}, False),
-        ({"map_from_odom": [0.0, 0.0, 0.0], "source": "tf"}, {}, False),
-    ],
-)
-def test_what_is_dead_reckoning(pose, localization, expected):
-    config = RobotConfig(
-        pose=PoseInput.from_mapping(pose), localization=Localization.from_mapping(localization)
-    )
-    assert localizes(config) is expected
+def topics(config: RobotConfig) -> list[str]:
+    return [*range_handlers("robot_a", RobotLocalization("robot_a", config), config.walls)]

@@ -1,0 +1,374 @@
+"""One extended Kalman filter over a team's poses and the walls it sees.
+
+The joint state of Roumeliotis & Bekey 2002 ("Distributed multirobot localization"), with the
+cross-covariances of all robots and walls, so that nothing is counted twice; walls as in SLAM with
+lines (Smith, Self & Cheeseman 1990). What team-mates' own filters say is correlated with the state
+in an unknown way and is fused by covariance intersection (Julier & Uhlmann 1997).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.config import Localization
+from mrs_people_loc.localization.filter.kalman import corrected, noted, share_of_claim, wrapped
+from mrs_people_loc.localization.filter.observations import (
+    Claimed,
+    Joined,
+    Left,
+    Met,
+    Observation,
+    Placed,
+    Reached,
+    WallsSeen,
+    pose_from,
+)
+from mrs_people_loc.localization.filter.team_state import Source, TeamState, Trust, changed
+from mrs_people_loc.localization.filter.wall_landmarks import Verdict, WallLandmarks
+from mrs_people_loc.localization.walls import Walls
+
+
+@dataclass(frozen=True)
+class FilterTuning:
+    """Constants, chosen by hand.
+
+    Attributes:
+        lost_after: A robot is lost after so many observations in a row that do not fit ...
+        lost_after_s: ... and this time [s].
+        contradicted_s: Likewise where other walls of the same sights fit, as they do if it was
+            carried along them [s].
+        start_patience: It takes so many times as many absolute poses, and as long, where none has
+            ever fitted.
+        lost_sigmas: How much less sure its pose is then [m, m, rad].
+        fitted_lately_s: What fitted within this time still speaks for a robot [s].
+        claim_gain: Least weight with which a claim is fused.
+        claims_refused: From so many claims in a row that do not fit, a robot is doubted.
+        silence_s: A robot that claimed nothing for so long was out of contact [s].
+        agree_s: After that, filters have this time to agree [s].
+        max_offset: Otherwise claims differ, and pull, by less than this [m] ...
+        max_turn: ... and this [rad].
+        agree_within: Filters that hear each other may differ by this [m, rad].
+        agree_gain: What is more shrinks by this share with each claim.
+    """
+
+    lost_after: int = 5
+    lost_after_s: float = 0.4
+    contradicted_s: float = 2.0
+    start_patience: int = 5
+    lost_sigmas: tuple[float, float, float] = (1.0, 1.0, math.radians(30.0))
+    fitted_lately_s: float = 2.0
+    claim_gain: float = 0.05
+    claims_refused: int = 3
+    silence_s: float = 2.0
+    agree_s: float = 3.0
+    max_offset: float = 0.3
+    max_turn: float = 0.15
+    agree_within: tuple[float, float] = (0.05, 0.02)
+    agree_gain: float = 0.1
+
+
+_TUNING = FilterTuning()
+
+
+class TeamFilter:
+    """Applies observations to a state. Its arguments are those of `Localizer`."""
+
+    def __init__(
+        self,
+        robot: str,
+        config: Localization,
+        known: Walls | None = None,
+        tuning: FilterTuning = _TUNING,
+    ) -> None:
+        self.robot = robot
+        self.tuning = tuning
+        self.gates = {m: float(chdtri(m, 1.0 - config.gate)) for m in (1, 2, 3)}
+        self.walls = WallLandmarks(known, self.gates)
+        self._apply: dict[type[Observation], Callable[[TeamState, Any], TeamState]] = {
+            Reached: lambda state, _: state,
+            Joined: self._joined,
+            Left: lambda state, seen: state.without_robot(seen.robot),
+            WallsSeen: self._walls_seen,
+            Placed: self._placed,
+            Claimed: self._claimed,
+            Met: self._met,
+        }
+
+    def apply(self, state: TeamState, observation: Observation) -> TeamState:
+        """The state after an observation; the same where it is of a robot that is not in it."""
+        if not isinstance(observation, Joined):
+            if observation.robot not in state.odometry:
+                return state
+            state = state.carried_on(observation.robot, observation.odometry)
+        return self._apply[type(observation)](state, observation)
+
+    def _joined(self, state: TeamState, seen: Joined) -> TeamState:
+        if seen.robot in state.odometry:
+            state = state.without_robot(seen.robot)
+        return state.with_robot(seen.robot, seen.odometry, seen.place, seen.covariance)
+
+    def _walls_seen(self, state: TeamState, seen: WallsSeen) -> TeamState:
+        state, verdict = self.walls.take(state, seen)
+        if verdict.off is not None:
+            trust = state.trust.get(seen.robot, Trust())
+            trust = changed(trust, disputed=trust.disputed + 1, off=verdict.off)
+            state = _with_trust(state, seen.robot, trust)
+        if verdict.fitted:
+            state = self._fitted(state, seen.robot, seen.odometry.stamp_ns, verdict.shared)
+            return self._contradicted(state, seen, verdict) if verdict.refused else state
+        if verdict.refused:
+            return self._refused(state, seen.robot, seen.odometry.stamp_ns)
+        return state
+
+    def _contradicted(self, state: TeamState, seen: WallsSeen, verdict: Verdict) -> TeamState:
+        """Notes that some walls fitted and others did not; if for long, the robot is lost."""
+        trust, stamp_ns = state.trust[seen.robot], seen.odometry.stamp_ns
+        is_new = not trust.contradicted or verdict.missed_ns > trust.contradicted_ns
+        since_ns = stamp_ns if is_new else trust.contradicted_ns
+        count = 1 if is_new else trust.contradicted + 1
+        seconds = (stamp_ns - since_ns) / 1e9
+        if count >= self.tuning.lost_after and seconds >= self.tuning.contradicted_s:
+            return self._lost(state, seen.robot, stamp_ns)
+        trust = changed(trust, contradicted=count, contradicted_ns=since_ns)
+        return _with_trust(state, seen.robot, trust)
+
+    def _placed(self, state: TeamState, seen: Placed) -> TeamState:
+        robot, stamp_ns = seen.robot, seen.odometry.stamp_ns
+        made, squared = self._with_pose(state, seen)
+        accepted = squared <= self.gates[3]
+        state = noted(
+            made if accepted else state, robot, "absolute", accepted, squared, 3, stamp_ns
+        )
+        if not accepted:
+            return self._misplaced(state, robot, stamp_ns)
+        return self._fitted(state, robot, stamp_ns, True)
+
+    def _misplaced(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
+        """An absolute pose did not fit; if none did for long, the robot is lost.
+
+        Walls that its team has added fit wherever it is, and count nothing here; known ones do.
+        Where no absolute pose has ever fitted, the start is believed for longer.
+        """
+        absolute, tuning = state.sources[robot, "absolute"], self.tuning
+        patience = 1 if absolute.accepted else tuning.start_patience
+        known_ns = state.sources.get((robot, "known walls"), Source()).stamp_ns
+        is_known = known_ns > 0 and stamp_ns - known_ns < 1e9 * tuning.fitted_lately_s
+        if is_known or not self._is_long(absolute.in_a_row, absolute.since_ns, stamp_ns, patience):
+            return state
+        return self._lost(state, robot, stamp_ns)
+
+    def _claimed(self, state: TeamState, claim: Claimed) -> TeamState:
+        """Compares what a team-mate's filter says about its pose.
+
+        Filters that hear each other know the same. After a silence they may not: where the claim
+        is much surer, it is fused by covariance intersection. Else both know as much, but have
+        drifted apart as a whole: the whole state moves towards the claim, as covariance
+        intersection of equally sure estimates does, and nothing changes between robots and walls.
+        At any other time they drift apart by little and slowly, and agree likewise.
+        """
+        robot, i, stamp_ns = claim.robot, state.at(claim.robot), claim.odometry.stamp_ns
+        place, own = state.mean[i : i + 3], state.covariance[i : i + 3, i : i + 3]
+        offset = wrapped(claim.place - place)
+        # Whatever the correlation, the difference has no more than twice the sum.
+        bound = 2.0 * (own + claim.covariance)
+        squared = float(offset @ np.linalg.solve(bound, offset))
+        trust = self._heard(state.trust.get(robot, Trust()), stamp_ns)
+        accepted = squared <= self.gates[3] and self._believes(trust, offset, own, stamp_ns)
+        state = noted(state, robot, "claim", accepted, squared, 3, stamp_ns)
+        if not accepted:
+            off, refused = math.hypot(offset[0], offset[1]), trust.claims_refused + 1
+            trust = changed(trust, claims_refused=refused, off=off)
+            return _with_trust(state, robot, trust)
+        trust = changed(trust, claims_refused=0)
+        share = share_of_claim(own, claim.covariance)
+        again = self._is_in_contact_again(trust, stamp_ns)
+        if trust.disputed >= self.tuning.lost_after:
+            return _with_trust(state, robot, trust)
+        if again and share >= self.tuning.claim_gain:
+            state = _with_trust(state, robot, trust)
+            wide = changed(state, covariance=state.covariance / (1.0 - share))
+            fused = changed(claim, covariance=claim.covariance / share)
+            return self._with_pose(wide, fused)[0]
+        if again:
+            precision = np.trace(np.linalg.inv(own)), np.trace(np.linalg.inv(claim.covariance))
+            step = offset * precision[1] / (precision[0] + precision[1])
+        else:
+            step = self.tuning.agree_gain * _beyond(offset, self.tuning.agree_within)
+        pulled = math.hypot(step[0], step[1])
+        trust = changed(trust, pulled=trust.pulled + pulled if pulled else 0.0)
+        if not step.any():
+            return _with_trust(state, robot, trust)
+        return _with_trust(state.moved(place, place + step), robot, trust)
+
+    def _heard(self, trust: Trust, stamp_ns: int) -> Trust:
+        """The same at the time of a further claim."""
+        silent_s = (stamp_ns - trust.claimed_ns) / 1e9
+        if trust.claimed_ns and silent_s > self.tuning.silence_s:
+            trust = changed(trust, contact_ns=stamp_ns, pulled=0.0)
+        elif self._is_in_contact_again(trust, trust.claimed_ns) != self._is_in_contact_again(
+            trust, stamp_ns
+        ):
+            trust = changed(trust, pulled=0.0)
+        return changed(trust, claimed_ns=stamp_ns)
+
+    def _is_in_contact_again(self, trust: Trust, stamp_ns: int) -> bool:
+        """Whether a robot is heard again after a silence, and filters have time to agree."""
+        contact_ns = trust.contact_ns
+        return bool(contact_ns) and (stamp_ns - contact_ns) / 1e9 < self.tuning.agree_s
+
+    def _believes(self, trust: Trust, offset: Float, own: Float, stamp_ns: int) -> bool:
+        """Whether two filters may differ so much.
+
+        Those that hear each other differ little. After a silence they may differ by as much as
+        they are unsure; a claim that pulls farther than that is false. One that agrees pulls no
+        more, however far those before it did.
+        """
+        tuning = self.tuning
+        if self._is_in_contact_again(trust, stamp_ns):
+            return trust.pulled < tuning.max_offset + 3.0 * math.sqrt(own[0, 0] + own[1, 1])
+        near = math.hypot(offset[0], offset[1]) < tuning.max_offset
+        near = near and bool(abs(offset[2]) < tuning.max_turn)
+        agrees = not _beyond(offset, tuning.agree_within).any()
+        return agrees or (near and trust.pulled < tuning.max_offset)
+
+    def _with_pose(self, state: TeamState, seen: Placed) -> tuple[TeamState, float]:
+        """The state after a measured pose, and the squared length of its residual."""
+        columns = state.at(seen.robot) + np.arange(3)
+
+        def model(part: Float) -> tuple[Float, Float]:
+            return wrapped(seen.place - part), np.eye(3)
+
+        return corrected(state, columns, model, seen.covariance)
+
+    def _met(self, state: TeamState, seen: Met) -> TeamState:
+        if seen.other not in state.odometry:
+            return state
+        state = state.carried_on(seen.other, seen.other_odometry)
+        columns = np.r_[state.at(seen.robot) + np.arange(3), state.at(seen.other) + np.arange(3)]
+
+        def model(part: Float) -> tuple[Float, Float]:
+            predicted, by_robot, by_other = pose_from(part[:3], part[3:])
+            return wrapped(seen.place - predicted), np.hstack([by_robot, by_other])
+
+        made, squared = corrected(state, columns, model, seen.covariance)
+        stamp_ns = seen.odometry.stamp_ns
+        accepted = squared <= self.gates[3]
+        state = made if accepted else state
+        for robot in (seen.robot, seen.other):
+            state = noted(state, robot, "relative", accepted, squared, 3, stamp_ns)
+        return self._meeting(state, seen, accepted, squared)
+
+    def _meeting(self, state: TeamState, seen: Met, fits: bool, squared: float) -> TeamState:
+        """Notes how a relative pose fitted; if it does not for long, one of the two is lost."""
+        pair = min(seen.robot, seen.other), max(seen.robot, seen.other)
+        stamp_ns = seen.odometry.stamp_ns
+        met = state.meetings.get(pair, Source()).noted(fits, squared, 3, stamp_ns)
+        state = _with_meetings(state, pair, met)
+        if fits:
+            for robot in pair:
+                if state.trust.get(robot, Trust()).lost:
+                    state = self._fitted(state, robot, stamp_ns, True)
+            return state
+        if not self._is_long(met.in_a_row, met.since_ns, stamp_ns):
+            return state
+        state = _with_meetings(state, pair, met.begun_anew())
+        for robot in self._suspects(state, pair, stamp_ns):
+            state = self._lost(state, robot, stamp_ns)
+        return state
+
+    def _suspects(self, state: TeamState, pair: tuple[str, str], stamp_ns: int) -> tuple[str, ...]:
+        """Which of two robots, whose relative pose does not fit, are lost.
+
+        Those that fit no third robot and no map lately; where that does not tell them apart, those
+        that never did: they are new, and nothing confirms yet where they say that they are. Where
+        that does not, either: both if they fitted each other before; else the team-mate if it is
+        the own robot that does not fit, and of two team-mates none, until more is known.
+        """
+
+        def fitted_ns(robot: str) -> int:
+            met = (
+                value.stamp_ns
+                for other, value in state.meetings.items()
+                if robot in other and other != pair
+            )
+            absolute = state.sources.get((robot, "absolute"), Source()).stamp_ns
+            known = state.sources.get((robot, "known walls"), Source()).stamp_ns
+            return max(absolute, known, *met)
+
+        for since_ns in (stamp_ns - round(1e9 * self.tuning.fitted_lately_s), 0):
+            lonely = tuple(robot for robot in pair if fitted_ns(robot) <= since_ns)
+            if len(lonely) == 1:
+                return lonely
+        if state.meetings[pair].accepted:
+            return pair
+        return tuple(robot for robot in pair if robot != self.robot and self.robot in pair)
+
+    def _is_long(self, refused: int, since_ns: int, stamp_ns: int, patience: int = 1) -> bool:
+        return (
+            refused >= patience * self.tuning.lost_after
+            and stamp_ns - since_ns >= patience * 1e9 * self.tuning.lost_after_s
+        )
+
+    def _fitted(self, state: TeamState, robot: str, stamp_ns: int, shared: bool) -> TeamState:
+        """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""
+        before = state.trust.get(robot, Trust())
+        trust = changed(
+            before,
+            refused=0,
+            since_ns=0,
+            fitted_ns=stamp_ns,
+            lost=False,
+            disputed=0 if shared else before.disputed,
+        )
+        return _with_trust(state, robot, trust)
+
+    def _refused(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
+        """Notes that observations did not fit, though such had done; if for long, it is lost."""
+        before = state.trust.get(robot, Trust())
+        since_ns = before.since_ns if before.refused else stamp_ns
+        if self._is_long(before.refused + 1, since_ns, stamp_ns):
+            return self._lost(state, robot, stamp_ns)
+        trust = changed(before, refused=before.refused + 1, since_ns=since_ns)
+        return _with_trust(state, robot, trust)
+
+    def _lost(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
+        before = state.trust.get(robot, Trust())
+        trust = changed(
+            before,
+            refused=0,
+            since_ns=0,
+            contradicted=0,
+            lost=True,
+            lost_ns=stamp_ns,
+            times_lost=before.times_lost + 1,
+        )
+        # Known walls did not fit because of the robot, not of the map.
+        wide = changed(state.widened(robot, self.tuning.lost_sigmas), misfits={})
+        absolute = wide.sources.get((robot, "absolute"))
+        if absolute is not None:
+            anew = {**wide.sources, (robot, "absolute"): absolute.begun_anew()}
+            wide = changed(wide, sources=anew)
+        return _with_trust(wide, robot, trust)
+
+
+def _beyond(offset: Float, within: tuple[float, float]) -> Float:
+    """The part of an offset of x, y [m] and yaw [rad] that is beyond these, shape (3,)."""
+    away = math.hypot(offset[0], offset[1])
+    x, y = max(1.0 - within[0] / away, 0.0) * offset[:2] if away else (0.0, 0.0)
+    yaw = math.copysign(max(abs(offset[2]) - within[1], 0.0), offset[2])
+    return np.array([x, y, yaw])
+
+
+def _with_trust(state: TeamState, robot: str, trust: Trust) -> TeamState:
+    return changed(state, trust={**state.trust, robot: trust})
+
+
+def _with_meetings(state: TeamState, pair: tuple[str, str], meetings: Source) -> TeamState:
+    return changed(state, meetings={**state.meetings, pair: meetings})

@@ -1,0 +1,457 @@
+"""Relative poses of robots, measured with the people whom both see.
+
+What each robot sees by itself over a window of some intervals becomes tracks of straight motion, so
+that people whom two robots see at different times are compared at one time. The tracks of two
+robots are aligned (`alignment`). Windows do not overlap: no sighting is used for two measurements
+of one pair of robots.
+
+Part of a robot's error about a person lasts as long as it sees them from the same side. A filter
+that takes it for white noise is too certain after many windows. So the variance of that part is
+multiplied by 1 + 2 tau / T, where tau is the time that it lasts and T the time between
+measurements: white noise of that variance has the same effect on a mean over a long time (Bartlett,
+On the theoretical specification and sampling properties of autocorrelated time-series, 1946). While
+both robots stand, tau is the time that they have been standing.
+
+The sightings of a robot also enter its measurements with several others. With m robots, each
+measured with each, independent measurements would have m / 2 times the information that there is;
+the covariances are multiplied accordingly.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrs_people_loc.arrays import Float, Int, StructOfArrays
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
+from mrs_people_loc.localization.people.alignment import (
+    ALIGNMENT_TUNING,
+    Alignment,
+    AlignmentTuning,
+    Places,
+    align,
+    fit,
+)
+from mrs_people_loc.localization.people.seen_people import SeenPeople
+from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.neighbours import connected
+from mrs_people_loc.team.fusion import map_from_robot
+from mrs_people_loc.team.poses import Pose
+
+
+@dataclass(frozen=True)
+class RelativePosesTuning:
+    """Constants of `RelativePoses`.
+
+    The shares and times of errors were measured on the shipped bags and the suite's; the others
+    were chosen by hand, with simulated people who walk.
+
+    Attributes:
+        window_ns: Span of a window, at least [ns] ...
+        intervals: ... and intervals in it.
+        sightings: Of a person in a window, at least.
+        pairs: Pairs of robots that are compared per window, at most; the others come next.
+        step: Two sightings of a person are no farther apart than this [m] ...
+        speed: ... and this speed explains [m/s].
+        bridged: Scans that a person may be missed in, between two sightings.
+        any_velocity: Standard deviation of a person's velocity on each axis [m/s].
+        acceleration: Standard deviation of the change of a person's velocity in a second; it grows
+            with the square root of time [m/s].
+        bend: Variance of the middle of a line that is fitted to a path with such changes, over
+            `acceleration` squared and the cube of its span: by simulation 0.003 to 0.007, doubled.
+        lasting: Share of a sighting's variance that lasts over windows.
+        lasting_s: For how long it lasts [s].
+        least: Standard deviations of a relative pose, at least, likewise lasting: what all people
+            have in common, x, y, yaw [m, m, rad].
+        told: Standard deviations of what a pose may be wrong by, beside its covariance, where that
+            is right: x, y, yaw [m, m, rad].
+        mistaken: Likewise, where it is not.
+        farthest: Likewise, at most.
+        evidence: Log-odds of an alignment that counts by itself, at least ...
+        margin: ... and log-odds over the next best one.
+        evidence_again: Likewise of one that counts if the last one of the two robots was such, and
+        margin_again: ... and the same to within ...
+        same: ... this distance [m] and ...
+        same_turn: ... this turn [rad].
+        memory_ns: After so long a pair of robots is a new one [ns].
+        stands: A robot stands if it is no farther from where it was than this [m] ...
+        stands_turn: ... and turned by no more than this [rad].
+        alignment: Constants of the search.
+    """
+
+    window_ns: int = 700_000_000
+    intervals: int = 4
+    sightings: int = 3
+    pairs: int = 6
+    step: float = 0.15
+    speed: float = 2.0
+    bridged: int = 2
+    any_velocity: float = 1.0
+    acceleration: float = 0.5
+    bend: float = 0.01
+    lasting: float = 0.35
+    lasting_s: float = 4.0
+    least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
+    told: tuple[float, float, float] = (0.1, 0.1, math.radians(2.0))
+    mistaken: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
+    farthest: tuple[float, float, float] = (4.0, 4.0, math.radians(60.0))
+    evidence: float = 3.5
+    margin: float = 5.0
+    evidence_again: float = 2.0
+    margin_again: float = 4.0
+    same: float = 0.3
+    same_turn: float = math.radians(7.0)
+    memory_ns: int = 10_000_000_000
+    stands: float = 0.05
+    stands_turn: float = math.radians(2.0)
+    alignment: AlignmentTuning = ALIGNMENT_TUNING
+
+
+RELATIVE_POSES_TUNING = RelativePosesTuning()
+
+#: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
+_UNKNOWN = 1e6
+
+
+@dataclass(frozen=True)
+class Tracks(StructOfArrays):
+    """People that a robot saw over a window, a struct of arrays of one length (n,).
+
+    Attributes:
+        xy: Places at one time, on the map [m], shape (n, 2).
+        white: Covariance of the places by errors that differ from scan to scan, shape (n, 2, 2).
+        lasting: Likewise by errors that last [m^2], shape (n, 2, 2).
+    """
+
+    xy: Float
+    white: Float
+    lasting: Float
+
+
+NOBODY = Tracks(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2, 2)))
+
+
+@dataclass
+class _Robot:
+    """What a robot saw in the window.
+
+    Attributes:
+        seen: By scan, the people, and its pose.
+        stands: The first of its poses that is where it is now.
+    """
+
+    seen: list[tuple[SeenPeople, Pose]] = field(default_factory=list)
+    stands: Pose | None = None
+
+    @property
+    def stands_since_ns(self) -> int:
+        """Since when it is where it is now [ns]."""
+        return 0 if self.stands is None else self.stands.stamp_ns
+
+    def take(self, people: SeenPeople, pose: Pose, tuning: RelativePosesTuning) -> None:
+        """Takes a scan."""
+        self.seen.append((people, pose))
+        at = self.stands
+        if (
+            at is None
+            or math.hypot(pose.x - at.x, pose.y - at.y) > tuning.stands
+            or abs(wrap_angle(pose.yaw - at.yaw)) > tuning.stands_turn
+        ):
+            self.stands = pose
+
+
+@dataclass
+class _Pair:
+    """Two robots.
+
+    Attributes:
+        compared_ns: When they were compared last [ns]; 0: never.
+        measured_ns: When their relative pose was measured last [ns]; 0: never.
+        guess: The last alignment that was good enough to be confirmed, and the pose of the second
+            robot that it moves.
+    """
+
+    compared_ns: int = 0
+    measured_ns: int = 0
+    guess: tuple[Alignment, Pose] | None = None
+
+    def confirms(self, found: Alignment, pose: Pose, tuning: RelativePosesTuning) -> bool:
+        """Whether an alignment of the second robot, at a pose, is the last one again."""
+        if self.guess is None:
+            return False
+        last, at = self.guess
+        way = np.array([pose.x - at.x, pose.y - at.y])
+        expected = last.move + rotation_2d(last.turn) @ way - way
+        return bool(
+            np.hypot(*(found.move - expected)) < tuning.same
+            and abs(wrap_angle(found.turn - last.turn)) < tuning.same_turn
+        )
+
+
+class RelativePoses:
+    """Measures relative poses of robots, window by window.
+
+    Args:
+        tuning: Constants.
+    """
+
+    def __init__(self, tuning: RelativePosesTuning = RELATIVE_POSES_TUNING) -> None:
+        self.tuning = tuning
+        self._robots: dict[str, _Robot] = {}
+        self._pairs: dict[tuple[str, str], _Pair] = {}
+        self._intervals = 0
+
+    def begin_anew(self) -> None:
+        """Forgets all sightings: the time jumped back."""
+        self._robots.clear()
+        self._pairs.clear()
+        self._intervals = 0
+
+    def step(
+        self, seen: Mapping[str, SeenPeople], poses: Mapping[str, Pose]
+    ) -> tuple[RelativePose, ...]:
+        """Takes an interval.
+
+        Args:
+            seen: By robot, the people that it sees; robots may be left out.
+            poses: By robot, its pose in the map at that stamp. Over a window, what lies between two
+                poses of a robot is taken for exact; where a robot is, for as sure as the
+                covariance says (that relative to the team, where it is known), or else wrong by
+                `mistaken` in the tuning.
+
+        Returns:
+            The measurements of a window that ends with this interval; none, as a rule.
+        """
+        for name, people in seen.items():
+            pose = poses[name].relative_to_team()
+            self._robots.setdefault(name, _Robot()).take(people, pose, self.tuning)
+        self._intervals += 1
+        stamps = [people.stamp_ns for r in self._robots.values() for people, _ in r.seen]
+        span_ns = max(stamps, default=0) - min(stamps, default=0)
+        if span_ns < self.tuning.window_ns or self._intervals < self.tuning.intervals:
+            return ()
+        found = self._measure((max(stamps) + min(stamps)) // 2)
+        self._robots = {name: robot for name, robot in self._robots.items() if robot.seen}
+        for robot in self._robots.values():
+            robot.seen.clear()
+        self._intervals = 0
+        return found
+
+    def _measure(self, time_ns: int) -> tuple[RelativePose, ...]:
+        """Compares the robots that saw people in the window whose middle is at a time [ns]."""
+        tracks, last = {}, {}
+        for name, robot in self._robots.items():
+            people = tracks_of(robot.seen, time_ns, self.tuning)
+            if len(people) >= 2:
+                tracks[name], last[name] = people, robot.seen[-1][1]
+        found = {}
+        for names in self._next_pairs(last):
+            pair = self._pairs.setdefault(names, _Pair())
+            one, other = ((last[name], tracks[name]) for name in names)
+            wrong_by = self._compare(pair, one, other, self._factor(names, pair, time_ns))
+            pair.compared_ns = time_ns
+            if wrong_by is not None:
+                found[names] = one[0], other[0], wrong_by
+                pair.measured_ns = time_ns
+        oldest_ns = time_ns - self.tuning.memory_ns
+        self._pairs = {
+            names: pair for names, pair in self._pairs.items() if pair.compared_ns > oldest_ns
+        }
+        used = Counter(name for names in found for name in names)
+        return tuple(
+            _relative(names, *measured, factor=(2 + used[names[0]] + used[names[1]]) / 4)
+            for names, measured in found.items()
+        )
+
+    def _next_pairs(self, poses: Mapping[str, Pose]) -> list[tuple[str, str]]:
+        """The pairs of robots that were not compared for the longest time, the nearest first."""
+
+        def order(names: tuple[str, str]) -> tuple[int, float]:
+            one, other = poses[names[0]], poses[names[1]]
+            away = math.hypot(one.x - other.x, one.y - other.y)
+            return self._pairs[names].compared_ns if names in self._pairs else 0, away
+
+        return sorted(itertools.combinations(sorted(poses), 2), key=order)[: self.tuning.pairs]
+
+    def _factor(self, names: tuple[str, str], pair: _Pair, time_ns: int) -> float:
+        """What the variance of errors that last is multiplied by, for a pair at a time [ns]."""
+        if not pair.measured_ns:
+            return 1.0
+        since_s = (time_ns - pair.measured_ns) / 1e9
+        stand_ns = max(self._robots[name].stands_since_ns for name in names)
+        lasts_s = max(self.tuning.lasting_s, (time_ns - stand_ns) / 1e9)
+        return 1.0 + 2.0 * lasts_s / max(since_s, 1e-3)
+
+    def _compare(
+        self, pair: _Pair, one: tuple[Pose, Tracks], other: tuple[Pose, Tracks], factor: float
+    ) -> tuple[Float, Float] | None:
+        """What the pose of a robot is wrong by, relative to another's.
+
+        Args:
+            pair: The two robots.
+            one: Pose of the first, and the people that it sees.
+            other: Likewise of the second.
+            factor: What the variance of errors that last is multiplied by.
+
+        Returns:
+            x, y, yaw on the map [m, m, rad], shape (3,), and covariance, shape (3, 3); None: not
+            known.
+        """
+        tuning, (pose, own), there = self.tuning, other, one[1]
+        sees, seen = (
+            Places(t.xy - (pose.x, pose.y), t.white + t.lasting, np.zeros(len(t), np.intp))
+            for t in (own, there)
+        )
+        found = align(sees, seen, *_priors(one[0], pose, tuning), tuning=tuning.alignment)
+        if (
+            found is None
+            or found.evidence < tuning.evidence_again
+            or found.margin < tuning.margin_again
+        ):
+            pair.guess = None
+            return None
+        sure = found.evidence >= tuning.evidence and found.margin >= tuning.margin
+        again = pair.confirms(found, pose, tuning)
+        pair.guess = found, pose
+        if not (sure or again):
+            return None
+        i, j = found.own, found.others
+        state, covariance = fit(
+            sees.xy[i], own.white[i] + factor * own.lasting[i],
+            seen.xy[j], there.white[j] + factor * there.lasting[j],
+            found.turn,
+        )  # fmt: skip
+        return state, covariance + factor * np.diag(np.square(tuning.least))
+
+
+def tracks_of(
+    seen: Sequence[tuple[SeenPeople, Pose]],
+    time_ns: int,
+    tuning: RelativePosesTuning = RELATIVE_POSES_TUNING,
+) -> Tracks:
+    """The people that a robot saw over a window, and where they were at a time.
+
+    Sightings of successive scans that are each other's nearest are of one person. Straight motion
+    is fitted to those of each, by weighted least squares.
+
+    Args:
+        seen: By scan, in their order, the people and the robot's pose in the map.
+        time_ns: The time [ns].
+        tuning: Constants.
+    """
+    sizes = [len(people.xy) for people, _ in seen]
+    if not sum(sizes):
+        return NOBODY
+    scan = np.repeat(np.arange(len(seen)), sizes)
+    xy = np.concatenate([map_from_robot(people.xy, pose) for people, pose in seen])
+    rotation = np.array([rotation_2d(pose.yaw) for _, pose in seen])[scan]
+    covariance = np.concatenate([people.covariance for people, _ in seen])
+    covariance = rotation @ covariance @ rotation.transpose(0, 2, 1)
+    seconds = np.array([(people.stamp_ns - time_ns) / 1e9 for people, _ in seen])[scan]
+    label = _linked(xy, scan, seconds, tuning)
+    _, number, count = np.unique(label, return_inverse=True, return_counts=True)
+    enough = count[number] >= tuning.sightings
+    _, number = np.unique(number[enough], return_inverse=True)
+    return _fitted(xy[enough], covariance[enough], seconds[enough], number, tuning)
+
+
+def _linked(xy: Float, scan: Int, seconds: Float, tuning: RelativePosesTuning) -> Int:
+    """Of each sighting the first one of the same person.
+
+    Args:
+        xy: Places [m], shape (n, 2).
+        scan: Number of the scan of each, ascending.
+        seconds: Time of each [s].
+        tuning: Constants.
+    """
+    offset = xy - xy[:, np.newaxis]
+    away = np.hypot(offset[..., 0], offset[..., 1])
+    passed = scan - scan[:, np.newaxis]
+    away[away > tuning.step + tuning.speed * (seconds - seconds[:, np.newaxis])] = np.inf
+    index = np.arange(len(xy))
+    one, other = np.empty(0, np.intp), np.empty(0, np.intp)
+    for scans in range(1, tuning.bridged + 2):
+        table = np.where(passed == scans, away, np.inf)
+        table[one], table[:, other] = np.inf, np.inf
+        nearest = table.argmin(axis=1)
+        mutual = np.isfinite(table[index, nearest]) & (table.argmin(axis=0)[nearest] == index)
+        one = np.concatenate([one, index[mutual]])
+        other = np.concatenate([other, nearest[mutual]])
+    return connected(one, other, len(xy))
+
+
+def _fitted(
+    xy: Float, covariance: Float, seconds: Float, number: Int, tuning: RelativePosesTuning
+) -> Tracks:
+    """Straight motion of numbered people: where they are at second 0."""
+    if not len(number):
+        return NOBODY
+    order = np.argsort(number, kind="stable")
+    size = np.bincount(number)
+    first = np.cumsum(size) - size
+    xy, covariance, t = xy[order], covariance[order], seconds[order][:, np.newaxis, np.newaxis]
+    information = np.linalg.inv((1.0 - tuning.lasting) * covariance)
+    normal = np.empty((len(xy), 4, 5))  # of place and velocity, with the right side
+    normal[:, :2, :2] = information
+    normal[:, :2, 4:] = information @ xy[:, :, np.newaxis]
+    normal[:, :2, 2:4] = normal[:, 2:, :2] = t * information
+    normal[:, 2:, 2:] = t * normal[:, :2, 2:]
+    normal = np.add.reduceat(normal, first)
+    normal[:, (2, 3), (2, 3)] += 1.0 / tuning.any_velocity**2
+    inverse = np.linalg.inv(normal[:, :, :4])
+    span = float(np.ptp(seconds))
+    bend = tuning.bend * tuning.acceleration**2 * span**3 * np.eye(2)
+    return Tracks(
+        (inverse @ normal[:, :, 4:])[:, :2, 0],
+        inverse[:, :2, :2] + bend,
+        tuning.lasting * np.add.reduceat(covariance, first) / size[:, np.newaxis, np.newaxis],
+    )
+
+
+def _priors(one: Pose, other: Pose, tuning: RelativePosesTuning) -> list[Float]:
+    """Covariances of what a pose may be wrong by relative to another's, x, y, yaw: see `align`.
+
+    Poses without covariance claim nothing.
+    """
+    told = bool(one.covariance.any() and other.covariance.any())
+    least = (tuning.told, tuning.mistaken) if told else (tuning.mistaken,)
+    lever = np.eye(3)
+    lever[:2, 2] = one.y - other.y, other.x - one.x
+    with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
+        total = other.covariance + lever @ one.covariance @ lever.T
+    most = np.diag(np.square(tuning.farthest))
+    if not (np.abs(total) < _UNKNOWN).all():  # NaN compares false
+        return [most]
+    priors = (total + np.diag(np.square(sigmas)) for sigmas in least)
+    return [np.linalg.inv(np.linalg.inv(prior) + np.linalg.inv(most)) for prior in priors]
+
+
+def _relative(
+    pair: tuple[str, str], one: Pose, other: Pose, wrong_by: tuple[Float, Float], *, factor: float
+) -> RelativePose:
+    """The relative pose of two robots.
+
+    Args:
+        pair: Their names.
+        one: Pose of the first.
+        other: Pose of the second.
+        wrong_by: What that is wrong by, x, y, yaw, and covariance.
+        factor: What the covariance is multiplied by.
+    """
+    (x, y, yaw), covariance = wrong_by
+    to_one = np.eye(3)
+    to_one[:2, :2] = rotation_2d(-one.yaw)
+    place = to_one[:2, :2] @ (other.x + x - one.x, other.y + y - one.y)
+    return RelativePose(
+        robot=pair[0],
+        stamp_ns=one.stamp_ns,
+        other=pair[1],
+        other_stamp_ns=other.stamp_ns,
+        pose=np.array([*place, wrap_angle(other.yaw + yaw - one.yaw)]),
+        covariance=factor * (to_one @ covariance @ to_one.T),
+    )

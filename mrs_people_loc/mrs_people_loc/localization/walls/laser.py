@@ -1,0 +1,151 @@
+"""Walls in the scans of a laser scanner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.geometry import rotation_2d
+from mrs_people_loc.localization.walls import Walls, moved
+from mrs_people_loc.localization.walls.fit import WALL_FIT_TUNING, WallFitTuning, fit_walls
+from mrs_people_loc.localization.walls.ranges import LaserScan
+
+
+@dataclass(frozen=True)
+class LaserWallTuning:
+    """Constants of `walls_of_laser`, chosen by hand.
+
+    Attributes:
+        beam: Standard deviation of the direction of a ray [rad].
+        person: Points this near to a person are left out [m].
+        min_range: Nearer rays hit the robot itself [m].
+        bias: Standard deviation of the error that ranges have in common [m],
+        yaw: and of the scanner's mounting [rad].
+        jump: Behind a wall's end the next ray goes on for more than this [m].
+        fit: Constants of the fit.
+    """
+
+    beam: float = 0.002
+    person: float = 0.45
+    min_range: float = 0.1
+    bias: float = 0.01
+    yaw: float = 0.004
+    jump: float = 0.3
+    fit: WallFitTuning = WALL_FIT_TUNING
+
+
+LASER_WALL_TUNING = LaserWallTuning()
+
+
+def unskewed(
+    scan: LaserScan, moved_by: Float, mounting: tuple[float, float, float]
+) -> tuple[Float, Float]:
+    """Ranges and angles of a scan as if the robot had stood still at its stamp.
+
+    Args:
+        scan: The scan.
+        moved_by: x, y [m], yaw [rad] of base_link at the scan's last ray, in base_link at its
+            first one, shape (3,); in between it moves evenly.
+        mounting: Of the scanner in base_link: x, y [m], yaw [rad].
+
+    Returns:
+        Ranges [m] and angles [rad], each of shape (n,), as those of the scan.
+    """
+    part = np.linspace(0.0, 1.0, len(scan.angles))
+    if scan.sweep_s < 0:
+        part = part[::-1]
+    x, y, yaw = mounting
+    turn = part * moved_by[2]
+    cos, sin = np.cos(turn), np.sin(turn)
+    scanner = np.stack([cos * x - sin * y - x, sin * x + cos * y - y], axis=1)
+    origin = (scanner + part[:, np.newaxis] * moved_by[:2]) @ rotation_2d(yaw)
+    angles = scan.angles + turn
+    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    # In the direction of each ray, and across.
+    along = scan.ranges + np.einsum("ij,ij->i", origin, ray)
+    across = origin[:, 1] * ray[:, 0] - origin[:, 0] * ray[:, 1]
+    return np.hypot(along, across), angles + np.nan_to_num(np.arctan2(across, along))
+
+
+def walls_of_laser(
+    ranges: Float,
+    angles: Float,
+    *,
+    sigma: float,
+    max_range: float,
+    mounting: tuple[float, float, float],
+    people: Float,
+    tuning: LaserWallTuning = LASER_WALL_TUNING,
+) -> Walls:
+    """Walls of one scan, in base_link.
+
+    Args:
+        ranges: [m], shape (n,); NaN, infinite or not below `max_range`: nothing was hit.
+        angles: From the scanner's x axis [rad], ascending, shape (n,).
+        sigma: Standard deviation of a range [m].
+        max_range: The scanner's [m].
+        mounting: Of the scanner in base_link: x, y [m], yaw [rad].
+        people: Positions of people in base_link [m], shape (m, 2).
+        tuning: Constants.
+
+    Raises:
+        ValueError: There are not as many angles as ranges.
+    """
+    if ranges.shape != angles.shape:
+        raise ValueError(
+            f"there are {ranges.size} ranges and {angles.size} angles; wanted: equal numbers"
+        )
+    hit = (ranges >= tuning.min_range) & (ranges < max_range)  # NaN compares false
+    cos, sin = np.cos(angles[hit]), np.sin(angles[hit])
+    xy = ranges[hit, np.newaxis] * np.stack([cos, sin], axis=1)
+    kept = ~_near_people(xy, mounting, people, tuning.person)
+    xy, cos, sin = xy[kept], cos[kept], sin[kept]
+    along = sigma**2
+    across = np.einsum("ij,ij->i", xy, xy) * tuning.beam**2
+    covariance = np.empty((len(xy), 2, 2))
+    covariance[:, 0, 0] = along * cos * cos + across * sin * sin
+    covariance[:, 1, 1] = along * sin * sin + across * cos * cos
+    covariance[:, 0, 1] = covariance[:, 1, 0] = (along - across) * cos * sin
+    walls = fit_walls(xy, covariance, tuning=tuning.fit)
+    walls.covariance[:, 0, 0] += tuning.bias**2
+    walls.covariance[:, 1, 1] += tuning.yaw**2
+    free = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, max_range))
+    walls.is_end[:] |= _jumps(walls, free, angles, tuning.jump)
+    return moved(walls, *mounting)
+
+
+def _near_people(
+    xy: Float, mounting: tuple[float, float, float], people: Float, radius: float
+) -> Bool:
+    """Which points of the scanner's frame are at people, shape (n,)."""
+    x, y, yaw = mounting
+    points = xy @ rotation_2d(yaw).T + (x, y)
+    apart = np.linalg.norm(points[:, np.newaxis] - people, axis=2)
+    return np.asarray((apart < radius).any(axis=1))
+
+
+def _jumps(walls: Walls, free: Float, angles: Float, jump: float) -> Bool:
+    """Beyond which ends of walls the next rays go on behind them, shape (m, 2).
+
+    Args:
+        walls: In the scanner's frame.
+        free: How far each ray goes freely [m], shape (n,).
+        angles: Of the rays [rad], shape (n,).
+        jump: [m].
+    """
+    # Two and three rays beyond the end: one may hit the edge.
+    step = np.array([-2, -3, 2, 3])
+    ends = np.repeat(walls.extent, 2, axis=1)
+    bearing = walls.bearing[:, np.newaxis] + np.arctan2(ends, walls.distance[:, np.newaxis])
+    off = np.mod(bearing - angles[0] + np.pi, 2.0 * np.pi) - np.pi
+    spacing = (angles[-1] - angles[0]) / max(1, len(angles) - 1)
+    index = np.round(np.mod(off, 2.0 * np.pi) / spacing).astype(np.intp) + step
+    inside = (index >= 0) & (index < len(angles))
+    index = np.clip(index, 0, len(angles) - 1)
+    cosine = np.cos(angles[index] - walls.bearing[:, np.newaxis])
+    with np.errstate(divide="ignore"):
+        line = np.where(cosine > 1e-3, walls.distance[:, np.newaxis] / cosine, np.inf)
+    beyond = inside & (free[index] > line + jump)
+    return np.asarray(beyond.reshape(-1, 2, 2).all(axis=2))
