@@ -215,7 +215,7 @@ def test_robots_stand_when_the_node_is_ended(
     assert doomed.exit_code() == 0, doomed.log
     world.peer.spin(0.2)
     assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
-    assert result.done()
+    assert result.done(), doomed.log
     assert result.result().result.message == "guide_node has ended"
 
 

@@ -31,7 +31,7 @@ class Bases:
 
     def __init__(self) -> None:
         self.velocities: Mapping[str, tuple[float, float]] = {}
-        self.stops = 0
+        self.stops = self.kept = 0
 
     def begin(self, robots: Any) -> None:
         pass
@@ -46,7 +46,7 @@ class Bases:
         self.stops += 1
 
     def keep_standing(self) -> None:
-        pass
+        self.kept += 1
 
     def finish(self) -> None:
         pass
@@ -187,6 +187,37 @@ def test_messages_that_cannot_be_used_are_refused(node: Stepped) -> None:
         node._on_pose("robot_a", pose_of(now_ns, 1.0, 0.0, 0.0, frame_id="odom"))
     with pytest.raises(TourError, match="'hall' is under way"):
         node._on_path(path_of((0.0, 0.0), (4.0, 0.0)))
+
+
+def test_timer_that_fires_late_sends_nothing(node: Stepped) -> None:
+    """An event may be under way when the timer is destroyed, and then the publishers are, too."""
+    node.trigger_shutdown()
+    kept = node.bases.kept
+    node._tick()
+    assert node.bases.kept == kept
+
+
+def test_people_without_ids_are_named(node: Stepped) -> None:
+    node._cancel()
+    message = people_of(round(node.now_s * 1e9) + 1, [(-1.5, 0.0)], [(0.0, 0.0)], list(PLACES))
+    message.persons[0].id = 0
+    node._on_people(message)
+    with pytest.raises(TourError, match=r"people on /steps/people have no ids; .*tracking.enabled"):
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+
+
+def test_robots_of_a_tour_are_those_in_use_lately(node: Stepped) -> None:
+    """One interval without the scan of a robot does not keep it out; more of them do."""
+    node._cancel()
+    for wanted in (("robot_a", "robot_b"), ("robot_a",)):
+        now_ns = round(node.now_s * 1e9) + 1
+        node._on_people(people_of(now_ns, [(-1.5, 0.0)], [(0.0, 0.0)], ["robot_a"]))
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+        assert node._underway is not None
+        assert node._underway.steering.robots == wanted
+        node._cancel()
+        node.at(node.now_s + 3.0)
+        node._on_pose("robot_a", pose_of(round(node.now_s * 1e9), *PLACES["robot_a"]))
 
 
 def test_recorder_is_no_base(node: Stepped) -> None:

@@ -126,6 +126,7 @@ def _simulate(
     """Simulates a tour, and prints its scores."""
     import tempfile
 
+    import embreex  # noqa: F401  # where it is missing, this says so, and how to get it
     from rich.console import Console
 
     from mrs_tools.domain import private_domain

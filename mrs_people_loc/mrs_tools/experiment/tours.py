@@ -88,7 +88,7 @@ class CaseScores:
         reposted_s: Of each robot that was killed: when the others had posts without it [s] after
             it; NaN: never.
         formed_s: ... and when they were there [s].
-        stood_s: Of each time without a planner: how long after the last people all stood [s].
+        stood_s: Of each time without a planner: how long it took until all stood [s]; NaN: never.
     """
 
     tour: TourScores = field(default_factory=TourScores)
@@ -188,18 +188,13 @@ def _farthest(run: TourRun, status: Guidance) -> float:
 
 
 def _stood(run: TourRun, trouble: Trouble) -> tuple[float, ...]:
-    """How long after the planner's last people all robots stood [s]; NaN: never."""
+    """How long after the planner was gone all robots stood [s]; NaN: never."""
     if trouble.planner_gone is None:
         return ()
     begin_s, end_s = trouble.planner_gone
-    last_s = max(
-        (one.stamp_ns - run.start_ns) / 1e9
-        for one in run.record.estimates
-        if one.stamp_ns - run.start_ns < begin_s * 1e9
-    )
     times, speeds = run.speeds[:, 0], run.speeds[:, 1:].max(axis=1)
     while_gone = (times >= begin_s) & (times < end_s)
     moving = times[while_gone & (speeds > _STANDS)]
     if len(moving) and moving[-1] >= times[while_gone][-1]:
         return (float("nan"),)
-    return (max(float(moving[-1]) - last_s, 0.0) if len(moving) else 0.0,)
+    return (float(moving[-1]) - begin_s if len(moving) else 0.0,)

@@ -56,8 +56,8 @@ def markdown(cases: Sequence[Case], reports: Sequence[_Report]) -> str:
             "### Failures",
             "",
             "Seconds after a robot was killed until the others have posts without it, and until "
-            f"all of them are within {FORMED_M:g} m of these; and after the planner's last people "
-            "until all robots stand. Median and worst.",
+            f"all of them are within {FORMED_M:g} m of these; and after the planner was gone until "
+            "all robots stand. Median and worst.",
             "",
             *table(("tour", "tours", "new posts", "formed", "standing"), failures),
         ]

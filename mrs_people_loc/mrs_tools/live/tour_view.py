@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,9 @@ from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+#: Numbers that change all the time, such as how old a pose is; ids of people are whole ones.
+_NUMBER = re.compile(r"\d+\.\d+")
 
 
 class TourView:
@@ -63,8 +67,9 @@ class TourView:
             self._task, completed=status.way, total=max(status.length, status.way), people=people
         )
         line = describe(status)
-        if line != self._last:
-            self._last = line
+        without_ages = _NUMBER.sub("", line)
+        if without_ages != self._last:
+            self._last = without_ages
             self._progress.console.print(Text(f"{status.way:6.1f} m  {line}"))
 
 

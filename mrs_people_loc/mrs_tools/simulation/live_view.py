@@ -1,8 +1,9 @@
 """What the heads of a team see at one instant, fast enough to be rendered live.
 
-In contrast to `World.render` there is one ray per pixel and no motion blur, and a body that walks
-has some poses per stride. What does not change is built once: the room, the robots and each pose of
-each body are solids of their own, in their own frames, to which the rays are moved.
+In contrast to `World.render` there is no motion blur, pixels away from the outlines of people and
+robots have one ray, and a body that walks has some poses per stride. What does not change is built
+once: the room, the robots and each pose of each body are solids of their own, in their own frames,
+to which the rays are moved.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from mrs_tools.simulation.motion import Place
 from mrs_tools.simulation.rendering import Light, Solid, Surface, shade
 from mrs_tools.simulation.scene import Person
 from mrs_tools.simulation.stage import Stage
+from mrs_tools.simulation.textures import Atlas
 
 #: Poses of a stride, and the speeds that they are kept for [m/s].
 _POSES = 20
@@ -72,7 +74,8 @@ class _Eye:
         self.camera = camera
         turn, lens = stage.stereo[robot].robot_from_optical
         self._lens = lens + turn @ camera.centre
-        self._rays = camera.rays[0] @ turn.T.astype(np.float32)
+        self._samples = camera.rays @ turn.T.astype(np.float32)
+        self._rays = self._samples.mean(axis=0)
         x, y, z = self._rays.T
         bearing = np.arctan2(y, x)
         self._order = np.argsort(bearing, kind="stable").astype(np.int32)
@@ -84,6 +87,10 @@ class _Eye:
         turn = _turn(place.yaw)
         origin = turn @ self._lens + [place.x, place.y, 0.0]
         return origin, self._rays @ turn.T.astype(np.float32)
+
+    def samples(self, place: Place, pixels: NDArray) -> Float32:
+        """Directions in the map of all samples of some pixels, shape (samples, pixels, 3)."""
+        return self._samples[:, pixels] @ _turn(place.yaw).T.astype(np.float32)
 
     def towards(self, thing: _Thing, origin: NDArray, yaw: float) -> Int32:
         """Rays that may hit a thing; their indices.
@@ -120,7 +127,7 @@ class LiveView:
     """The heads of a team in a scene whose people and robots are anywhere.
 
     Args:
-        stage: The scene; one ray per pixel is used.
+        stage: The scene.
         people: Who is there.
         seed: Of the images' noise.
     """
@@ -196,7 +203,7 @@ class LiveView:
         seen = {}
         for eye in self._eyes[robot]:
             hits = self._hits(eye, place, things)
-            seen[eye.camera.name] = self._light(eye, place, hits, light)
+            seen[eye.camera.name] = self._light(eye, place, things, hits, light)
             if eye.camera.name == "left":
                 pixels = hits.pixels(len(self._bodies))
         wanted = self._stage.scene.imaging.target / max(float(seen["left"].mean()), 1e-6)
@@ -215,29 +222,80 @@ class LiveView:
         return Light(light.lamps[near], light.power[near], light.ambient)
 
     def _hits(self, eye: _Eye, place: Place, things: Sequence[_Thing]) -> _Hits:
+        """What the middle of each pixel shows."""
         origin, directions = eye.at(place)
-        hits = _Hits(len(directions))
-        hits.cast(self._room, origin, directions, None)
+        hits = _Hits(directions)
+        hits.cast(self._room, origin, None)
         for thing in things:
-            hits.cast(thing, origin, directions, eye.towards(thing, origin, place.yaw))
+            hits.cast(thing, origin, eye.towards(thing, origin, place.yaw))
         return hits
 
-    def _light(self, eye: _Eye, place: Place, hits: _Hits, light: Light) -> Float32:
-        """Light of each pixel, shape (height, width)."""
-        origin, directions = eye.at(place)
-        seen = np.flatnonzero(hits.layer >= 0)
-        found = np.zeros(len(directions), dtype=np.float32)
-        found[seen] = shade(
-            hits.surface(seen), self._stage.atlas, light, origin.astype(np.float32),
-            directions[seen], hits.depth[seen], eye.camera.pixel_angle,
-        )  # fmt: skip
-        return found.reshape(eye.camera.model.height, eye.camera.model.width)
+    def _light(
+        self, eye: _Eye, place: Place, things: Sequence[_Thing], hits: _Hits, light: Light
+    ) -> Float32:
+        """Light of each pixel, shape (height, width).
+
+        Args:
+            eye: The camera.
+            place: Where the robot is.
+            things: What it sees besides the room.
+            hits: What the middle of each pixel shows.
+            light: What lights it.
+        """
+        origin, _ = eye.at(place)
+        shape, samples = eye.camera.shade.shape, len(eye.camera.rays)
+        angle = eye.camera.pixel_angle
+        found = hits.light(origin, self._stage.atlas, light, angle * math.sqrt(samples))
+        edges = _edges(hits.layer.reshape(shape))
+        if samples > 1 and len(edges):
+            finer = self._finer(eye, place, things, edges).light(
+                origin, self._stage.atlas, light, angle
+            )
+            found[edges] = finer.reshape(samples, -1).mean(axis=0)
+        return found.reshape(shape)
+
+    def _finer(self, eye: _Eye, place: Place, things: Sequence[_Thing], pixels: NDArray) -> _Hits:
+        """What all samples of some pixels show, by sample, then by pixel."""
+        origin, _ = eye.at(place)
+        directions = eye.samples(place, pixels)
+        samples, count = directions.shape[:2]
+        hits = _Hits(directions.reshape(-1, 3))
+        hits.cast(self._room, origin, None)
+        rows = np.full(len(eye.camera.rays[0]), -1, dtype=np.int32)
+        rows[pixels] = np.arange(count)
+        for thing in things:
+            chosen = rows[eye.towards(thing, origin, place.yaw)]
+            chosen = chosen[chosen >= 0]
+            every = chosen + count * np.arange(samples, dtype=np.int32)[:, None]
+            hits.cast(thing, origin, every.ravel())
+        return hits
+
+
+def _edges(layer: Int32) -> NDArray:
+    """Indices of pixels one of whose neighbours shows another thing, shape (n,).
+
+    Args:
+        layer: What each shows, shape (height, width).
+    """
+    across, down = layer[:, 1:] != layer[:, :-1], layer[1:] != layer[:-1]
+    edge = np.zeros(layer.shape, dtype=bool)
+    edge[:, 1:] |= across
+    edge[:, :-1] |= across
+    edge[1:] |= down
+    edge[:-1] |= down
+    return np.flatnonzero(edge)
 
 
 class _Hits:
-    """What each ray hits first of several things."""
+    """What each ray hits first of several things.
 
-    def __init__(self, count: int) -> None:
+    Args:
+        directions: Of the rays in the map, length 1 along the optical axis, shape (n, 3).
+    """
+
+    def __init__(self, directions: Float32) -> None:
+        count = len(directions)
+        self._directions = directions
         self._things: list[_Thing] = []
         self.layer = np.full(count, -1, dtype=np.int32)
         self.depth = np.full(count, np.inf, dtype=np.float32)
@@ -245,8 +303,9 @@ class _Hits:
         self._u = np.zeros(count, dtype=np.float32)
         self._v = np.zeros(count, dtype=np.float32)
 
-    def cast(self, thing: _Thing, origin: NDArray, rays: Float32, chosen: Int32 | None) -> None:
-        """Casts some rays, by index, at a thing."""
+    def cast(self, thing: _Thing, origin: NDArray, chosen: Int32 | None) -> None:
+        """Casts some rays, by index, or all, from a point at a thing."""
+        rays = self._directions
         index = np.arange(len(rays)) if chosen is None else chosen
         if not len(index):
             return
@@ -269,7 +328,17 @@ class _Hits:
         owner = np.array([*owners, -1])[self.layer]  # a ray that hits nothing has the layer -1
         return np.bincount(owner[owner >= 0], minlength=people)
 
-    def surface(self, seen: NDArray) -> Surface:
+    def light(self, origin: NDArray, atlas: Atlas, light: Light, pixel_angle: float) -> Float32:
+        """Light that the rays from a point see, shape (n,); see `shade`."""
+        seen = np.flatnonzero(self.layer >= 0)
+        found = np.zeros(len(self.layer), dtype=np.float32)
+        found[seen] = shade(
+            self._surface(seen), atlas, light, origin.astype(np.float32), self._directions[seen],
+            self.depth[seen], pixel_angle,
+        )  # fmt: skip
+        return found
+
+    def _surface(self, seen: NDArray) -> Surface:
         """What the rays of these indices hit, in the map."""
         normal = np.empty((len(seen), 3), dtype=np.float32)
         uv = np.empty((len(seen), 2), dtype=np.float32)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import array
 import contextlib
-import dataclasses
 import math
 import os
 import signal
@@ -424,8 +423,7 @@ class _Renderer:
 def _run_cameras(scene: Scene, robots: Sequence[str], pipe: Connection) -> None:
     """The process that renders what some robots see, until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    imaging = dataclasses.replace(scene.imaging, samples=1, slices=1)
-    stage = Stage(dataclasses.replace(scene, imaging=imaging))
+    stage = Stage(scene)
     view = LiveView(stage, scene.people, scene.seed)
     with node("mrs_cameras") as ros:
         heads = {name: _Head(ros, stage, name) for name in robots}

@@ -34,7 +34,7 @@ _ULTRASOUND = 0
 
 
 class Surroundings(Protocol):
-    """What range sensors are in: `World`, or `LiveWorld`."""
+    """What range sensors are in: a `World`, or the one of `live_world`."""
 
     scene: Scene
     names: list[str]

@@ -39,21 +39,22 @@ class Velocities:
         self._node = node
         self._type: Any = TwistStamped if stamped else Twist
         self._publishers: dict[str, Any] = {}
+        self._robots: tuple[str, ...] = ()
         self._zeros = 0
 
     def begin(self, robots: Iterable[str]) -> None:
         """Takes the robots of a tour."""
-        self._publishers = {
-            robot: self._publishers.get(robot)
-            or self._node.offer(self._type, f"{robot}/{self.topic}", _COMMANDS)
-            for robot in robots
-        }
-        self._zeros = 0
+        self._robots, self._zeros = tuple(robots), 0
+        for robot in self._robots:
+            if robot not in self._publishers:
+                topic = f"{robot}/{self.topic}"
+                self._publishers[robot] = self._node.offer(self._type, topic, _COMMANDS)
 
     def drive(self, velocities: Mapping[str, Velocity]) -> None:
         """Sends velocities; robots without one stand."""
-        for robot, publisher in self._publishers.items():
-            publisher.publish(self._message(robot, velocities.get(robot, (0.0, 0.0))))
+        for robot in self._robots:
+            message = self._message(robot, velocities.get(robot, (0.0, 0.0)))
+            self._publishers[robot].publish(message)
 
     def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
         """Does nothing: robots are driven to their posts by velocities."""
@@ -71,8 +72,8 @@ class Velocities:
 
     def finish(self) -> None:
         """Waits until the last velocities have arrived, before the publishers are destroyed."""
-        for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
+        for robot in self._robots:
+            self._publishers[robot].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
     def _message(self, robot: str, velocity: Velocity) -> Any:
         twist = Twist()
@@ -101,14 +102,17 @@ class Goals:
         self._node = node
         self._frame_id = frame_id
         self._publishers: dict[str, tuple[Any, Any, Any]] = {}
+        self._robots: tuple[str, ...] = ()
         self._started: set[str] = set()
         self._last_ns = 0
 
     def begin(self, robots: Iterable[str]) -> None:
         """Takes the robots of a tour."""
-        made = self._publishers
-        self._publishers = {robot: made.get(robot) or self._offer(robot) for robot in robots}
+        self._robots = tuple(robots)
         self._started.clear()
+        for robot in self._robots:
+            if robot not in self._publishers:
+                self._publishers[robot] = self._offer(robot)
 
     def _offer(self, robot: str) -> tuple[Any, Any, Any]:
         update, start = (
@@ -125,7 +129,7 @@ class Goals:
 
     def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
         """Moves goals to posts; of robots without one, to where these are, so that they stand."""
-        for robot in self._publishers:
+        for robot in self._robots:
             post = posts.get(robot)
             if post is not None:
                 self._move(robot, Pose(0, float(post.xy[0]), float(post.xy[1]), post.yaw))
@@ -145,8 +149,8 @@ class Goals:
 
     def finish(self) -> None:
         """Waits until the last goals have arrived, before the publishers are destroyed."""
-        for update, *_ in self._publishers.values():
-            update.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
+        for robot in self._robots:
+            self._publishers[robot][0].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
     def _move(self, robot: str, pose: Pose) -> None:
         update, start, _ = self._publishers[robot]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import time
 import traceback
 from collections.abc import Callable
 from functools import partial
@@ -42,8 +43,8 @@ _PERIOD_S = 0.05
 _MOST_GUIDES, _MOST_ROBOTS = 4, 16
 #: Nodes that subscribe to everything, and are no base.
 _RECORDERS = ("mrs_record", "rosbag2_recorder")
-#: The result of a tour gets so many turns of the executor, at the end of the process.
-_LAST_TURNS, _TURN_S = 10, 0.02
+#: At the end of the process the result of a tour gets this long to get out [s].
+_LAST_S = 0.2
 
 
 @dataclasses.dataclass
@@ -72,7 +73,8 @@ class GuideNode(ManagedNode):
         self._underway: _Underway | None = None
         self._poses: dict[str, tuple[Pose, int]] = {}  # and when it came [ns]
         self._people_came_ns: int | None = None
-        self._robots_in_use: tuple[str, ...] = ()
+        self._have_ids = True
+        self._used_ns: dict[str, int] = {}  # when a scan of a robot was used last
         self._outputs = Outputs(self)
         self._bases: Velocities | Goals = (
             Goals(self, config.map_frame)
@@ -85,12 +87,12 @@ class GuideNode(ManagedNode):
 
     def start(self) -> None:
         """Subscribes to people, the map, tours and the robots that are known."""
+        self._timer = self.create_timer(_PERIOD_S, self._tick)
         self.listen(People, "people", self._on_people, STREAM)
         self.listen(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
         self.listen(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
         for robot in self.config.robots:
             self._hear(robot, any_number=False)
-        self._timer = self.create_timer(_PERIOD_S, self._tick)
 
     def waits_for(self) -> str:
         """What a tour needs."""
@@ -98,22 +100,19 @@ class GuideNode(ManagedNode):
 
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
-        if self._underway is not None:
-            self._end_tour("guide_node was deactivated")
-            self._bases.finish()
+        self._end_tour("guide_node was deactivated", last=True)
         self.destroy_timer(self._timer)
         self._forget()
 
     def destroy_node(self) -> None:
         """Lets the robots stand before the node is destroyed."""
         if self.is_active and self._underway is not None:
-            self._end_tour("guide_node has ended")
-            self._bases.finish()
-            executor = self.executor
-            if executor is not None and self._action.is_busy:
-                with contextlib.suppress(Exception):  # the node may end by an error in there
-                    for _ in range(_LAST_TURNS):
-                        executor.spin_once(timeout_sec=_TURN_S)
+            self._end_tour("guide_node has ended", last=True)
+            self._halt()
+            executor, began_s = self.executor if self._action.is_busy else None, time.monotonic()
+            with contextlib.suppress(Exception):  # the node may end by an error in there
+                while executor and time.monotonic() < began_s + _LAST_S:
+                    executor.spin_once(timeout_sec=_PERIOD_S)
         super().destroy_node()
 
     def changed(self, config: GuideConfig) -> None:
@@ -132,7 +131,8 @@ class GuideNode(ManagedNode):
 
     def _forget(self) -> None:
         self._poses.clear()
-        self._people_came_ns, self._robots_in_use = None, ()
+        self._used_ns.clear()
+        self._people_came_ns = None
 
     # ---- inputs ----
 
@@ -162,16 +162,24 @@ class GuideNode(ManagedNode):
         if len(robots) > _MOST_ROBOTS:
             raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
         PlannerConfig(robots=robots)  # knows which names are allowed
+        self._people_came_ns = self._now_ns()
+        self._have_ids = not persons or any(person.id for person in persons)
         for robot in robots:
             self._hear(robot, any_number=True)
-        self._robots_in_use, self._people_came_ns = robots, self._now_ns()
+            self._used_ns[robot] = self._people_came_ns
         self._guarded(lambda: self._step(stamp_ns, persons, groups))
 
     def _on_map(self, message: OccupancyGrid) -> None:
         grid = messages.read_occupancy_grid(message, self.config.map_frame)
         before, self._grid = self._grid, grid
-        if self._underway is not None and (before is None or not _are_same(before, grid)):
-            self._underway.steering.space = self._space(self._underway.tour)
+        underway = self._underway
+        if underway is None or (before is not None and _are_same(before, grid)):
+            return
+
+        def take() -> None:
+            underway.steering.space = self._space(underway.tour)
+
+        self._guarded(take)
 
     def _on_path(self, message: Path) -> None:
         if not message.poses:
@@ -221,7 +229,9 @@ class GuideNode(ManagedNode):
         silent_s = (now_ns - self._people_came_ns) / 1e9
         if silent_s > safety.robot_timeout:
             raise TourError(f"nothing came on {people} for {silent_s:.1f} s; start the planner")
-        robots: tuple[str, ...] = self.config.robots or self._robots_in_use
+        if not self._have_ids:
+            raise TourError(f"people on {people} have no ids; set tracking.enabled of the planner")
+        robots: tuple[str, ...] = self.config.robots or self._robots_in_use(now_ns)
         if not 1 <= len(robots) <= _MOST_GUIDES:
             named = ", ".join(robots) or "the planner uses no robot's scans"
             raise TourError(
@@ -234,6 +244,11 @@ class GuideNode(ManagedNode):
         for robot in robots:
             self._check_robot(robot, now_ns)
         return robots
+
+    def _robots_in_use(self, now_ns: int) -> tuple[str, ...]:
+        """Robots whose scans the planner has used lately."""
+        oldest_ns = now_ns - round(self.config.safety.robot_timeout * 1e9)
+        return tuple(sorted(robot for robot, used in self._used_ns.items() if used >= oldest_ns))
 
     def _check_robot(self, robot: str, now_ns: int) -> None:
         pose = self._poses.get(robot)
@@ -259,20 +274,28 @@ class GuideNode(ManagedNode):
     def _cancel(self) -> None:
         self._end_tour("cancelled")
 
-    def _end_tour(self, message: str, *, finished: bool = False) -> None:
-        """Ends the tour under way, if there is one: the robots stand."""
+    def _end_tour(self, message: str, *, finished: bool = False, last: bool = False) -> None:
+        """Ends the tour under way, if there is one: the robots stand.
+
+        Args:
+            message: Why, in words.
+            finished: Whether the group is at the end.
+            last: Whether nothing is published after it: what stops the robots is waited for.
+        """
         underway, self._underway = self._underway, None
         if underway is None:
             return
         self._bases.stop(underway.steering.poses())
+        if last:
+            self._bases.finish()
         state = State.FINISHED if finished else State.CANCELLED
-        last = dataclasses.replace(
+        guidance = dataclasses.replace(
             underway.guidance, state=state, reason=message, speed=0.0, posts={}
         )
-        self._publish(underway, last)
+        self._publish(underway, guidance)
         if not finished:
             self._outputs.say(f"the tour {underway.tour.name} has ended: {message}")
-        self._action.end(End(finished, message, last.lost))
+        self._action.end(End(finished, message, guidance.lost))
 
     # ---- step ----
 
@@ -294,6 +317,8 @@ class GuideNode(ManagedNode):
 
     def _tick(self) -> None:
         """Drives the robots."""
+        if not self.is_active:
+            return  # the timer had fired before it was destroyed
         if self._underway is None:
             self._bases.keep_standing()
         else:

@@ -77,6 +77,21 @@ def test_each_change_is_one_line() -> None:
     ]
 
 
+def test_age_that_grows_is_told_once() -> None:
+    out = io.StringIO()
+    with TourView(Console(file=out, width=120), TOUR) as view:
+        for age in ("0.48", "0.51", "12.60"):
+            reason = f"the people are {age} s old"
+            view.show(status_of(Guidance(0, State.HALTED, reason)))
+        view.show(status_of(Guidance(0, State.WAITING, "waits for person 1")))
+        view.show(status_of(Guidance(0, State.WAITING, "waits for person 2")))
+    assert out.getvalue().splitlines() == [
+        "   0.0 m  halted; the people are 0.48 s old",
+        "   0.0 m  waiting; waits for person 1",
+        "   0.0 m  waiting; waits for person 2",
+    ]
+
+
 class Client:
     """An action client that is never answered; who serves is known."""
 
