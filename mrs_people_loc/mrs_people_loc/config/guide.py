@@ -25,11 +25,16 @@ class Pace(Section):
         6.0, "... and waits while it is longer than this [m]", low=1.0, high=30.0
     )
     gather: float = field(
-        3.0, "the group is at a stop once everybody is within this distance of it [m]",
+        3.0, "the group is at a stop once everybody is within this distance of it, or of the "
+        "group's middle where that is no farther off than this and `lead` [m]",
         low=1.0, high=10.0,
     )  # fmt: skip
     patience: float = field(
-        60.0, "the tour goes on without a straggler after this time [s]", low=1.0, high=3600.0
+        60.0,
+        "the tour goes on without a straggler after this time, and ends if the whole group "
+        "has not come along for this time [s]",
+        low=1.0,
+        high=3600.0,
     )
 
     def _check_relations(self) -> None:

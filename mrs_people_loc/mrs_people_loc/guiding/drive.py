@@ -193,7 +193,7 @@ class Drive:
         robots_velocity: Float | None = None,
         space: FreeSpace,
         path: Float | None = None,
-        limit: float = 1.0,
+        share: float = 1.0,
         dt: float = 0.05,
     ) -> tuple[float, float]:
         """The velocity to drive with.
@@ -209,20 +209,20 @@ class Drive:
             robots_velocity: [m/s], shape (m, 2); None: they stand.
             space: Free floor.
             path: To the post, from `FreeSpace.path`, shape (k, 2); None: straight on.
-            limit: Share of the base's highest speeds that it may use, see `limit`.
+            share: Of the base's highest speeds that it may use, see `limit`.
             dt: Until the next step [s].
 
         Returns:
             Speed ahead [m/s] and rate of turn [rad/s].
         """
-        if post is None or limit <= 0.0:
+        if post is None or share <= 0.0:
             return self._ramped(twist, (0.0, 0.0), dt)
         others = self._others(pose, people, people_velocity, people_age, robots, robots_velocity)
         still = np.zeros_like(robots)
         mates = _Mates(robots, still if robots_velocity is None else robots_velocity)
         post, carrot = self._aim(pose, twist, post, path, mates, space, dt)
-        wanted = self._wanted(pose, post, carrot, limit)
-        speeds, turns = self._candidates(post.speed, limit, wanted)
+        wanted = self._wanted(pose, post, carrot, share)
+        speeds, turns = self._candidates(post.speed, share, wanted)
         allowed = self._are_allowed(pose, twist, speeds, turns, others, space)
         if not allowed.any():
             return self._ramped(twist, (0.0, 0.0), dt)
@@ -365,7 +365,7 @@ class Drive:
         found: Float = ahead[int(good.argmax())]
         return found
 
-    def _wanted(self, pose: Pose, post: Post, carrot: Float, limit: float) -> tuple[float, float]:
+    def _wanted(self, pose: Pose, post: Post, carrot: Float, share: float) -> tuple[float, float]:
         """Speed and rate of turn with which nothing is in the way."""
         base, tuning = self.config.base, self._tuning
         here = np.array([pose.x, pose.y])
@@ -380,14 +380,14 @@ class Drive:
         if self._arrived:
             error = wrap_angle(post.yaw - pose.yaw)
             self._aligned = abs(error) < (tuning.turned if self._aligned else tuning.aligned)
-            return 0.0, 0.0 if self._aligned else self._turn(error, limit)
+            return 0.0, 0.0 if self._aligned else self._turn(error, share)
         self._aligned = False
         fastest = base.max_reverse if self._backwards else base.max_speed
         brakes = math.sqrt(base.deceleration * left)
         slows = _SPEED_GAIN * max(left - 0.5 * tuning.arrived, 0.0)
-        speed = min(fastest * limit, post.speed, brakes, slows)
+        speed = min(fastest * share, post.speed, brakes, slows)
         speed *= max(math.cos(min(1.5 * abs(error), math.pi)), 0.0)
-        return -speed if self._backwards else speed, self._turn(error, limit)
+        return -speed if self._backwards else speed, self._turn(error, share)
 
     def _goes_backwards(self, pose: Pose, post: Post, bearing: float, left: float) -> bool:
         """Whether it drives backwards: as it turns least now and on the post."""
@@ -397,22 +397,22 @@ class Drive:
         ahead += -_GEAR if self._backwards else _GEAR
         return ahead + min(max(left / _FAR - 1.0, 0.0), 1.0) < 0.0
 
-    def _turn(self, error: float, limit: float) -> float:
+    def _turn(self, error: float, share: float) -> float:
         """Rate of turn that takes away an error of the heading."""
         base = self.config.base
         brakes = math.sqrt(base.turn_acceleration * abs(error))
-        fastest = min(base.max_turn * limit, brakes)
+        fastest = min(base.max_turn * share, brakes)
         return max(-fastest, min(fastest, _TURN_GAIN * error))
 
     def _candidates(
-        self, speed: float, limit: float, wanted: tuple[float, float]
+        self, speed: float, share: float, wanted: tuple[float, float]
     ) -> tuple[Float, Float]:
         """Speeds and rates of turn that are tried, shapes (n,)."""
         base, tuning = self.config.base, self._tuning
-        ahead, back = min(speed, base.max_speed * limit), min(speed, base.max_reverse * limit)
+        ahead, back = min(speed, base.max_speed * share), min(speed, base.max_reverse * share)
         likely = wanted[0] * np.array([1.0, 0.5, 0.25, 0.0])
         speeds = np.concatenate([likely, np.linspace(-back, ahead, tuning.speeds)])
-        turn = base.max_turn * limit
+        turn = base.max_turn * share
         turns = np.concatenate([[wanted[1]], np.linspace(-turn, turn, tuning.turns)])
         both = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
         return both[:, 0], both[:, 1]

@@ -13,7 +13,7 @@ class PaceTuning:
 
     Attributes:
         more_gap: The leader waits where the group is farther behind than `pace.lead` by this [m].
-        patience: A group that stands for so long [s] without a straggler is as near and as close
+        stands_s: A group that stands for so long [s] without a straggler is as near and as close
             as it comes: ...
         relaxes: ... the limits of gap and stretch grow by this [m/s], ...
         most: ... by no more than this in all [m], ...
@@ -25,7 +25,7 @@ class PaceTuning:
     """
 
     more_gap: float = 1.6
-    patience: float = 3.0
+    stands_s: float = 3.0
     relaxes: float = 1.0
     most: float = 3.0
     goes_on: float = 0.5
@@ -73,13 +73,13 @@ class PaceControl:
             [m/s].
         """
         tuning = self.tuning
-        if self._relaxes or self._stood_s > tuning.patience:
+        if self._relaxes or self._stood_s > tuning.stands_s:
             self._relaxed = min(self._relaxed + tuning.relaxes * dt_s, tuning.most)
         elif self.speed > 0.0:
             self._relaxed = max(self._relaxed - tuning.recovers * dt_s, 0.0)
         share = falls(stretch - self._relaxed, config.stretch, config.max_stretch)
         share *= falls(gap - self._relaxed, config.lead, config.lead + tuning.more_gap)
-        self._relaxes = self._stood_s > tuning.patience or (
+        self._relaxes = self._stood_s > tuning.stands_s or (
             self._relaxes and share < tuning.goes_on
         )
         wanted = highest * share if share >= tuning.starts else 0.0

@@ -214,7 +214,7 @@ class Steering:
             ),
             space=self.space,
             path=self._paths.get(robot),
-            limit=share,
+            share=share,
             dt=dt,
         )
 

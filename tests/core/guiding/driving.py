@@ -133,7 +133,7 @@ class World:
                     people_age=self.age + self.since,
                     robots=np.array([r.xy for r in others]).reshape(-1, 2),
                     robots_velocity=np.array([r.velocity for r in others]).reshape(-1, 2),
-                    space=self.space, path=robot.path, limit=self.limit, dt=DT,
+                    space=self.space, path=robot.path, share=self.limit, dt=DT,
                 )
             )  # fmt: skip
         for robot, command in zip(self.robots, commands, strict=True):

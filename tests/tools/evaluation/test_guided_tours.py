@@ -73,7 +73,8 @@ def test_a_tour_is_scored(bag, tmp_path):
     tour = json.loads(file.read_text())["tour"]
     assert (tour["tours"], tour["finished"], tour["people"], tour["lost"]) == (1, 1, 2, 0)
     assert tour["time_s"] == pytest.approx(4.0)
-    assert tour["seen"] == {"mean": pytest.approx((1 + 11 / 21) / 2), "min": pytest.approx(11 / 21)}
+    mean = pytest.approx((1 + 11 / 21) / 2)
+    assert tour["seen"] == {"mean": mean, "min": pytest.approx(11 / 21), "detected": mean}
     assert tour["formation_m"]["median"] == pytest.approx(0.5)
     assert tour["distance_m"] == pytest.approx(4.25**0.5)
     assert tour["path_m"] == pytest.approx(4.0)
