@@ -198,6 +198,7 @@ class _Run:
         if not self._is_off:
             self._gather(people, groups, dt_s)
         else:
+            self._group.leader_m = self._team.leader_m
             self._group.step(people, groups, now_ns / 1e9, self._in_view)
             self._group.give_up(self.config.pace.patience)
             self._events += self._group.events

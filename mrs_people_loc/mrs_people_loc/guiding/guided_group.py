@@ -42,6 +42,9 @@ class GroupTuning:
         switch_most: ... but no farther than this [m].
         empty_s: A place that robots have seen empty for so long is empty [s].
         beside: Who is nearer to a place than this is there [m].
+        walks: Who walks faster than this against their part of a way that turns back on itself,
+            as the leader on a later part does, is on that part, too [m/s]: ...
+        beside_way: ... it is no farther from them than the part before by this [m].
         same_s: A track with the id of another is another one if it began later by this [s].
     """
 
@@ -60,6 +63,8 @@ class GroupTuning:
     switch_most: float = 8.0
     empty_s: float = 0.6
     beside: float = 0.7
+    walks: float = 0.2
+    beside_way: float = 0.3
     same_s: float = 1.5
 
 
@@ -71,6 +76,7 @@ class Guest:
         id: Of their track.
         xy: Where they are; who is hidden among the group is taken to go on with it [m], shape (2,).
         place: Where they were when they were last followed [m], shape (2,).
+        velocity: 0 while it is not known [m/s], shape (2,).
         way_m: How far along the way they are [m].
         began_s: When their track began [s].
         last_s: When they were last followed [s].
@@ -87,6 +93,7 @@ class Guest:
     id: int
     xy: Float
     place: Float
+    velocity: Float
     way_m: float
     began_s: float
     last_s: float
@@ -114,6 +121,7 @@ class GuidedGroup:
         tuning: Constants.
         guests: Everybody, newcomers included, by when they joined.
         way_m: How far along the way the group's middle has come [m]; never less than before.
+        leader_m: How far along the way the leader is [m]; to be set before a step.
         events: What has happened in the last step.
     """
 
@@ -121,6 +129,7 @@ class GuidedGroup:
     tuning: GroupTuning = field(default_factory=GroupTuning)
     guests: list[Guest] = field(default_factory=list)
     way_m: float = -math.inf
+    leader_m: float = -math.inf
     events: list[str] = field(default_factory=list)
     _now_s: float = math.inf
 
@@ -400,6 +409,25 @@ class GuidedGroup:
         ):
             limited = before_m + float(np.clip(way_m - before_m, -most, most))
             guest.way_m = float(way_m) if jumps and guest.apart_s > 1.0 else limited
+        self._turn_back(there)
+
+    def _turn_back(self, there: Sequence[Guest]) -> None:
+        """Where the way turns back on itself, people are on the part on which they follow."""
+        tuning, way = self.tuning, self.way
+        ways = np.array([guest.way_m for guest in there])
+        if not self.leader_m > ways.min() + 1.0:
+            return
+        xy = np.array([guest.xy for guest in there])
+        velocity = np.array([guest.velocity for guest in there])
+        away = np.hypot(*(way.at(self.leader_m) - xy).T)
+        onward = way.nearest(xy, np.maximum(self.leader_m - away, 0.0), 1.5)
+        beside = np.hypot(*(way.at(onward) - xy).T) - np.hypot(*(way.at(ways) - xy).T)
+        turns = (onward > ways + 1.0) & (beside <= tuning.beside_way)
+        turns &= (way.ahead(onward) * way.ahead(ways)).sum(axis=1) < -0.5
+        turns &= (way.ahead(onward) * velocity).sum(axis=1) > tuning.walks
+        for guest, way_m, is_back in zip(there, onward.tolist(), turns, strict=True):
+            if is_back:
+                guest.way_m = way_m
 
     def _judge(self, home: frozenset[int], dt_s: float) -> None:
         """Who has fallen behind, and who is back."""
@@ -447,13 +475,15 @@ class GuidedGroup:
 
 
 def _guest(person: Person, way_m: float, now_s: float) -> Guest:
-    guest = Guest(person.id, person.position, person.position, way_m, now_s, now_s)
+    xy = person.position
+    guest = Guest(person.id, xy, xy, np.zeros(2), way_m, now_s, now_s)
     _take(guest, person, now_s)
     return guest
 
 
 def _take(guest: Guest, person: Person, now_s: float) -> None:
     guest.xy = guest.place = person.position
+    guest.velocity = np.zeros(2) if person.velocity is None else person.velocity
     guest.began_s, guest.last_s = now_s - person.age_s, now_s
     guest.followed, guest.empty_s = True, 0.0
 

@@ -243,10 +243,13 @@ def _end_of(record: TourRecord, end_ns: int) -> Float | None:
 
 def _has_come(truth: Truth, end: Float | None) -> bool:
     """Whether the middle of the people has come to the end of the way, where that is known."""
-    there = np.isfinite(truth.positions).all(axis=2)
-    if end is None or not len(truth) or not there[-1].any():
+    if end is None or not len(truth):
         return True
-    middle = np.median(truth.positions[-1][there[-1]], axis=0)
+    last = truth.positions[-1]
+    there = last[np.isfinite(last[:, 0])]
+    if not len(there):
+        return True
+    middle = np.median(there, axis=0)
     return bool(np.linalg.norm(middle - end) <= END_M)
 
 

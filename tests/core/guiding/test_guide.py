@@ -445,13 +445,21 @@ def test_tour_out_and_back_comes_to_its_end():
         for walker in world.walkers:
             xy = world.tour.way.at(walker.way_m, walker.left)
             away = float(np.hypot(*(leader - xy))) - walker.distance
-            walker.way_m += float(np.sign(leader[0] - xy[0])) * min(max(away, 0.0), 0.18)
-            walker.stands = True
+            onward = float(np.sign(leader[0] - xy[0])) * min(max(away, 0.0), 0.18)
+            walker.way_m, walker.speed, walker.stands = (
+                walker.way_m + onward,
+                onward / STEP_S,
+                True,
+            )
         ways.append(float(leader[0]))
         world.step()
     assert world.guide.state == State.FINISHED
     assert max(ways) > 6.5
     assert ways[-1] < 1.5
+    before_last = world.said[-2][1]
+    assert before_last.way_m > 8.0
+    for name in ("robot_b", "robot_c"):
+        assert before_last.posts[name].xy[0] > ways[-1] + 1.0
 
 
 def test_robots_stand_while_none_takes_part_and_go_on():
