@@ -31,7 +31,7 @@ class Bases:
 
     def __init__(self) -> None:
         self.velocities: Mapping[str, tuple[float, float]] = {}
-        self.stops = 0
+        self.stops = self.kept = 0
 
     def begin(self, robots: Any) -> None:
         pass
@@ -46,7 +46,7 @@ class Bases:
         self.stops += 1
 
     def keep_standing(self) -> None:
-        pass
+        self.kept += 1
 
     def finish(self) -> None:
         pass
@@ -187,6 +187,14 @@ def test_messages_that_cannot_be_used_are_refused(node: Stepped) -> None:
         node._on_pose("robot_a", pose_of(now_ns, 1.0, 0.0, 0.0, frame_id="odom"))
     with pytest.raises(TourError, match="'hall' is under way"):
         node._on_path(path_of((0.0, 0.0), (4.0, 0.0)))
+
+
+def test_timer_that_fires_late_sends_nothing(node: Stepped) -> None:
+    """An event may be under way when the timer is destroyed, and then the publishers are, too."""
+    node.trigger_shutdown()
+    kept = node.bases.kept
+    node._tick()
+    assert node.bases.kept == kept
 
 
 def test_people_without_ids_are_named(node: Stepped) -> None:

@@ -78,6 +78,7 @@ class Guest:
         behind_s: For how long they have fallen behind [s]; None: they have not.
         lost: Whether the tour goes on without them.
         joined_m: How far along the way they were when they joined the group; None: they are guided.
+        came_late: Whether they joined on the way.
         empty_s: For how long robots have seen the place empty where they were last [s].
     """
 
@@ -93,6 +94,7 @@ class Guest:
     behind_s: float | None = None
     lost: bool = False
     joined_m: float | None = None
+    came_late: bool = False
     empty_s: float = 0.0
 
     @property
@@ -245,9 +247,16 @@ class GuidedGroup:
         self._advance(away_s)
 
     def give_up(self, patience_s: float) -> None:
-        """The tour goes on without those who have been behind, or unseen, for so long [s]."""
+        """The tour goes on without those who have been behind, or unseen, for so long [s].
+
+        Who joined on the way and is not seen any more is forgotten: somebody seen twice, perhaps.
+        """
         for guest in self.guided:
-            if max(guest.behind_s or 0.0, guest.unseen_s) >= patience_s:
+            if max(guest.behind_s or 0.0, guest.unseen_s) < patience_s:
+                continue
+            if guest.came_late and guest.behind_s is None:
+                self.guests.remove(guest)
+            else:
                 guest.lost = True
                 self.events.append(f"goes on without person {guest.id}")
 
@@ -360,7 +369,7 @@ class GuidedGroup:
             longest.way_m = guest.way_m
             self._is_now(longest, person, now_s)
         else:
-            guest.joined_m = None
+            guest.joined_m, guest.came_late = None, True
             self.events.append(f"person {guest.id} joins the tour")
 
     # ---- along the way ----

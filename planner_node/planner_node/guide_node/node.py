@@ -317,6 +317,8 @@ class GuideNode(ManagedNode):
 
     def _tick(self) -> None:
         """Drives the robots."""
+        if not self.is_active:
+            return  # the timer had fired before it was destroyed
         if self._underway is None:
             self._bases.keep_standing()
         else:

@@ -276,6 +276,20 @@ def test_newcomer_is_guided_once_they_have_come_along():
     assert "person 9 joins the tour" in world.events()
 
 
+def test_newcomer_who_is_not_seen_any_more_is_forgotten():
+    """Such as somebody who was followed twice for a while."""
+    world = leading(pace=Pace(patience=4.0))
+    world.walkers.append(
+        Walker(9, 3.2, 0.2, world.walkers[-1].way_m - 0.3, began_s=world.time_s)
+    )  # fmt: skip
+    world.run(8.0)
+    assert world.last().people == (1, 2, 3, 4, 5, 9)
+    world.walkers[-1].id = 0
+    world.run(6.0)
+    assert world.last().people == (1, 2, 3, 4, 5)
+    assert world.last().lost == ()
+
+
 def test_nobody_waits_for_who_stands_where_the_group_passes():
     world = leading()
     there = world.walkers[-1].way_m + 1.0
