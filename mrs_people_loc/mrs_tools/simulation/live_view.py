@@ -30,8 +30,10 @@ from mrs_tools.simulation.stage import Stage
 from mrs_tools.simulation.textures import Atlas
 
 #: Poses of a stride, and the speeds that they are kept for [m/s].
-_POSES = 20
-_SPEEDS = np.array([0.0, 0.15, 0.3, 0.5, 0.8, 1.1, 1.5])
+_POSES = 16
+_SPEEDS = np.array([0.0, 0.2, 0.5, 0.9, 1.4])
+#: So many poses are kept, of all bodies; each takes about 1 MB.
+_KEPT = 400
 #: Lamps farther away are left out [m].
 _LIT = 20.0
 #: Share by which the exposure follows the light from image to image.
@@ -179,7 +181,11 @@ class LiveView:
         return self._pose(body, (k, speed, pose))
 
     def _pose(self, body: HumanBody | MeshBody, key: tuple[int, int, int]) -> _Thing:
-        if key not in self._poses:
+        if key in self._poses:
+            self._poses[key] = self._poses.pop(key)  # the least used is the first
+        else:
+            if len(self._poses) >= _KEPT:
+                self._poses.pop(next(iter(self._poses)))
             k, speed, pose = key
             pace = float(_SPEEDS[speed])
             way = pose / _POSES * body.stride(pace)

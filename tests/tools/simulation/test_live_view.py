@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("embreex", reason="the simulator needs embreex")
 
 from mrs_people_loc.config import load_yaml
+from mrs_tools.simulation import live_view
 from mrs_tools.simulation.live_view import LiveView
 from mrs_tools.simulation.meshes import merge
 from mrs_tools.simulation.motion import Place
@@ -99,15 +100,25 @@ def test_gait_follows_the_way_and_repeats_with_each_stride() -> None:
     scene = scene_of(a={"x": 1.0})
     view = LiveView(Stage(scene), scene.people)
     robots = {"a": place(1.0, 3.5)}
-    stride = Stage(scene).bodies(scene.people)[0].stride(0.8)
+    stride = Stage(scene).bodies(scene.people)[0].stride(0.9)
     feet = []
     for k in range(9):
-        view.move([place(3.0, 2.0 + k * stride / 4, math.pi / 2, 0.8), NOWHERE], robots)
+        view.move([place(3.0, 2.0 + k * stride / 4, math.pi / 2, 0.9), NOWHERE], robots)
         mesh = view._seen[0].solid.mesh
         low = mesh.vertices[mesh.vertices[:, 2] < 0.05]
         feet.append(float(low[:, 0].max()))
     assert feet[4:] == pytest.approx(feet[:5], abs=1e-6)
     assert max(feet) - min(feet) > 0.05
+
+
+def test_so_many_poses_are_kept_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_view, "_KEPT", 3)
+    scene = scene_of(a={"x": 1.0})
+    view = LiveView(Stage(scene), scene.people)
+    for k in range(9):
+        view.move([place(3.0, 2.0 + 0.2 * k, 0.0, 0.9), NOWHERE], {"a": place(1.0, 3.5)})
+        assert len(view._poses) <= 3
+        assert view._seen[0].solid in [thing.solid for thing in view._poses.values()]
 
 
 def test_scene_of_a_tour_is_valid_for_the_whole_team() -> None:

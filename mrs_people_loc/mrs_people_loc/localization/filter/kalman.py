@@ -38,14 +38,15 @@ def corrected(
     rows = state.covariance[:, columns]
     across, gain, squared = _gain(rows, columns, jacobian, noise, residual)
     step = gain @ residual
+    everything = np.arange(len(step))
     mean, carried = state.stepped(step, columns[:3])
     for _ in range(_ITERATIONS):
         if np.abs(step[columns]).max() < _ITERATE_FROM:
             break
         residual, jacobian = model(mean[columns])
-        jacobian = jacobian @ carried[columns[:, np.newaxis], columns]
-        across, gain, _ = _gain(rows, columns, jacobian, noise, residual)
-        again = gain @ (residual + jacobian @ step[columns])
+        jacobian = jacobian @ carried[columns]
+        across, gain, _ = _gain(state.covariance, everything, jacobian, noise, residual)
+        again = gain @ (residual + jacobian @ step)
         done = np.abs(again - step).max() < 1e-3 * _ITERATE_FROM
         step = again
         mean, carried = state.stepped(step, columns[:3])

@@ -17,6 +17,8 @@ from mrs_people_loc.localization.filter.team_frame import covariance_in_team
 from mrs_people_loc.localization.odometry import Odometry, carried_on, motion, turned
 
 _Value = TypeVar("_Value")
+#: A correction that turns no robot by more turns no covariance [rad].
+_TURN = 1e-5
 
 
 def changed(value: _Value, **changes: Any) -> _Value:
@@ -316,13 +318,14 @@ class TeamState:
         does to them depends on the estimate (Huang, Mourikis & Roumeliotis 2010, "Observability-
         based rules for designing consistent EKF SLAM"). Here the error of a pose is a motion of the
         map, as in the right-invariant EKF (Barrau & Bonnabel 2015, "An EKF-SLAM algorithm with
-        consistency properties"): the same error of all poses is a motion of the whole team. A line
-        has no error along it, but where a common motion brings it depends on that, too, once its
-        bearing is corrected: it is taken from the robot that observes.
+        consistency properties"): the same error of all poses is a motion of the whole team. The
+        rest of a robot's error turns with it: what walls tell is in its base_link, and the way
+        along them stays unknown when its heading is corrected.
 
         Args:
             step: Correction, shape (n,).
-            reference: Indices of the pose of the robot that observes, shape (3,).
+            reference: Indices of the pose of the robot that observes, shape (3,), for walls that no
+                robot of the team has seen.
 
         Returns:
             The mean, shape (n,), and the matrix, shape (n, n), that turns errors at the mean
@@ -337,17 +340,67 @@ class TeamState:
         mean[1:robots:3] += way.imag - y
         i = np.arange(0, robots, 3)
         carried[i, i + 2], carried[i + 1, i + 2] = -way.imag, way.real
-        if not self.walls:
-            return mean, carried
-        (x, y, _), (dx, dy, turn) = self.mean[reference].tolist(), step[reference].tolist()
-        off = complex(x, y) - np.array([complex(*wall.anchor) for wall in self.walls])
-        shift = complex(dx, dy) - 1j * turn * off
-        before = np.exp(1j * self.mean[robots + 1 :: 2])
-        rise = np.exp(1j * mean[robots + 1 :: 2]) - before
-        mean[robots::2] += (before.conj() * (_chord(shift, -step[robots + 1 :: 2]) - shift)).real
-        by = np.stack([rise.real, rise.imag, (rise.conj() * -1j * off).real], axis=1)
-        carried[robots::2, reference] = by
+        shape = np.zeros((robots, robots))
+        if np.abs(turn).max() > _TURN:
+            shape = self._turned_shape(turn)
+        carried[:robots, :robots] += shape
+        if self.walls:
+            self._step_walls(step, int(reference[0]), shape, mean, carried)
         return mean, carried
+
+    def _step_walls(
+        self, step: Float, reference: int, shape: Float, mean: Float, carried: Float
+    ) -> None:
+        """Completes `stepped` for the walls, in place.
+
+        A line has no error along it, but where a motion brings it depends on that, too, once its
+        bearing is corrected: it is taken from the robot that has seen it first.
+        """
+        robots = len(shape)
+        origin = np.array([self._tied_to(wall, reference) for wall in self.walls])
+        dx, dy, turn = step[origin], step[origin + 1], step[origin + 2]
+        off = self.mean[origin] + 1j * self.mean[origin + 1]
+        off -= np.array([complex(*wall.anchor) for wall in self.walls])
+        shift = dx + 1j * dy - 1j * turn * off
+        before = np.exp(1j * self.mean[robots + 1 :: 2])
+        after = np.exp(1j * mean[robots + 1 :: 2])
+        rise = after - before
+        mean[robots::2] += (before.conj() * (_chord(shift, -step[robots + 1 :: 2]) - shift)).real
+        lines = np.arange(robots, len(step), 2)
+        x, y = after.real[:, np.newaxis], after.imag[:, np.newaxis]
+        carried[lines, :robots] += x * shape[origin] + y * shape[origin + 1]
+        carried[lines, origin] += rise.real
+        carried[lines, origin + 1] += rise.imag
+        carried[lines, origin + 2] += (rise.conj() * -1j * off).real
+
+    def _turned_shape(self, turn: Float) -> Float:
+        """What turns of the robots add to how errors are carried on, shape (3 k, 3 k).
+
+        What a wall tells about a robot is in its base_link: it turns with it. What all robots have
+        in common, a motion of the map, does not.
+
+        Args:
+            turn: Of each robot [rad], shape (k,).
+        """
+        count = len(turn)
+        i = np.arange(0, 3 * count, 3)
+        # Errors of places beside the common motion: the mean of the errors and of the turns.
+        own = np.eye(3 * count)
+        own[i[:, np.newaxis], i] -= 1.0 / count
+        own[i[:, np.newaxis] + 1, i + 1] -= 1.0 / count
+        x, y = self.mean[i] - self.mean[i].mean(), self.mean[i + 1] - self.mean[i + 1].mean()
+        own[i[:, np.newaxis], i + 2] += y[:, np.newaxis] / count
+        own[i[:, np.newaxis] + 1, i + 2] -= x[:, np.newaxis] / count
+        c, s = np.cos(turn) - 1.0, np.sin(turn)
+        made = np.zeros_like(own)
+        made[i] = c[:, np.newaxis] * own[i] - s[:, np.newaxis] * own[i + 1]
+        made[i + 1] = s[:, np.newaxis] * own[i] + c[:, np.newaxis] * own[i + 1]
+        return made
+
+    def _tied_to(self, wall: Landmark, reference: int) -> int:
+        """Where the pose of the robot that has seen a wall first begins in `mean`."""
+        first = next(iter(wall.sights), None)
+        return reference if first not in self.odometry else self.at(str(first))
 
     def moved(self, origin: Float, target: Float) -> TeamState:
         """The state moved and turned as a whole, so that one pose becomes another.

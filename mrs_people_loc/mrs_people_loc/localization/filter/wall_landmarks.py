@@ -43,6 +43,9 @@ class WallTuning:
         doubtful_s: Walls that were not established are dropped after this time [s].
         new_sigmas: Walls that are measured worse than this are not added [m, rad].
         end_sigma: Standard deviation of the place of a wall's end [m].
+        sure_turn: A wall's direction relative to a robot is sure if its standard deviation is less
+            than this [rad]. If it is not,
+        direction_lasts: ... its error is the same in so many sights.
         misfits: A known wall that was seen elsewhere so often, and never recognized, is no longer
             looked for ...
         forgiven: ... until a wall was seen where the map says so often in a row.
@@ -63,6 +66,8 @@ class WallTuning:
     doubtful_s: float = 3.0
     new_sigmas: tuple[float, float] = (0.2, 0.2)
     end_sigma: float = 0.1
+    sure_turn: float = 0.01
+    direction_lasts: float = 50.0
     misfits: int = 10
     forgiven: int = 50
     near: float = 10.0
@@ -322,13 +327,36 @@ class WallLandmarks:
             return wrapped(seen.line - predicted), jacobian
 
         columns = state.columns(seen.robot, index)
-        state, squared = corrected(state, columns, model, seen.covariance)
+        noise = seen.covariance + self._of_direction(state, seen, index)
+        state, squared = corrected(state, columns, model, noise)
         state = noted(state, seen.robot, _kind(wall), True, squared, 2, seen.stamp_ns)
         if wall.known >= 0:
             state = self._ends(state, seen, index, side)
         landmark = wall.seen_by(seen.robot, candidate.extent, seen.stamp_ns)
         walls = (*state.walls[:index], landmark, *state.walls[index + 1 :])
         return changed(state, walls=walls), landmark
+
+    def _of_direction(self, state: TeamState, seen: _Seen, index: int) -> Float:
+        """What an unsure direction of a wall adds to the covariance of a sight, shape (2, 2).
+
+        A wall tells nothing about the way along it. An EKF believes to learn that, too, when it
+        takes distances to one wall with different directions; that of a known wall stays the same.
+        The product of the two errors is
+        the second-order term of the prediction (Bar-Shalom, Li & Kirubarajan 2001, "Estimation with
+        Applications to Tracking and Navigation", section 10.3), and is taken for noise here, as
+        much more of it as it is the same from sight to sight.
+        """
+        added, columns = np.zeros((2, 2)), state.columns(seen.robot, index)
+        turn = np.array([-1.0, 1.0])
+        heading = state.covariance[np.ix_(columns[[2, 4]], columns[[2, 4]])]
+        variance = float(turn @ heading @ turn)
+        if state.walls[index].known >= 0 or variance < self.tuning.sure_turn**2:
+            return added
+        bearing = float(state.mean[columns[4]])
+        along = np.array([-math.sin(bearing), math.cos(bearing)])
+        place = state.in_team(seen.robot, state.odometry[seen.robot], state.odometry)[:2, :2]
+        added[0, 0] = self.tuning.direction_lasts * variance * float(along @ place @ along)
+        return added
 
     def _ends(self, state: TeamState, seen: _Seen, index: int, side: float) -> TeamState:
         """The state corrected by the ends of a known wall."""

@@ -129,6 +129,31 @@ def wall_seen(at, y):
     return (ends @ np.array([[c, -s], [s, c]])).ravel()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_wall_does_not_tell_the_way_along_it(seed):
+    """Three robots that start known to 1 m and 15 degrees see one wall again and again."""
+    rng = np.random.default_rng(seed)
+    team, state = TeamFilter("a", Localization()), TeamState()
+    true = {"a": np.zeros(3), "b": np.array([-4.0, 0.5, 0.2]), "c": np.array([-4.0, -0.5, -0.1])}
+    for name, place in true.items():
+        told = place + ROUGH * rng.normal(size=3)
+        state = team.apply(state, Joined(name, STILL, told, np.diag(ROUGH**2)))
+    for k in range(1, 20):
+        now = Odometry(k * S // 5, 0.0, 0.0, 0.0, 1e-6 * k, 1e-6 * k)
+        for name, place in true.items():
+            ends = wall_seen(place, -1.5) + 0.02 * rng.normal(size=4)
+            seen = as_walls([ends], (0.02, 0.02))
+            state = team.apply(state, WallsSeen(name, now, seen))
+    assert all(state.sources[name, "walls"].accepted >= 15 for name in NAMES[1:])
+    c, s = math.cos(state.mean[-1]), math.sin(state.mean[-1])
+    between = np.zeros((2, len(state.mean)))
+    between[0, [0, 1, 3, 4]] = s, -c, -s, c
+    between[1, [2, 5]] = -1.0, 1.0
+    along, heading = np.sqrt(np.diag(between @ state.covariance @ between.T))
+    assert along > 0.8 * math.sqrt(2.0)
+    assert heading < math.radians(3.0)
+
+
 def test_robots_that_meet_know_the_teams_heading_as_well_as_their_starts_together():
     """Three independent headings known to 15 degrees, at one place: 15 / sqrt(3)."""
     team, state = TeamFilter("a", Localization()), TeamState()
