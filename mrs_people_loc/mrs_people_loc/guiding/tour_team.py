@@ -29,7 +29,7 @@ _STEP, _BESIDE = 0.1, 0.1
 #: A robot has moved if it is so far from where it was [m], or has turned by so much [rad].
 _MOVED, _TURNED = 0.15, 0.3
 #: Farther from its post than this, a robot has to move [m]: ...
-_AWAY = 0.3
+_AWAY = 0.5
 #: ... a leader that has not for so long is at fault [s],
 _STUCK_S = 8.0
 #: ... and takes no part for so long, unless it moves [s].
