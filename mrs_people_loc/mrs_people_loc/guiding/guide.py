@@ -33,7 +33,9 @@ class GuideTuning:
         there: A leader this near to its place at a stop has arrived [m].
         brake_m: A leader that waits stops within this [m].
         brakes: The leader slows down before a stop, to this speed a metre before it [1/s].
-        closes_up_s: A group that comes no nearer to a stop in this time is there [s].
+        closes_up_s: Nobody waits any longer for a group that is near a stop, but has come no
+            nearer in this time [s] ...
+        nearer: ... by more than this [m].
         fetch_s: A person who has been behind for so long is fetched [s].
         in_view: A place that is seen with this probability is in view.
     """
@@ -45,11 +47,14 @@ class GuideTuning:
     brake_m: float = 0.15
     brakes: float = 0.8
     closes_up_s: float = 10.0
+    nearer: float = 0.2
     fetch_s: float = 2.0
     in_view: float = 0.4
 
 
 GUIDE_TUNING = GuideTuning()
+#: Where places are nearer to each other than this share of the way between them, it turns back.
+_FOLDED = 0.5
 #: States of a tour that has not ended.
 RUNNING = (State.GATHERING, State.LEADING, State.WAITING, State.AT_STOP, State.HALTED)
 
@@ -146,6 +151,7 @@ class _Run:
         self._now_ns: int | None = None
         self._post_m = 0.0
         self._settled_s = self._there_s = 0.0
+        self._nearest_m = math.inf
         self._is_off, self._is_at_stop, self._overtakes = False, False, False
         self._next = 0
 
@@ -184,6 +190,7 @@ class _Run:
             faults = "; ".join(f"{name}: {why}" for name, why in self._team.faults.items())
             self._events += self._team.events
             self.halt(f"no robot takes part: {faults or 'none is there'}")
+            self._team.watch({}, dt_s)
             return {}
         if self.state == State.HALTED:
             self._events.append("goes on")
@@ -195,7 +202,9 @@ class _Run:
             self._group.give_up(self.config.pace.patience)
             self._events += self._group.events
             self._go_on(dt_s)
-        return self._posts() if self.state in RUNNING else {}
+        posts = self._posts() if self.state in RUNNING else {}
+        self._team.watch(posts, dt_s)
+        return posts
 
     def guidance(self, posts: Mapping[str, Post]) -> Guidance:
         """What is told of the tour; events once."""
@@ -271,24 +280,44 @@ class _Run:
             self._pace.stand()
         elif waits:
             self.state, self._reason, self._there_s = State.WAITING, waits, 0.0
+            self._nearest_m = math.inf
             self._pace.stand()
         elif to_go <= tuning.there:
-            self._there_s += dt_s
-            self._pace.stand()
-            what = "at the end" if self._stop is None else f"at {self._stop.name}"
-            self.state, self._reason = State.WAITING, f"waits until everybody is {what}"
-            if self._is_group_there() or self._there_s >= tuning.closes_up_s:
-                self._arrive(what)
+            self._close_up(dt_s)
         else:
-            self._there_s = 0.0
+            self._there_s, self._nearest_m = 0.0, math.inf
             self._walk(to_go, dt_s)
 
-    def _arrive(self, what: str) -> None:
-        self._events.append(f"everybody is {what}")
+    def _close_up(self, dt_s: float) -> None:
+        """The leader is at a stop, or at the end, and waits for the others."""
+        away, tuning = self._away(), self._tuning
+        where = "the end" if self._stop is None else self._stop.name
+        if away < self._nearest_m - tuning.nearer:
+            self._nearest_m, self._there_s = away, 0.0
+        self._there_s += dt_s
+        self._pace.stand()
+        self.state, self._reason = State.WAITING, f"waits until everybody is at {where}"
+        if self._is_group_there():
+            self._arrive(f"everybody is at {where}")
+        elif self._there_s >= tuning.closes_up_s and away <= self.config.pace.max_stretch:
+            self._arrive(
+                f"goes on after {tuning.closes_up_s:g} s: the group is {away:.1f} m from {where}"
+            )
+        elif self._there_s >= self.config.pace.patience:
+            self._end_without_group()
+
+    def _arrive(self, event: str) -> None:
+        self._events.append(event)
+        self._nearest_m = math.inf
         self._is_at_stop, self._there_s, self.state, self._reason = True, 0.0, State.AT_STOP, ""
         if self._stop is None:
             self.end(State.FINISHED, "")
             self._events.append(f"the tour {self._tour.name} is finished".replace("  ", " "))
+
+    def _end_without_group(self) -> None:
+        reason = f"the group has not come along for {self.config.pace.patience:g} s"
+        self._events.append(reason)
+        self.end(State.CANCELLED, reason)
 
     def _stay(self, waits: str, dt_s: float) -> None:
         """The group is at a stop."""
@@ -318,6 +347,8 @@ class _Run:
             long = group.stretch > config.stretch
             self.state = State.WAITING
             self._reason = "waits until the group has closed up" if long else "waits for the group"
+            if self._pace.in_vain_s >= self.config.pace.patience:
+                self._end_without_group()
 
     def _waits_for(self) -> str:
         """Whom the group waits for, in words; empty: nobody."""
@@ -326,16 +357,24 @@ class _Run:
             return "" if self._group.together else "waits: nobody of the group is seen"
         return f"waits for {_people(behind)}"
 
+    @property
+    def _stop_xy(self) -> Float:
+        """Where the group is to be next [m], shape (2,)."""
+        return self._tour.way.at(self._tour.way.length if self._stop is None else self._stop.way_m)
+
+    def _away(self) -> float:
+        """How far the group's middle is from the next stop [m]."""
+        xy = np.array([one.xy for one in self._group.together])
+        return float(np.hypot(*(np.median(xy, axis=0) - self._stop_xy)))
+
     def _is_group_there(self) -> bool:
         """Whether everybody is at the next stop: near it, or near each other behind the leader."""
         xy = np.array([one.xy for one in self._group.together])
         gather, lead = self.config.pace.gather, self.config.pace.lead
-        stop_m = self._tour.way.length if self._stop is None else self._stop.way_m
-        place, middle = self._tour.way.at(stop_m), np.median(xy, axis=0)
-        if (np.hypot(*(xy - place).T) <= gather).all():
+        if (np.hypot(*(xy - self._stop_xy).T) <= gather).all():
             return True
-        is_close = bool((np.hypot(*(xy - middle).T) <= gather).all())
-        return is_close and float(np.hypot(*(middle - place))) <= gather + lead
+        is_close = bool((np.hypot(*(xy - np.median(xy, axis=0)).T) <= gather).all())
+        return is_close and self._away() <= gather + lead
 
     # ---- robots ----
 
@@ -343,12 +382,17 @@ class _Run:
         group = self._group
         front_m = group.foremost_m + self.config.pace.lead
         moving = self._is_off and not self._is_at_stop
-        if self._team.lead(self.config.leader, self._tour.way, group.way_m, front_m, moving=moving):
+        assert self._now_ns is not None
+        if self._team.lead(
+            self.config.leader, self._tour.way, group.way_m, front_m, self._now_ns, moving=moving
+        ):
             self._post_m = self._team.leader_m
             self._pace.stand()
             self._overtakes = self._is_off and self._team.leader_m < group.way_m
-        elif self._team.leader_m >= group.foremost_m + 0.5 * self.config.pace.lead:
-            self._overtakes = False
+        else:
+            in_front_m = group.foremost_m + 0.5 * self.config.pace.lead
+            enough_m = min(in_front_m, self._stop_m - self._tuning.there)
+            self._overtakes = self._overtakes and self._team.leader_m < enough_m
         self._events += self._team.events
 
     def _in_view(self, xy: Float) -> Bool:
@@ -397,8 +441,17 @@ class _Run:
             return min(front_m, max(self._stop_m, leader_m)), self.config.base.max_speed
         if speed > 0.0:
             post_m = min(leader_m + tuning.ahead + tuning.ahead_s * speed, self._stop_m)
+            if self._turns_back(post_m):
+                self._team.leader_m = post_m
+                post_m = min(post_m + tuning.ahead, self._stop_m)
             return post_m, speed
         return min(self._post_m, leader_m + tuning.brake_m), self.config.pace.speed
+
+    def _turns_back(self, post_m: float) -> bool:
+        """Whether the way turns back on itself between the leader and its next place."""
+        pose = self._team.robots[self._team.leader]
+        away = float(np.hypot(*(self._tour.way.at(post_m) - (pose.x, pose.y))))
+        return away < _FOLDED * (post_m - self._team.leader_m)
 
     def _who_is_fetched(self) -> Guest | None:
         """Who has been behind for the longest time."""

@@ -26,6 +26,7 @@ class GroupTuning:
     """Constants of the guided group; chosen.
 
     Attributes:
+        as_near: Groups are as near to the leader and the start as the nearest one within this [m].
         start_reach: People at the start of the tour are no farther along the way than this [m].
         fastest: People do not come along the way faster than this [m/s].
         astray: A person farther from their place along the way than this is sought anew on it [m].
@@ -44,6 +45,7 @@ class GroupTuning:
         same_s: A track with the id of another is another one if it began later by this [s].
     """
 
+    as_near: float = 2.0
     start_reach: float = 12.0
     fastest: float = 1.6
     astray: float = 2.5
@@ -78,6 +80,7 @@ class Guest:
         behind_s: For how long they have fallen behind [s]; None: they have not.
         lost: Whether the tour goes on without them.
         joined_m: How far along the way they were when they joined the group; None: they are guided.
+        came_late: Whether they joined on the way.
         empty_s: For how long robots have seen the place empty where they were last [s].
     """
 
@@ -93,6 +96,7 @@ class Guest:
     behind_s: float | None = None
     lost: bool = False
     joined_m: float | None = None
+    came_late: bool = False
     empty_s: float = 0.0
 
     @property
@@ -181,7 +185,10 @@ class GuidedGroup:
         now_s: float,
         sees: Callable[[Float], Bool],
     ) -> None:
-        """Takes the people with whom the tour begins: the largest group, the nearest of several.
+        """Takes the people with whom the tour begins.
+
+        They are the largest of the groups that are near the leader and the start of the way, and
+        the nearest of several that are as large.
 
         Args:
             people: Who is followed.
@@ -191,12 +198,14 @@ class GuidedGroup:
             sees: As for `step`.
         """
         by_id = {person.id: person for person in people if person.id}
-        parts = [[by_id[i] for i in group.members if i in by_id] for group in groups]
-        chosen = min(
-            (part for part in parts if part),
-            key=lambda part: (-len(part), _distance(part, leader)),
-            default=[],
-        )
+        members = [[by_id[i] for i in group.members if i in by_id] for group in groups]
+        parts = [part for part in members if part]
+        start = self.way.at(0.0)
+        away = [0.5 * (_distance(part, leader) + _distance(part, start)) for part in parts]
+        near = min(away, default=0.0) + self.tuning.as_near
+        rows = [row for row, off in enumerate(away) if off <= near]
+        rows.sort(key=lambda row: (-len(parts[row]), away[row]))
+        chosen = parts[rows[0]] if rows else []
         known = {guest.id for guest in self.guests if guest.followed}
         if self.guests and (not chosen or not known.isdisjoint(p.id for p in chosen)):
             self.step(people, groups, now_s, sees)
@@ -245,9 +254,16 @@ class GuidedGroup:
         self._advance(away_s)
 
     def give_up(self, patience_s: float) -> None:
-        """The tour goes on without those who have been behind, or unseen, for so long [s]."""
+        """The tour goes on without those who have been behind, or unseen, for so long [s].
+
+        Who joined on the way and is not seen any more is forgotten: somebody seen twice, perhaps.
+        """
         for guest in self.guided:
-            if max(guest.behind_s or 0.0, guest.unseen_s) >= patience_s:
+            if max(guest.behind_s or 0.0, guest.unseen_s) < patience_s:
+                continue
+            if guest.came_late and guest.behind_s is None:
+                self.guests.remove(guest)
+            else:
                 guest.lost = True
                 self.events.append(f"goes on without person {guest.id}")
 
@@ -360,7 +376,7 @@ class GuidedGroup:
             longest.way_m = guest.way_m
             self._is_now(longest, person, now_s)
         else:
-            guest.joined_m = None
+            guest.joined_m, guest.came_late = None, True
             self.events.append(f"person {guest.id} joins the tour")
 
     # ---- along the way ----
@@ -412,7 +428,7 @@ class GuidedGroup:
         if not was_behind and guest.apart_s >= tuning.apart_s:
             guest.behind_s = 0.0
             self.events.append(f"person {guest.id} has fallen behind")
-        elif was_behind and guest.apart_s == 0.0:
+        elif (was_behind or guest.lost) and guest.apart_s == 0.0:
             guest.behind_s, guest.lost = None, False
             self.events.append(f"person {guest.id} is back")
 

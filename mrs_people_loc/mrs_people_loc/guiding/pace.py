@@ -15,7 +15,8 @@ class PaceTuning:
         more_gap: The leader waits where the group is farther behind than `pace.lead` by this [m].
         patience: A group that stands for so long [s] without a straggler is as near and as close
             as it comes: ...
-        relaxes: ... the limits of gap and stretch grow by this [m/s]
+        relaxes: ... the limits of gap and stretch grow by this [m/s], ...
+        most: ... by no more than this in all [m], ...
         goes_on: ... until the leader may go at this share of its speed,
         recovers: ... and shrink to those of the parameters by this while it goes [m/s].
         starts: The leader sets off at this share of its speed at least, and stands below it.
@@ -26,6 +27,7 @@ class PaceTuning:
     more_gap: float = 1.6
     patience: float = 3.0
     relaxes: float = 1.0
+    most: float = 3.0
     goes_on: float = 0.5
     recovers: float = 0.05
     starts: float = 0.15
@@ -41,17 +43,18 @@ class PaceControl:
 
     Attributes:
         speed: Now [m/s].
+        in_vain_s: For how long the leader has waited though the limits cannot grow any more [s].
     """
 
     def __init__(self, tuning: PaceTuning | None = None) -> None:
         self.tuning = tuning or PaceTuning()
-        self.speed = 0.0
+        self.speed = self.in_vain_s = 0.0
         self._stood_s = 0.0
         self._relaxed, self._relaxes = 0.0, False
 
     def stand(self) -> float:
         """The leader stands from now on, whatever the group does: 0 m/s."""
-        self.speed = self._stood_s = 0.0
+        self.speed = self._stood_s = self.in_vain_s = 0.0
         return self.speed
 
     def step(
@@ -71,7 +74,7 @@ class PaceControl:
         """
         tuning = self.tuning
         if self._relaxes or self._stood_s > tuning.patience:
-            self._relaxed += tuning.relaxes * dt_s
+            self._relaxed = min(self._relaxed + tuning.relaxes * dt_s, tuning.most)
         elif self.speed > 0.0:
             self._relaxed = max(self._relaxed - tuning.recovers * dt_s, 0.0)
         share = falls(stretch - self._relaxed, config.stretch, config.max_stretch)
@@ -84,6 +87,8 @@ class PaceControl:
         high = max(self.speed, tuning.starts * highest) + tuning.acceleration * dt_s
         self.speed = min(max(wanted, low, 0.0), high)
         self._stood_s = self._stood_s + dt_s if self.speed == 0.0 else 0.0
+        waits = self.speed == 0.0 and self._relaxed >= tuning.most
+        self.in_vain_s = self.in_vain_s + dt_s if waits else 0.0
         return self.speed
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mrs_people_loc.arrays import Float
+from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.config import GuideConfig
+from mrs_people_loc.guiding import views
 from mrs_people_loc.guiding.drive import Drive, limit
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
@@ -22,6 +24,12 @@ _SHORTEST_S, _LONGEST_S = 0.01, 0.2
 _DETOUR_M = 0.2
 #: ... and those who are nearer to the post than this are no reason for a detour [m].
 _AT_POST_M = 0.1
+
+#: Somebody who is not followed any more is kept off for so long [s], ...
+_KEPT_S = 4.0
+#: ... unless robots have seen that their place is empty for so long [s]: a place in view is seen
+#: with this probability at least, and nobody else is so near to it [m].
+_EMPTY_S, _IN_VIEW, _BESIDE_M = 0.6, 0.4, 0.6
 
 #: Images become people in this time [ns]; poses come at once.
 _PEOPLE_NS = 200_000_000
@@ -36,6 +44,21 @@ class _Heard:
 
     pose: Pose
     came_ns: int
+
+
+@dataclass
+class _Vanished:
+    """A person who is not followed any more.
+
+    Attributes:
+        xy: Where they were last [m], shape (2,).
+        since_ns: Stamp of the first people without them [ns].
+        empty_s: For how long robots have seen their place empty [s].
+    """
+
+    xy: Float
+    since_ns: int
+    empty_s: float = 0.0
 
 
 class Steering:
@@ -64,6 +87,8 @@ class Steering:
         self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
         self._posts: Mapping[str, Post] = {}
         self._paths: dict[str, Float | None] = {}
+        self._followed: dict[int, Float] = {}
+        self._vanished: list[_Vanished] = []
         self._people = np.empty((0, 2))
         self._people_velocity = np.empty((0, 2))
         self._stamp_ns: int | None = None
@@ -75,12 +100,50 @@ class Steering:
         self._heard[robot] = _Heard(pose, now_ns)
 
     def take_people(self, people: Sequence[Person], stamp_ns: int, now_ns: int) -> None:
-        """Takes the people of an interval."""
-        unknown = np.zeros(2)
-        velocities = [unknown if one.velocity is None else one.velocity for one in people]
-        self._people = np.array([one.position for one in people]).reshape(-1, 2)
-        self._people_velocity = np.array(velocities).reshape(-1, 2)
+        """Takes the people of an interval; those who vanished are kept off for some seconds."""
+        self._keep_vanished(people, stamp_ns)
+        kept = [one.xy for one in self._vanished]
+        still = np.zeros(2)
+        velocities = [still if one.velocity is None else one.velocity for one in people]
+        self._people = np.array([*(one.position for one in people), *kept]).reshape(-1, 2)
+        self._people_velocity = np.array([*velocities, *(still for _ in kept)]).reshape(-1, 2)
         self._stamp_ns, self._came_ns = min(stamp_ns, now_ns), now_ns
+
+    def _keep_vanished(self, people: Sequence[Person], stamp_ns: int) -> None:
+        """Who vanished is still there for some seconds, unless robots see that nobody is."""
+        since_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
+        before, self._followed = self._followed, {one.id: one.position for one in people if one.id}
+        if since_s < _KEPT_S:
+            gone = [xy for number, xy in before.items() if number not in self._followed]
+            self._vanished += [_Vanished(xy, stamp_ns) for xy in gone]
+        if not self._vanished:
+            return
+        places = np.array([one.xy for one in self._vanished])
+        others = np.array([one.position for one in people]).reshape(-1, 2)
+        seen = self._in_view(places, others)
+        away = np.linalg.norm(places[:, None] - others, axis=2).min(axis=1, initial=math.inf)
+        for one, is_seen in zip(self._vanished, seen, strict=True):
+            one.empty_s += max(since_s, 0.0) if is_seen else 0.0
+        self._vanished = [
+            one
+            for one, off in zip(self._vanished, away, strict=True)
+            if off > _BESIDE_M
+            and one.empty_s < _EMPTY_S
+            and 0 <= stamp_ns - one.since_ns < _KEPT_S * 1e9
+        ]
+
+    def _in_view(self, places: Float, people: Float) -> Bool:
+        """Which places robots see, past people and walls, shape (n,)."""
+        poses = [heard.pose for name, heard in self._heard.items() if name in self._drives]
+        if not poses:
+            return np.zeros(len(places), dtype=bool)
+        names = [name for name in self._heard if name in self._drives]
+        xy = np.array([(pose.x, pose.y) for pose in poses])
+        back = [math.pi * (name in self.config.looks_back) for name in names]
+        gaze = np.array([pose.yaw for pose in poses]) + back
+        every = np.concatenate([places, people])
+        rates = views.detection_rates(xy, gaze, every, self.config.formation, self.space)
+        return np.asarray(rates[:, : len(places)].max(axis=0) >= _IN_VIEW)
 
     def take_posts(self, posts: Mapping[str, Post]) -> None:
         """Takes new posts, and plans the paths to them; robots without one stand."""
@@ -105,8 +168,11 @@ class Steering:
         return (now_ns - min(heard.pose.stamp_ns, heard.came_ns)) / 1e9
 
     def poses(self) -> dict[str, Pose]:
-        """The newest pose of each robot."""
-        return {robot: heard.pose for robot, heard in self._heard.items()}
+        """The newest pose of each robot; its stamp is no later than when it came."""
+        return {
+            robot: dataclasses.replace(heard.pose, stamp_ns=min(heard.pose.stamp_ns, heard.came_ns))
+            for robot, heard in self._heard.items()
+        }
 
     def step(self, now_ns: int) -> dict[str, Velocity]:
         """The velocity of each robot from now on.

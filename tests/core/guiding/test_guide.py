@@ -181,6 +181,53 @@ def test_person_who_is_lost_and_comes_back_is_guided_again():
     assert world.last().people == (1, 2, 3, 4, 5)
 
 
+def test_person_who_was_given_up_while_hidden_is_back_when_seen_again():
+    """Hidden in the middle of the group, so that nobody waits for them."""
+    world = leading(pace=Pace(patience=3.0))
+    number, world.walkers[2].id = world.walkers[2].id, 0
+    world.run(4.0)
+    assert world.last().lost == (number,)
+    world.walkers[2].id, world.walkers[2].began_s = 17, world.time_s
+    world.run(4.0)
+    assert world.last().lost == ()
+    assert world.last().people == (1, 2, 4, 5, 17)
+    assert "person 17 is back" in world.events()
+
+
+@pytest.mark.parametrize("length", [10.0, 30.0])
+def test_group_that_never_follows_is_not_left_behind(length):
+    tour = tour_from([[0.0, 0.0], [length, 0.0]], name="hall")
+    world = World(config=GuideConfig(pace=Pace(patience=10.0)), tour=tour)
+    for walker in world.walkers:
+        walker.stands = True
+    world.run(90.0)
+    assert world.last().state == State.CANCELLED
+    assert world.last().reason == "the group has not come along for 10 s"
+    foremost = max(walker.way_m for walker in world.walkers)
+    assert world.robots["robot_a"][0] - foremost < 7.0
+
+
+def test_group_that_stays_a_little_before_the_end_has_arrived_but_not_everybody_is_there():
+    world = World(tour=tour_from([[0.0, 0.0], [10.0, 0.0]], name="hall"))
+    for walker in world.walkers:
+        walker.distance += 3.2
+    world.run_until(State.FINISHED, 120.0)
+    (event,) = [event for event in world.events() if "after 10 s" in event]
+    middle = np.median([walker.way_m for walker in world.walkers])
+    assert f"the group is {math.hypot(10.0 - middle, 0.5):.1f} m from the end" in event
+    assert "everybody is at the end" not in world.events()
+
+
+def test_the_group_at_the_start_is_guided_rather_than_a_larger_one_farther_off():
+    world = World()
+    world.walkers = world.walkers[:2]
+    strangers = [Walker(11 + k, 0.0, 5.0 + 0.4 * k, -3.0, stands=True) for k in range(3)]
+    world.walkers += strangers
+    world.run(6.0)
+    assert world.last().state == State.LEADING
+    assert world.last().people == (1, 2)
+
+
 def test_short_loss_of_a_person_does_not_stop_the_tour():
     world = leading()
     for walker in world.walkers:
@@ -237,11 +284,27 @@ def test_new_planner_with_other_ids_goes_on_with_the_same_people():
     for walker in world.walkers:
         walker.id, walker.began_s = 6 - walker.id, world.time_s
     world.groups.begin_anew()
+    assert world.step().people == (1, 2, 3, 4, 5)
     world.run(10.0)
     assert world.last().state == State.LEADING
     assert world.last().people == (1, 2, 3, 4, 5)
     assert world.last().lost == ()
     assert "goes on" in world.events()
+
+
+def test_new_planner_that_numbers_a_standing_group_otherwise_loses_nobody():
+    world = leading()
+    for walker in world.walkers:
+        walker.stands = True
+    world.run(2.0)
+    world.time_s += 1.0
+    for walker in world.walkers:
+        walker.id, walker.began_s = walker.id % 5 + 1, world.time_s
+    world.groups.begin_anew()
+    assert world.step().people == (1, 2, 3, 4, 5)
+    world.run(2.0)
+    assert world.last().people == (1, 2, 3, 4, 5)
+    assert not [event for event in world.events() if "joins" in event]
 
 
 def test_one_wild_estimate_does_not_move_the_leader():
@@ -274,6 +337,20 @@ def test_newcomer_is_guided_once_they_have_come_along():
     world.run(8.0)
     assert world.last().people == (1, 2, 3, 4, 5, 9)
     assert "person 9 joins the tour" in world.events()
+
+
+def test_newcomer_who_is_not_seen_any_more_is_forgotten():
+    """Such as somebody who was followed twice for a while."""
+    world = leading(pace=Pace(patience=4.0))
+    world.walkers.append(
+        Walker(9, 3.2, 0.2, world.walkers[-1].way_m - 0.3, began_s=world.time_s)
+    )  # fmt: skip
+    world.run(8.0)
+    assert world.last().people == (1, 2, 3, 4, 5, 9)
+    world.walkers[-1].id = 0
+    world.run(6.0)
+    assert world.last().people == (1, 2, 3, 4, 5)
+    assert world.last().lost == ()
 
 
 def test_nobody_waits_for_who_stands_where_the_group_passes():
@@ -325,6 +402,56 @@ def test_robot_that_is_to_lead_leads_again_when_it_is_back():
     world.silent.clear()
     world.run(1.0)
     assert world.last().posts["robot_a"].role == Role.LEADER
+
+
+def test_leader_that_does_not_move_is_replaced_and_takes_part_again_once_it_moves():
+    world = leading()
+    held = world.robots["robot_a"]
+    for _ in range(60):
+        world.step()
+        world.robots["robot_a"] = held
+    assert "robot_a: " not in world.last().reason
+    assert "robot_a takes no part: is told to drive, but has not moved for 8 s" in world.events()
+    assert "robot_a" not in world.last().posts
+    leaders = [name for name, post in world.last().posts.items() if post.role == Role.LEADER]
+    assert leaders in (["robot_b"], ["robot_c"])
+    world.robots["robot_a"] = held - (0.5, 0.0)
+    world.step()
+    assert world.last().faults == {}
+    assert "robot_a takes part again" in world.events()
+
+
+def test_new_leader_is_in_front_where_people_pass_it_near_the_end():
+    """The foremost stand 0.5 m before the end: nobody can get 0.8 m ahead of them."""
+    world = World(tour=tour_from([[0.0, 0.0], [8.0, 0.0]], name="hall"))
+    world.run(8.0)
+    world.silent.add("robot_a")
+    for walker in world.walkers:
+        walker.distance = walker.way_m - 7.5 + 0.1 * walker.id
+        walker.stands = True
+        walker.way_m = 7.6 - 0.1 * walker.id
+    world.run(60.0)
+    assert world.last().state == State.FINISHED
+
+
+def test_tour_out_and_back_comes_to_its_end():
+    world = World(tour=tour_from([[0.0, 0.0], [8.0, 0.0], [0.0, 0.0]], name="there and back"))
+    world.run(6.0)
+    ways = []
+    for _ in range(400):
+        if world.guide.state == State.FINISHED:
+            break
+        leader = world.robots["robot_a"]
+        for walker in world.walkers:
+            xy = world.tour.way.at(walker.way_m, walker.left)
+            away = float(np.hypot(*(leader - xy))) - walker.distance
+            walker.way_m += float(np.sign(leader[0] - xy[0])) * min(max(away, 0.0), 0.18)
+            walker.stands = True
+        ways.append(float(leader[0]))
+        world.step()
+    assert world.guide.state == State.FINISHED
+    assert max(ways) > 6.5
+    assert ways[-1] < 1.5
 
 
 def test_robots_stand_while_none_takes_part_and_go_on():
@@ -400,6 +527,16 @@ def test_pace_slows_as_the_group_stretches_and_as_it_lags():
 def test_leader_does_not_wait_for_ever_for_a_group_that_keeps_its_distance():
     assert speed_after(10.0, gap=4.0, stretch=3.0) > 0.0
     assert speed_after(10.0, gap=1.0, stretch=8.0) > 0.0
+
+
+def test_leader_waits_in_the_end_for_a_group_that_does_not_come():
+    pace = PaceControl()
+    for _ in range(100):
+        pace.step(Pace(), highest=0.6, gap=8.0, stretch=3.0, dt_s=STEP_S)
+    assert pace.speed == 0.0
+    assert 10.0 < pace.in_vain_s < 20.0
+    pace.step(Pace(), highest=0.6, gap=1.0, stretch=3.0, dt_s=STEP_S)
+    assert pace.in_vain_s == 0.0
 
 
 def test_leader_sets_off_gently():

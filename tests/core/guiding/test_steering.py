@@ -122,3 +122,29 @@ def test_only_the_robots_of_the_tour_are_driven_and_others_are_kept_off() -> Non
             velocities = made.step(now)
         assert set(velocities) == {"robot_a"}
         assert (velocities["robot_a"][0] > 0.1) == (made is free)
+
+
+def test_poses_are_no_newer_than_their_arrival() -> None:
+    """A robot whose clock is ahead is missed as soon as another one."""
+    made = steering("robot_a")
+    made.take_pose("robot_a", Pose(T0 + 30_000 * MS, 0.0, 0.0, 0.0), T0 + MS)
+    assert made.poses()["robot_a"].stamp_ns == T0 + MS
+
+
+@pytest.mark.parametrize(
+    ("x", "silent_ms", "is_kept"),
+    [(0.65, 1000, True), (0.65, 5000, False), (2.0, 400, True), (2.0, 1000, False)],
+)
+def test_who_vanished_is_kept_off_unless_their_place_is_seen_empty(
+    x: float, silent_ms: int, is_kept: bool
+) -> None:
+    """The robot sees people from 1 m on; nearer ones it cannot see to be gone."""
+    made = steering("robot_a")
+    made.take_people([person(x, 0.0)], T0, T0)
+    for age in range(200, silent_ms + 1, 200):
+        made.take_people([], T0 + age * MS, T0 + age * MS)
+    now = T0 + silent_ms * MS
+    made.take_pose("robot_a", Pose(now, x - CONFIG.safety.person_distance - 0.02, 0.0, 0.0), now)
+    for _ in range(5):
+        velocity, _ = made.step(now)["robot_a"]
+    assert (velocity < 0.05) == is_kept
