@@ -191,8 +191,9 @@ class TourTeam:
         for name, pose in self.robots.items():
             xy, place = np.array([pose.x, pose.y]), before.get(name)
             if place is None or reach >= _REACH:
-                place = _Place(_first_place(way, xy, max(group_m, 0.0)), xy)
-            self._places[name] = place.after(xy, way, reach)
+                self._places[name] = _Place(_first_place(way, xy, max(group_m, 0.0)), xy)
+            else:
+                self._places[name] = place.after(xy, way, reach)
         return {name: place.way_m for name, place in self._places.items()}
 
     def lead(
