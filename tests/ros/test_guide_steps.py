@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 from rclpy.clock import ROSClock
@@ -14,8 +15,10 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from mrs_people_loc.errors import ConfigError, PoseError, TourError
-from mrs_people_loc.guiding.guidance import State
+from mrs_people_loc.guiding.guidance import Post, Role, State
 from mrs_people_loc.health.findings import OK, Code
+from mrs_people_loc.team.poses import Pose
+from planner_node.guide_node.bases import Goals
 from planner_node.guide_node.node import GuideNode
 from ros.guide_peer import goal_of, map_of, path_of, people_of
 from ros.planner_peer import pose_of
@@ -340,3 +343,23 @@ def test_goals_of_robots_with_outdated_poses_stay_where_these_are(node: Stepped)
     node.run(0.6, people=False)
     assert node.bases.posts == {}
     assert node.is_told(State.HALTED)
+
+
+def test_nav2_is_started_again_for_a_robot_that_does_not_go_to_its_goal(
+    node: Stepped, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goals = Goals(node, "map")
+    goals.begin(["robot_a"])
+    starts: list[float] = []
+    _, start, _ = goals._publishers["robot_a"]
+    monkeypatch.setattr(start, "publish", lambda _: starts.append(node.now_s))
+    post = Post(Role.LEADER, np.array([4.0, 0.0]), 0.0, 0.6)
+    begun, x = node.now_s, 0.0
+    while node.now_s < begun + 13.5:
+        x += 0.1 if node.now_s < begun + 3.0 else 0.0  # then it stands, 2.5 m from its goal
+        goals.send({"robot_a": post}, {"robot_a": Pose(0, x, 0.0, 0.0)})
+        node.at(node.now_s + 0.2)
+    assert [at - begun for at in starts] == pytest.approx([0.0, 8.0, 13.0], abs=0.5)
+    goals.begin(["robot_b"])
+    assert goals.publishers_of("robot_a") == 0
+    assert node.count_publishers("/steps/robot_a/goal_update") == 0
