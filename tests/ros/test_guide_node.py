@@ -126,6 +126,7 @@ def test_cancelled_tour_stops_the_robots_at_once(
     world = make_world()
     handle, result = world.start(AHEAD)
     world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+    assert handle.status == GoalStatus.STATUS_EXECUTING
     second = world.refused(goal_of((0.0, 0.0), (2.0, 0.0), name="another"))
     assert second == "the tour 'hall' is under way; cancel it first"
     handle.cancel_goal_async()

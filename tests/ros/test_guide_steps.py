@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 from rclpy.clock import ROSClock
@@ -14,7 +15,10 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from mrs_people_loc.errors import ConfigError, PoseError, TourError
-from mrs_people_loc.guiding.guidance import State
+from mrs_people_loc.guiding.guidance import Post, Role, State
+from mrs_people_loc.health.findings import OK, Code
+from mrs_people_loc.team.poses import Pose
+from planner_node.guide_node.bases import Goals
 from planner_node.guide_node.node import GuideNode
 from ros.guide_peer import goal_of, map_of, path_of, people_of
 from ros.planner_peer import pose_of
@@ -32,6 +36,10 @@ class Bases:
     def __init__(self) -> None:
         self.velocities: Mapping[str, tuple[float, float]] = {}
         self.stops = self.kept = 0
+        self.posts: Mapping[str, Any] = {}
+
+    def publishers_of(self, robot: str) -> int:
+        return 0
 
     def begin(self, robots: Any) -> None:
         pass
@@ -39,8 +47,8 @@ class Bases:
     def drive(self, velocities: Mapping[str, tuple[float, float]]) -> None:
         self.velocities = velocities
 
-    def send(self, posts: Any, poses: Any) -> None:
-        pass
+    def send(self, posts: Mapping[str, Any], poses: Any) -> None:
+        self.posts = posts
 
     def stop(self, poses: Any) -> None:
         self.stops += 1
@@ -59,6 +67,7 @@ class Stepped(GuideNode):
         super().__init__()
         self.told: list[Any] = []
         self.listeners = ["base"]
+        self.drivers: list[str] = []
         self.now_s = 0.0
 
     def set_up(self) -> None:
@@ -72,6 +81,9 @@ class Stepped(GuideNode):
 
     def get_subscriptions_info_by_topic(self, *_: Any, **__: Any) -> Any:
         return [SimpleNamespace(node_name=name) for name in self.listeners]
+
+    def get_publishers_info_by_topic(self, *_: Any, **__: Any) -> Any:
+        return [SimpleNamespace(node_name=name, node_namespace="/") for name in self.drivers]
 
     def at(self, seconds: float) -> None:
         """Sets what `/clock` says."""
@@ -125,7 +137,7 @@ def drives(node: Stepped) -> bool:
 
 def test_robots_stand_once_people_are_as_old_as_allowed_and_go_on_after(node: Stepped) -> None:
     assert drives(node)
-    while node.now_s % 0.2 > 0.01:  # people came just now
+    while round(node.now_s / 0.05) % 4:  # people came just now
         node.run(0.05)
     node.run(0.4, people=False)
     assert drives(node)
@@ -230,8 +242,9 @@ def test_recorder_is_no_base(node: Stepped) -> None:
 
 
 def test_late_pose_is_not_used(node: Stepped) -> None:
+    node.at(node.now_s + 0.05)
     now_ns = round(node.now_s * 1e9)
-    node._on_pose("robot_a", pose_of(now_ns + 1, 1.0, 0.0, 0.0))
+    node._on_pose("robot_a", pose_of(now_ns, 1.0, 0.0, 0.0))
     node._on_pose("robot_a", pose_of(now_ns - 10**8, 5.0, 0.0, 0.0))
     assert node._underway is not None
     assert node._underway.steering.poses()["robot_a"].x == 1.0
@@ -242,6 +255,119 @@ def test_walls_that_come_on_a_tour_are_kept_off(node: Stepped) -> None:
     steering = node._underway.steering
     node._on_map(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]))
     walls = steering.space
+    assert node._underway.guide.space is walls
     assert float(walls.clearance(PLACES["robot_a"][:2])) == pytest.approx(1.0, abs=0.1)
     node._on_map(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]))
     assert steering.space is walls, "the same map costs nothing"
+
+
+def test_robots_stand_while_a_new_map_has_a_wall_on_the_way(node: Stepped) -> None:
+    assert drives(node)
+    node._on_map(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)]))
+    node.run(1.0)
+    assert not drives(node)
+    assert node.is_told(State.HALTED)
+    assert node.told[-1].reason.startswith("by the new map the way passes through a wall at (4.")
+    node._on_map(map_of(20.0, 10.0, []))
+    node.run(1.0)
+    assert drives(node)
+    assert not node.is_told(State.HALTED)
+
+
+def test_value_from_which_cells_are_walls_takes_effect_on_a_tour(node: Stepped) -> None:
+    grid = map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)])
+    grid.data = [min(value, 40) for value in grid.data]
+    node._on_map(grid)
+    assert not node.is_told(State.HALTED)
+    node.set_parameters([Parameter("safety.occupied_from", value=30)])
+    assert node.is_told(State.HALTED)
+
+
+@pytest.mark.parametrize("is_steady", [False, True])
+def test_clock_that_is_set_back_keeps_no_robot_going(
+    node: Stepped, monkeypatch: pytest.MonkeyPatch, is_steady: bool
+) -> None:
+    """By less than what counts as a jump, and nothing comes any more."""
+    if is_steady:
+        node._forget()
+        steady = iter(range(10**15, 2 * 10**15, 50_000_000 // 4))
+        monkeypatch.setattr(node, "_time_ns", lambda: next(steady))
+        node.hear()
+        node.run(1.0)
+        node._tick()
+    assert drives(node)
+    node.at(node.now_s - 0.9)
+    for _ in range(40):
+        node._tick()
+    assert not drives(node)
+
+
+def test_robot_whose_clock_is_ahead_is_missed_all_the_same(node: Stepped) -> None:
+    ahead_ns = round((node.now_s + 20.0) * 1e9)
+    node._on_pose("robot_b", pose_of(ahead_ns, *PLACES["robot_b"]))
+    for _ in range(20):
+        node.at(node.now_s + 0.15)
+        now_ns = round(node.now_s * 1e9)
+        node._on_pose("robot_a", pose_of(now_ns, *PLACES["robot_a"]))
+        node._on_people(people_of(now_ns, [(-1.5, 0.0)], [(0.0, 0.0)], list(PLACES)))
+    assert list(node.told[-1].faults) == ["robot_b"]
+
+
+def test_robot_whose_base_is_gone_takes_no_part(node: Stepped) -> None:
+    node.listeners = ["mrs_record_17"]
+    node.run(1.5)
+    assert "nobody subscribes to /steps/robot_a/cmd_vel" in node.told[-1].faults["robot_a"]
+    assert node.is_told(State.HALTED)
+    node.listeners = ["base"]
+    node.run(1.5)
+    assert not node.told[-1].faults
+
+
+def test_robots_that_others_drive_are_refused_and_reported(node: Stepped) -> None:
+    assert node.findings()[2].level == OK
+    node.drivers = ["teleop"]
+    assert node.findings()[2].code == Code.DRIVEN_BY_OTHERS
+    node._cancel()
+    node.hear()
+    with pytest.raises(TourError, match=r"robot_a is driven by others: /teleop on /steps/robot_a"):
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+
+
+def test_no_tour_begins_while_the_node_ends(node: Stepped) -> None:
+    node._cancel()
+    node._is_ending = True
+    with pytest.raises(TourError, match="guide_node is ending"):
+        node._on_path(path_of((0.0, 0.0), (4.0, 0.0)))
+
+
+def test_goals_of_robots_with_outdated_poses_stay_where_these_are(node: Stepped) -> None:
+    assert set(node.bases.posts) == set(PLACES)
+    for _ in range(3):
+        node.at(node.now_s + 0.2)
+        now_ns = round(node.now_s * 1e9)
+        node._on_pose("robot_a", pose_of(now_ns, *PLACES["robot_a"]))
+        node._on_people(people_of(now_ns, [(-1.5, 0.0)], [(0.0, 0.0)], list(PLACES)))
+    assert set(node.bases.posts) == {"robot_a"}
+    node.run(0.6, people=False)
+    assert node.bases.posts == {}
+    assert node.is_told(State.HALTED)
+
+
+def test_nav2_is_started_again_for_a_robot_that_does_not_go_to_its_goal(
+    node: Stepped, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goals = Goals(node, "map")
+    goals.begin(["robot_a"])
+    starts: list[float] = []
+    _, start, _ = goals._publishers["robot_a"]
+    monkeypatch.setattr(start, "publish", lambda _: starts.append(node.now_s))
+    post = Post(Role.LEADER, np.array([4.0, 0.0]), 0.0, 0.6)
+    begun, x = node.now_s, 0.0
+    while node.now_s < begun + 13.5:
+        x += 0.1 if node.now_s < begun + 3.0 else 0.0  # then it stands, 2.5 m from its goal
+        goals.send({"robot_a": post}, {"robot_a": Pose(0, x, 0.0, 0.0)})
+        node.at(node.now_s + 0.2)
+    assert [at - begun for at in starts] == pytest.approx([0.0, 8.0, 13.0], abs=0.5)
+    goals.begin(["robot_b"])
+    assert goals.publishers_of("robot_a") == 0
+    assert node.count_publishers("/steps/robot_a/goal_update") == 0

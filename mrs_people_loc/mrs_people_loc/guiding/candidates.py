@@ -134,7 +134,8 @@ class Layout:
         tuning: LayoutTuning = LAYOUT_TUNING,
     ) -> None:
         self.config = config
-        self._way, self._space, self._tuning = way, space, tuning
+        self.space = space
+        self._way, self._tuning = way, tuning
 
     @property
     def apart(self) -> float:
@@ -181,7 +182,7 @@ class Layout:
         xy, free = self._narrowed(along, frame.left + left, (0.0,))
         here = np.array(list(robots.values())).reshape(-1, 2)
         number = np.append(np.arange(len(xy)), _WHERE_THEY_ARE + np.array([*robots], dtype=int))
-        clear = self._space.clearance(here) >= self.config.safety.wall_distance
+        clear = self.space.clearance(here) >= self.config.safety.wall_distance
         xy, free = np.concatenate([xy, here]), np.append(free, clear)
         cost = np.append(cost, np.zeros(sides + len(here))) + self._travel(xy, robots)
         is_beside = np.zeros(len(xy), dtype=bool)
@@ -192,7 +193,7 @@ class Layout:
     def is_free(self, xy: Float) -> Bool:
         """Whether places are far enough from walls for a post, shape (...)."""
         least = self.config.safety.wall_distance + self._tuning.margin[1]
-        return np.asarray(self._space.clearance(xy) >= least)
+        return np.asarray(self.space.clearance(xy) >= least)
 
     def beside(self, person: Float, people: Float, angles: Float) -> tuple[Float, Bool]:
         """Places at the distance from a person, and whether they are free and see them.
@@ -207,7 +208,7 @@ class Layout:
         """
         around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         xy = person + self.config.formation.distance * around
-        seen = self._space.is_visible(xy, person[np.newaxis])
+        seen = self.space.is_visible(xy, person[np.newaxis])
         return xy, np.asarray(self.is_free(xy) & seen & self._is_off(xy, people))
 
     def _rows(self, frame: Frame) -> tuple[Float, Float]:
@@ -242,9 +243,9 @@ class Layout:
         swept = self._way.at(ways, lefts[..., np.newaxis])
         free = self.is_free(swept)
         # On the way itself as near to walls as robots may be: there the tour was checked.
-        free[:, -1] = self._space.clearance(swept[:, -1]) >= self.config.safety.wall_distance
+        free[:, -1] = self.space.clearance(swept[:, -1]) >= self.config.safety.wall_distance
         xy = swept[..., 0, :]
-        reached = self._space.is_visible(self._way.at(along)[:, np.newaxis], xy)
+        reached = self.space.is_visible(self._way.at(along)[:, np.newaxis], xy)
         good = free.all(axis=-1) & reached
         first, every = good.argmax(axis=1), np.arange(len(along))
         return xy[every, first], good[every, first]

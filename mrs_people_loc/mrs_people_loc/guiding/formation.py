@@ -115,9 +115,10 @@ class FormationPlanner:
         self._numbers: dict[str, int] = {}
         self._fetcher, self._fetcher_angle = "", math.nan
 
-    def configure(self, config: cfg.GuideConfig) -> None:
-        """Takes another configuration, from the next step on."""
+    def configure(self, config: cfg.GuideConfig, space: FreeSpace) -> None:
+        """Takes another configuration and another map, from the next step on."""
         self._config = self._layout.config = config
+        self._space = self._layout.space = space
 
     def step(self, now: Scenery) -> dict[str, Post]:
         """Posts of all robots that take part.

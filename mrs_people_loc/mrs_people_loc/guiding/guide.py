@@ -70,12 +70,14 @@ class Guide:
     Attributes:
         config: Likewise.
         space: Likewise.
+        faults: Why robots can take no part, by name; besides what the guide finds itself.
     """
 
     def __init__(
         self, config: cfg.GuideConfig, space: FreeSpace, tuning: GuideTuning = GUIDE_TUNING
     ) -> None:
         self.config, self.space = config, space
+        self.faults: Mapping[str, str] = {}
         self._tuning = tuning
         self._run: _Run | None = None
 
@@ -132,7 +134,7 @@ class Guide:
             return Guidance(now_ns, State.IDLE)
         if not self.is_running:
             return self._run.guidance({})
-        self._run.configure(self.config, self.space)
+        self._run.configure(self.config, self.space, self.faults)
         return self._run.guidance(self._run.step(people, groups, poses, now_ns))
 
 
@@ -147,6 +149,7 @@ class _Run:
         self._tour, self._space, self._tuning = tour, space, tuning
         self._team, self._group, self._pace = TourTeam(), GuidedGroup(tour.way), PaceControl()
         self._formation = FormationPlanner(config, tour.way, space)
+        self._faults: Mapping[str, str] = {}
         self._events = [f"the tour {tour.name} begins".replace("  ", " ")]
         self._now_ns: int | None = None
         self._post_m = 0.0
@@ -155,13 +158,13 @@ class _Run:
         self._is_off, self._is_at_stop, self._overtakes = False, False, False
         self._next = 0
 
-    def configure(self, config: cfg.GuideConfig, space: FreeSpace) -> None:
-        """Takes other parameters and another map, from the next step on."""
-        if space is not self._space:
-            self._formation = FormationPlanner(config, self._tour.way, space)
-        elif config is not self.config:
-            self._formation.configure(config)
-        self.config, self._space = config, space
+    def configure(
+        self, config: cfg.GuideConfig, space: FreeSpace, faults: Mapping[str, str]
+    ) -> None:
+        """Takes other parameters, another map and faults of robots, from the next step on."""
+        if space is not self._space or config is not self.config:
+            self._formation.configure(config, space)
+        self.config, self._space, self._faults = config, space, faults
 
     def end(self, state: State, reason: str) -> None:
         """Ends the tour."""
@@ -185,7 +188,7 @@ class _Run:
         """Takes the people of an interval, see `Guide.step`."""
         since_s = 0.0 if self._now_ns is None else (now_ns - self._now_ns) / 1e9
         dt_s, self._now_ns = min(max(since_s, 0.0), LONGEST_STEP_S), now_ns
-        self._team.take(poses, self.config, now_ns)
+        self._team.take(poses, self.config, now_ns, self._faults)
         if not self._team.robots:
             faults = "; ".join(f"{name}: {why}" for name, why in self._team.faults.items())
             self._events += self._team.events

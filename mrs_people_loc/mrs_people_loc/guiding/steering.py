@@ -34,6 +34,11 @@ _EMPTY_S, _IN_VIEW, _BESIDE_M = 0.6, 0.4, 0.6
 #: Images become people in this time [ns]; poses come at once.
 _PEOPLE_NS = 200_000_000
 
+#: What comes from so far in the future [s] is of no use: the clock was set back.
+_FUTURE_S = 0.05
+#: A robot outside the tour is kept off for so long after its last pose [ns].
+_KEPT_OFF_NS = 120_000_000_000
+
 #: Speed ahead [m/s] and rate of turn [rad/s].
 Velocity = tuple[float, float]
 
@@ -64,7 +69,8 @@ class _Vanished:
 class Steering:
     """Drives the robots of a tour to their posts.
 
-    What is older than half of its timeout slows robots down, and stops them at the timeout. The
+    What is older than half of its timeout slows robots down, and stops them at the timeout, as
+    does what comes from the future. The
     age counts from the arrival; where that is later than usual after the stamp, from then.
 
     Args:
@@ -158,14 +164,19 @@ class Steering:
         """For how long people have been missing [s]: see the class."""
         if self._stamp_ns is None:
             return math.inf
-        return (now_ns - min(self._stamp_ns + _PEOPLE_NS, self._came_ns)) / 1e9
+        return _age_s(now_ns, min(self._stamp_ns + _PEOPLE_NS, self._came_ns))
 
     def pose_age_s(self, robot: str, now_ns: int) -> float:
         """Age of a robot's pose [s]."""
         heard = self._heard.get(robot)
         if heard is None:
             return math.inf
-        return (now_ns - min(heard.pose.stamp_ns, heard.came_ns)) / 1e9
+        return _age_s(now_ns, min(heard.pose.stamp_ns, heard.came_ns))
+
+    @property
+    def kept_off(self) -> tuple[str, ...]:
+        """Names of the robots outside the tour that are kept off."""
+        return tuple(sorted(set(self._heard) - set(self.robots)))
 
     def poses(self) -> dict[str, Pose]:
         """The newest pose of each robot; its stamp is no later than when it came."""
@@ -185,6 +196,9 @@ class Steering:
         """
         since_s = math.inf if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
         self._stepped_ns = now_ns
+        for robot in self.kept_off:
+            if now_ns - self._heard[robot].came_ns > _KEPT_OFF_NS:
+                del self._heard[robot]
         dt = min(max(since_s, _SHORTEST_S), _LONGEST_S)
         poses = {robot: self._now(robot, now_ns) for robot in self._heard}
         self._velocities = {robot: self._drive(robot, poses, now_ns, dt) for robot in self.robots}
@@ -250,3 +264,9 @@ class Steering:
         discs = np.column_stack([places, np.minimum(radii, away - _AT_POST_M)])
         start = np.array([pose.x, pose.y])
         return self.space.path(start, post.xy, safety.wall_distance, discs[discs[:, 2] > 0.0])
+
+
+def _age_s(now_ns: int, then_ns: int) -> float:
+    """Age [s]; infinite for what comes from the future."""
+    age_s = (now_ns - then_ns) / 1e9
+    return age_s if age_s >= -_FUTURE_S else math.inf

@@ -111,13 +111,20 @@ class TourTeam:
     def leader_m(self, way_m: float) -> None:
         self._places[self.leader] = dataclasses.replace(self._places[self.leader], way_m=way_m)
 
-    def take(self, poses: Mapping[str, Pose], config: cfg.GuideConfig, now_ns: int) -> None:
+    def take(
+        self,
+        poses: Mapping[str, Pose],
+        config: cfg.GuideConfig,
+        now_ns: int,
+        known: Mapping[str, str],
+    ) -> None:
         """Takes poses: a robot whose pose is outdated, or that does not move, takes no part.
 
         Args:
             poses: The newest of each robot.
             config: Names and timeout.
             now_ns: Time [ns].
+            known: Why other robots take no part, by name.
         """
         self.events = []
         timeout = config.safety.robot_timeout
@@ -126,7 +133,7 @@ class TourTeam:
         for name in names:
             pose = poses.get(name)
             age_s = math.inf if pose is None else (now_ns - pose.stamp_ns) / 1e9
-            fault = "no pose" if pose is None else ""
+            fault = "no pose" if pose is None else known.get(name, "")
             if age_s > timeout and pose is not None:
                 fault = f"pose is {age_s:.1f} s old"
             elif pose is not None and self._stands_still(name, pose):
@@ -184,8 +191,9 @@ class TourTeam:
         for name, pose in self.robots.items():
             xy, place = np.array([pose.x, pose.y]), before.get(name)
             if place is None or reach >= _REACH:
-                place = _Place(_first_place(way, xy, max(group_m, 0.0)), xy)
-            self._places[name] = place.after(xy, way, reach)
+                self._places[name] = _Place(_first_place(way, xy, max(group_m, 0.0)), xy)
+            else:
+                self._places[name] = place.after(xy, way, reach)
         return {name: place.way_m for name, place in self._places.items()}
 
     def lead(

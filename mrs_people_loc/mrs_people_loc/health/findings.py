@@ -77,6 +77,7 @@ class Code(str, Enum):
     TOUR_HALTED = "tour_halted"
     PEOPLE_LOST = "people_lost"
     TAKES_NO_PART = "takes_no_part"
+    DRIVEN_BY_OTHERS = "driven_by_others"
 
     def __str__(self) -> str:
         """As it is on the wire."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from mrs_people_loc.guiding.guidance import Guidance, Post, State
 from mrs_people_loc.health.findings import ERROR, OK, WARN, Code, Finding
@@ -31,12 +31,13 @@ def of_walls(topic: str, *, is_known: bool) -> Finding:
     return Finding("walls", WARN, text, code=Code.NO_MAP)
 
 
-def of_tour(tour: str, guidance: Guidance) -> Finding:
+def of_tour(tour: str, guidance: Guidance, kept_off: Iterable[str] = ()) -> Finding:
     """How the tour goes on.
 
     Args:
         tour: Its name.
         guidance: The last one.
+        kept_off: Names of the robots outside the tour that are kept off.
     """
     values: dict[str, object] = {"state": guidance.state.name.lower()}
     if guidance.state != State.IDLE:
@@ -48,6 +49,7 @@ def of_tour(tour: str, guidance: Guidance) -> Finding:
             "people": len(guidance.people),
             "stragglers": len(guidance.stragglers),
             "lost": len(guidance.lost),
+            "kept_off": ", ".join(kept_off),
         }
     text = guidance.reason or _TEXTS[guidance.state]
     if guidance.state == State.HALTED:
@@ -58,6 +60,19 @@ def of_tour(tour: str, guidance: Guidance) -> Finding:
         text = f"the tour goes on without people who fell behind, by their ids: {ids}; {text}"
         return Finding("tour", WARN, text, values, Code.PEOPLE_LOST)
     return Finding("tour", OK, text, values)
+
+
+def of_others(drivers: Mapping[str, Sequence[str]]) -> Finding:
+    """Whether the guide alone drives the robots of a tour.
+
+    Args:
+        drivers: By robot, full names of the other nodes that publish its commands.
+    """
+    found = [f"{robot} by {', '.join(names)}" for robot, names in drivers.items() if names]
+    if not found:
+        return Finding("commands")
+    text = f"robots of the tour are driven by others, too: {'; '.join(found)}; end them"
+    return Finding("commands", WARN, text, code=Code.DRIVEN_BY_OTHERS)
 
 
 def of_tour_robots(guidance: Guidance, distances: Mapping[str, float]) -> Iterable[Finding]:

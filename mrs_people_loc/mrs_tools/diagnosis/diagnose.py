@@ -67,6 +67,7 @@ _ADVICE = {
     Code.PEOPLE_LOST: "look for them; see pace.patience",
     Code.TAKES_NO_PART: "look at its node, its computer and the network; it takes part again once "
     "its poses come",
+    Code.DRIVEN_BY_OTHERS: "end the other guide, joystick or navigation, or give it another topic",
     **dict.fromkeys(
         (Code.NO_VIEW, Code.NO_SCAN, Code.NO_ROBOT, Code.NO_INTERVAL), "wait, or see its inputs"
     ),

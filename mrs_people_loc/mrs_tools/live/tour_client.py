@@ -60,7 +60,10 @@ def guide(
         )
         _wait(asked.done, _THERE_S, spin)
         if not asked.done():
-            raise PeopleLocError(f"the action {name} does not answer")
+            raise PeopleLocError(
+                f"the action {name} does not answer; if the tour begins all the same, cancel it: "
+                "ros2 topic pub --once tour_path nav_msgs/msg/Path"
+            )
         if not asked.result().accepted:
             raise PeopleLocError("guide_node takes no tours: it is not active")
         return _follow(client, asked.result(), spin, stop)

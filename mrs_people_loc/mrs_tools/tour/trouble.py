@@ -16,7 +16,7 @@ class Kill:
     """A process that is killed.
 
     Attributes:
-        who: Name of a robot, or `planner`.
+        who: Name of a robot, `planner`, or `guide`, whose end is the end of the tour.
         at_s: When, from the beginning of the tour [s].
         back_s: When it is started again, likewise; None: never.
     """

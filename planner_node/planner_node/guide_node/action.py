@@ -30,6 +30,15 @@ class End:
     lost: Sequence[int] = ()
 
 
+class _Server(ActionServer):
+    """Takes goals that are executed without a coroutine: their results come at the end."""
+
+    def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
+        """Called by `execute` of a goal, which then is in the state EXECUTING."""
+        if execute_callback is not None:
+            super().notify_execute(goal_handle, execute_callback)
+
+
 class TourAction:
     """The server of the action, which has one goal at a time.
 
@@ -47,7 +56,7 @@ class TourAction:
         self._cancel = cancel
         self._handle: Any = None
         self._end: End | None = None
-        self._server = ActionServer(
+        self._server = _Server(
             node,
             GuideTour,
             "guide_tour",
@@ -75,7 +84,7 @@ class TourAction:
         """Gives the goal its result; a tour that no goal asked for has none."""
         if self._handle is not None and self._end is None:
             self._end = end
-            self._handle.execute(self._execute)
+            self._server.notify_execute(self._handle, self._execute)
 
     def _on_goal(self, _: Any) -> GoalResponse:
         # A rejection has no message: what is wrong with a goal is in its result.
@@ -89,6 +98,7 @@ class TourAction:
             handle.execute(partial(self._refuse, str(err)))
         else:
             self._handle, self._end = handle, None
+            handle.execute()
 
     def _on_cancel(self, handle: Any) -> CancelResponse:
         if self._handle is not None and handle == self._handle:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -23,6 +24,9 @@ _ZEROS = 10
 _ACKNOWLEDGED_S = 0.2
 #: Only the newest velocity or goal counts.
 _COMMANDS = QoSProfile(depth=1)
+#: Nav2 is started again where a robot farther from its goal than this [m] has moved by less than
+#: this [m] for so long [ns]: it has refused a goal, given up, or restarted.
+_AWAY_M, _MOVED_M, _STUCK_NS = 0.6, 0.1, 5_000_000_000
 
 
 class Velocities:
@@ -42,9 +46,15 @@ class Velocities:
         self._robots: tuple[str, ...] = ()
         self._zeros = 0
 
+    def publishers_of(self, robot: str) -> int:
+        """Number of publishers of its commands here."""
+        return int(robot in self._publishers)
+
     def begin(self, robots: Iterable[str]) -> None:
         """Takes the robots of a tour."""
         self._robots, self._zeros = tuple(robots), 0
+        for robot in set(self._publishers) - set(self._robots):
+            self._node.destroy_lifecycle_publisher(self._publishers.pop(robot))
         for robot in self._robots:
             if robot not in self._publishers:
                 topic = f"{robot}/{self.topic}"
@@ -103,13 +113,22 @@ class Goals:
         self._frame_id = frame_id
         self._publishers: dict[str, tuple[Any, Any, Any]] = {}
         self._robots: tuple[str, ...] = ()
-        self._started: set[str] = set()
+        self._started: dict[str, tuple[int, Pose]] = {}  # when and where it moved or started last
         self._last_ns = 0
+
+    def publishers_of(self, robot: str) -> int:
+        """Number of publishers of its goals here."""
+        return int(robot in self._publishers)
 
     def begin(self, robots: Iterable[str]) -> None:
         """Takes the robots of a tour."""
         self._robots = tuple(robots)
         self._started.clear()
+        for robot in set(self._publishers) - set(self._robots):
+            update, start, cancel = self._publishers.pop(robot)
+            self._node.destroy_lifecycle_publisher(update)
+            self._node.destroy_lifecycle_publisher(start)
+            self._node.destroy_client(cancel)
         for robot in self._robots:
             if robot not in self._publishers:
                 self._publishers[robot] = self._offer(robot)
@@ -130,11 +149,11 @@ class Goals:
     def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
         """Moves goals to posts; of robots without one, to where these are, so that they stand."""
         for robot in self._robots:
-            post = posts.get(robot)
-            if post is not None:
-                self._move(robot, Pose(0, float(post.xy[0]), float(post.xy[1]), post.yaw))
-            elif robot in self._started and robot in poses:
-                self._move(robot, poses[robot])
+            post, pose = posts.get(robot), poses.get(robot)
+            if pose is not None and post is not None:
+                self._move(robot, Pose(0, float(post.xy[0]), float(post.xy[1]), post.yaw), pose)
+            elif pose is not None and robot in self._started:
+                self._move(robot, pose, pose)
 
     def stop(self, poses: Mapping[str, Pose]) -> None:
         """Ends the navigation of all robots."""
@@ -152,16 +171,30 @@ class Goals:
         for robot in self._robots:
             self._publishers[robot][0].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
-    def _move(self, robot: str, pose: Pose) -> None:
+    def _move(self, robot: str, goal: Pose, pose: Pose) -> None:
+        """Moves the goal of a robot that is at a pose; starts Nav2 where that is due."""
         update, start, _ = self._publishers[robot]
         message = PoseStamped()
         message.header = convert.header(self._stamp(), self._frame_id)
-        message.pose = convert.pose_with_covariance(pose).pose
-        if robot not in self._started:
+        message.pose = convert.pose_with_covariance(goal).pose
+        if self._is_to_start(robot, goal, pose):
             start.publish(message)
-            self._started.add(robot)
             message.header = convert.header(self._stamp(), self._frame_id)
         update.publish(message)
+
+    def _is_to_start(self, robot: str, goal: Pose, pose: Pose) -> bool:
+        """Whether Nav2 has no goal yet, or the robot does not go there: see `_AWAY_M`."""
+        now_ns, before = self._stamp(), self._started.get(robot)
+        if before is not None:
+            since_ns, place = before
+            moved = math.dist((place.x, place.y), (pose.x, pose.y)) >= _MOVED_M
+            is_near = math.dist((goal.x, goal.y), (pose.x, pose.y)) <= _AWAY_M
+            if not (moved or is_near) and now_ns - since_ns <= _STUCK_NS:
+                return False
+            self._started[robot] = now_ns, pose
+            return not (moved or is_near)
+        self._started[robot] = now_ns, pose
+        return True
 
     def _stamp(self) -> int:
         """Now, and later than before [ns]."""

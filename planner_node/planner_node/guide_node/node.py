@@ -7,7 +7,7 @@ import dataclasses
 import math
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -15,19 +15,21 @@ import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from mrs_people_msgs.msg import People
 from nav_msgs.msg import OccupancyGrid, Path
+from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile
 
 from mrs_people_loc import messages
 from mrs_people_loc.clocks import RESET_NS
-from mrs_people_loc.config import GuideConfig, PlannerConfig
+from mrs_people_loc.config import GuideConfig
+from mrs_people_loc.config.parameters import check_robots
 from mrs_people_loc.errors import PeopleError, PoseError, TourError
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.guidance import Guidance, State
+from mrs_people_loc.guiding.guidance import Guidance, Post, State
 from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.guiding.tour import Tour, check_tour
 from mrs_people_loc.health.findings import Finding
-from mrs_people_loc.health.guide import of_tour, of_tour_robots, of_walls
+from mrs_people_loc.health.guide import of_others, of_tour, of_tour_robots, of_walls
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_people_loc.team.poses import Pose
@@ -37,8 +39,8 @@ from planner_node.guide_node.action import End, TourAction
 from planner_node.guide_node.bases import Goals, Velocities
 from planner_node.guide_node.outputs import Outputs
 
-#: Period of velocities [s].
-_PERIOD_S = 0.05
+#: Period of velocities; of goals while there are no people; of looking for who else drives [s].
+_PERIOD_S, _GOALS_S, _LOOK_S = 0.05, 0.2, 1.0
 #: Robots of a tour, and robots whose poses are heard, at most.
 _MOST_GUIDES, _MOST_ROBOTS = 4, 16
 #: Nodes that subscribe to everything, and are no base.
@@ -49,19 +51,33 @@ _LAST_S = 0.2
 
 @dataclasses.dataclass
 class _Underway:
-    """A tour under way, and how it last was."""
+    """A tour under way, and how it last was.
+
+    Attributes:
+        guidance: The last one.
+        begun_ns: When it began, by `GuideNode._time_ns` [ns].
+        people_ns: Stamp of the last people [ns].
+        sent_ns: When goals were moved last, by `_time_ns` [ns].
+        looked_ns: When it was looked for who else drives, likewise [ns].
+        misfit: Why the map does not fit the tour; empty: it does.
+    """
 
     tour: Tour
     guide: Guide
     steering: Steering
     guidance: Guidance
     begun_ns: int
+    people_ns: int
+    sent_ns: int = 0
+    looked_ns: int = 0
+    misfit: str = ""
 
 
 class GuideNode(ManagedNode):
     """Guides a group along a tour."""
 
     def __init__(self) -> None:
+        self._is_ending = False
         super().__init__("guide_node", GuideConfig)
 
     # ---- parameters and life cycle ----
@@ -71,7 +87,8 @@ class GuideNode(ManagedNode):
         config: GuideConfig = self.config
         self._grid: Grid | None = None
         self._underway: _Underway | None = None
-        self._poses: dict[str, tuple[Pose, int]] = {}  # and when it came [ns]
+        # With stamps by `_time_ns`, and when it came by it [ns].
+        self._poses: dict[str, tuple[Pose, int]] = {}
         self._people_came_ns: int | None = None
         self._have_ids = True
         self._used_ns: dict[str, int] = {}  # when a scan of a robot was used last
@@ -87,7 +104,8 @@ class GuideNode(ManagedNode):
 
     def start(self) -> None:
         """Subscribes to people, the map, tours and the robots that are known."""
-        self._timer = self.create_timer(_PERIOD_S, self._tick)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(_PERIOD_S, self._tick, clock=steady)
         self.listen(People, "people", self._on_people, STREAM)
         self.listen(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
         self.listen(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
@@ -106,6 +124,7 @@ class GuideNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Lets the robots stand before the node is destroyed."""
+        self._is_ending = True
         if self.is_active and self._underway is not None:
             self._end_tour("guide_node has ended", last=True)
             self._halt()
@@ -121,8 +140,12 @@ class GuideNode(ManagedNode):
             for robot in config.robots:
                 self._hear(robot, any_number=False)
         if self.is_configured and self._underway is not None:
-            steering, guide = self._underway.steering, self._underway.guide
-            guide.config = steering.config = dataclasses.replace(config, robots=steering.robots)
+            underway, guide = self._underway, self._underway.guide
+            before = guide.config.safety
+            config = dataclasses.replace(config, robots=underway.steering.robots)
+            guide.config = underway.steering.config = config
+            if config.safety.occupied_from != before.occupied_from:
+                self._guarded(partial(self._take_walls, underway))
 
     def jumped_back(self) -> None:
         """Ends the tour: nobody knows where the people are now."""
@@ -138,7 +161,8 @@ class GuideNode(ManagedNode):
 
     def _hear(self, robot: str, *, any_number: bool) -> None:
         topic = f"{robot}/pose"
-        if topic not in self.inputs and len(self.inputs) < _MOST_ROBOTS:
+        heard = sum(name.endswith("/pose") for name in self.inputs)
+        if topic not in self.inputs and heard < _MOST_ROBOTS:
             take = partial(self._on_pose, robot)
             self.listen(PoseWithCovarianceStamped, topic, take, POSES, any_number=any_number)
 
@@ -147,7 +171,8 @@ class GuideNode(ManagedNode):
             raise PoseError(
                 f"frame_id is {message.header.frame_id!r}; wanted: {self.config.map_frame!r}"
             )
-        pose, now_ns = messages.read_pose(message), self._now_ns()
+        pose, now_ns = messages.read_pose(message), self._time_ns()
+        pose = dataclasses.replace(pose, stamp_ns=self._in_time(pose.stamp_ns, now_ns))
         before = self._poses.get(robot)
         if before is not None and 0 <= before[0].stamp_ns - pose.stamp_ns < RESET_NS:
             return  # it comes late
@@ -161,8 +186,8 @@ class GuideNode(ManagedNode):
         robots = tuple(scan.robot for scan in message.scans)
         if len(robots) > _MOST_ROBOTS:
             raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
-        PlannerConfig(robots=robots)  # knows which names are allowed
-        self._people_came_ns = self._now_ns()
+        check_robots("robots", robots)
+        self._people_came_ns = self._time_ns()
         self._have_ids = not persons or any(person.id for person in persons)
         for robot in robots:
             self._hear(robot, any_number=True)
@@ -176,10 +201,31 @@ class GuideNode(ManagedNode):
         if underway is None or (before is not None and _are_same(before, grid)):
             return
 
-        def take() -> None:
-            underway.steering.space = self._space(underway.tour)
+        self._guarded(partial(self._take_walls, underway))
 
-        self._guarded(take)
+    def _take_walls(self, underway: _Underway) -> None:
+        """Takes another map; the robots stand while the tour is not possible by it."""
+        safety, misfit = underway.guide.config.safety, ""
+        space = self._space(underway.tour, safety.occupied_from)
+        underway.guide.space = underway.steering.space = space
+        try:
+            check_tour(underway.tour, space, safety.wall_distance)
+        except TourError as err:
+            misfit = f"by the new map {err}"
+        if misfit and misfit != underway.misfit:
+            self._stand(underway, misfit)
+        underway.misfit = misfit
+
+    # ---- time ----
+
+    def _time_ns(self) -> int:
+        """Time that nobody sets back by which ages are counted, or that of `/clock` [ns]."""
+        simulated = self.get_parameter("use_sim_time").value
+        return self._now_ns() if simulated else time.monotonic_ns()
+
+    def _in_time(self, stamp_ns: int, now_ns: int) -> int:
+        """A stamp by `_time_ns` [ns], which is `now_ns`; at the latest that."""
+        return now_ns - max(self._now_ns() - stamp_ns, 0)
 
     def _on_path(self, message: Path) -> None:
         if not message.poses:
@@ -198,20 +244,23 @@ class GuideNode(ManagedNode):
         Raises:
             TourError: Something is wrong with it, or with the team.
         """
+        if self._is_ending:
+            raise TourError("guide_node is ending")
         if self._underway is not None:
             raise TourError(f"the tour {self._underway.tour.name!r} is under way; cancel it first")
         tour = dataclasses.replace(tour, name=tour.name or "tour")
         robots = self._check_team()
         config = dataclasses.replace(self.config, robots=robots)
-        space = self._space(tour)
+        space = self._space(tour, config.safety.occupied_from)
         check_tour(tour, space, config.safety.wall_distance)
         guide, steering = Guide(config, space), Steering(config, space, robots)
         for robot, (pose, came_ns) in self._poses.items():
             steering.take_pose(robot, pose, came_ns)
         guide.begin(tour)
         self._bases.begin(robots)
-        first = Guidance(self._now_ns(), State.GATHERING)
-        self._underway = _Underway(tour, guide, steering, first, self._now_ns())
+        stamp_ns = self._now_ns()
+        first = Guidance(stamp_ns, State.GATHERING)
+        self._underway = _Underway(tour, guide, steering, first, self._time_ns(), stamp_ns)
         self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
         if self._grid is None:
             self._outputs.say("there is no map: the robots keep off no walls")
@@ -222,7 +271,7 @@ class GuideNode(ManagedNode):
         Raises:
             TourError: There are no people or robots, or a robot cannot take part.
         """
-        safety, now_ns = self.config.safety, self._now_ns()
+        safety, now_ns = self.config.safety, self._time_ns()
         people = self.resolve_topic_name("people")
         if self._people_came_ns is None:
             raise TourError(f"nothing comes on {people}; is the planner running?")
@@ -260,15 +309,37 @@ class GuideNode(ManagedNode):
             raise TourError(
                 f"{robot}: the pose on {topic} is {age_s:.1f} s old; allowed: {timeout:g} s"
             )
+        fault = self._fault_of_base(robot)
+        if fault:
+            raise TourError(f"{robot} {fault}")
+        others = self._other_drivers(robot)
+        if others:
+            base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
+            raise TourError(f"{robot} is driven by others: {', '.join(others)} on {base}; end them")
+
+    def _fault_of_base(self, robot: str) -> str:
+        """Why a robot cannot be driven; empty: it can."""
         base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
         listeners = self.get_subscriptions_info_by_topic(base)
         if all(one.node_name.startswith(_RECORDERS) for one in listeners):
-            raise TourError(f"{robot} has no base: nobody subscribes to {base}")
+            return f"has no base: nobody subscribes to {base}"
+        return ""
 
-    def _space(self, tour: Tour) -> FreeSpace:
+    def _other_drivers(self, robot: str) -> list[str]:
+        """Full names of the nodes that publish a robot's commands, besides this one."""
+        base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
+        names = [
+            f"{one.node_namespace.rstrip('/')}/{one.node_name}"
+            for one in self.get_publishers_info_by_topic(base)
+        ]
+        own = self.get_fully_qualified_name()
+        for _ in range(min(self._bases.publishers_of(robot), names.count(own))):
+            names.remove(own)  # another guide_node may have the same name
+        return sorted(names)
+
+    def _space(self, tour: Tour, occupied_from: int) -> FreeSpace:
         if self._grid is None:
             return FreeSpace.unbounded()
-        occupied_from = self.config.safety.occupied_from
         return FreeSpace(self._grid, occupied_from=occupied_from, around=tour.points)
 
     def _cancel(self) -> None:
@@ -304,16 +375,36 @@ class GuideNode(ManagedNode):
         underway = self._underway
         if underway is None:
             return
-        steering = underway.steering
-        steering.take_people(persons, stamp_ns, self._now_ns())
-        guidance = underway.guide.step(persons, groups, steering.poses(), stamp_ns)
+        steering, guide, now_ns = underway.steering, underway.guide, self._time_ns()
+        underway.people_ns, in_time_ns = stamp_ns, self._in_time(stamp_ns, now_ns)
+        steering.take_people(persons, in_time_ns, now_ns)
+        if underway.misfit:
+            return
+        if now_ns - underway.looked_ns >= _LOOK_S * 1e9:
+            faults = {robot: self._fault_of_base(robot) for robot in steering.robots}
+            guide.faults = {robot: fault for robot, fault in faults.items() if fault}
+            underway.looked_ns = now_ns
+        guidance = guide.step(persons, groups, steering.poses(), in_time_ns)
         if not underway.guide.is_running:
             underway.guidance, finished = guidance, guidance.state == State.FINISHED
             self._end_tour(guidance.reason or "the group is at the end", finished=finished)
             return
         self._publish(underway, guidance)
         steering.take_posts(guidance.posts)
-        self._bases.send(guidance.posts, steering.poses())
+        self._move_goals(underway, guidance.posts, now_ns)
+
+    def _move_goals(self, underway: _Underway, posts: Mapping[str, Post], now_ns: int) -> None:
+        """Moves goals to posts, or to where robots are whose poses are outdated."""
+        steering, timeout = underway.steering, self.config.safety.pose_timeout
+        fresh = {r: p for r, p in posts.items() if steering.pose_age_s(r, now_ns) < timeout}
+        self._bases.send(fresh, steering.poses())
+        underway.sent_ns = now_ns
+
+    def _stand(self, underway: _Underway, reason: str) -> None:
+        """The robots stand until people come again, or another map."""
+        self._publish(underway, underway.guide.halt(reason))
+        underway.steering.take_posts({})
+        self._move_goals(underway, {}, self._time_ns())
 
     def _tick(self) -> None:
         """Drives the robots."""
@@ -325,16 +416,19 @@ class GuideNode(ManagedNode):
             self._guarded(partial(self._drive, self._underway))
 
     def _drive(self, underway: _Underway) -> None:
-        steering, now_ns = underway.steering, self._now_ns()
+        steering, now_ns = underway.steering, self._time_ns()
         timeout = self.config.safety.people_timeout
         age_s = min(steering.people_age_s(now_ns), (now_ns - underway.begun_ns) / 1e9)
         if age_s >= timeout and underway.guidance.state != State.HALTED:
             reason = f"no people have come for {age_s:.2f} s; allowed: {timeout:g} s"
-            self._publish(underway, underway.guide.halt(reason))
-            self._bases.send({}, steering.poses())
+            self._stand(underway, reason)
+        elif now_ns - underway.sent_ns >= _GOALS_S * 1e9:
+            halted = underway.guidance.state == State.HALTED
+            self._move_goals(underway, {} if halted else underway.guidance.posts, now_ns)
         self._bases.drive(steering.step(now_ns))
 
     def _publish(self, underway: _Underway, guidance: Guidance) -> None:
+        guidance = dataclasses.replace(guidance, stamp_ns=underway.people_ns)
         underway.guidance = dataclasses.replace(guidance, events=())  # they are published once
         poses, frame_id = underway.steering.poses(), self.config.map_frame
         self._action.tell(self._outputs.publish(underway.tour, guidance, poses, frame_id))
@@ -360,8 +454,10 @@ class GuideNode(ManagedNode):
             for robot, post in guidance.posts.items()
             if robot in poses
         }
-        tour = of_tour(self._underway.tour.name, guidance)
-        return [walls, tour, *of_tour_robots(guidance, distances)]
+        steering = self._underway.steering
+        tour = of_tour(self._underway.tour.name, guidance, steering.kept_off)
+        others = {robot: self._other_drivers(robot) for robot in steering.robots}
+        return [walls, tour, of_others(others), *of_tour_robots(guidance, distances)]
 
 
 def _are_same(one: Grid, other: Grid) -> bool:

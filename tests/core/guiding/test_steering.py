@@ -97,6 +97,21 @@ def test_people_count_from_their_arrival_unless_they_come_late() -> None:
     assert made.people_age_s(T0 + 100 * MS) == pytest.approx(0.4)
 
 
+def test_clock_that_was_set_back_lets_robots_stand() -> None:
+    made = steering("robot_a")
+    assert made.people_age_s(T0 - 20 * MS) == pytest.approx(-0.02)
+    assert made.people_age_s(T0 - 300 * MS) == made.pose_age_s("robot_a", T0 - 300 * MS) == np.inf
+
+
+def test_robot_outside_the_tour_is_forgotten_after_two_minutes() -> None:
+    made = steering("robot_a")
+    made.take_pose("ghost", Pose(T0, 3.0, 0.0, 0.0), T0)
+    made.step(T0 + 119_000 * MS)
+    assert made.kept_off == ("ghost",)
+    made.step(T0 + 121_000 * MS)
+    assert set(made.poses()) == {"robot_a"}
+
+
 def test_robot_without_a_pose_a_post_or_people_stands() -> None:
     assert Steering(CONFIG, FreeSpace.unbounded(), ["robot_a"]).step(T0) == {"robot_a": (0.0, 0.0)}
     without_people = Steering(CONFIG, FreeSpace.unbounded(), ["robot_a"])

@@ -110,6 +110,7 @@ def test_reports_of_nodes_are_shown_with_advice():
         (Code.TOUR_HALTED, "by itself"),
         (Code.PEOPLE_LOST, "pace.patience"),
         (Code.TAKES_NO_PART, "takes part again"),
+        (Code.DRIVEN_BY_OTHERS, "joystick"),
         (Code.CLOCK_ASTRAY, ""),  # it says itself what to do
         (Code.NO_STAMPS, ""),
         (Code.OTHER_IMAGES, ""),
