@@ -81,6 +81,7 @@ def _status(world: GuideWorld) -> Any:
     return world.statuses[-1] if world.statuses else None
 
 
+@pytest.mark.alone
 def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
     make_world: Callable[..., GuideWorld], guide: NodeProcess
 ) -> None:
