@@ -39,6 +39,8 @@ class FormationTuning:
         unseen_s: ... for this time [1/s, s].
         changed: An assignment that keeps a robot on its post may be longer by this [m].
         most: Sets of three posts are made of so many candidates: those that are worth most alone.
+        follow_s: Posts behind a group that moves are ahead of where they belong by its way in this
+            time [s]: people are known late, and robots trail a post that moves.
         drift: The group's ends and middle move by at most this [m/s]: people appear and vanish.
         around: Angle between the posts of a fetcher around a straggler [rad].
         other_side: A fetcher goes to another one only where it is nearer to the side away from
@@ -51,6 +53,7 @@ class FormationTuning:
     unseen_s: float = 4.0
     changed: float = 0.5
     most: int = 20
+    follow_s: float = 0.3
     drift: float = 1.5
     around: float = math.radians(30.0)
     other_side: float = math.radians(45.0)
@@ -210,6 +213,7 @@ class FormationPlanner:
         taken = candidates.select(rows)
         assigned = self._assign(now, taken, names)
         speed, posts, self._held = self._config.base.max_speed, {}, {}
+        shift = self._tuning.follow_s * now.leader_speed if now.moving else 0.0
         for name in names:
             if name not in assigned:  # no free post: it stays, and looks at the group
                 here = np.array(_place(now.robots[name]))
@@ -220,7 +224,8 @@ class FormationPlanner:
             gaze = float(taken.gaze[row])
             yaw = self._yaw(gaze, name, gaze if now.moving else None)
             role = Role.SIDE if taken.beside[row] else Role.REAR
-            posts[name] = Post(role, taken.xy[row], yaw, speed)
+            xy = taken.xy[row] + shift * np.array([math.cos(gaze), math.sin(gaze)])
+            posts[name] = Post(role, xy, yaw, speed)
             self._held[name] = int(taken.number[row])
         return posts
 
