@@ -132,6 +132,8 @@ def test_cancelled_tour_stops_the_robots_at_once(
     assert second == "the tour 'hall' is under way; cancel it first"
     handle.cancel_goal_async()
     world.peer.until(result.done, lambda: guide.log)
+    # What was sent before the result may come after it.
+    world.peer.spin(0.05)
     assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
     assert result.result().status == GoalStatus.STATUS_CANCELED
     assert not result.result().result.finished

@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +26,10 @@ from numpy.typing import ArrayLike
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import ConfigError, TourError
-from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.way import Way
+
+if TYPE_CHECKING:  # a planner, which reads no tours, is there sooner without its libraries
+    from mrs_people_loc.guiding.free_space import FreeSpace
 
 #: Shortest and longest way [m].
 _SHORTEST, _LONGEST = 1.0, 5_000.0
