@@ -244,7 +244,9 @@ def _search(cost: _Cost, start: Float, goal: Float, low: Float, high: Float) -> 
     keep = free[a] & free[b]
     a, b = a[keep], b[keep]
     weight = 0.5 * (density.ravel()[a] + density.ravel()[b]) * length[keep]
-    graph = coo_array((weight, (a, b)), shape=(len(flat), len(flat))).tocsr()
+    # SciPy before 1.13 takes indices of 32 bits only.
+    edges = a.astype(np.int32), b.astype(np.int32)
+    graph = coo_array((weight, edges), shape=(len(flat), len(flat))).tocsr()
     distance, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
     if not np.isfinite(distance[last]):
         return None
