@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,3 +15,17 @@ OwnConfig = Annotated[
         help="Read a parameter file of the bag's name that lies beside it, after the others.",
     ),
 ]
+
+#: Which of several cases are run.
+Only = Annotated[str, typer.Option(help="Only tours whose name contains this.")]
+
+#: A document whose tables are written anew.
+TablesFile = Annotated[
+    Path | None, typer.Option(help="Replace what follows the tables' heading in this file.")
+]
+
+#: Where figures go.
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures into this file.")]
+
+#: Processes; `common.process_count` has how many 0 is.
+Jobs = Annotated[int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)]

@@ -10,7 +10,6 @@ import numpy as np
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float
-from mrs_people_loc.guiding import views
 from mrs_people_loc.guiding.formation import FormationPlanner, Scenery
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Guidance, Post, State
@@ -18,6 +17,7 @@ from mrs_people_loc.guiding.guided_group import LONGEST_STEP_S, Guest, GuidedGro
 from mrs_people_loc.guiding.pace import PaceControl
 from mrs_people_loc.guiding.tour import Stop, Tour
 from mrs_people_loc.guiding.tour_team import TourTeam
+from mrs_people_loc.guiding.views import are_in_view
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.poses import Pose
 
@@ -37,7 +37,6 @@ class GuideTuning:
             nearer in this time [s] ...
         nearer: ... by more than this [m].
         fetch_s: A person who has been behind for so long is fetched [s].
-        in_view: A place that is seen with this probability is in view.
     """
 
     settled_s: float = 2.0
@@ -49,7 +48,6 @@ class GuideTuning:
     closes_up_s: float = 10.0
     nearer: float = 0.2
     fetch_s: float = 2.0
-    in_view: float = 0.4
 
 
 GUIDE_TUNING = GuideTuning()
@@ -402,12 +400,7 @@ class _Run:
     def _in_view(self, xy: Float) -> Bool:
         """Which places the robots see, past people and walls, shape (n,)."""
         people = np.array([one.xy for one in self._group.guided if one.followed]).reshape(-1, 2)
-        places = np.array([(pose.x, pose.y) for pose in self._team.robots.values()])
-        back = [math.pi * (name in self.config.looks_back) for name in self._team.robots]
-        gaze = np.array([pose.yaw for pose in self._team.robots.values()]) + back
-        every = np.concatenate([xy, people])
-        rates = views.detection_rates(places, gaze, every, self.config.formation, self._space)
-        return np.asarray(rates[:, : len(xy)].max(axis=0) >= self._tuning.in_view)
+        return are_in_view(xy, people, self._team.robots, self.config, self._space)
 
     def _posts(self) -> dict[str, Post]:
         """Where the robots are to go."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig
-from mrs_people_loc.guiding import views
 from mrs_people_loc.guiding.drive import Drive, limit
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
+from mrs_people_loc.guiding.views import are_in_view
 from mrs_people_loc.people import Person
 from mrs_people_loc.team.poses import Pose
 
@@ -24,16 +24,13 @@ _SHORTEST_S, _LONGEST_S = 0.01, 0.2
 _DETOUR_M = 0.2
 #: ... and those who are nearer to the post than this are no reason for a detour [m].
 _AT_POST_M = 0.1
-
 #: Somebody who is not followed any more is kept off for so long [s], ...
 _KEPT_S = 4.0
-#: ... unless robots have seen that their place is empty for so long [s]: a place in view is seen
-#: with this probability at least, and nobody else is so near to it [m].
-_EMPTY_S, _IN_VIEW, _BESIDE_M = 0.6, 0.4, 0.6
-
+#: ... unless robots have seen that their place is empty for so long [s], or somebody is so near to
+#: it [m].
+_EMPTY_S, _BESIDE_M = 0.6, 0.6
 #: Images become people in this time [ns]; poses come at once.
 _PEOPLE_NS = 200_000_000
-
 #: What comes from so far in the future [s] is of no use: the clock was set back.
 _FUTURE_S = 0.05
 #: A robot outside the tour is kept off for so long after its last pose [ns].
@@ -70,8 +67,8 @@ class Steering:
     """Drives the robots of a tour to their posts.
 
     What is older than half of its timeout slows robots down, and stops them at the timeout, as
-    does what comes from the future. The
-    age counts from the arrival; where that is later than usual after the stamp, from then.
+    does what comes from the future. The age counts from the arrival; where that is later than
+    usual after the stamp, from then.
 
     Args:
         config: Parameters; may be replaced at any time.
@@ -126,7 +123,8 @@ class Steering:
             return
         places = np.array([one.xy for one in self._vanished])
         others = np.array([one.position for one in people]).reshape(-1, 2)
-        seen = self._in_view(places, others)
+        robots = {name: h.pose for name, h in self._heard.items() if name in self._drives}
+        seen = are_in_view(places, others, robots, self.config, self.space)
         away = np.linalg.norm(places[:, None] - others, axis=2).min(axis=1, initial=math.inf)
         for one, is_seen in zip(self._vanished, seen, strict=True):
             one.empty_s += max(since_s, 0.0) if is_seen else 0.0
@@ -137,19 +135,6 @@ class Steering:
             and one.empty_s < _EMPTY_S
             and 0 <= stamp_ns - one.since_ns < _KEPT_S * 1e9
         ]
-
-    def _in_view(self, places: Float, people: Float) -> Bool:
-        """Which places robots see, past people and walls, shape (n,)."""
-        poses = [heard.pose for name, heard in self._heard.items() if name in self._drives]
-        if not poses:
-            return np.zeros(len(places), dtype=bool)
-        names = [name for name in self._heard if name in self._drives]
-        xy = np.array([(pose.x, pose.y) for pose in poses])
-        back = [math.pi * (name in self.config.looks_back) for name in names]
-        gaze = np.array([pose.yaw for pose in poses]) + back
-        every = np.concatenate([places, people])
-        rates = views.detection_rates(xy, gaze, every, self.config.formation, self.space)
-        return np.asarray(rates[:, : len(places)].max(axis=0) >= _IN_VIEW)
 
     def take_posts(self, posts: Mapping[str, Post]) -> None:
         """Takes new posts, and plans the paths to them; robots without one stand."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import Float, Int
+from mrs_people_loc.arrays import Bool, Float, Int
+from mrs_people_loc.team.poses import Pose
 
 if TYPE_CHECKING:
     from mrs_people_loc.guiding.free_space import FreeSpace
@@ -19,6 +22,8 @@ PERSON_RADIUS, ROBOT_RADIUS = 0.25, 0.20
 _BEST = 0.9
 #: The rate falls over this range at the ends of the reach [m] and of the field of view [rad].
 _EDGE, _SIDE = 0.4, 0.1
+#: A place that is seen with this probability is in view.
+_IN_VIEW = 0.4
 
 
 def detection_rates(
@@ -49,6 +54,31 @@ def detection_rates(
     rates *= 1.0 - hidden_by_people(places, people)
     rates *= space.is_visible(places[:, np.newaxis], people[np.newaxis])
     return np.asarray(_BEST * rates)
+
+
+def are_in_view(
+    xy: Float,
+    people: Float,
+    robots: Mapping[str, Pose],
+    config: cfg.GuideConfig,
+    space: FreeSpace,
+) -> Bool:
+    """Which places robots see, past people and walls, shape (n,).
+
+    Args:
+        xy: The places [m], shape (n, 2).
+        people: Those who hide them [m], shape (m, 2).
+        robots: Poses by name.
+        config: Reach and field of view; whose head looks back.
+        space: Its walls hide.
+    """
+    if not robots:
+        return np.zeros(len(xy), dtype=bool)
+    places = np.array([(pose.x, pose.y) for pose in robots.values()])
+    back = [math.pi * (name in config.looks_back) for name in robots]
+    gaze = np.array([pose.yaw for pose in robots.values()]) + back
+    rates = detection_rates(places, gaze, np.concatenate([xy, people]), config.formation, space)
+    return np.asarray(rates[:, : len(xy)].max(axis=0) >= _IN_VIEW)
 
 
 def hidden_by_people(places: Float, people: Float) -> Float:

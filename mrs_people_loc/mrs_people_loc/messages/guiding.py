@@ -9,13 +9,12 @@ import numpy as np
 from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.errors import PeopleError, TourError
 from mrs_people_loc.guiding.tour import Tour, tour_from
+from mrs_people_loc.messages.poses import MAX_COORDINATE_M, MAX_VARIANCE
 from mrs_people_loc.messages.stamps import Message, read_stamp
 from mrs_people_loc.people import Group, Person
 
 #: More people than a planner follows (`tracking.max_tracks`).
 _MAX_PEOPLE = 10_000
-#: Greatest coordinate [m] and variance; a greater variance, as DBL_MAX, means "unknown".
-_MAX_COORDINATE_M, _MAX_VARIANCE = 2.1e7, 1e12
 
 
 def read_people(message: Message, map_frame: str) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
@@ -143,11 +142,11 @@ def _planar(poses: Sequence[Message], what: str) -> tuple[Float, Float]:
     """
     places = [(one.pose.position.x, one.pose.position.y) for one in poses]
     xy = np.array(places, np.float64).reshape(-1, 2)
-    bad = ~(np.abs(xy) <= _MAX_COORDINATE_M).all(axis=1)  # NaN compares false
+    bad = ~(np.abs(xy) <= MAX_COORDINATE_M).all(axis=1)  # NaN compares false
     if bad.any():
         raise PeopleError(
             f"{what}: position is {xy[bad][0].tolist()}; wanted: finite, within "
-            f"{_MAX_COORDINATE_M:g} m"
+            f"{MAX_COORDINATE_M:g} m"
         )
     covariance = _covariances([one.covariance for one in poses], what)
     bad = ~np.isfinite(covariance).all(axis=(1, 2)) | (covariance[:, (0, 1), (0, 1)] < 0).any(1)
@@ -161,7 +160,7 @@ def _moving(twists: Sequence[Message]) -> tuple[list[Float | None], list[Float |
     linear = [(one.twist.linear.x, one.twist.linear.y) for one in twists]
     velocity = np.array(linear, np.float64).reshape(-1, 2)
     known: Bool = np.asarray(np.isfinite(velocity).all(axis=1))
-    bad = np.abs(velocity[known]) > _MAX_COORDINATE_M
+    bad = np.abs(velocity[known]) > MAX_COORDINATE_M
     if bad.any():
         raise PeopleError("velocity is too large; wanted: m/s, NaN where it is unknown")
     covariance = _covariances([one.covariance for one in twists], "velocity")
@@ -178,7 +177,7 @@ def _covariances(values: Sequence[Sequence[float]], what: str) -> Float:
         if len(one) != 36:
             raise PeopleError(f"{what}: covariance has {len(one)} values; wanted: 36")
     every = np.array(values, np.float64).reshape(-1, 6, 6)[:, :2, :2]
-    return np.asarray(np.clip(every, -_MAX_VARIANCE, _MAX_VARIANCE))  # NaN stays
+    return np.asarray(np.clip(every, -MAX_VARIANCE, MAX_VARIANCE))  # NaN stays
 
 
 def _seconds(duration: Message) -> float:

@@ -12,6 +12,7 @@ from mrs_tools.common import process_count, progress_bar, write_json
 from mrs_tools.experiment.paper_experiment import SCENES, run_experiment
 from mrs_tools.experiment.report import show
 from mrs_tools.installing import default_file
+from mrs_tools.options import JsonFile
 
 
 def command(
@@ -20,9 +21,7 @@ def command(
     ] = None,
     draws: Annotated[int, typer.Option(help="Recordings of each scene.", min=1)] = 20,
     frames: Annotated[int, typer.Option(help="Frames of each recording.", min=1)] = 2,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures into this file.")
-    ] = None,
+    json_file: JsonFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Keep the bags in this folder.")] = None,
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", help="Processes that simulate; 0: one per core.", min=0)

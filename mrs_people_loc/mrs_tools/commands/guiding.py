@@ -6,7 +6,6 @@ mrs guiding --seeds 2 --only doors           cases whose name contains a word
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,6 +14,7 @@ from mrs_tools.common import process_count
 from mrs_tools.experiment.repeats import chosen_cases, print_cases
 from mrs_tools.experiment.tours import CASES, FEW, run_cases
 from mrs_tools.experiment.tours_report import HEADING, markdown
+from mrs_tools.options import Jobs, JsonFile, Only, TablesFile
 
 
 def command(
@@ -24,17 +24,10 @@ def command(
             help=f"Tours of each kind with exact poses; of the others {FEW} at most.", min=1
         ),
     ] = 10,
-    only: Annotated[str, typer.Option(help="Only tours whose name contains this.")] = "",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Replace what follows the tables' heading in this file."),
-    ] = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures into this file.")
-    ] = None,
-    jobs: Annotated[
-        int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
-    ] = 0,
+    only: Only = "",
+    out: TablesFile = None,
+    json_file: JsonFile = None,
+    jobs: Jobs = 0,
 ) -> None:
     """Simulate guided tours of 60 m, and print how they went.
 

@@ -6,7 +6,6 @@ mrs localization --seeds 2 --only hall            cases whose name contains a wo
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,6 +14,7 @@ from mrs_tools.common import process_count
 from mrs_tools.experiment.localization import CASES, run_cases
 from mrs_tools.experiment.localization_report import HEADING, markdown
 from mrs_tools.experiment.repeats import chosen_cases, print_cases
+from mrs_tools.options import Jobs, JsonFile, Only, TablesFile
 
 
 def command(
@@ -22,17 +22,10 @@ def command(
         int,
         typer.Option(help="Tours of each kind.", min=1),
     ] = 10,
-    only: Annotated[str, typer.Option(help="Only tours whose name contains this.")] = "",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Replace what follows the tables' heading in this file."),
-    ] = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures into this file.")
-    ] = None,
-    jobs: Annotated[
-        int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
-    ] = 0,
+    only: Only = "",
+    out: TablesFile = None,
+    json_file: JsonFile = None,
+    jobs: Jobs = 0,
 ) -> None:
     """Simulate tours of 100 m, and print how well the robots know where they are.
 

@@ -21,6 +21,7 @@ import typer
 from mrs_ros.network import given_domain
 from mrs_tools.bags.playing import play_bag
 from mrs_tools.common import counting_bar, process_count
+from mrs_tools.options import Jobs
 from mrs_tools.simulation.render_scene import simulate, team_file
 from mrs_tools.simulation.scene import Scene, load_scene
 from mrs_tools.simulation.suite_scenes import (
@@ -55,9 +56,7 @@ def command(
             "there is some of like size, are drawn from it."
         ),
     ] = None,
-    jobs: Annotated[
-        int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
-    ] = 0,
+    jobs: Jobs = 0,
     suite: Annotated[
         str, typer.Option(help="Render a half of the published suite: train, test or all.")
     ] = "",

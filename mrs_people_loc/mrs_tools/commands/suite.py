@@ -19,6 +19,7 @@ from mrs_tools.common import process_count, progress_bar, replace_from
 from mrs_tools.experiment.suite_report import markdown
 from mrs_tools.experiment.suite_steps import run_suite
 from mrs_tools.installing import default_file
+from mrs_tools.options import Jobs
 from mrs_tools.simulation.suite_scenes import drawn_from, suite_file, suite_scenes, with_tracks
 
 
@@ -39,9 +40,7 @@ def command(
         Path | None,
         typer.Option(help="Replace what follows the first table's heading in this file."),
     ] = None,
-    jobs: Annotated[
-        int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)
-    ] = 0,
+    jobs: Jobs = 0,
 ) -> None:
     """Render the published suite, run it with the paper's method and ours, and score both."""
     scenes = suite_scenes(suite_file(), half)

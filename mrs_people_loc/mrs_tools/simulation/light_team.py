@@ -39,9 +39,9 @@ from mrs_tools.simulation.tours import STEP_S, Tour, known_walls
 #: scores of people, and looks at what the localizers know less often, to save time.
 _VIEW, _TELL, _SCORED = 2, 4, 20
 #: How sure a map is of its walls: distance [m] and bearing [rad].
-_MAP_SIGMA = 0.01, 0.002
+MAP_SIGMA = 0.01, 0.002
 #: Time of the first step [ns].
-_START_NS = 1_000_000_000_000
+START_NS = 1_000_000_000_000
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class TeamRun:
     truth: Truth
     people: dict[str, list[Estimate]]
     named: dict[str, float] = field(default_factory=dict)
-    start_ns: int = _START_NS
+    start_ns: int = START_NS
 
 
 #: Whose poses people are placed with.
@@ -125,7 +125,7 @@ class LightTeam:
             }
         known = None
         if trouble.known:
-            known = known_walls(tour.walls + trouble.map_off, _MAP_SIGMA)
+            known = known_walls(tour.walls + trouble.map_off, MAP_SIGMA)
         self._localizers = {
             name: Localizer(
                 name,
@@ -177,7 +177,7 @@ class LightTeam:
             time = float(tour.times[step])
             self._deliver(time)
             for name, localizer in self._localizers.items():
-                pose = localizer.take_odometry(_pose(stamp_of(step), tour.odometry[name][step]))
+                pose = localizer.take_odometry(pose_at(stamp_of(step), tour.odometry[name][step]))
                 localized[name].append(pose)
             if step % _TELL == 0:
                 self._tell(step)
@@ -220,7 +220,7 @@ class LightTeam:
 
     def _told(self, localizer: Localizer) -> TeamPose:
         told = localizer.share()
-        lies_from_ns = _START_NS + round(1e9 * self._trouble.lies_from)
+        lies_from_ns = START_NS + round(1e9 * self._trouble.lies_from)
         if told.robot == self._trouble.lies and told.odometry.stamp_ns >= lies_from_ns:
             moved = dataclasses.replace(told.pose, x=told.pose.x + 1.0)
             told = dataclasses.replace(told, pose=moved)
@@ -259,10 +259,10 @@ class LightTeam:
         """By whose poses: by robot, its pose at a step."""
         stamp_ns, tour = stamp_of(step), self._tour
         return {
-            "exact": {name: _pose(stamp_ns, tour.robots[name][step]) for name in self.names},
+            "exact": {name: pose_at(stamp_ns, tour.robots[name][step]) for name in self.names},
             "localized": {name: poses[-1] for name, poses in localized.items()},
             "odometry": {
-                name: _pose(stamp_ns, self._by_odometry(name)[step]) for name in self.names
+                name: pose_at(stamp_ns, self._by_odometry(name)[step]) for name in self.names
             },
         }
 
@@ -294,10 +294,16 @@ class LightTeam:
 
 def stamp_of(step: int) -> int:
     """The stamp of a step of a tour [ns]."""
-    return _START_NS + round(step * STEP_S * 1e9)
+    return stamp_at(step * STEP_S)
 
 
-def _pose(stamp_ns: int, pose: NDArray) -> Pose:
+def stamp_at(time: float) -> int:
+    """The stamp of a time since the first step [s], in ns."""
+    return START_NS + round(time * 1e9)
+
+
+def pose_at(stamp_ns: int, pose: NDArray) -> Pose:
+    """A pose of x, y [m] and yaw [rad] at a time [ns]."""
     return Pose(stamp_ns, float(pose[0]), float(pose[1]), float(pose[2]))
 
 

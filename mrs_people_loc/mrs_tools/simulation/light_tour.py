@@ -16,7 +16,7 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig, Localization, PlannerConfig
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Guidance, Role, State
-from mrs_people_loc.guiding.guide import RUNNING, Guide
+from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.localization.localizer import Localizer
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
@@ -29,7 +29,13 @@ from mrs_tools.scoring.records import Estimate, Truth
 from mrs_tools.scoring.tours import TourRecord
 from mrs_tools.simulation.guided import STEP_S, GuidedWorld
 from mrs_tools.simulation.light_sensing import Eyes, PeopleInView, scan_of, walls_by_sonar
-from mrs_tools.simulation.light_team import seen_places
+from mrs_tools.simulation.light_team import (
+    MAP_SIGMA,
+    START_NS,
+    pose_at,
+    seen_places,
+    stamp_at,
+)
 from mrs_tools.simulation.scene import Scene
 from mrs_tools.simulation.tours import known_walls
 
@@ -37,14 +43,9 @@ from mrs_tools.simulation.tours import known_walls
 _POSE, _IMAGE, _TRUTH = 2, 4, 2
 #: The people of an interval come so long after its images [s].
 _LATE_S = 0.15
-#: How sure a map is of its walls: distance [m] and bearing [rad].
-_MAP_SIGMA = 0.01, 0.002
-#: Time of the first step [ns].
-_START_NS = 1_000_000_000_000
 #: The recording goes on for so long after the tour [s].
 _AFTER_S = 1.0
 _CONFIG = GuideConfig()
-_ENDED = (State.FINISHED, State.CANCELLED)
 
 #: Where the team takes its poses from: the truth, localizers, or odometry alone.
 POSES = ("exact", "localized", "odometry")
@@ -82,7 +83,7 @@ class TourRun:
     poses: dict[str, PoseTrack]
     world: GuidedWorld
     speeds: Float
-    start_ns: int = _START_NS
+    start_ns: int = START_NS
 
 
 @dataclass
@@ -146,7 +147,7 @@ class LightTour:
     def _made_localizers(self) -> dict[str, Localizer]:
         settings = self.world.scene.odometry
         sigmas = (settings.sigma, settings.sigma, settings.sigma_yaw)
-        known = known_walls(self.world.walls, _MAP_SIGMA)
+        known = known_walls(self.world.walls, MAP_SIGMA)
         return {
             name: Localizer(
                 name,
@@ -165,7 +166,7 @@ class LightTour:
         ends, step, world = longest_s, 0, self.world
         while world.time < ends:
             self._step(step)
-            if self._guidance.state in _ENDED:
+            if not self._guide.is_running:
                 ends = min(ends, world.time + _AFTER_S)
             step += 1
         log = self._log
@@ -181,12 +182,12 @@ class LightTour:
     # ---------------------------------------------------------------------------- a step ----
 
     def _step(self, step: int) -> None:
-        world, now_ns = self.world, _stamp_of(self.world.time)
+        world, now_ns = self.world, stamp_at(self.world.time)
         if step % _TRUTH == 0:
             self._log.stamps.append(now_ns)
             self._log.people.append(world.crowd.xy.copy())
         for name, pose in zip(self._names, world.poses(), strict=True):
-            self._log.true[name].append(_pose(now_ns, pose))
+            self._log.true[name].append(pose_at(now_ns, pose))
         alive = [name for name in self._names if self._is_alive(name)]
         if step % _POSE == 0:
             for name in alive:
@@ -267,7 +268,7 @@ class LightTour:
 
     def _guided_by(self, people: People, now_ns: int) -> None:
         """The guide takes people, as guide_node does."""
-        if self._guide.state not in RUNNING:
+        if not self._guide.is_running:
             return
         steering = self._steering
         steering.take_people(people.persons, people.stamp_ns, now_ns)
@@ -278,7 +279,7 @@ class LightTour:
 
     def _drive(self, alive: list[str], now_ns: int) -> None:
         """The robots get commands, as from guide_node."""
-        if self._guide.state in RUNNING:
+        if self._guide.is_running:
             age_s = self._steering.people_age_s(now_ns)
             outdated = self._config.safety.people_timeout <= age_s < np.inf
             if outdated and self._guidance.state != State.HALTED:
@@ -296,11 +297,3 @@ class LightTour:
         for name, post in guidance.posts.items():
             if post.role == Role.LEADER:
                 self.world.leader = name
-
-
-def _stamp_of(time: float) -> int:
-    return _START_NS + round(time * 1e9)
-
-
-def _pose(stamp_ns: int, pose: Float) -> Pose:
-    return Pose(stamp_ns, float(pose[0]), float(pose[1]), float(pose[2]))
