@@ -103,7 +103,7 @@ class Person(TypedDict):
     cov: list[float | None]
     height: float | None
     age: float
-    seen_s: float
+    seen_s: float | None
     predicted: bool
     group: int | None
     straggler: bool
@@ -159,7 +159,7 @@ class Tour(TypedDict):
     `state`: idle, gathering, leading, waiting, at_stop, finished, cancelled or halted. `leader`:
     the robot, empty: none. `progress`: 0 to 1. `way`, `length`: how far the group is along the way,
     of how much [m]. `stop`: where it is or which is next. `message`: why it waits, stands or has
-    ended. `lost`: ids of those without whom it goes on.
+    ended. `lost`: ids of those without whom it goes on. `age`: of the guide's last word [s].
     """
 
     name: str
@@ -172,6 +172,7 @@ class Tour(TypedDict):
     posts: list[Post]
     message: str
     lost: list[int]
+    age: float
 
 
 class State(TypedDict):
