@@ -134,7 +134,7 @@ class RobotViews:
             data = one.came.get(pose.stamp_ns, {}).get("points") if one else None
             if data is not None:
                 found[robot] = _in_map(self._scan(robot, data), pose)
-        self._publish(protocol.Cells(type="cells", t=stamp_ns / 1e9, robots=found))
+        self._publish(protocol.Cells(type="cells", t=round(stamp_ns / 1e9, 3), robots=found))
 
     # ---- subscriptions ----
 
@@ -214,7 +214,7 @@ class RobotViews:
             protocol.Image(
                 type="image",
                 robot=robot,
-                t=stamp_ns / 1e9,
+                t=round(stamp_ns / 1e9, 3),
                 age=round(self._now_s() - stamp_ns / 1e9, 3),
                 image=image,
                 disparity=disparity,

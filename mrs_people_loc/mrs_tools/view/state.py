@@ -119,7 +119,7 @@ class TeamState:
 
     def state(self, now_s: float) -> protocol.State:
         """The state at a ROS time [s]."""
-        t = self._stamp_ns / 1e9 if self._stamp_ns else None
+        t = round(self._stamp_ns / 1e9, 3) if self._stamp_ns else None
         return protocol.State(
             type="state",
             t=t,
