@@ -10,6 +10,7 @@ from typing import Any
 from mrs_people_loc import messages
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.clocks import RESET_NS
+from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import yaw_from_quaternion
 from mrs_people_loc.guiding.guidance import Role
 from mrs_people_loc.guiding.guidance import State as TourState
@@ -82,15 +83,15 @@ class TeamState:
         Raises:
             PeopleLocError: A value cannot be used; nothing of the message is taken.
         """
-        self._frame = message.header.frame_id.lstrip("/")
-        persons, groups = messages.read_people(message, self._frame)
+        frame = message.header.frame_id.lstrip("/")
+        persons, groups = messages.read_people(message, frame)
         poses = messages.read_people_scans(message)
         stamp_ns = messages.read_stamp(message)
         if stamp_ns < self._stamp_ns - RESET_NS:
             self.begin_anew()
-        self._stamp_ns = stamp_ns
-        for pose_of, pose in poses.items():
-            self._take(plain(pose_of), pose)
+        self._stamp_ns, self._frame = stamp_ns, frame
+        for robot, pose in poses.items():
+            self._take(plain(robot), pose)
         for person in persons:
             if not person.coasting:
                 self._seen_ns[person.id] = stamp_ns
@@ -103,8 +104,11 @@ class TeamState:
         """Takes a PoseWithCovarianceStamped in the common frame.
 
         Raises:
-            PeopleLocError: It cannot be used.
+            PeopleLocError: It cannot be used, or is in another frame than the people.
         """
+        frame = message.header.frame_id.lstrip("/")
+        if self._frame and frame != self._frame:
+            raise PoseError(f"frame_id is {frame!r}; wanted: {self._frame!r}")
         self._take(robot, messages.read_pose(message))
 
     def take_status(self, message: Any, now_s: float) -> None:
