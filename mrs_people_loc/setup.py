@@ -19,7 +19,10 @@ setup(
     name="mrs_people_loc",
     version="0.1.0",
     packages=find_packages(),
-    package_data={"mrs_people_loc.bodies": ["*.json", "*.npy", "*.onnx"]},
+    package_data={
+        "mrs_people_loc.bodies": ["*.json", "*.npy", "*.onnx"],
+        "mrs_tools.view": ["page/*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
         ("share/mrs_people_loc", ["package.xml", "LICENSE", "NOTICE"]),

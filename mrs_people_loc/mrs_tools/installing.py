@@ -18,6 +18,7 @@ _EXTRAS = {
     **dict.fromkeys(["typer", "rosbags", "lz4", "backports", "rich"], "[tools]"),
     **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
     "pypcd4": "[convert]",
+    "aiohttp": "[view]",
     **dict.fromkeys(["embreex", "trimesh", "collada"], "[sim]"),
     **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),
     **dict.fromkeys(["diagnostic_msgs", "stereo_msgs", "visualization_msgs"], "[ros]"),
@@ -31,6 +32,7 @@ _UBUNTU = {
     "rich": "python3-rich",
     "matplotlib": "python3-matplotlib",
     "PIL": "python3-pil",
+    "aiohttp": "python3-aiohttp",
 }
 
 
