@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -86,10 +86,27 @@ class TeamState:
         frame = message.header.frame_id.lstrip("/")
         persons, groups = messages.read_people(message, frame)
         poses = messages.read_people_scans(message)
-        stamp_ns = messages.read_stamp(message)
+        self.show(messages.read_stamp(message), persons, groups, poses)
+        self._frame = frame
+
+    def show(
+        self,
+        stamp_ns: int,
+        persons: Sequence[Person],
+        groups: Sequence[Group],
+        poses: Mapping[str, Pose],
+    ) -> None:
+        """Takes the people of an interval, and where its robots were.
+
+        Args:
+            stamp_ns: Stamp of the interval [ns].
+            persons: The people.
+            groups: Their groups.
+            poses: By robot, its pose in the common frame.
+        """
         if stamp_ns < self._stamp_ns - RESET_NS:
             self.begin_anew()
-        self._stamp_ns, self._frame = stamp_ns, frame
+        self._stamp_ns = stamp_ns
         for robot, pose in poses.items():
             self._take(plain(robot), pose)
         for person in persons:
@@ -139,7 +156,7 @@ class TeamState:
         if before is None or not -RESET_NS < pose.stamp_ns - before.stamp_ns <= 0:
             self.poses[robot] = pose
 
-    def _person(self, person: Person, groups: tuple[Group, ...]) -> protocol.Person:
+    def _person(self, person: Person, groups: Sequence[Group]) -> protocol.Person:
         vx, vy = (math.nan, math.nan) if person.velocity is None else person.velocity
         own = next((g for g in groups if _is_in(person.id, g)), None)
         away_s = own.stragglers.get(person.id) if own else None
