@@ -42,7 +42,7 @@ from mrs_tools.bags.rosbag import (
 )
 
 REPOSITORY = Path(__file__).parents[3]
-BAGS = REPOSITORY / "bags"
+BAGS = REPOSITORY / "mrs_people_loc" / "bags"
 START_NS = 1_700_000_000_000_000_000
 FOREVER = QosTime(9223372036, 854775807)
 LATCHED = Qos(
@@ -171,6 +171,17 @@ def test_only_requested_topics_are_read(sample):
         assert len(list(bag.messages(["/eye/*", "/talk"]))) == 20
         # a second and an interleaved reading start from the beginning
         assert next(bag.messages()).time_ns == START_NS
+
+
+def test_only_messages_of_the_requested_time_are_read(sample):
+    with BagReader(sample) as bag:
+        every = [raw.time_ns for raw in bag.messages()]
+        middle_ns = every[len(every) // 2]
+        early = [raw.time_ns for raw in bag.messages(stop_ns=middle_ns)]
+        late = [raw.time_ns for raw in bag.messages(start_ns=middle_ns)]
+        at_once = [raw.time_ns for raw in bag.messages((), middle_ns, middle_ns + 1)]
+    assert early + late == every
+    assert early[-1] < middle_ns == late[0] == at_once[0] == at_once[-1]
 
 
 def test_patterns_select_topics():
