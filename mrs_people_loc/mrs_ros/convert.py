@@ -290,7 +290,7 @@ def _transform(
 
 
 def people(result: People, frame_id: str) -> PeopleMessage:
-    """An interval's result as the message on `people`."""
+    """An interval's result as the message on `tracked_people`."""
     return PeopleMessage(
         header=header(result.stamp_ns, frame_id),
         scans=[

@@ -6,8 +6,8 @@ import sys
 USAGE = """
 usage: planner_node [--ros-args --params-file TEAM.yaml -p NAME:=VALUE ...]
 
-The planner of a team: every robot's `points` and `pose` in, `people` on the common map out. The
-parameter `robots` names the robots; left empty, they are discovered as they appear. Parameters:
+The planner of a team: every robot's `points` and `pose` in, `tracked_people` on the common map out.
+The parameter `robots` names the robots; left empty, they are discovered as they appear. Parameters:
 see config/default.yaml, or `ros2 param describe`.
 """
 

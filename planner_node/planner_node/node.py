@@ -218,7 +218,7 @@ class PlannerNode(ManagedNode):
 
     def findings(self) -> list[Finding]:
         """The other planners, the intervals, and each robot."""
-        topic = self.resolve_topic_name("people")
+        topic = self.resolve_topic_name(self.config.people_topic)
         several = self.count_publishers(topic) > 1
         publishers = map(node_of, self.get_publishers_info_by_topic(topic)) if several else ()
         figures = {} if self._result is None else self._figures(self._result)

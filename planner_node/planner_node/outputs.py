@@ -30,7 +30,7 @@ class Outputs:
     def __init__(self, node: ManagedNode) -> None:
         self._node = node
         self._trails = Trails()
-        self._people = node.offer(PeopleMessage, "people", 10)
+        self._people = node.offer(PeopleMessage, node.config.people_topic, 10)
         self._people_poses = node.offer(PoseArray, "people_poses", 10)
         self._group_centroid = node.offer(PointStamped, "group_centroid", 10)
         self._short_term_map = node.offer(PointCloud2, "short_term_map", 2)

@@ -449,6 +449,9 @@ class _Ear:
     ) -> None:
         self.callbacks[kind.__name__] = callback
 
+    def create_timer(self, *_args: Any, **_kwargs: Any) -> None:
+        pass
+
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=STAMP_NS))
 

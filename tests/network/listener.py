@@ -34,7 +34,7 @@ def main() -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     with stop_on_signals() as stop, node("listener") as made:
-        made.create_subscription(People, "people", on_people, 10)
+        made.create_subscription(People, "tracked_people", on_people, 10)
         executor = SingleThreadedExecutor(context=made.context)
         executor.add_node(made)
         while not stop.is_set():

@@ -62,7 +62,7 @@ def listen() -> None:
         age_ms = (time.time_ns() - max(stamps.values())) / 1e6
         say(robots=sorted(stamps), people=len(message.persons), age_ms=age_ms, at=time.time())
 
-    node.create_subscription(People, "people", heard, 10)
+    node.create_subscription(People, "tracked_people", heard, 10)
     rclpy.spin(node)
 
 
@@ -87,7 +87,7 @@ def spy(name: str) -> None:
         heard[topic] += 1
 
     for kind, topic in (
-        (People, "people"),
+        (People, "tracked_people"),
         (PointCloud2, "robot_a/points"),
         (PoseWithCovarianceStamped, "robot_a/pose"),
         (DiagnosticArray, "/diagnostics"),

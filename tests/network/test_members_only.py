@@ -42,7 +42,7 @@ ROBOTS = ("robot_a", "robot_b")
 #: Intervals over which the team is compared and outsiders are to hear nothing.
 MANY = 20
 #: What a spy hears, where it does.
-HEARABLE = {"people", "robot_a/points", "robot_a/pose", "/diagnostics"}
+HEARABLE = {"tracked_people", "robot_a/points", "robot_a/pose", "/diagnostics"}
 OUTSIDERS = ("no_certificate", "foreign", "revoked")
 #: What the tunnel checks again so often is checked more often here [s].
 OFTEN_S = 4
@@ -350,7 +350,7 @@ def scenario(world: World) -> Seen:
     listener = start_team(world, inside=False)
     result.rates["plain UDP"] = figures(people(listener, world))
     for spy in start_spies(world, folder / "nowhere"):
-        until(partial(world.tasks[spy].says, re.compile('"heard".*"people"')), world.logs)
+        until(partial(world.tasks[spy].says, re.compile('"heard".*"tracked_people"')), world.logs)
         result.plain_spies[spy] = world.tasks[spy].lines
     return result
 

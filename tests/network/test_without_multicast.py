@@ -47,13 +47,13 @@ def test_team_meets_through_a_discovery_server(
         """In a second and a half, which may be too short for a machine that is busy."""
         bag = tmp_path / f"{next(numbers)}.mcap"
         record = [sys.executable, "-m", "mrs_tools", "record", str(bag), "--duration", "1.5"]
-        team.start(FAR, *record, "/*/points", "/people", "/diagnostics").wait(60)
+        team.start(FAR, *record, "/*/points", "/tracked_people", "/diagnostics").wait(60)
         if not bag.exists():
             return set()
         with BagReader(bag) as reader:
             return set(reader.topics)
 
-    wanted = {"/people", *(f"/{robot}/points" for robot in ROBOTS)}
+    wanted = {"/tracked_people", *(f"/{robot}/points" for robot in ROBOTS)}
     team.until(lambda: recorded() >= wanted, f"not all of {wanted} are recorded")
 
     # Without the server those who know each other go on. The next one knows nobody, and learns.

@@ -81,7 +81,7 @@ class GuideWorld:
             )
             for robot in places
         }
-        self._people = node.create_publisher(People, f"{namespace}people", 10)
+        self._people = node.create_publisher(People, f"{namespace}tracked_people", 10)
         self.map = node.create_publisher(OccupancyGrid, f"{namespace}map", MAP)
         self.path = node.create_publisher(Path, f"{namespace}tour_path", 10)
         self._bases: list[Any] = []

@@ -129,7 +129,7 @@ class PlannerPeer:
         self.peer = peer
         self.process = process
         self.node = process.name
-        self.people = peer.hear(People, f"{namespace}people")
+        self.people = peer.hear(People, f"{namespace}tracked_people")
         self.people_poses = peer.hear(PoseArray, f"{namespace}people_poses")
         self._last_ns = 0
 

@@ -31,7 +31,7 @@ def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
     planner = team.start("planner_node")
     peer.until_active(planner.name)
     own = copy.deepcopy(recording)  # its stamps are changed
-    yield Life(peer, team, own, planner, peer.hear(People, "/people"))
+    yield Life(peer, team, own, planner, peer.hear(People, "/tracked_people"))
     peer.close()
 
 

@@ -157,10 +157,10 @@ def test_robot_that_left_and_came_back_joins_again(
 
 
 def test_second_planner_is_reported(planner: PlannerPeer) -> None:
-    planner.peer.publisher(People, "/people")
+    planner.peer.publisher(People, "/tracked_people")
     finding = planner.until_finding("people", lambda f: f.level == ERROR)
-    wanted = r"2 publishers on /people: /peer, /planner_node; another planner, .* ROS_DOMAIN_ID"
+    wanted = r"2 publishers on /tracked_people: /peer, /planner_node; another .* ROS_DOMAIN_ID"
     assert holds(finding.message, [wanted])
-    assert "2 publishers on /people" in planner.process.log
-    planner.peer.silence("/people")
+    assert "2 publishers on /tracked_people" in planner.process.log
+    planner.peer.silence("/tracked_people")
     planner.until_finding("people", lambda f: f.level == OK)

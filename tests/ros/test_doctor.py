@@ -90,10 +90,10 @@ def test_missing_inputs_and_a_wrong_type_are_reported(robot: RobotPeer, domain: 
     """No images or odometry are published, and a subscriber has the wrong type for `people`."""
     stranger = Peer(domain, "stranger")
     try:
-        stranger.hear(String, "/people")
+        stranger.hear(String, "/tracked_people")
         robot.until_finding("odom", lambda f: f.level == ERROR_LEVEL)
         lines = (
-            "error  /people: /planner_node publishes it and /stranger subscribes: "
+            "error  /tracked_people: /planner_node publishes it and /stranger subscribes: "
             "mrs_people_msgs/msg/People, std_msgs/msg/String",
             "/robot_a/robot_node: odom: no data on /robot_a/odom for",
             "-> start what publishes it, or remap it",
@@ -231,10 +231,10 @@ def test_inactive_and_surplus_nodes_are_reported(robot: RobotPeer, team: Team, d
     second = Peer(domain, "planner_two")
     viewers = [Peer(domain, f"mrs_people_{number}") for number in (11, 22)]
     try:
-        second.publisher(People, "/people")
+        second.publisher(People, "/tracked_people")
         peer.until(lambda: peer.state("/robot_b/robot_node") == "unconfigured", "robot_b waits")
         assert peer.change_state(ROBOT, "shutdown")
-        nodes = ("/robot_b/robot_node", ROBOT, "/robot_node", "/people")
+        nodes = ("/robot_b/robot_node", ROBOT, "/robot_node", "/tracked_people")
 
         def settled(reported: list[Check]) -> bool:
             """Whether each node has started or ended, and all others have noticed."""

@@ -180,7 +180,7 @@ def test_bad_goals_are_refused_before_anything_moves(
     peer = world.peer
     for transition in ("deactivate", "activate"):  # it forgets whom it has heard
         assert peer.change_state("/guide_node", transition)
-    assert world.refused(AHEAD) == "nothing comes on /people; is the planner running?"
+    assert world.refused(AHEAD) == "nothing comes on /tracked_people; is the planner running?"
     world.speaks.add("people")
     peer.until(lambda: "/robot_b/pose" in peer.heard_by("/guide_node"), lambda: guide.log)
     no_pose = "robot_a has no pose: nothing comes on /robot_a/pose"

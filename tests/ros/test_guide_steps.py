@@ -175,7 +175,7 @@ def test_tour_ends_when_the_time_jumps_back(node: Stepped) -> None:
     node.at(START - 50.0)
     assert node._underway is None
     assert node.bases.stops == 1
-    with pytest.raises(TourError, match="nothing comes on /steps/people"):
+    with pytest.raises(TourError, match="nothing comes on /steps/tracked_people"):
         node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
 
 
@@ -214,7 +214,7 @@ def test_people_without_ids_are_named(node: Stepped) -> None:
     message = people_of(round(node.now_s * 1e9) + 1, [(-1.5, 0.0)], [(0.0, 0.0)], list(PLACES))
     message.persons[0].id = 0
     node._on_people(message)
-    with pytest.raises(TourError, match=r"people on /steps/people have no ids; .*tracking.enabled"):
+    with pytest.raises(TourError, match=r"/steps/tracked_people have no ids; .*tracking.enabled"):
         node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
 
 

@@ -164,7 +164,7 @@ def test_robot_forgets_its_past_at_cleanup(robot: RobotPeer) -> None:
 
 PLANNER_TOPICS = {
     "/diagnostics",
-    "/people",
+    "/tracked_people",
     "/people_poses",
     "/group_centroid",
     "/events",

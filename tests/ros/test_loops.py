@@ -132,13 +132,13 @@ def test_recording_of_a_team_replays_onto_live_nodes_without_duplicates(
             recorder.send_signal(signal.SIGINT)
             assert recorder.wait(DEADLINE_S) == 0
         with BagReader(out) as recorded:
-            assert recorded.topics["/people"].count > 3
+            assert recorded.topics["/tracked_people"].count > 3
             assert recorded.topics["/robot_a/points"].count > 3
         before = len(planner.people)
         with mrs("replay", out, "--rate", 3, stderr=subprocess.PIPE) as replay:
             _, reported = replay.communicate(timeout=DEADLINE_S)
         assert replay.returncode == 0, reported
-        for topic in ("/people", "/people_poses", "/diagnostics"):
+        for topic in ("/tracked_people", "/people_poses", "/diagnostics"):
             assert re.search(
                 rf"note: .*{topic}\b.* left out: /planner_node publishes them", reported
             )

@@ -209,7 +209,7 @@ def test_nodes_restart_in_any_order(domain: int, tmp_path: Path, peer: Peer, tim
     started = {"/robot_a": "robot_node", "/robot_b": "robot_node", "/": "planner_node"}
     bag = ROOT / "bags" / "walking_group"
     how = {"params": {"use_sim_time": "true"}, "files": [bag.with_suffix(".yaml")]}
-    people = peer.hear(People, "/people")
+    people = peer.hear(People, "/tracked_people")
     replay = Trial(mrs("replay", str(bag), "--loop", "--clock"), terminal=False)
     nodes, running = Nodes(tmp_path), dict[str, NodeProcess]()
     try:

@@ -259,7 +259,7 @@ def test_all_robots_have_the_same_policy() -> None:
     ("node", "command"),
     [
         ("mrs_people", ("people",)),
-        ("mrs_record", ("record", "OUT", "/people")),
+        ("mrs_record", ("record", "OUT", "/tracked_people")),
         ("mrs_doctor", ("doctor", "--duration", "600")),
         # Where nobody guides, so that it waits.
         ("mrs_tour", ("tour", "TOUR", "--namespace", "/nobody")),

@@ -41,7 +41,7 @@ def test_group_is_guided_through_the_whole_loop_and_an_outage_of_the_planner(
     assert re.search(r"short +1 of 1 .* 4 +0 ", result.output), result.output  # nobody is lost
     with BagReader(bag) as reader:
         statuses = read_statuses(reader)
-        assert {"/people", "/map", "/ground_truth/people_poses"} <= {
+        assert {"/tracked_people", "/map", "/ground_truth/people_poses"} <= {
             topic.name for topic in reader.topics.values() if topic.count
         }
     states = [status.state for status in statuses]

@@ -26,7 +26,7 @@ def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
     peer = Peer(domain)
     planner = team.start("planner_node")
     own = copy.deepcopy(recording)  # its stamps are changed
-    made = Life(peer, team, own, planner, peer.hear(People, "/people"))
+    made = Life(peer, team, own, planner, peer.hear(People, "/tracked_people"))
     for robot in ROBOTS:
         made.start(robot)
     made.until_seen_by(*ROBOTS)

@@ -36,7 +36,7 @@ def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
 def people(robot: RobotPeer, team: Team, peer: Peer) -> list[Any]:
     """What a planner says that waits for this robot, and would wait long for a pose."""
     team.start("planner_node", params={"robots": "[robot_a]", "interval.max_wait": "5.0"})
-    heard = peer.hear(People, "/people")
+    heard = peer.hear(People, "/tracked_people")
     robot.warm_up(pose=False)
 
     def reported() -> bool:

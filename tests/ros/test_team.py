@@ -77,7 +77,7 @@ class Run:
     @property
     def people(self) -> list[Any]:
         """The `people` messages in their order."""
-        return list(self.heard["people"].values())
+        return list(self.heard["tracked_people"].values())
 
     @cached_property
     def buffers(self) -> dict[str, PoseBuffer]:
@@ -126,7 +126,7 @@ def run(
 
 def _play(name: str, peer: Peer, recording: Recording, processes: dict[str, NodeProcess]) -> Run:
     kinds = {
-        "people": People,
+        "tracked_people": People,
         "people_poses": PoseArray,
         "group_centroid": PointStamped,
         "short_term_map": PointCloud2,
@@ -152,10 +152,10 @@ def _play(name: str, peer: Peer, recording: Recording, processes: dict[str, Node
         if frame in ABSENT:  # all that was sent has arrived; nobody else is to be waited for
             peer.next_findings(PLANNER)
             peer.must_set(PLANNER, interval__max_wait=0.0)
-        _until_used(run, heard["people"], frame)
+        _until_used(run, heard["tracked_people"], frame)
         if frame in ABSENT:
             peer.must_set(PLANNER, interval__max_wait=5.0)
-    stamps = [s for s in map(stamp_of, heard["people"]) if s >= start]
+    stamps = [s for s in map(stamp_of, heard["tracked_people"]) if s >= start]
     for topic, got in heard.items():
         by_stamp = run.heard[topic] = {}
 
@@ -202,7 +202,7 @@ def _warm_up(run: Run, recording: Recording, heard: dict[str, list[Any]]) -> Non
         run.warm_ups += 1
         for _ in range(20 * run.warm_ups):  # 0.4 s, and longer on a machine that needs it
             run.peer.spin(0.02)
-            full = [m for m in heard["people"] if len(m.scans) == len(ROBOTS)]
+            full = [m for m in heard["tracked_people"] if len(m.scans) == len(ROBOTS)]
             if full and stamp_of(full[-1]) == now:
                 break
         lists = [full, *heard.values(), *run.points.values(), *run.poses.values()]
@@ -381,7 +381,7 @@ def test_people_can_be_computed_from_the_poses_in_the_message(run: Run) -> None:
 
 
 def test_the_other_topics_agree_with_people(run: Run) -> None:
-    for stamp_ns, message in run.heard["people"].items():
+    for stamp_ns, message in run.heard["tracked_people"].items():
         places = [_xy(person.pose.pose.position) for person in message.persons]
         poses = run.heard["people_poses"][stamp_ns]
         assert poses.header == message.header
@@ -399,7 +399,7 @@ def test_the_other_topics_agree_with_people(run: Run) -> None:
 
 
 def test_short_term_map_holds_every_cell_once(run: Run) -> None:
-    for stamp_ns, message in run.heard["people"].items():
+    for stamp_ns, message in run.heard["tracked_people"].items():
         cloud = run.heard["short_term_map"][stamp_ns]
         assert cloud.header == message.header
         cells = records_of(cloud, MAP_DTYPE)
@@ -434,7 +434,7 @@ def test_short_term_map_holds_every_cell_once(run: Run) -> None:
 
 
 def test_markers_show_people_centre_and_robots(run: Run) -> None:
-    for stamp_ns, message in run.heard["people"].items():
+    for stamp_ns, message in run.heard["tracked_people"].items():
         markers = run.heard["markers"][stamp_ns].markers
         assert markers[0].action == Marker.DELETEALL
         assert all(marker.header == message.header for marker in markers)

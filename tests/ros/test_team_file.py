@@ -191,7 +191,10 @@ def test_demo_refuses_a_domain_with_another_planner(tmp_path, environment):
     assert done.returncode == 1
     assert f"in ROS domain {environment['ROS_DOMAIN_ID']}, as ROS_DOMAIN_ID says" in done.stdout
     assert "starting" not in done.stdout  # before our nodes speak in a live team's domain
-    wanted = "/people has 1 other publisher: /planner_node. End the others, or unset ROS_DOMAIN_ID"
+    wanted = (
+        "/tracked_people has 1 other publisher: /planner_node. End the others, or unset "
+        "ROS_DOMAIN_ID"
+    )
     assert wanted in done.stderr
     assert not list(tmp_path.iterdir())
 

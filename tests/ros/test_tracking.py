@@ -64,7 +64,7 @@ def walk(team: Team, peer: Peer, events: list[String], drawn: list[MarkerArray])
     made = Walk(peer, PlannerPeer(peer, process))
     peer.until_active(made.planner.node)
     # It must hear of nothing before it is heard: what it says depends on all that it was told.
-    topics = ("/people", "/events", "/markers")
+    topics = ("/tracked_people", "/events", "/markers")
     peer.until(lambda: all(map(peer.node.count_publishers, topics)), f"nobody publishes {topics}")
     # And the first scan must arrive: it does when poses do, for `points` was announced before.
     for robot in made.robots:

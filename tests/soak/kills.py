@@ -106,7 +106,7 @@ class Watched:
             node.create_subscription(
                 PointCloud2, f"/{robot}/points", self._hearer(robot), qos_profile_sensor_data
             )
-        node.create_subscription(People, "people", self._on_people, 100)
+        node.create_subscription(People, "tracked_people", self._on_people, 100)
 
     def _hearer(self, robot: str) -> Any:
         return lambda _: self.scans[robot].append(time.monotonic())

@@ -188,7 +188,7 @@ def run(
         log.open("w+") as out,
         RunningTeam(processes, log=out) as running,
     ):
-        node.create_subscription(People, "people", load.on_people, 100)
+        node.create_subscription(People, "tracked_people", load.on_people, 100)
         node.create_subscription(DiagnosticArray, "/diagnostics", load.on_diagnostics, 100)
         feeder = Feeder(node, recorded, hz, pose_hz, load.on_frame)
         _until_all_listen(node, feeder, running, log)
@@ -238,7 +238,7 @@ def _until_all_listen(node: Any, feeder: Feeder, running: RunningTeam, log: Path
         deaf = [t for t, p in feeder.publishers.items() if not p.get_subscription_count()]
         scans = [f"/{process.namespace}/points" for process in running.processes]
         deaf += [t for t in scans if t != "//points" and not node.count_subscribers(t)]
-        if not deaf and node.count_publishers("people"):
+        if not deaf and node.count_publishers("tracked_people"):
             return
         assert not running.ended(), f"{running.ended()}\n{log.read_text()}"
         assert time.monotonic() < end, f"nobody listens to {deaf}\n{log.read_text()}"

@@ -109,6 +109,7 @@ class Bag:
         velocities: Sequence[tuple[float, float]] | None = None,
         coasting: Sequence[int] = (),
         stragglers: Sequence[int] = (),
+        topic: str = "/tracked_people",
     ) -> None:
         """People; `coasting` names ids, `stragglers` those of each group."""
         numbers = ids or [0] * len(people)
@@ -145,7 +146,7 @@ class Bag:
         ]
         header = self.header(ms, "map")
         self.write(
-            "/people",
+            topic,
             ms,
             self.make(
                 "mrs_people_msgs/msg/People",

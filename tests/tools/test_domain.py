@@ -73,14 +73,17 @@ def test_other_publishers_are_named():
     def publisher(namespace: str, name: str) -> Any:
         return SimpleNamespace(node_namespace=namespace, node_name=name)
 
-    heard = {"/clock": [publisher("/", "play")], "/people": [publisher("/", "planner_node")]}
+    heard = {
+        "/clock": [publisher("/", "play")],
+        "/tracked_people": [publisher("/", "planner_node")],
+    }
     node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda topic: heard.get(topic, []))
-    own = {"/people": "/planner_node", "/clock": "/play", "/robot_a/points": ""}
+    own = {"/tracked_people": "/planner_node", "/clock": "/play", "/robot_a/points": ""}
     domain.refuse_other_publishers(node, own)
-    heard["/people"].append(publisher("/site", "planner_node"))
-    message = r"/people has 1 other publisher: /site/planner_node\. End the others"
+    heard["/tracked_people"].append(publisher("/site", "planner_node"))
+    message = r"/tracked_people has 1 other publisher: /site/planner_node\. End the others"
     with pytest.raises(PeopleLocError, match=message):
         domain.refuse_other_publishers(node, own)
-    message = "/people has 2 other publishers: /planner_node, /site/planner_node"
+    message = "/tracked_people has 2 other publishers: /planner_node, /site/planner_node"
     with pytest.raises(PeopleLocError, match=message):
-        domain.refuse_other_publishers(node, {**own, "/people": ""})
+        domain.refuse_other_publishers(node, {**own, "/tracked_people": ""})

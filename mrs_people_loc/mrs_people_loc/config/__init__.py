@@ -31,6 +31,7 @@ from mrs_people_loc.config.parameters import (
     Value,
 )
 from mrs_people_loc.config.planner import (
+    PEOPLE_TOPICS,
     Clustering,
     Groups,
     Human,
@@ -60,6 +61,7 @@ from mrs_people_loc.config.robot import (
 __all__ = [
     "GUIDE_NODE",
     "NODE_PARAMETERS",
+    "PEOPLE_TOPICS",
     "PLANNER_NODE",
     "ROBOT_NODE",
     "Base",

@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from mrs_people_loc.config.parameters import Section, check_robots, field
+from mrs_people_loc.config.planner import PEOPLE_TOPICS
 from mrs_people_loc.errors import ConfigError
 
 
@@ -130,6 +131,11 @@ class GuideConfig(Section):
         (), "names of the robots whose head looks back over base_link"
     )
     map_frame: str = field("map", "the common frame", live=False)
+    people_topic: str = field(
+        PEOPLE_TOPICS[0], "name of the topic with the planner's people: as the planner's "
+        "people_topic",
+        choices=PEOPLE_TOPICS, live=False,
+    )  # fmt: skip
     drive: str = field(
         "cmd_vel", "how robots are driven: cmd_vel: by velocities from here; nav2: by goals for "
         "Nav2",

@@ -10,6 +10,10 @@ from mrs_people_loc.config.parameters import Section, check_robots, field
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.precision import PIXEL_SIGMA_PX
 
+#: Names that the topic of mrs_people_msgs/People may have, the default first. The second is the old
+#: one, which elsewhere belongs to people_msgs/People.
+PEOPLE_TOPICS = ("tracked_people", "people")
+
 
 @dataclass(frozen=True)
 class Interval(Section):
@@ -284,6 +288,11 @@ class PlannerConfig(Section):
         (), "names (namespaces) of the robots; empty: discovered as they appear", live=False
     )
     map_frame: str = field("map", "the common frame", live=False)
+    people_topic: str = field(
+        PEOPLE_TOPICS[0], "name of the topic with mrs_people_msgs/People: tracked_people; or "
+        "people, the old name, which leaves none for people_msgs/People",
+        choices=PEOPLE_TOPICS, live=False,
+    )  # fmt: skip
     interval: Interval = dataclasses.field(default_factory=Interval)
     masking: Masking = dataclasses.field(default_factory=Masking)
     joining: Joining = dataclasses.field(default_factory=Joining)

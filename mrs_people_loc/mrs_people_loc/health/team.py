@@ -1,4 +1,4 @@
-"""Findings of the planner: about `people`, the intervals, and each robot as it is received."""
+"""Findings of the planner: on `tracked_people`, the intervals, and each robot as received."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def of_people(topic: str, publishers: Sequence[str]) -> Finding:
     """Whether this planner is the only one.
 
     Args:
-        topic: Full name of `people`.
+        topic: Full name of `tracked_people`.
         publishers: Full names of the nodes that publish it; a single one may be left out.
     """
     if len(publishers) < 2:

@@ -151,7 +151,7 @@ MAX_IDS = 20_000
 
 
 def has_people(bag: BagReader) -> bool:
-    """Whether a planner's `people` are in a bag."""
+    """Whether a planner's people are in a bag."""
     return any(topic.type == PEOPLE_TYPE and topic.count for topic in bag.topics.values())
 
 

@@ -270,7 +270,7 @@ class Heard:
     )
 
     def on_people(self, message: Any) -> None:
-        """Takes a message on `people`."""
+        """Takes a message on `tracked_people`."""
         now_ns = time.time_ns()
         stamps = [stamp_ns_of(scan.stamp) for scan in message.scans]
         self.intervals += 1
@@ -322,19 +322,20 @@ def measure_live(
     recorded = read_recorded(bag, team)
     sizes = sizes_on_the_wire(bag, files)
     use_shipped_profile()
-    with _listening() as (node, spinning, listener):
+    topic = f"/{team.planner.people_topic}"
+    with _listening(topic) as (node, spinning, listener):
         feeder = Feeder(node, recorded, frame_hz, pose_hz)
         own = dict.fromkeys(feeder.publishers, node.get_fully_qualified_name())
         wait_for_discovery(node)
-        refuse_other_publishers(node, {"/people": "", **own})
+        refuse_other_publishers(node, {topic: "", **own})
         with (
             tempfile.TemporaryFile("w+") as log,
             RunningTeam(team_processes(files), log=log) as running,
         ):
             on_step("starting " + ", ".join(n.label for n in running.processes))
             spinning.start()
-            _wait_until_ready(node, running, feeder, log)
-            refuse_other_publishers(node, {"/people": f"/{PLANNER_NODE}", **own})
+            _wait_until_ready(node, topic, running, feeder, log)
+            refuse_other_publishers(node, {topic: f"/{PLANNER_NODE}", **own})
             measured = _measure(running, feeder, listener, seconds, on_step)
             _check_alive("while it was measured", running, log)
     return _figures(recorded, sizes, measured)
@@ -348,8 +349,11 @@ class _Listener:
 
 
 @contextmanager
-def _listening() -> Iterator[tuple[Any, threading.Thread, _Listener]]:
+def _listening(topic: str) -> Iterator[tuple[Any, threading.Thread, _Listener]]:
     """A ROS node that hears the team.
+
+    Args:
+        topic: The planner's mrs_people_msgs/People.
 
     Yields:
         The node, the thread that spins it once it is started, and what takes the messages.
@@ -366,7 +370,7 @@ def _listening() -> Iterator[tuple[Any, threading.Thread, _Listener]]:
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     listener = _Listener()
-    node.create_subscription(People, "people", lambda m: listener.heard.on_people(m), 10)
+    node.create_subscription(People, topic, lambda m: listener.heard.on_people(m), 10)
     node.create_subscription(
         DiagnosticArray, "/diagnostics", lambda m: listener.heard.on_diagnostics(m), 10
     )
@@ -435,7 +439,9 @@ def _check_alive(when: str, running: RunningTeam, log: Any) -> None:
         raise PeopleLocError(f"ended {when}: {names}\n{log.read()}")
 
 
-def _wait_until_ready(node: Any, running: RunningTeam, feeder: Feeder, log: Any) -> None:
+def _wait_until_ready(
+    node: Any, topic: str, running: RunningTeam, feeder: Feeder, log: Any
+) -> None:
     """Until every process listens to what it should."""
     deadline = time.monotonic() + _START_S
     robots = [n.namespace for n in running.processes if n.namespace]
@@ -443,10 +449,10 @@ def _wait_until_ready(node: Any, running: RunningTeam, feeder: Feeder, log: Any)
         _check_alive("at the start", running, log)
         deaf = [t for t, p in feeder.publishers.items() if not p.get_subscription_count()]
         deaf += [f"/{r}/points" for r in robots if not node.count_subscribers(f"/{r}/points")]
-        if not deaf and node.count_publishers("people"):
+        if not deaf and node.count_publishers(topic):
             return
         if time.monotonic() > deadline:
-            what = ", ".join(deaf) or "people"
+            what = ", ".join(deaf) or topic
             raise PeopleLocError(f"not ready after {_START_S:.0f} s: {what}")
         time.sleep(0.1)
 

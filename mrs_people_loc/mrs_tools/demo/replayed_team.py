@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, load_team
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.network import use_shipped_profile
@@ -44,14 +44,15 @@ class Listener:
 
     Args:
         node: The ROS node to listen with.
+        topic: The planner's mrs_people_msgs/People.
 
     Attributes:
-        people: The `people` messages.
+        people: The messages on `topic`.
         events: The `events`, with the ROS time at which they came [ns].
         maps: The `short_term_map` messages, by stamp [ns].
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, topic: str) -> None:
         from mrs_people_msgs.msg import People
         from sensor_msgs.msg import PointCloud2
         from std_msgs.msg import String
@@ -60,7 +61,7 @@ class Listener:
         self.people: list[Any] = []
         self.events: list[tuple[int, str]] = []
         self.maps: dict[int, Any] = {}
-        node.create_subscription(People, "people", self.people.append, 100)
+        node.create_subscription(People, topic, self.people.append, 100)
         node.create_subscription(String, "events", self._on_event, 100)
         node.create_subscription(PointCloud2, "short_term_map", self._on_map, 100)
 
@@ -88,21 +89,23 @@ def run_team(bag: Path, files: list[Path], rate: float, console: Console) -> Lis
     from rich.live import Live
 
     nodes = team_processes(files, sim_time=True)
+    topic = f"/{load_team(*files).planner.people_topic}"
     with _listening() as (node, executor):
-        listener, live = Listener(node), LivePeople(node)
+        listener, live = Listener(node, topic), LivePeople(node)
         with (
             tempfile.TemporaryFile("w+") as log,
             stop_on_signals() as stop,
             Replayer(bag, rate=rate, clock=True) as player,
             ExitStack() as stack,
         ):
-            domain = _Domain(node, player, [n.namespace for n in nodes if n.namespace])
+            robots = [n.namespace for n in nodes if n.namespace]
+            domain = _Domain(node, player, robots, topic)
             # Before four nodes begin to publish in a domain that others use.
             wait_for_discovery(node)
             domain.refuse_other_publishers(started=False)
             team = stack.enter_context(RunningTeam(nodes, log=log))
             console.print(f"starting {', '.join(n.label for n in nodes)} ...")
-            _wait_for_team(node, team, log, stop)
+            _wait_for_team(node, topic, team, log, stop)
             player.wait_for_subscribers(stop=stop)
             domain.refuse_other_publishers()
             console.print(f"replaying {bag}")
@@ -172,12 +175,13 @@ class _Domain:
         node: The node that looks.
         player: The replay of the bag.
         robots: Namespaces of the robots.
+        topic: The planner's mrs_people_msgs/People.
     """
 
-    def __init__(self, node: Node, player: Replayer, robots: Sequence[str]) -> None:
+    def __init__(self, node: Node, player: Replayer, robots: Sequence[str], topic: str) -> None:
         self._node, self._player = node, player
         self._outputs = {f"/{robot}/points": f"/{robot}/{ROBOT_NODE}" for robot in robots}
-        self._outputs["/people"] = f"/{PLANNER_NODE}"
+        self._outputs[topic] = f"/{PLANNER_NODE}"
 
     def refuse_other_publishers(self, *, started: bool = True) -> None:
         """Makes sure that there are none.
@@ -212,7 +216,9 @@ def _refuse_publishers_of_the_bag(player: Replayer, ours: Collection[str]) -> No
         raise other_publishers_error(taken)
 
 
-def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Event) -> None:
+def _wait_for_team(
+    node: Node, topic: str, team: RunningTeam, log: Any, stop: threading.Event
+) -> None:
     """Waits until every process listens to what it should."""
     deadline = time.monotonic() + _START_S
     robots = [n.namespace for n in team.processes if n.namespace]
@@ -221,7 +227,7 @@ def _wait_for_team(node: Node, team: RunningTeam, log: Any, stop: threading.Even
             raise _ended(team, log)
         deaf = [r for r in robots if not node.count_subscribers(f"/{r}/left/camera_info")]
         unheard = [r for r in robots if not node.count_subscribers(f"/{r}/points")]
-        if not deaf and not unheard and node.count_publishers("people"):
+        if not deaf and not unheard and node.count_publishers(topic):
             return
         if time.monotonic() > deadline:
             waiting = ", ".join(sorted({*deaf, *unheard}) or ["planner"])

@@ -29,7 +29,7 @@ def print_scores(people: list[Any], truth: Truth, console: Console) -> None:
     """Prints how many people were found and followed, and how far off.
 
     Args:
-        people: The `people` messages, by stamp.
+        people: The `tracked_people` messages, by stamp.
         truth: What is true.
         console: Where to.
 

@@ -29,7 +29,7 @@ class Facts:
         has_clock: Whether somebody publishes `/clock`.
         sim_time: By node, whether it takes its time from `/clock`; None: it did not answer.
         states: By node, its state in the life cycle; None: it did not answer.
-        people_from: By topic of `people`, the nodes that publish it.
+        people_from: By topic of mrs_people_msgs/People, the nodes that publish it.
         shared_robots: By robot's topic `points`, the planners that listen to it.
         viewers: Every `mrs people` that runs.
         memory: Shared memory of this machine.

@@ -156,8 +156,8 @@ def evaluate_bag(
     Args:
         bag: The bag; or a `BagRun`, which may have another pipeline and planner.
         configs: Parameter files of the team, later ones win; not with a `BagRun`.
-        recorded: Score the `people` in the bag. A bag that has them and no robot's images or
-            `points` is scored so anyway.
+        recorded: Score the `tracked_people` in the bag. A bag that has them and no robot's images
+            or `points` is scored so anyway.
         beside: Whether the bag's own parameter file is read, see `BagRun`.
         use_map: Whether its `/map` masks walls and furniture, likewise.
         labels: Hand labels, which are the truth in place of the bag's; None: those that lie beside

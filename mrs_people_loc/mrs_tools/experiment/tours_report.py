@@ -37,8 +37,8 @@ def markdown(cases: Sequence[Case], reports: Sequence[_Report]) -> str:
             [_tour(name, report) for name, report in rows],
         ),
         "",
-        "Seen: found by `people` within 0.5 m; detected: without those who are only predicted. "
-        "Waited for: nobody fetched them, but the group stayed within "
+        "Seen: found by `tracked_people` within 0.5 m; detected: without those who are only "
+        "predicted. Waited for: nobody fetched them, but the group stayed within "
         f"{WAITS_M:g} m.",
         "",
         "### Robots",

@@ -8,11 +8,12 @@ from collections import Counter, deque
 from typing import TYPE_CHECKING, Any
 
 from mrs_people_loc.arrays import Float
+from mrs_people_loc.config import PEOPLE_TOPICS
 from mrs_people_loc.geometry import yaw_from_quaternion
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_loc.people import Group as PeopleGroup
 from mrs_people_loc.people import Person
-from mrs_tools.bags.estimates import read_people
+from mrs_tools.bags.estimates import PEOPLE_TYPE, read_people
 from mrs_tools.diagnosis.diagnose import causes_in
 from mrs_tools.diagnosis.facts import ERROR, LEVELS, STALE, WARN
 from mrs_tools.plain import plain
@@ -59,13 +60,15 @@ class LivePeople:
         node: The ROS node to listen with.
 
     Attributes:
-        message: The last `people` message; None before the first.
+        message: The last message of people; None before the first.
         troubles_shown: Whether it shows what nodes complain of.
     """
 
     def __init__(self, node: Node) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
         from mrs_people_msgs.msg import People
+        from rclpy.clock import Clock
+        from rclpy.clock_type import ClockType
         from std_msgs.msg import String
 
         self._node = node
@@ -77,9 +80,26 @@ class LivePeople:
         self._robots: dict[str, _Rate] = {}
         self._scans: dict[str, Any] = {}
         self._reports: dict[str, tuple[float, str, str, dict[str, str]]] = {}
-        node.create_subscription(People, "people", self._on_people, 10)
+        self._type = People
+        self._hear(PEOPLE_TOPICS[0])
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._looking = node.create_timer(1.0, self._look_for_old_name, clock=steady)
         node.create_subscription(String, "events", self._on_event, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _hear(self, topic: str) -> None:
+        self._node.create_subscription(self._type, topic, self._on_people, 10)
+
+    def _look_for_old_name(self) -> None:
+        """Subscribes to the old name, too, where a planner uses it (`people_topic`).
+
+        Not before: elsewhere people_msgs/People is on it.
+        """
+        topic = self._node.resolve_topic_name(PEOPLE_TOPICS[1])
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        if any(publisher.topic_type == PEOPLE_TYPE for publisher in publishers):
+            self._looking.cancel()
+            self._hear(topic)
 
     def _on_people(self, message: Any) -> None:
         try:

@@ -6,9 +6,9 @@ The rules, in one place:
   ends with the first of `FINISHED` or `CANCELLED` after it, or the last one. Only this time counts.
 - The end of the way is where the leader's last post was. A tour that the guide calls finished is so
   if the true median of all people is within `END_M` of it.
-- A person is seen while `people` has somebody within `SEEN_M` of them, one to one, by the rules of
-  `scoring.positions`; also those whom no robot can see have to be found. They are detected while
-  somebody is there who is not only predicted.
+- A person is seen while `tracked_people` has somebody within `SEEN_M` of them, one to one, by the
+  rules of `scoring.positions`; also those whom no robot can see have to be found. They are detected
+  while somebody is there who is not only predicted.
 - A person is lost who is not there at the end, or farther than `LOST_M` from the group's middle,
   the median of all people, or, once the guide calls the tour finished, farther than `LEFT_M` from
   the end of the way. Those whom the guide gave up are counted by themselves.
@@ -72,7 +72,7 @@ class TourRecord:
         statuses: What the guide said, by stamp.
         truth: Where the people are.
         robots: By name, true poses of the robots.
-        estimates: What `people` had.
+        estimates: What `tracked_people` had.
     """
 
     statuses: Sequence[Guidance]

@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import yaml
 
-from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE
+from mrs_people_loc.config import GUIDE_NODE, PEOPLE_TOPICS, PLANNER_NODE
 from mrs_people_loc.errors import PeopleLocError
 from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 from mrs_tools.bags.recorder import Recorder
@@ -42,7 +42,7 @@ _AFTER_S = 1.0
 _TELL_S = 10.0
 #: What a recording has, and what it has with images, too.
 _TOPICS = (
-    "/people", "/events", "/guide_status", "/map", "/diagnostics", "/team_poses",
+    "/tracked_people", "/events", "/guide_status", "/map", "/diagnostics", "/team_poses",
     "/relative_poses", "/ground_truth/*", "/*/odom", "/*/pose", "/*/cmd_vel",
 )  # fmt: skip
 _IMAGES = "/*/image_*", "/*/camera_info", "/*/sonar_*", "/*/scan"
@@ -167,7 +167,7 @@ class _Run:
         self._began_s: float | None = None
         self._told_s, self._told = 0.0, Progress()
         self._robots_in_use: set[str] = set()
-        ros.create_subscription(People, "people", self._on_people, STREAM)
+        ros.create_subscription(People, PEOPLE_TOPICS[0], self._on_people, STREAM)
         ros.create_subscription(String, "events", self._on_event, 100)
 
     def tour(self, stop: threading.Event) -> Any:

@@ -6,9 +6,10 @@ import sys
 USAGE = """
 usage: guide_node [--ros-args --params-file TEAM.yaml -p NAME:=VALUE ...]
 
-Guides a group along a tour: `people`, `map` and every robot's `pose` in, `cmd_vel` or the goals of
-Nav2 of every robot out. A tour is started by the action `guide_tour` (`mrs tour TOUR.yaml`) or by a
-path on `tour_path`. Parameters: see config/default.yaml, or `ros2 param describe`.
+Guides a group along a tour: `tracked_people`, `map` and every robot's `pose` in, `cmd_vel` or the
+goals of Nav2 of every robot out. A tour is started by the action `guide_tour` (`mrs tour
+TOUR.yaml`) or by a path on `tour_path`. Parameters: see config/default.yaml, or `ros2 param
+describe`.
 """
 
 

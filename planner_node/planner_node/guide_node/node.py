@@ -106,7 +106,7 @@ class GuideNode(ManagedNode):
         """Subscribes to people, the map, tours and the robots that are known."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(_PERIOD_S, self._tick, clock=steady)
-        self.listen(People, "people", self._on_people, STREAM)
+        self.listen(People, self.config.people_topic, self._on_people, STREAM)
         self.listen(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
         self.listen(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
         for robot in self.config.robots:
@@ -114,7 +114,7 @@ class GuideNode(ManagedNode):
 
     def waits_for(self) -> str:
         """What a tour needs."""
-        return f"{self.resolve_topic_name('people')}, and a tour"
+        return f"{self.resolve_topic_name(self.config.people_topic)}, and a tour"
 
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
@@ -272,7 +272,7 @@ class GuideNode(ManagedNode):
             TourError: There are no people or robots, or a robot cannot take part.
         """
         safety, now_ns = self.config.safety, self._time_ns()
-        people = self.resolve_topic_name("people")
+        people = self.resolve_topic_name(self.config.people_topic)
         if self._people_came_ns is None:
             raise TourError(f"nothing comes on {people}; is the planner running?")
         silent_s = (now_ns - self._people_came_ns) / 1e9

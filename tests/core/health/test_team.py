@@ -161,10 +161,13 @@ def test_unknown_figures_are_omitted():
 
 
 def test_several_planners_are_reported():
-    assert of_people("/people", []) == of_people("/people", ["/planner"]) == Finding("people")
-    two = of_people("/people", ["/b/planner", "/a/planner"])
+    topic = "/tracked_people"
+    assert of_people(topic, []) == of_people(topic, ["/planner"]) == Finding("people")
+    two = of_people(topic, ["/b/planner", "/a/planner"])
     assert (two.level, two.code) == (ERROR, Code.TWO_PUBLISHERS)
-    assert two.message.startswith("2 publishers on /people: /a/planner, /b/planner; another")
+    assert two.message.startswith(
+        "2 publishers on /tracked_people: /a/planner, /b/planner; another"
+    )
 
 
 def test_intervals():

@@ -661,7 +661,7 @@ def people():
 def check_people(path):
     with BagReader(path) as bag:
         ((topic, at, read),) = bag.decoded()
-    assert (topic, at) == ("/people", START_NS)
+    assert (topic, at) == ("/tracked_people", START_NS)
     assert read.header.frame_id == "map"
     assert [p.id for p in read.persons] == [4, 9]
     assert read.persons[1].robots == ["robot_a", "robot_c"]
@@ -675,7 +675,7 @@ def test_installed_message_types_are_known(tmp_path, monkeypatch):
     assert set(OUR_MESSAGES) <= default_typestore().fielddefs.keys()
     path = tmp_path / "people.mcap"
     with BagWriter(path) as bag:
-        bag.write("/people", START_NS, people())
+        bag.write("/tracked_people", START_NS, people())
     check_people(path)
     # the bag carries the definitions: it can be read where our messages are not installed
     monkeypatch.setenv("AMENT_PREFIX_PATH", "")

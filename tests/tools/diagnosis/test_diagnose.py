@@ -333,12 +333,12 @@ def test_robot_without_a_namespace_is_reported():
 
 
 def test_second_planner_of_any_name_is_reported():
-    (check,) = trouble(facts(people_from={"/people": ["/planner_node", "/planner_two"]}))
-    assert (check.subject, check.level) == ("/people", ERROR)
+    (check,) = trouble(facts(people_from={"/tracked_people": ["/planner_node", "/planner_two"]}))
+    assert (check.subject, check.level) == ("/tracked_people", ERROR)
     assert check.text == "2 nodes publish it: /planner_node, /planner_two"
     (said_once,) = printed(
-        planner={"people": (ERROR, "2 publishers on /people", {})},
-        people_from={"/people": ["/planner_node", "/planner_two"]},
+        planner={"people": (ERROR, "2 publishers on /tracked_people", {})},
+        people_from={"/tracked_people": ["/planner_node", "/planner_two"]},
     )
     assert said_once == check
     other = "/team/planner_node"
@@ -346,7 +346,7 @@ def test_second_planner_of_any_name_is_reported():
         facts(
             nodes=[PLANNER, ROBOT, other],
             reports={PLANNER: WELL, ROBOT: WELL, other: WELL},
-            people_from={"/people": [PLANNER], "/team/people": [other]},
+            people_from={"/tracked_people": [PLANNER], "/team/tracked_people": [other]},
             shared_robots={"/team/robot_a/points": [PLANNER, other], "/robot_b/points": [PLANNER]},
         )
     )
@@ -355,7 +355,7 @@ def test_second_planner_of_any_name_is_reported():
 
 
 def test_two_planners_of_one_name_are_reported_once():
-    names = {"/people": [PLANNER, PLANNER]}
+    names = {"/tracked_people": [PLANNER, PLANNER]}
     (check,) = trouble(facts(nodes=[PLANNER, PLANNER, ROBOT], people_from=names))
     assert check.text == "2 nodes have this name"
 
@@ -379,8 +379,9 @@ def test_mixed_use_sim_time_is_an_error():
 
 
 def test_incompatible_endpoints_are_an_error():
-    (check,) = trouble(facts(mismatches=[("/people", "a publishes it and b subscribes: X, Y")]))
-    assert (check.subject, check.level) == ("/people", ERROR)
+    what = "a publishes it and b subscribes: X, Y"
+    (check,) = trouble(facts(mismatches=[("/tracked_people", what)]))
+    assert (check.subject, check.level) == ("/tracked_people", ERROR)
 
 
 def test_figures_of_robots_are_listed():

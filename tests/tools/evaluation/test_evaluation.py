@@ -147,7 +147,7 @@ def test_more_recorded_people_than_are_scored_are_refused(make_bag):
     crowd = make_bag(lambda bag: bag.people(0, *[(0, n) for n in range(1001)]))
     with (
         BagReader(crowd) as bag,
-        pytest.raises(BagError, match="/people: has 1001 people; allowed: 1000"),
+        pytest.raises(BagError, match="/tracked_people: has 1001 people; allowed: 1000"),
     ):
         read_recorded(bag)
 
@@ -162,7 +162,7 @@ def test_more_ids_than_are_scored_are_refused(make_bag, monkeypatch):
 
     with (
         BagReader(make_bag(fill)) as bag,
-        pytest.raises(BagError, match="/people has 6 ids; allowed: 5"),
+        pytest.raises(BagError, match="/tracked_people has 6 ids; allowed: 5"),
     ):
         read_recorded(bag)
 
@@ -237,14 +237,17 @@ def test_recorded_is_refused_where_there_is_nothing_recorded():
 
 
 @pytest.mark.usefixtures("our_messages")
-def test_identities_are_read_from_recorded_people(make_bag):
+@pytest.mark.parametrize("topic", ["/tracked_people", "/people"], ids=["today", "old name"])
+def test_identities_are_read_from_recorded_people(make_bag, topic):
     def fill(bag: Bag) -> None:
-        bag.people(0, (1, 2), (3, 4), ids=(7, 9), velocities=((0.5, -1), NOBODY), coasting=(9,))
-        bag.people(100, (1, 2))
-        bag.people(200)
+        ids, velocities = (7, 9), ((0.5, -1), NOBODY)
+        bag.people(0, (1, 2), (3, 4), ids=ids, velocities=velocities, coasting=(9,), topic=topic)
+        bag.people(100, (1, 2), topic=topic)
+        bag.people(200, topic=topic)
 
     with BagReader(make_bag(fill)) as bag:
-        _, (tracked, found, empty) = read_recorded(bag)
+        name, (tracked, found, empty) = read_recorded(bag)
+    assert name == topic
     assert tracked.ids.tolist() == [7, 9]
     np.testing.assert_array_equal(tracked.velocities, [(0.5, -1), NOBODY])
     assert tracked.coasting.tolist() == [False, True]
@@ -376,7 +379,10 @@ def tracked_truth(bag: Bag) -> None:
 @pytest.mark.usefixtures("our_messages")
 def test_recorded_people_with_duplicate_ids_are_refused(make_bag):
     path = make_bag(lambda bag: bag.people(0, (1, 2), (3, 4), (5, 6), (7, 8), ids=(0, 0, 5, 5)))
-    with BagReader(path) as bag, pytest.raises(BagError, match=r"/people: .*twice: \[5, 5\]"):
+    with (
+        BagReader(path) as bag,
+        pytest.raises(BagError, match=r"/tracked_people: .*twice: \[5, 5\]"),
+    ):
         read_recorded(bag)
 
 

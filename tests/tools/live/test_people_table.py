@@ -94,16 +94,42 @@ def test_empty_message_gives_no_people():
     assert read_people(message_of()) == ((), ())
 
 
+class Ear:
+    """A node, as far as `LivePeople` needs one.
+
+    Attributes:
+        heard: By topic, what takes its messages.
+        types: By topic, the type that others publish.
+        looks: What looks at the network from time to time.
+    """
+
+    def __init__(self) -> None:
+        self.heard: dict[str, Any] = {}
+        self.types: dict[str, str] = {}
+        self.looks: list[Any] = []
+
+    def create_subscription(self, _kind: Any, topic: str, handler: Any, _depth: int) -> None:
+        self.heard[topic] = handler
+
+    def create_timer(self, _period_s: float, look: Any, clock: Any) -> Any:
+        self.looks.append(look)
+        return SimpleNamespace(cancel=self.looks.clear)
+
+    def resolve_topic_name(self, topic: str) -> str:
+        return topic
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
+        return [SimpleNamespace(topic_type=self.types[topic])] if topic in self.types else []
+
+    def get_clock(self) -> Any:
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=5 * SECOND + 20_000_000))
+
+
 @pytest.fixture
 def live() -> Any:
     """What is shown, and what it listens to, by topic."""
-    heard: dict[str, Any] = {}
-    now = SimpleNamespace(nanoseconds=5 * SECOND + 20_000_000)
-    node: Any = SimpleNamespace(
-        create_subscription=lambda kind, topic, handler, depth: heard.update({topic: handler}),
-        get_clock=lambda: SimpleNamespace(now=lambda: now),
-    )
-    return LivePeople(node), heard
+    ear: Any = Ear()
+    return LivePeople(ear), ear.heard
 
 
 def shown(live: LivePeople) -> list[list[str]]:
@@ -115,13 +141,27 @@ def shown(live: LivePeople) -> list[list[str]]:
     return [[c.strip() for c in re.split("[│┃]", line) if c.strip()] for line in lines]
 
 
+def test_old_name_is_listened_to_only_while_a_planner_publishes_there():
+    ear: Any = Ear()
+    live = LivePeople(ear)
+    for kind in (None, "people_msgs/msg/People"):
+        ear.types |= {"people": kind} if kind else {}
+        ear.looks[0]()
+        assert "people" not in ear.heard
+    ear.types["people"] = "mrs_people_msgs/msg/People"
+    ear.looks[0]()
+    assert not ear.looks
+    ear.heard["people"](message_of(WALKS))
+    assert shown(live)[0] == ["1 people, - Hz"]
+
+
 def test_people_and_groups_are_shown(live):
     table, heard = live
     assert shown(table) == [
         ["waiting for people ... (is the planner running?)"],
         ["health: unknown (no node reports on /diagnostics)"],
     ]
-    heard["people"](message_of(WALKS, COASTS, groups=(GROUP,)))
+    heard["tracked_people"](message_of(WALKS, COASTS, groups=(GROUP,)))
     rows = shown(table)
     assert ["3", "1.25", "-2.50", "1.00", "1.75", "12", "robot_a, robot_b"] in rows
     assert ["8", "4.00", "0.50", "-", "1.50", "1", "nobody (coasting)"] in rows
@@ -132,7 +172,7 @@ def test_people_and_groups_are_shown(live):
 def test_untracked_people_have_no_id(live):
     table, heard = live
     nobody = Person(np.zeros(2), np.eye(2), 1.7, 0.1, ("robot_a",), 0)
-    heard["people"](message_of(nobody, nobody))
+    heard["tracked_people"](message_of(nobody, nobody))
     rows = shown(table)
     for number in ("(1)", "(2)"):
         assert [number, "0.00", "0.00", "-", "1.70", "0", "robot_a"] in rows
@@ -140,7 +180,7 @@ def test_untracked_people_have_no_id(live):
 
 def test_latest_events_are_shown(live):
     table, heard = live
-    heard["people"](message_of(WALKS))
+    heard["tracked_people"](message_of(WALKS))
     for number in range(7):
         heard["events"](SimpleNamespace(data=f"person {number} joins group 1"))
     printed = [row[0] for row in shown(table) if row and "joins" in row[0]]
@@ -161,7 +201,7 @@ def report(*entries: tuple[int, str, str]) -> Any:
 def test_health_is_summarized(live):
     """The summary and the worst findings; ended ones are omitted."""
     table, heard = live
-    heard["people"](message_of(WALKS))
+    heard["tracked_people"](message_of(WALKS))
     assert ["health: unknown (no node reports on /diagnostics)"] in shown(table)
     fine = [(0, "/robot_a/robot_node: scan", "ok"), (0, "/planner_node: intervals", "ok")]
     heard["/diagnostics"](report(*fine))
@@ -184,7 +224,7 @@ def test_health_is_summarized(live):
 
 def test_foreign_texts_are_escaped(live):
     table, heard = live
-    heard["people"](message_of(dataclasses.replace(WALKS, robots=("a\x1b[2J[/b]",))))
+    heard["tracked_people"](message_of(dataclasses.replace(WALKS, robots=("a\x1b[2J[/b]",))))
     heard["events"](SimpleNamespace(data="\x1b]0;title\x07person 1 [/b]\nsecond"))
     heard["/diagnostics"](report((2, "/x\x1b[31m: [/b]", "\x9bA [/] \u202e")))
     reported = "\n".join(cell for row in shown(table) for cell in row)
@@ -216,7 +256,7 @@ def test_names_are_not_interpreted_as_markup(live):
     table, heard = live
     message = message_of(dataclasses.replace(WALKS, robots=("robot_a[/b]", "[red]b")))
     message.scans[0].robot = "[/]"
-    heard["people"](message)
+    heard["tracked_people"](message)
     rows = shown(table)
     assert any("robot_a[/b], [red]b" in row for row in rows)
     assert any(row[:1] == ["[/]"] for row in rows)
@@ -224,10 +264,10 @@ def test_names_are_not_interpreted_as_markup(live):
 
 def test_inconsistent_message_is_refused_and_the_last_one_kept(live):
     table, heard = live
-    heard["people"](message_of(WALKS))
+    heard["tracked_people"](message_of(WALKS))
     other = message_of(COASTS, groups=(GROUP,))
     other.groups[0].straggling_for.pop()
-    heard["people"](other)
+    heard["tracked_people"](other)
     rows = shown(table)
     assert any(row[:1] == ["3"] for row in rows)
     assert not any(row[:1] == ["8"] for row in rows)
@@ -237,7 +277,7 @@ def test_inconsistent_message_is_refused_and_the_last_one_kept(live):
 
 def test_consequences_of_a_finding_are_counted_with_it(live):
     table, heard = live
-    heard["people"](message_of(WALKS))
+    heard["tracked_people"](message_of(WALKS))
     message = report(
         (2, "/planner_node: robot_a/points", "no data on /robot_a/points for 9 s"),
         (3, "/robot_a/robot_node: scan", "no scan yet"),
