@@ -49,8 +49,6 @@ def command(
 
     The page has the map with people, groups and robots, and on demand the robots' images. Nothing
     is loaded from the internet.
-
-    Example: mrs view --host 0.0.0.0 --control --tour museum.yaml
     """
     import asyncio
 
