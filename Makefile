@@ -60,7 +60,7 @@ $(VENV)/.messages: $(VENV)/.wheels $(shell find msgs) setup/messages.sh setup/wh
 	@touch $@
 
 # An editable install links to the Python code but copies the files of share/ and lib/.
-COPIED := $(shell find config scenes bags */launch */resource */scripts */package.xml -not -name '__pycache__*')
+COPIED := $(shell find $(addprefix mrs_people_loc/,config scenes bags) */launch */resource */scripts */package.xml -not -name '__pycache__*')
 $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 	@$(STEP) $(VENV)/log/project.log "Installing this project" \
 	    $(PIP) install --no-deps --no-build-isolation --editable .

@@ -8,7 +8,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 #: Those of the repository; users may keep bags of their own beside them.
-BAGS = re.findall(r"^(\w+):$", Path("../bags/manifest.yaml").read_text(), re.MULTILINE)
+BAGS = re.findall(r"^(\w+):$", Path("bags/manifest.yaml").read_text(), re.MULTILINE)
 
 
 def files(pattern: str) -> list[str]:
@@ -19,18 +19,21 @@ setup(
     name="mrs_people_loc",
     version="0.1.0",
     packages=find_packages(),
-    package_data={"mrs_people_loc.bodies": ["*.json", "*.npy", "*.onnx"]},
+    package_data={
+        "mrs_people_loc.bodies": ["*.json", "*.npy", "*.onnx"],
+        "mrs_tools.view": ["page/*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
-        ("share/mrs_people_loc", ["package.xml", "../NOTICE"]),
-        ("share/mrs_people_loc/config", glob("../config/*.yaml") + glob("../config/*.rviz")),
-        ("share/mrs_people_loc/config/fastdds", glob("../config/fastdds/*.xml")),
-        ("share/mrs_people_loc/config/nav2", glob("../config/nav2/*")),
-        ("share/mrs_people_loc/config/sros2", glob("../config/sros2/*.xml")),
+        ("share/mrs_people_loc", ["package.xml", "LICENSE", "NOTICE"]),
+        ("share/mrs_people_loc/config", glob("config/*.yaml") + glob("config/*.rviz")),
+        ("share/mrs_people_loc/config/fastdds", glob("config/fastdds/*.xml")),
+        ("share/mrs_people_loc/config/nav2", glob("config/nav2/*")),
+        ("share/mrs_people_loc/config/sros2", glob("config/sros2/*.xml")),
         # What `mrs demo`, `bench`, `experiment` and `suite` take unless they are told otherwise.
-        ("share/mrs_people_loc/scenes", glob("../scenes/*")),
-        ("share/mrs_people_loc/bags", ["../bags/manifest.yaml", "../bags/walking_group.yaml"]),
-        *((f"share/mrs_people_loc/bags/{bag}", files(f"../bags/{bag}/*")) for bag in BAGS),
+        ("share/mrs_people_loc/scenes", glob("scenes/*")),
+        ("share/mrs_people_loc/bags", ["bags/manifest.yaml", "bags/walking_group.yaml"]),
+        *((f"share/mrs_people_loc/bags/{bag}", files(f"bags/{bag}/*")) for bag in BAGS),
     ],
     entry_points={"console_scripts": ["mrs = mrs_tools.cli:main"]},
     license="Apache-2.0",

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = (".", "docs", "recordings", "scenes")
+FOLDERS = (".", "docs", "recordings", "mrs_people_loc/scenes")
 PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 LINK = re.compile(r"\[[^][]*\]\(([^()\s]+)\)")
 FILE = re.compile(
-    r"`(?:pytest )?((?:bags|config|docs|mrs_people_loc|msgs|requirements|scenes|setup|tests)/"
+    r"`(?:pytest )?((?:bags|config|scenes|docs|mrs_people_loc|msgs|requirements|setup|tests)/"
     r"[\w./-]+\.(?:json|msg|py|rviz|sh|txt|xml|yaml))`"
 )
 CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.DOTALL | re.MULTILINE)

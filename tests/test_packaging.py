@@ -58,8 +58,8 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
             yield package, f"launch/{path.name}", path
     copied = ("config/*.yaml", "config/*.rviz", "config/*/*.xml", "config/*/*.yaml")
     for pattern in (*copied, "scenes/*", "bags/*.yaml", "bags/*/*"):
-        for path in sorted(ROOT.glob(pattern)):
-            yield "mrs_people_loc", str(path.relative_to(ROOT)), path
+        for path in sorted(ROOT.glob(f"mrs_people_loc/{pattern}")):
+            yield "mrs_people_loc", str(path.relative_to(ROOT / "mrs_people_loc")), path
 
 
 def python_files() -> Iterator[tuple[str, Path]]:

@@ -78,6 +78,10 @@ COMMANDS = {
         "Let a team find each other without multicast.",
     ),
     "people": ("mrs_tools.commands.people:command", "Show a running team live in the terminal."),
+    "view": (
+        "mrs_tools.commands.view:command",
+        "Show a running team in the browser.",
+    ),
     "doctor": (
         "mrs_tools.commands.doctor:command",
         "Say what is wrong with a running team, and what to do.",

@@ -18,6 +18,7 @@ _EXTRAS = {
     **dict.fromkeys(["typer", "rosbags", "lz4", "backports", "rich"], "[tools]"),
     **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
     "pypcd4": "[convert]",
+    "aiohttp": "[view]",
     **dict.fromkeys(["embreex", "trimesh", "collada"], "[sim]"),
     **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),
     **dict.fromkeys(["diagnostic_msgs", "stereo_msgs", "visualization_msgs"], "[ros]"),
@@ -31,13 +32,14 @@ _UBUNTU = {
     "rich": "python3-rich",
     "matplotlib": "python3-matplotlib",
     "PIL": "python3-pil",
+    "aiohttp": "python3-aiohttp",
 }
 
 
 def default_file(*parts: str) -> Path:
     """A file that comes with the project: of the source tree, or installed into `share/`.
 
-    Of the source tree below this folder, or of that which this package was installed from.
+    Of the source tree in the current folder, or of that which this package was installed from.
 
     Raises:
         ConfigError: It is nowhere.
@@ -47,7 +49,7 @@ def default_file(*parts: str) -> Path:
         from ament_index_python.packages import get_package_share_directory
 
         shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
-    for root in (Path.cwd(), Path(__file__).resolve().parents[2], *shares):
+    for root in (Path("mrs_people_loc").absolute(), Path(__file__).resolve().parents[1], *shares):
         if root.joinpath(*parts).exists():
             return root.joinpath(*parts)
     raise ConfigError(

@@ -18,7 +18,7 @@ from mrs_people_loc.scan import Cells
 from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
 
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
+PAPER = Path(__file__).resolve().parents[2] / "mrs_people_loc" / "config" / "paper.yaml"
 
 # The same examples in every run: a failure is that of the change, and can be repeated.
 settings.register_profile("core", deadline=None, derandomize=True, database=None)

@@ -74,7 +74,7 @@ class View:
 
 def views(bag: Path, *configs: str | Path) -> Iterator[View]:
     """Every stereo pair of a bag through the pipeline, with the robot's pose at its stamp."""
-    team = load_team(*(ROOT / "config" / config for config in configs))
+    team = load_team(*(ROOT / "mrs_people_loc" / "config" / config for config in configs))
     robot = team.robots[ROBOT]
     image = "image_rect" if robot.images.rectified else "image_raw"
     models, images, poses = {}, {}, {}
@@ -290,7 +290,7 @@ def test_five_people_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Pat
         "/**/robot_node: {ros__parameters: {mounting: {height: 1.259, pitch: 0.0738}}}\n"
         "/**/planner_node: {ros__parameters: {robots: [robot_a], splitting: {max_width: 0.75}}}\n"
     )
-    for view in views(five_bag, ROOT / "config" / "paper.yaml", changes):
+    for view in views(five_bag, ROOT / "mrs_people_loc" / "config" / "paper.yaml", changes):
         positions = np.array([person.position for person in view.people.persons])
         rows, _, away = match(positions, torsos_in_map(), distance=0.35)
         assert len(rows) == len(positions) == 5

@@ -213,7 +213,10 @@ class Bag:
     ROBOTS = ("robot_a", "robot_b", "robot_c")
 
     def __init__(self, infos, file: str) -> None:
-        path, top = ROOT / "config" / file, ROOT / "config" / "team.yaml"
+        path, top = (
+            ROOT / "mrs_people_loc" / "config" / file,
+            ROOT / "mrs_people_loc" / "config" / "team.yaml",
+        )
         self.team = load_team(path, top, robots=self.ROBOTS)
         self.prepare: dict[str, dict[str, ImagePreparer]] = {}
         self.pairers: dict[str, Pairer] = {}
@@ -274,7 +277,7 @@ def bag(request) -> Bag:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    with Reader(ROOT / "bags" / "paper_formation") as reader:
+    with Reader(ROOT / "mrs_people_loc" / "bags" / "paper_formation") as reader:
         recorded = [
             (connection.topic, now_ns, store.deserialize_cdr(data, connection.msgtype))
             for connection, now_ns, data in reader.messages()

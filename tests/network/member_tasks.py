@@ -22,8 +22,8 @@ from typing import Any
 CONTEXT = ssl.create_default_context()
 CONTEXT.check_hostname, CONTEXT.verify_mode = False, ssl.CERT_NONE
 ROOT = Path(__file__).resolve().parents[2]
-BAG = ROOT / "bags" / "paper_formation"
-TEAM = ROOT / "config" / "team.yaml"
+BAG = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
+TEAM = ROOT / "mrs_people_loc" / "config" / "team.yaml"
 
 
 def say(**what: object) -> None:

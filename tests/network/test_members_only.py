@@ -31,7 +31,7 @@ from network import hosts as network
 from network.hosts import Hosts
 
 TASKS = Path(__file__).with_name("member_tasks.py")
-CONFIG = Path(__file__).resolve().parents[2] / "config"
+CONFIG = Path(__file__).resolve().parents[2] / "mrs_people_loc" / "config"
 #: The paper's method takes little of the processor, which this machine has to share.
 TEAM, PAPER = CONFIG / "team.yaml", CONFIG / "paper.yaml"
 #: What is late because this machine is busy is used all the same [s].

@@ -47,7 +47,9 @@ OTHERS = {
 }
 
 
-@pytest.fixture(params=sorted(ROOT.glob("config/*.rviz")), ids=lambda path: path.name)
+@pytest.fixture(
+    params=sorted(ROOT.glob("mrs_people_loc/config/*.rviz")), ids=lambda path: path.name
+)
 def config(request: pytest.FixtureRequest) -> Any:
     return yaml.safe_load(request.param.read_text())
 

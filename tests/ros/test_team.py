@@ -43,7 +43,7 @@ from ros.recording import (
 
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 PLANNER = "/planner_node"
-CONFIG = ROOT / "config"
+CONFIG = ROOT / "mrs_people_loc" / "config"
 #: With what is said for StereoBM's sake in `ros.recording`.
 REPEATABLE = Path(__file__).with_name("repeatable.yaml")
 CONFIGS = {

@@ -23,8 +23,8 @@ from mrs_tools.cli import app
 from ros.harness import own_domain
 
 ROOT = Path(__file__).parents[2]
-TEAM = ROOT / "config" / "team.yaml"
-FORMATION = ROOT / "bags" / "paper_formation"
+TEAM = ROOT / "mrs_people_loc" / "config" / "team.yaml"
+FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def test_robots_may_be_named_by_their_sections(tmp_path):
 
 def test_team_without_robots_is_refused():
     with pytest.raises(ConfigError, match=r"paper\.yaml: no robot is named; wanted: the list"):
-        team_processes([ROOT / "config" / "paper.yaml"])
+        team_processes([ROOT / "mrs_people_loc" / "config" / "paper.yaml"])
 
 
 def test_launch_files_need_no_command_line_library():

@@ -47,7 +47,7 @@ def hall(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], tuple[Path
 
     def draw(frames: int) -> tuple[Path, Path]:
         if frames not in drawn:
-            scene = load_scene(ROOT / "scenes" / "hall.yaml")
+            scene = load_scene(ROOT / "mrs_people_loc" / "scenes" / "hall.yaml")
             timing = dataclasses.replace(scene.timing, frames=frames)
             bag = tmp_path_factory.mktemp("hall") / "hall"
             simulate(dataclasses.replace(scene, timing=timing), bag, jobs=2)

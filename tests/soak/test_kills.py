@@ -24,8 +24,11 @@ from mrs_tools.bench.live import read_recorded
 from ros.harness import ROOT
 from soak.kills import Kill, Kills, Victims, driver, kill_at_random, watching
 
-BAG, TEAM = ROOT / "bags" / "paper_formation", ROOT / "config" / "team.yaml"
-PAPER = ROOT / "config" / "paper.yaml"
+BAG, TEAM = (
+    ROOT / "mrs_people_loc" / "bags" / "paper_formation",
+    ROOT / "mrs_people_loc" / "config" / "team.yaml",
+)
+PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
 #: A robot that was not killed is held up for less than this [s], at 5 frames a second; but for this
 #: share of the kills, in which the machine had no time.
 HELD_S, HELD_LONGER = 1.0, 0.01

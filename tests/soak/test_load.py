@@ -24,8 +24,8 @@ from mrs_tools.bench.live import Recorded, read_recorded
 from ros.harness import ROOT
 from soak.team import Load, run
 
-DEFAULT = ROOT / "config" / "default.yaml"
-PAPER = ROOT / "config" / "paper.yaml"
+DEFAULT = ROOT / "mrs_people_loc" / "config" / "default.yaml"
+PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
 #: Memory may settle by this [kB]; one image of 160 x 120 kept of each frame is 280 kB a second.
 SETTLES_KB = 4096
 #: A median of latency may wander by this factor, and by this [ms].

@@ -22,7 +22,7 @@ from mrs_tools.cli import app
 from shared_data import shared_data
 
 ROOT = Path(__file__).resolve().parents[2]
-FORMATION = ROOT / "bags" / "paper_formation"
+FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
 
 #: Nobody in a room with a carpet; the heads look at it from different heights.
 SCENE = """
@@ -162,7 +162,11 @@ def test_real_head_looking_down_is_calibrated(tmp_path: Path) -> None:
         "/**/robot_node: {ros__parameters: {mounting: {height: 2.0, pitch: 1.4}}}", "utf-8"
     )
     found = from_bag(tmp_path / "oak.mcap", [file], [])["robot_a"].floor()
-    known = load_team(ROOT / "config" / "oak_overhead.yaml").robots["robot_a"].mounting
+    known = (
+        load_team(ROOT / "mrs_people_loc" / "config" / "oak_overhead.yaml")
+        .robots["robot_a"]
+        .mounting
+    )
     assert found.height == pytest.approx(known.height, abs=0.06)
     assert math.degrees(_angle(found, known)) < 2.0
 

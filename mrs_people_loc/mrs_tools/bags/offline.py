@@ -1,6 +1,6 @@
 """A bag through the pipeline in this process, as fast as it goes.
 
-    run = BagRun("bags/paper_formation")
+    run = BagRun("mrs_people_loc/bags/paper_formation")
     for interval in run.intervals():
         interval.people                      # what the planner would publish
         interval.views["robot_a"].stages     # what its robots made of their images

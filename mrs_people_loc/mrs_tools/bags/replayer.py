@@ -1,6 +1,6 @@
 """Publishes the messages of a bag over ROS, in their timing.
 
-    with Replayer("bags/paper_formation", clock=True) as player:
+    with Replayer("mrs_people_loc/bags/paper_formation", clock=True) as player:
         player.wait_for_subscribers()
         player.play(on_progress=print)
 

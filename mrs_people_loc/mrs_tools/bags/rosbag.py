@@ -3,7 +3,7 @@
 A thin layer over `rosbags`: the same two classes for every tool, every failure a `BagError` that
 names the file, what is wrong and what to do.
 
-    with BagReader("bags/paper_formation") as bag:
+    with BagReader("mrs_people_loc/bags/paper_formation") as bag:
         for topic, time_ns, message in bag.decoded(["/robot_a/odom"]):
             ...
 

@@ -1,9 +1,9 @@
 """`mrs simulate`: bags of what the stereo heads of a moving team would see.
 
-    mrs simulate scenes/paper_formation.yaml OUT      one scene
+    mrs simulate mrs_people_loc/scenes/paper_formation.yaml OUT      one scene
     mrs simulate --suite train OUT_DIR                half of the published suite
     mrs simulate --walks train OUT_DIR                half of its walking groups
-    mrs simulate scenes/tour.yaml --live --rate 0.5   published over ROS
+    mrs simulate mrs_people_loc/scenes/tour.yaml --live --rate 0.5   published over ROS
 
 Beside each bag `NAME` lies `NAME.yaml`: parameters of the team (mountings, third cameras, where
 its odometry starts), for the nodes and for `mrs evaluate --config`.

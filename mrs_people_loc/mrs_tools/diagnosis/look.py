@@ -34,6 +34,13 @@ def look(node: Node, duration_s: float, spin: Callable[[], object]) -> Facts:
     """
     facts = Facts(node.context.get_domain_id(), nodes=[], memory=shared_memory.memory())
     _hear_reports(node, duration_s, spin, facts)
+    look_at_graph(node, facts)
+    ask_nodes(node, facts, spin)
+    return facts
+
+
+def look_at_graph(node: Node, facts: Facts) -> None:
+    """Adds who is there, and who publishes and subscribes."""
     names = node.get_node_names_and_namespaces()
     facts.nodes = sorted(f"{ns.rstrip('/')}/{name}" for name, ns in names if name in _KINDS)
     facts.viewers = sorted(f"{ns.rstrip('/')}/{name}" for name, ns in names if _is_viewer(name))
@@ -46,25 +53,33 @@ def look(node: Node, duration_s: float, spin: Callable[[], object]) -> Facts:
         elif topic.endswith("/points"):
             listeners = map(node_of, node.get_subscriptions_info_by_topic(topic))
             facts.shared_robots[topic] = list(filter(is_planner, listeners))
+
+
+def ask_nodes(node: Node, facts: Facts, spin: Callable[[], object]) -> None:
+    """Adds what the nodes answer, of their life cycle and their time."""
     for full in dict.fromkeys(facts.nodes):
         facts.states[full] = _state(node, full, spin)
         facts.sim_time[full] = None if facts.states[full] is None else _sim_time(node, full, spin)
-    return facts
+
+
+def take_report(facts: Facts, message: Any) -> None:
+    """Adds a diagnostic_msgs/DiagnosticArray: a node's report, which replaces that before."""
+    # A report is complete: what is no longer in it is over.
+    for full_name in {plain(one.name).partition(": ")[0] for one in message.status}:
+        facts.reports.pop(full_name, None)
+    for status in message.status:
+        full_name, _, subject = plain(status.name).partition(": ")
+        if full_name.rpartition("/")[2] in _KINDS:
+            values = {plain(entry.key): plain(entry.value) for entry in status.values}
+            entry = (LEVELS.get(bytes(status.level), ERROR), plain(status.message), values)
+            facts.reports.setdefault(full_name, {})[subject] = entry
 
 
 def _hear_reports(node: Node, duration_s: float, spin: Callable[[], object], facts: Facts) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
     def take(message: Any) -> None:
-        # A report is complete: what is no longer in it is over.
-        for full_name in {plain(one.name).partition(": ")[0] for one in message.status}:
-            facts.reports.pop(full_name, None)
-        for status in message.status:
-            full_name, _, subject = plain(status.name).partition(": ")
-            if full_name.rpartition("/")[2] in _KINDS:
-                values = {plain(entry.key): plain(entry.value) for entry in status.values}
-                entry = (LEVELS.get(bytes(status.level), ERROR), plain(status.message), values)
-                facts.reports.setdefault(full_name, {})[subject] = entry
+        take_report(facts, message)
 
     subscription = node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
     end = time.monotonic() + duration_s
@@ -107,7 +122,7 @@ def _sim_time(node: Node, full_name: str, spin: Callable[[], object]) -> bool | 
     from rcl_interfaces.srv import GetParameters
 
     request = GetParameters.Request(names=["use_sim_time"])
-    answer = _ask(node, GetParameters, f"{full_name}/get_parameters", request, spin)
+    answer = ask(node, GetParameters, f"{full_name}/get_parameters", request, spin)
     return bool(answer.values[0].bool_value) if answer is not None and answer.values else None
 
 
@@ -115,11 +130,11 @@ def _state(node: Node, full_name: str, spin: Callable[[], object]) -> str | None
     """State of a node in its life cycle."""
     from lifecycle_msgs.srv import GetState
 
-    answer = _ask(node, GetState, f"{full_name}/get_state", GetState.Request(), spin)
+    answer = ask(node, GetState, f"{full_name}/get_state", GetState.Request(), spin)
     return None if answer is None else str(answer.current_state.label)
 
 
-def _ask(node: Node, kind: Any, service: str, request: Any, spin: Callable[[], object]) -> Any:
+def ask(node: Node, kind: Any, service: str, request: Any, spin: Callable[[], object]) -> Any:
     """Answer of a service; None if none comes. The first may get lost, so it is asked twice."""
     client = node.create_client(kind, service)
     try:

@@ -3,7 +3,7 @@
 The rules of the scores are at the top of `scoring.positions`, for identities of `scoring.tracks`,
 for stragglers of `scoring.stragglers`, for guided tours of `scoring.tours`.
 
-    result = evaluate_bag("scene.mcap", ["config/default.yaml"])
+    result = evaluate_bag("scene.mcap", ["mrs_people_loc/config/default.yaml"])
     result.report()["people"]["recall"]
 """
 

@@ -17,7 +17,7 @@ from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.render_scene import simulate
 from mrs_tools.simulation.scene import Scene, read_scene
 
-#: Where the published suite is, below the repository or where the package's data was installed.
+#: Where the published suite is, in the package's folder or where its data was installed.
 _SCENES = "scenes"
 
 

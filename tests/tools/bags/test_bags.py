@@ -42,7 +42,7 @@ from mrs_tools.bags.rosbag import (
 )
 
 REPOSITORY = Path(__file__).parents[3]
-BAGS = REPOSITORY / "bags"
+BAGS = REPOSITORY / "mrs_people_loc" / "bags"
 START_NS = 1_700_000_000_000_000_000
 FOREVER = QosTime(9223372036, 854775807)
 LATCHED = Qos(

@@ -47,7 +47,7 @@ from ros.harness import own_domain  # noqa: E402
 # Of lark, which the ROS wheels load on the way.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
 
-PAPER = Path(__file__).parents[3] / "bags" / "paper_formation"
+PAPER = Path(__file__).parents[3] / "mrs_people_loc" / "bags" / "paper_formation"
 START_NS = 1_700_000_000_000_000_000
 RELIABLE = QoSProfile(depth=1000)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -41,9 +41,9 @@ from mrs_tools.common import write_json
 from oracle import comparison
 
 ROOT = Path(__file__).resolve().parents[3]
-PAPER = ROOT / "config" / "paper.yaml"
-DEFAULT = ROOT / "config" / "default.yaml"
-TEAM = ROOT / "config" / "team.yaml"
+PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
+DEFAULT = ROOT / "mrs_people_loc" / "config" / "default.yaml"
+TEAM = ROOT / "mrs_people_loc" / "config" / "team.yaml"
 #: The paper's method, and the default one; this with a cap that StereoBM repeats itself with.
 CELLS = load_team(PAPER, robots=("robot_a",)).robots["robot_a"]
 BODIES = RobotConfig.from_mapping({"disparity.pre_filter_cap": 31})
@@ -51,7 +51,7 @@ BODIES = RobotConfig.from_mapping({"disparity.pre_filter_cap": 31})
 
 @pytest.fixture(scope="session")
 def bag():
-    path = ROOT / "bags" / "paper_formation"
+    path = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
     if not path.exists():
         pytest.skip("bags/paper_formation is not here")
     return path

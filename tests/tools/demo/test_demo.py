@@ -174,9 +174,9 @@ def test_forbidden_target_is_reported(tmp_path, monkeypatch):
 def test_shipped_files_are_found_or_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert installing.default_file("bags", "walking_group").samefile(
-        ROOT / "bags" / "walking_group"
+        ROOT / "mrs_people_loc" / "bags" / "walking_group"
     )
-    monkeypatch.setattr(installing, "__file__", str(tmp_path / "a" / "b" / "installing.py"))
+    monkeypatch.setattr(installing, "__file__", str(tmp_path / "a" / "installing.py"))
     installed = installing.default_file("bags", "walking_group")
     assert installed.parts[-4:] == ("share", "mrs_people_loc", "bags", "walking_group")
     with pytest.raises(ConfigError, match=r"^bags/none is not here: run this in the folder of"):

@@ -36,8 +36,8 @@ from mrs_tools.evaluation.results import Result, as_json, evaluate_bag, names_of
 from tools.made_bag import MS, START_NS, Bag
 
 ROOT = Path(__file__).resolve().parents[3]
-PAPER = ROOT / "config" / "paper.yaml"
-FORMATION = ROOT / "bags" / "paper_formation"
+PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
+FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
 NOBODY = (math.nan, math.nan)
 #: The figures of tracks where nobody is tracked.
 NO_TRACKS = {

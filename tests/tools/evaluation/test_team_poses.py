@@ -66,7 +66,7 @@ def bag(tmp_path: Path) -> Path:
 
 
 def test_poses_are_scored_where_the_bag_has_true_ones(bag):
-    paper = Path(__file__).resolve().parents[3] / "config" / "paper.yaml"
+    paper = Path(__file__).resolve().parents[3] / "mrs_people_loc" / "config" / "paper.yaml"
     report = evaluate_bag(bag, [paper]).report()
     poses = report["poses"]
     assert poses["across_m"]["max"] == pytest.approx(0.2)

@@ -53,9 +53,9 @@ from mrs_tools.paper import PAPER_CLUSTERS, PAPER_ERROR_M, PAPER_REMOVED
 from mrs_tools.simulation.scene import load_scene, read_scene
 
 ROOT = Path(__file__).resolve().parents[3]
-PAPER = ROOT / "config" / "paper.yaml"
-DEFAULT = ROOT / "config" / "default.yaml"
-FILES = {name: ROOT / "scenes" / file for name, file in SCENES.items()}
+PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
+DEFAULT = ROOT / "mrs_people_loc" / "config" / "default.yaml"
+FILES = {name: ROOT / "mrs_people_loc" / "scenes" / file for name, file in SCENES.items()}
 XYZ = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 
 

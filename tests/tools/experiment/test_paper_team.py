@@ -21,8 +21,10 @@ from mrs_tools.bags.offline import BagRun
 from ros.harness import Peer, own_domain, ros2_command
 
 ROOT = Path(__file__).parents[3]
-PAPER, PAPER_TEAM = (ROOT / "config" / name for name in ("paper.yaml", "paper_team.yaml"))
-FORMATION = ROOT / "bags" / "paper_formation"
+PAPER, PAPER_TEAM = (
+    ROOT / "mrs_people_loc" / "config" / name for name in ("paper.yaml", "paper_team.yaml")
+)
+FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 
 

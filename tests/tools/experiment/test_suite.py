@@ -30,7 +30,7 @@ from mrs_tools.experiment.suite_steps import Row, steps
 from mrs_tools.simulation.scene import read_scene
 
 ROOT = Path(__file__).resolve().parents[3]
-PAPER = ROOT / "config" / "paper.yaml"
+PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
 
 
 def result_of(*errors: float, missed: int = 0, false: int = 0) -> Result:

@@ -27,7 +27,7 @@ from mrs_tools.figures.plots import TopView
 from tools.made_views import group_of, person, view, walk
 
 ROOT = Path(__file__).resolve().parents[3]
-FORMATION = ROOT / "bags" / "paper_formation"
+FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
 RED = np.round(255 * np.array(to_rgb(plots.AWAY))).astype(np.uint8)
 
 

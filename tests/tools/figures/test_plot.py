@@ -25,8 +25,8 @@ from mrs_tools.figures.plots import TopView, draw_kept, seen_floor
 from tools.made_bag import Bag
 
 ROOT = Path(__file__).resolve().parents[3]
-PAPER = ROOT / "config" / "paper.yaml"
-FORMATION = ROOT / "bags" / "paper_formation"
+PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
+FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
 STAGES = ["fig07_raw", "fig13_zones", "fig14_noise", "fig15_cells"]
 MAPS = ["fig16_map", "fig17_clusters", "fig18_people"]
 

@@ -356,7 +356,7 @@ def test_examples_of_a_labelled_bag_leave_out_whoever_need_not_be_found(bag: Pat
 
 
 def test_true_poses_are_required() -> None:
-    formation = ROOT / "bags" / "paper_formation"
+    formation = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
     with pytest.raises(BagError, match=r"has no /ground_truth/robot_a/pose; wanted: a bag of"):
         examples_of(formation, 0)
 

@@ -491,7 +491,7 @@ def test_mesh_that_the_list_does_not_name_is_refused(
 
 def test_command_renders_with_the_assets(tmp_path: Path) -> None:
     folder = folder_of(tmp_path / "assets")
-    scene = ROOT / "scenes" / "single_person.yaml"
+    scene = ROOT / "mrs_people_loc" / "scenes" / "single_person.yaml"
     arguments = ["simulate", str(scene), str(tmp_path / "out"), "--frames", "1", "-j", "1"]
     result = CliRunner().invoke(app, [*arguments, "--assets", str(folder)])
     assert result.exit_code == 0, result.output
@@ -499,7 +499,7 @@ def test_command_renders_with_the_assets(tmp_path: Path) -> None:
 
 
 def test_command_reports_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    scene = ROOT / "scenes" / "single_person.yaml"
+    scene = ROOT / "mrs_people_loc" / "scenes" / "single_person.yaml"
     nowhere = tmp_path / "nowhere"
     arguments = ["simulate", str(scene), str(tmp_path / "out"), "--assets", str(nowhere)]
     result = CliRunner().invoke(app, arguments)

@@ -9,7 +9,7 @@ from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.tour import check_tour
 from mrs_tools.simulation.guided import RADIUS, GuidedWorld, guided_scene
 
-SCENES = Path(__file__).parents[3] / "scenes"
+SCENES = Path(__file__).parents[3] / "mrs_people_loc" / "scenes"
 TOURS = sorted(SCENES.glob("guided_*.yaml"))
 
 

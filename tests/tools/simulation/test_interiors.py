@@ -26,7 +26,7 @@ from mrs_tools.simulation.suite_scenes import suite_scenes, variants
 from mrs_tools.simulation.textures import Atlas
 from mrs_tools.simulation.world import World
 
-SUITE = Path(__file__).resolve().parents[3] / "scenes" / "suite.yaml"
+SUITE = Path(__file__).resolve().parents[3] / "mrs_people_loc" / "scenes" / "suite.yaml"
 
 
 def piece_mesh(seed: int = 3, **piece: object) -> Mesh:

@@ -13,7 +13,7 @@ from mrs_tools.simulation.light_team import LightTeam, TeamRun, Trouble
 from mrs_tools.simulation.scene import load_scene
 from mrs_tools.simulation.tours import tour_of
 
-SCENES = Path(__file__).resolve().parents[3] / "scenes"
+SCENES = Path(__file__).resolve().parents[3] / "mrs_people_loc" / "scenes"
 
 
 def run(scene: str, trouble: Trouble = Trouble(), *, frames: int = 300, seed: int = 1) -> TeamRun:  # noqa: B008

@@ -63,7 +63,7 @@ from mrs_tools.simulation.writer import (
 )
 
 ROOT = Path(__file__).resolve().parents[3]
-SUITE = ROOT / "scenes" / "suite.yaml"
+SUITE = ROOT / "mrs_people_loc" / "scenes" / "suite.yaml"
 CLEAN = {
     "noise": 0.0, "shot_noise": 0.0, "gain_difference": 0.0, "brightness_difference": 0.0,
     "vignetting": 0.0, "blur": 0.0, "exposure": 0.0, "calibration_error": 0.0, "samples": 9,

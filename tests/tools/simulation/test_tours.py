@@ -19,7 +19,7 @@ from mrs_tools.simulation.light_sensing import (
 from mrs_tools.simulation.scene import Furniture, Room, Scene, load_scene
 from mrs_tools.simulation.tours import known_walls, tour_of, walls_of
 
-SCENES = Path(__file__).resolve().parents[3] / "scenes"
+SCENES = Path(__file__).resolve().parents[3] / "mrs_people_loc" / "scenes"
 TOURS = sorted(path.stem for path in SCENES.glob("tour_*.yaml"))
 NOBODY = np.empty((1, 0, 2))
 #: A wall along x, 2 m to the left of the origin.

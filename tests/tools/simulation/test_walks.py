@@ -31,7 +31,7 @@ from mrs_tools.simulation.walks import Boxes, Walked, walk_together, way_along
 from mrs_tools.simulation.world import World
 from mrs_tools.simulation.writer import GROUP_TOPIC, PEOPLE_TOPIC
 
-SCENES = Path(__file__).resolve().parents[3] / "scenes"
+SCENES = Path(__file__).resolve().parents[3] / "mrs_people_loc" / "scenes"
 SMALL = {"width": 80, "height_px": 60, "focal": 52.7}
 
 
@@ -507,8 +507,9 @@ def test_recorded_groups_are_part_of_the_world(tmp_path: Path) -> None:
 def test_one_half_of_the_walks_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("embreex", reason="ray casting needs embreex, the extra sim")
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "walks.yaml").write_text(
+    scenes = tmp_path / "mrs_people_loc" / "scenes"
+    scenes.mkdir(parents=True)
+    (scenes / "walks.yaml").write_text(
         "- {name: one, half: train, layout: {people: 3, robots: 1, activity: group}}\n"
         "- {name: two, half: test, layout: {people: 2, robots: 1, activity: group},\n"
         "   room: {length: 12.0}, head: {width: 80, height_px: 60, focal: 52.7}}\n"

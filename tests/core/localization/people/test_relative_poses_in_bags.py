@@ -18,7 +18,7 @@ pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 
 from mrs_tools.bags.offline import BagRun
 
-BAGS = Path(__file__).resolve().parents[4] / "bags"
+BAGS = Path(__file__).resolve().parents[4] / "mrs_people_loc" / "bags"
 
 
 @pytest.fixture(scope="module", params=["paper_formation", "walking_group"])
