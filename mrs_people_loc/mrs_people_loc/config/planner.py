@@ -281,6 +281,32 @@ class Groups(Section):
 
 
 @dataclass(frozen=True)
+class Outputs(Section):
+    """The people in messages of other packages (docs/use_with.md)."""
+
+    people_msgs: bool = field(
+        True, "true: people_msgs/People on `people`, where that package is installed", live=False
+    )
+    hri_msgs: bool = field(
+        True, "true: persons and groups on /humans as in REP 155, where hri_msgs is installed",
+        live=False,
+    )  # fmt: skip
+    vision_msgs: bool = field(
+        True, "true: vision_msgs/Detection3DArray on `people_detections`, where that package is "
+        "installed",
+        live=False,
+    )  # fmt: skip
+    person_frames: bool = field(
+        False, "true: a frame person_p<id> of each person on TF, with tf2_msgs", live=False
+    )
+    people_costmap: bool = field(
+        False, "true: costs around people on `people_costmap`, with the geometry of `map`",
+        live=False,
+    )  # fmt: skip
+    costmap_rate: float = field(5.0, "rate of people_costmap [Hz]", low=0.1, high=50.0, live=False)
+
+
+@dataclass(frozen=True)
 class PlannerConfig(Section):
     """Configuration of the planner: from the robots' scans to people."""
 
@@ -301,6 +327,7 @@ class PlannerConfig(Section):
     human: Human = dataclasses.field(default_factory=Human)
     tracking: Tracking = dataclasses.field(default_factory=Tracking)
     groups: Groups = dataclasses.field(default_factory=Groups)
+    outputs: Outputs = dataclasses.field(default_factory=Outputs)
 
     def memoryless(self) -> PlannerConfig:
         """The same, but every interval stands for itself."""
