@@ -6,15 +6,15 @@ from __future__ import annotations
 EXAMPLES: dict[str, dict[str, str]] = {
     "demo": {
         "": "three robots follow a walking group",
-        "bags/paper_formation --out paper.png": "the formation of the paper",
+        "mrs_people_loc/bags/paper_formation --out paper.png": "the formation of the paper",
     },
     "simulate": {
-        "scenes/hall.yaml hall.mcap --frames 20": "20 frames of 8 robots in a hall",
-        "scenes/walking_group.yaml --live --loop": "over ROS, until Ctrl-C",
+        "mrs_people_loc/scenes/hall.yaml hall.mcap --frames 20": "20 frames of 8 robots in a hall",
+        "mrs_people_loc/scenes/walking_group.yaml --live --loop": "over ROS, until Ctrl-C",
     },
     "evaluate": {
-        "bags/walking_group": "by the default method",
-        "bags/* -c config/paper.yaml --json scores.json": "by the paper's method",
+        "mrs_people_loc/bags/walking_group": "by the default method",
+        "walk.mcap -c team.yaml --json scores.json": "as this team, the figures also as JSON",
     },
     "experiment": {"--draws 5 --json figures.json": "five recordings of each scene"},
     "real": {"recordings --out docs/real_rooms.md": "score them all into this file"},
@@ -29,7 +29,7 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "walk.mcap -c team.yaml": "every robot of a bag",
     },
     "plot": {
-        "bags/walking_group --out figures": "the paper's figures, of the middle interval",
+        "mrs_people_loc/bags/walking_group --out figures": "the paper's figures",
         "walk.mcap -c team.yaml --animation walk.gif": "all of it, from above",
     },
     "bench": {
@@ -37,8 +37,8 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "--no-live --frames 100": "the computation only, sooner",
     },
     "up": {
-        "config/team.yaml": "the robots of that file, and the planner",
-        "config/team.yaml --guide": "the guide, too",
+        "mrs_people_loc/config/team.yaml": "the robots of that file, and the planner",
+        "mrs_people_loc/config/team.yaml --guide": "the guide, too",
     },
     "tour": {
         "museum.yaml": "guide a group by the running guide_node",

@@ -86,8 +86,10 @@ def remembered(function):
 @pytest.fixture(scope="module", autouse=True)
 def _oracle_computes_once():
     """Most inputs of the oracle are those of another mutation; nothing of the core is in it."""
-    names = ("disparity_of", "cloud_of", "histogram_of", "extents_of", "centred", "patch_at")
-    names += ("vote_of", "evidence_of", "bodies_of", "lost_by")
+    names = [
+        *("disparity_of", "cloud_of", "histogram_of", "extents_of", "centred", "patch_at"),
+        *("vote_of", "evidence_of", "bodies_of", "lost_by"),
+    ]
     with pytest.MonkeyPatch.context() as patch:
         for name in names:
             patch.setattr(comparison, name, remembered(getattr(comparison, name)))
