@@ -310,7 +310,7 @@ def test_hidden_member_of_a_group_walks_on_with_it():
     assert ids(out[-1]) == [1, 2]
     hidden = out[-1][1]
     assert hidden.coasting
-    # It turns later by `adapt_s`, and by the lag of the other's filter; straight on it was 3.5 m off.
+    # It turns later, by `adapt_s` and the lag of the other's filter; straight on it was 3.5 m off.
     assert math.dist(hidden.position, place) < 0.6
     assert hidden.covariance[0, 0] > 4 * out[39][1].covariance[0, 0]
     speed_of_the_other = out[-1][0].velocity
