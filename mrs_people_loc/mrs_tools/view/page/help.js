@@ -9,12 +9,12 @@ const LEGEND = [
   ["straggler", "Straggler: has fallen behind the group, with the time since"],
   ["group", "Centre of a group, linked to its people"],
   ["robot", "Robot with the 95 % ellipse of its pose and its field of view"],
-  ["unwell", "Robot without a recent pose, or not well"],
+  ["unwell", "Hollow and dashed: robot without a recent pose, or not well"],
   ["post", "Post of a robot in the tour"],
 ];
 
 export class Help {
-  /** `shortcuts`: [key, description, action, whether it is listed]. */
+  /** `shortcuts`: [key, description (empty: not listed), action]. */
   constructor(shortcuts) {
     this._actions = new Map(shortcuts.map(([key, , action]) => [key.toLowerCase(), action]));
     const on = byId("shortcuts-on");
@@ -23,7 +23,7 @@ export class Help {
     byId("help-open").addEventListener("click", () => this.open());
     byId("shortcuts").append(
       ...shortcuts.filter(([, text]) => text).map(([key, text]) =>
-        make("div", {}, make("dt", {}, make("kbd", {}, key.toUpperCase())), make("dd", {}, text)),
+        make("div", {}, make("dt", {}, make("kbd", {}, key.length > 1 ? "Esc" : key.toUpperCase())), make("dd", {}, text)),
       ),
     );
     byId("legend").append(

@@ -48,8 +48,8 @@ const help = new Help([
   ["g", "Follow the group, or the selected person", () => map.setMode("follow")],
   ["c", "Show cells", toggleCells],
   ["n", "Select the next person", () => selectNext(1)],
-  ["p", "Select the person before", () => selectNext(-1)],
-  ["escape", "Clear the selection", () => select({})],
+  ["p", "Select the previous person", () => selectNext(-1)],
+  ["Escape", "Clear the selection", () => select({})],
   ...["people", "robots", "tour", "events", "health"].map((name, index) => [
     String(index + 1), `Panel ${name}`, () => tabs.show(name),
   ]),
