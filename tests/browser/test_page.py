@@ -22,11 +22,10 @@ PHONES = ((320, 568), (390, 844))
 PICTURE_TOLERANCE = 14
 
 
-def bag(t: float, *, playing: bool = True, speed: float = 1.0) -> Time:
-    limits = scene.BAG
-    return Time(
-        type="time", t=t, start=limits["start"], end=limits["end"], playing=playing, speed=speed
-    )
+def bag(
+    t: float, *, playing: bool = True, speed: float = 1.0, ready: float = scene.BAG["end"]
+) -> Time:
+    return Time(type="time", t=t, **scene.BAG, ready=ready, playing=playing, speed=speed)
 
 
 @pytest.fixture

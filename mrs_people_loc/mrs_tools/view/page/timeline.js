@@ -49,6 +49,8 @@ export class Timeline {
     setText(whole, ` / ${timeInBag(length)}`);
     setAttribute(this._slider, "aria-valuetext", `${timeInBag(shown)} of ${timeInBag(length)}`);
     this._showSpeed(time.speed);
+    byId("ready").hidden = time.ready >= time.end;
+    setText(byId("ready"), `Finding people in the recording: done until ${timeInBag(time.ready - time.start)}`);
   }
 
   _showSpeed(speed) {
