@@ -35,6 +35,7 @@ from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, TEAM
+from planner_node.others.publishing import Others
 from planner_node.outputs import Outputs
 from planner_node.roster import Roster
 
@@ -83,11 +84,12 @@ class PlannerNode(ManagedNode):
         self._relative_poses = RelativePoses()
         self._compared_ns: int | None = None
         self._outputs = Outputs(self)
+        self._others = Others(self)
 
     def start(self) -> None:
         """Subscribes to the robots, and looks for more."""
         self.listen(TeamPose, "team_poses", self._on_team_pose, TEAM, any_number=True)
-        if self.config.masking.occupancy_grid:
+        if self.config.masking.occupancy_grid or self._others.needs_map:
             self.listen(OccupancyGrid, "map", self._on_map, MAP, once=True)
         for robot in self.config.robots:
             self._roster.add(robot)
@@ -95,11 +97,13 @@ class PlannerNode(ManagedNode):
         self._own_timers.append(self.create_timer(_TICK_S, self._step, clock=steady))
         if not self.config.robots:
             self._own_timers.append(self.create_timer(_DISCOVERY_S, self._discover, clock=steady))
+        self._others.start()
 
     def stop(self) -> None:
         """Forgets the robots, and what waits for an interval."""
         while self._own_timers:
             self.destroy_timer(self._own_timers.pop())
+        self._others.stop()
         self._roster = Roster(self, self._on_points, self._on_pose)
         self._losses.clear()
         self._collector = IntervalCollector(self.config.interval, self.config.robots)
@@ -112,7 +116,7 @@ class PlannerNode(ManagedNode):
 
     def _take_config(self, config: PlannerConfig) -> None:
         self._planner.config = config
-        self._planner.take_grid(self._grid)
+        self._planner.take_grid(self._grid if config.masking.occupancy_grid else None)
 
     def waits_for(self) -> str:
         """The robots."""
@@ -164,7 +168,8 @@ class PlannerNode(ManagedNode):
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self._grid = messages.read_occupancy_grid(message, self.config.map_frame)
-        self._planner.take_grid(self._grid)
+        self._others.take_map(message, self._grid)
+        self._take_config(self.config)
 
     # ---- step ----
 
@@ -182,6 +187,7 @@ class PlannerNode(ManagedNode):
         self._result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
         self._intervals += 1
         self._outputs.publish(self._result, self.config)
+        self._others.publish(self._result)
         self._measure_robots(self._result)
 
     def _measure_robots(self, result: People) -> None:

@@ -194,7 +194,7 @@ def running(peer: Peer, team: Team, tmp_path_factory: pytest.TempPathFactory) ->
     walls = {"walls.laser": "true", "walls.occupancy_grid": "true", "walls.sonars": "[sonar/left]"}
     top = {"images.top": "true", "localization.run": "always", **walls}
     raw = {**top, "images.rectified": "false", "pose.source": "pose_in", "use_sim_time": "true"}
-    with tf2(tmp_path_factory.mktemp("tf2")):
+    with tf2(tmp_path_factory):
         team.start("robot_node", namespace="/robot_a", params=top)
         team.start("robot_node", namespace="/robot_b", params=raw)
         team.start("robot_node", namespace="/robot_c", params={"pose.source": "tf"})

@@ -2,7 +2,7 @@
 
 All viewers see the same, as in front of a projector: who plays, stops or seeks does it for all.
 Times are those at which messages were recorded. A bag without people, but with images or scans of
-robots, is run through the pipeline meanwhile (`computed`).
+robots, is run through the pipeline meanwhile (`results`).
 """
 
 from __future__ import annotations
@@ -22,16 +22,15 @@ from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.sources import read_grid, robots_of
-from mrs_tools.diagnosis.diagnose import Check
-from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN
+from mrs_tools.diagnosis.facts import ERROR, OK, WARN
 from mrs_tools.plain import plain
 from mrs_tools.view import protocol
-from mrs_tools.view.computed import Computed
 from mrs_tools.view.health import health_of
 from mrs_tools.view.moment import TRAIL_NS, Moment, seconds
 from mrs_tools.view.pictures import grid_of
 from mrs_tools.view.protocol import CommandError, Control, Hello, Look, Play, Publish, Seek, Speed
 from mrs_tools.view.recorded import Recorded, RecordedHead, Told, no_image, people_topic
+from mrs_tools.view.results import Computed, Results
 
 #: A bag that is played is looked at so often; one that stands still, so often, for what is computed
 #: meanwhile [s].
@@ -69,14 +68,16 @@ class Playback:
     Args:
         path: The bag.
         configs: Parameter files of its team, later ones win; the one beside the bag is read, too.
-        at_end: Whether it begins with the bag's end in place of the first people.
+        results: People of a team that ran on the bag, in place of those in it.
 
     Raises:
         PeopleLocError: It is no bag, has nothing to show, or a file is wrong.
     """
 
-    def __init__(self, path: Path, configs: Sequence[Path] = (), *, at_end: bool = False) -> None:
-        self._path, self._at_end = path, at_end
+    def __init__(
+        self, path: Path, configs: Sequence[Path] = (), results: Results | None = None
+    ) -> None:
+        self._path = path
         self._wish, self._woken = _Wish(), False
         self._changed = threading.Condition()
         self._position_ns = 0
@@ -91,7 +92,9 @@ class Playback:
             if robots_of(self._bag) or not has_people:
                 self._run = BagRun(path, configs, localize=True)
             on_error.pop_all()
-        self._computed = None if has_people or self._run is None else Computed(self._run)
+        if results is None and self._run is not None and not has_people:
+            results = Computed(self._run)
+        self._results = results
 
     # ---- Source ----
 
@@ -109,8 +112,8 @@ class Playback:
 
     def start(self, publish: Publish) -> None:
         """Shows the first people, or the end."""
-        if self._computed is not None:
-            self._computed.start()
+        if self._results is not None:
+            self._results.start()
         self._thread.submit(self._play, publish)
 
     def look(self, wanted: Look) -> None:
@@ -142,8 +145,8 @@ class Playback:
     def close(self) -> None:
         """Ends, and waits for it."""
         self._want(closing=True)
-        if self._computed is not None:
-            self._computed.close()
+        if self._results is not None:
+            self._results.close()
         self._thread.submit(self._bag.close)
         self._thread.shutdown()
 
@@ -171,8 +174,8 @@ class Playback:
             publish(health_of([], [_finding(ERROR, "bag", str(err))]))
 
     def _play_bag(self, publish: Publish) -> None:
-        player = _Player(self._bag, self._run, self._computed, publish)
-        player.begin(at_end=self._at_end)
+        player = _Player(self._bag, self._run, self._results, publish)
+        player.begin()
         last_s, was_playing = time.monotonic(), False
         while not (wish := self._next_wish()).closing:
             now_s = time.monotonic()
@@ -194,7 +197,7 @@ class _Player:
     Args:
         bag: The bag, open.
         run: The team of its robots; None: it has none.
-        computed: What finds its people; None: the bag has them.
+        results: Its people; None: those that it has itself.
         publish: Takes the messages.
 
     Attributes:
@@ -202,10 +205,10 @@ class _Player:
     """
 
     def __init__(
-        self, bag: BagReader, run: BagRun | None, computed: Computed | None, publish: Publish
+        self, bag: BagReader, run: BagRun | None, results: Results | None, publish: Publish
     ) -> None:
-        self._bag, self._run, self._computed, self._publish = bag, run, computed, publish
-        self._recorded = Recorded(bag)
+        self._bag, self._run, self._results, self._publish = bag, run, results, publish
+        self._recorded = Recorded(bag, with_people=results is None)
         self._events: list[tuple[int, str]] = []
         self._heads: dict[str, RecordedHead] = {}
         self._notes: list[protocol.Finding] = []
@@ -224,13 +227,14 @@ class _Player:
 
     # ---- position ----
 
-    def begin(self, *, at_end: bool) -> None:
-        """Shows the map and the first people, or the end; reads the events."""
+    def begin(self) -> None:
+        """Shows the map and the first people; reads the events."""
         frame = "map" if self._run is None else self._run.team.planner.map_frame
         grid = read_grid(self._bag, frame)
         shown = None if grid is None else grid_of(grid)
         self._publish(protocol.Map(type="map", walls=[], grid=shown))
-        first_ns = self._bag.end_ns if at_end else self._recorded.first_people_ns()
+        results = self._results
+        first_ns = self._recorded.first_people_ns() if results is None else results.first_ns
         self.seek(first_ns or self._bag.start_ns)
         self._has_begun = first_ns is not None
         self.show(_Wish())
@@ -260,9 +264,9 @@ class _Player:
 
     def _between(self, after_ns: int, until_ns: int) -> Iterator[tuple[int, Told]]:
         recorded = self._recorded.between(after_ns, until_ns)
-        if self._computed is None:
+        if self._results is None:
             return recorded
-        found = self._computed.between(after_ns, until_ns)
+        found = self._results.between(after_ns, until_ns)
         return heapq.merge(recorded, found, key=itemgetter(0))
 
     def _new_moment(self) -> Moment:
@@ -270,15 +274,15 @@ class _Player:
         return Moment({name: view for name, view in views.items() if view is not None})
 
     def _ready_ns(self) -> int:
-        return self._bag.end_ns if self._computed is None else self._computed.ready_ns
+        return self._bag.end_ns if self._results is None else self._results.ready_ns
 
     # ---- what is shown ----
 
     def show(self, wish: _Wish) -> None:
         """Publishes what is new."""
-        computed, now_s = self._computed, time.monotonic()
-        if not self._has_begun and computed is not None and computed.first_ns is not None:
-            self.seek(computed.first_ns)
+        results, now_s = self._results, time.monotonic()
+        if not self._has_begun and results is not None and results.first_ns is not None:
+            self.seek(results.first_ns)
         if self._changes != self._moment.changes:
             self._changes = self._moment.changes
             with_trails = now_s < self._trails_until_s
@@ -319,7 +323,7 @@ class _Player:
 
     def _tell_events(self) -> None:
         """Publishes the events up to here that were not told yet, the last ones of them."""
-        events = self._events if self._computed is None else self._computed.events
+        events = self._events if self._results is None else self._results.events
         until = bisect_right(events, self.position_ns, key=itemgetter(0))
         for time_ns, text in events[max(self._told_events, until - protocol.EVENTS_KEPT) : until]:
             self._publish(protocol.Event(type="event", t=seconds(time_ns), text=text))
@@ -338,27 +342,17 @@ class _Player:
 
     def _health(self) -> protocol.Health:
         """How the team was when it was recorded, and what is to be said of the bag."""
-        computed = self._computed
         own = [*self._notes, *(_finding(OK, "bag", plain(note)) for note in self._run_notes())]
-        reported: Sequence[Check] = ()
-        if computed is None:
-            found = self._moment.checks(self.position_ns)
-            reported = found or ()
-            if found is None:
-                text = "the bag has no report of the team on /diagnostics at this time"
-                own.append(_finding(OK, "bag", text))
-        elif computed.error:
-            own.append(_finding(ERROR, "bag", computed.error))
-        elif computed.done:
-            own.append(_finding(OK, "people", "the bag has none: they were found by this viewer"))
-        else:
-            span_ns = max(1, self._bag.end_ns - self._bag.start_ns)
-            share = (computed.ready_ns - self._bag.start_ns) / span_ns
-            text = f"the bag has none: they are being found, {share:.0%} of it is done"
-            own.append(_finding(STALE, "people", text))
+        reported = None if self._results else self._moment.checks(self.position_ns)
+        if self._results is not None:
+            level, text = self._results.status()
+            own.append(_finding(level, "people", text))
+        elif reported is None:
+            text = "the bag has no report of the team on /diagnostics at this time"
+            own.append(_finding(OK, "bag", text))
         for reason, count in self._recorded.unused.most_common(_UNUSED):
             own.append(_finding(WARN, "bag", f"{count} messages cannot be used: {reason}"))
-        return health_of(reported, own)
+        return health_of(reported or (), own)
 
     def _run_notes(self) -> Sequence[str]:
         return [] if self._run is None else self._run.notes

@@ -93,15 +93,16 @@ class Recorded:
 
     Args:
         bag: The bag, open. Nobody else may read it meanwhile.
+        with_people: Whether people, cells and events that were recorded are told, too.
 
     Attributes:
-        people_topic: Where a planner's people are in it; None: nowhere.
+        people_topic: Where a planner's people are in it; None: nowhere, or they are not told.
         unused: How many messages could not be used, by topic and reason.
     """
 
-    def __init__(self, bag: BagReader) -> None:
+    def __init__(self, bag: BagReader, *, with_people: bool = True) -> None:
         self.unused: Counter[str] = Counter()
-        self.people_topic = people_topic(bag)
+        self.people_topic = people_topic(bag) if with_people else None
         self._bag = bag
         self._readers = dict(self._find_readers())
         self._parts = _Parts(bag, list(self._readers), _PART_NS, _PARTS, self._told)
@@ -152,7 +153,7 @@ class Recorded:
                 yield name, _read_truth
             elif last == "pose" and space and topic.type == _POSE:
                 yield name, functools.partial(_read_pose, space)
-            elif last == _CELLS and topic.type == _POINTS:
+            elif last == _CELLS and topic.type == _POINTS and self.people_topic is not None:
                 yield name, _read_cells
 
     def _told(self, raw: RawMessage) -> Told | None:
@@ -173,13 +174,23 @@ def _as_it_is(take: Callable[[Moment, int, Any], None]) -> Callable[[Any], Told]
     return lambda message: lambda moment, time_ns: take(moment, time_ns, message)
 
 
+def read_found(message: Any, cells: MapCells | None = None) -> Found:
+    """The people of a mrs_people_msgs/People, and where its robots were.
+
+    Args:
+        message: The message.
+        cells: The cells that it was made from, if they are known already.
+
+    Raises:
+        PeopleLocError: A value cannot be used.
+    """
+    persons, groups = messages.read_people(message, message.header.frame_id.lstrip("/"))
+    poses = messages.read_people_scans(message)
+    return Found(messages.read_stamp(message), persons, groups, poses, cells)
+
+
 def _read_people(message: Any) -> Told:
-    frame = message.header.frame_id.lstrip("/")
-    found = Found(
-        messages.read_stamp(message),
-        *messages.read_people(message, frame),
-        messages.read_people_scans(message),
-    )
+    found = read_found(message)
     return lambda moment, time_ns: moment.take_people(time_ns, found)
 
 
@@ -195,7 +206,12 @@ def _read_truth(message: Any) -> Told:
     return lambda moment, time_ns: moment.take_truth(time_ns, there)
 
 
-def _read_cells(message: Any) -> Told:
+def read_map_cells(message: Any) -> MapCells:
+    """The cells of a `short_term_map`.
+
+    Raises:
+        ValueError: It has other fields than ours, or is damaged.
+    """
     fields = {field.name: field for field in message.fields}
     missing = {"x", "y", "robot"} - fields.keys()
     if missing or any(one.datatype not in _FIELD_TYPES for one in fields.values()):
@@ -211,7 +227,11 @@ def _read_cells(message: Any) -> Told:
     records = np.frombuffer(message.data, layout)
     xy = np.stack([records["x"], records["y"]], axis=1).astype(np.float64)
     finite = np.isfinite(xy).all(axis=1)
-    cells = MapCells(xy[finite], records["robot"][finite].astype(np.intp))
+    return MapCells(xy[finite], records["robot"][finite].astype(np.intp))
+
+
+def _read_cells(message: Any) -> Told:
+    cells = read_map_cells(message)
     return lambda moment, time_ns: moment.take_cells(time_ns, cells)
 
 

@@ -158,7 +158,7 @@ def decoded(jpeg: str) -> np.ndarray:
 
 
 def test_images_are_made_for_robots_that_somebody_looks_at(tmp_path):
-    path = ROOT / "bags" / "walking_group"
+    path = ROOT / "mrs_people_loc" / "bags" / "walking_group"
     with BagReader(path) as bag:
         head = RecordedHead(bag, "robot_a", BagRun(path).team.robots["robot_a"])
         now_ns = bag.start_ns + 8_000_000_000
