@@ -306,9 +306,9 @@ def _of_types(facts: Facts) -> Iterable[Check]:
             does = "publishes" if end.publishes else "subscribes"
             by_type.setdefault(end.type, []).append(f"{end.node} {does}")
         listed = "; ".join(f"{kind} ({', '.join(who)})" for kind, who in by_type.items())
-        silent = any(
-            a.publishes and not b.publishes and a.type != b.type for a in ends for b in ends
-        )
+        published = [end.type for end in ends if end.publishes]
+        wanted = [end.type for end in ends if not end.publishes]
+        level = ERROR if any(one != other for one in published for other in wanted) else WARN
         advice = "remap one of them, or update the older program: docs/topics.md"
         if {kind.rpartition("/")[2] for kind in by_type} == {"People"}:
             advice = (
