@@ -73,8 +73,6 @@ def _add(
     widest = _SIGMAS * np.sqrt(np.linalg.eigvalsh(known + spread)[-1])
     reach = RADIUS_M + min(widest, _REACH_M)
     ends = np.array([place, place + way])
-    if not np.isfinite(ends).all() or not np.isfinite(reach):
-        return
     size = np.array(made.shape[::-1])
     low = np.clip((ends.min(axis=0) - reach) / resolution, 0, size).astype(int)
     high = np.clip((ends.max(axis=0) + reach) / resolution + 1, 0, size).astype(int)
