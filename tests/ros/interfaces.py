@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import importlib.util
 import os
 import subprocess
@@ -109,10 +108,16 @@ def add(patch: pytest.MonkeyPatch, variable: str, path: Path) -> None:
     patch.setenv(variable, f"{path}{os.pathsep}{rest}" if rest else str(path))
 
 
-@functools.cache
 def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
-    """Builds packages, once in a session, and returns their prefix."""
-    folder = factory.mktemp("interfaces")
+    """Prefix of packages, which are built once in a session."""
+    folder = factory.getbasetemp() / "-".join(("interfaces", *packages))
+    if not folder.exists():
+        _build(folder, packages)
+    return folder / "prefix"
+
+
+def _build(folder: Path, packages: tuple[str, ...]) -> None:
+    """Builds packages as setup/messages.sh builds our own."""
     for package in packages:
         _write(folder / "source" / package, package)
     (folder / "source" / "CMakeLists.txt").write_text(
@@ -145,7 +150,6 @@ def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
             check=False,
         )
         assert done.returncode == 0, done.stdout
-    return prefix
 
 
 def _write(folder: Path, package: str) -> None:
