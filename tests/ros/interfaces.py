@@ -56,7 +56,7 @@ DEFINITIONS = {
     },
 }
 
-# Neither C++ nor introspection: half of the time.
+# Without C++, which takes half of the time.
 _CMAKE = """\
 cmake_minimum_required(VERSION 3.22)
 project({package})
@@ -64,7 +64,7 @@ find_package(ament_cmake REQUIRED)
 find_package(geometry_msgs REQUIRED)
 find_package(std_msgs REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
-list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "introspection|_cpp:")
+list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 rosidl_generate_interfaces({package} {files} DEPENDENCIES geometry_msgs std_msgs)
 ament_package()
 """
@@ -128,7 +128,6 @@ def _build(folder: Path, packages: tuple[str, ...]) -> None:
         **os.environ,
         "AMENT_PREFIX_PATH": sys.prefix,
         "PATH": f"{sys.prefix}/bin:{os.environ['PATH']}",
-        "STATIC_ROSIDL_TYPESUPPORT_C": "rosidl_typesupport_fastrtps_c",
     }
     prefix, build = folder / "prefix", folder / "build"
     configure = [
