@@ -80,7 +80,7 @@ def private_domain() -> Iterator[str]:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         try:
             yield (
-                f"in ROS domain {domain}, which nobody else uses; to look into it: "
+                f"in ROS domain {domain}, which nobody else uses; to look into it:\n  "
                 f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE={reach} mrs people"
             )
         finally:

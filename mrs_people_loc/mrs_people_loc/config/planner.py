@@ -234,6 +234,11 @@ class Tracking(Section):
         0.5, "... and after this share of the time for which the person was observed",
         low=0.0, high=1e3,
     )  # fmt: skip
+    hidden_time: float = field(
+        10.0, "the track of a member of a group whom no robot has in view is terminated after this "
+        "time instead of tracking.coast_time [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
     memory: float = field(
         10.0, "time after the last observation for which a terminated track can resume with its "
         "id, where the person may have got to, at most the time of observation [s]; 0: off",

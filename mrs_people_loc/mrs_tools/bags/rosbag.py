@@ -258,11 +258,18 @@ class BagReader:
                 raise BagError(f"{self.path}: no topic {pattern}. It has: {', '.join(self.topics)}")
         return matching(self.topics, patterns)
 
-    def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
+    def messages(
+        self,
+        topics: Collection[str] = (),
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+    ) -> Iterator[RawMessage]:
         """Messages in the order of their bag time.
 
         Args:
             topics: Names or shell patterns of the topics to read; none: every topic.
+            start_ns: From this bag time on; None: from the beginning.
+            stop_ns: Before this bag time; None: to the end.
 
         Yields:
             The messages, undecoded.
@@ -272,7 +279,7 @@ class BagReader:
         """
         chosen = set(self.select(topics))
         connections = [c for c in self._connections if c.topic in chosen]
-        source = self._reader.messages(connections)
+        source = self._reader.messages(connections, start_ns, stop_ns)
         count = 0
         data: Any
         while True:
@@ -288,6 +295,8 @@ class BagReader:
                 raise _damaged(self.path, f"a message on {connection.topic} is no message")
             count += 1
             yield RawMessage(connection.topic, connection.msgtype, time_ns, data)
+        if start_ns is not None or stop_ns is not None:
+            return
         # Some damage makes the library read less than there is, and say nothing.
         if sum(c.msgcount for c in self._connections) == self.message_count:
             expected = sum(c.msgcount for c in connections)

@@ -1,4 +1,4 @@
-"""`mrs view`: a running team in the browser."""
+"""`mrs view`: a running team, or a bag, in the browser."""
 
 from __future__ import annotations
 
@@ -15,6 +15,15 @@ if TYPE_CHECKING:
 
 
 def command(
+    bag: Annotated[
+        Path | None, typer.Argument(help="A bag to play, in place of a running team.")
+    ] = None,
+    config: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--config", "-c", help="Of a bag: parameter file of its team; later ones win."
+        ),
+    ] = None,
     namespace: Annotated[
         str, typer.Option("--namespace", "-n", help="Namespace of the planner.")
     ] = "",
@@ -45,12 +54,11 @@ def command(
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = False,
 ) -> None:
-    """Show a running team in the browser; Ctrl-C ends it.
+    """Show a running team, or a bag, in the browser; Ctrl-C ends it.
 
     The page has the map with people, groups and robots, and on demand the robots' images. Nothing
-    is loaded from the internet.
-
-    Example: mrs view --host 0.0.0.0 --control --tour museum.yaml
+    is loaded from the internet. A bag has play, pause, speed and a time line, the same for all
+    viewers; it needs no ROS. If it has images or scans but no people, they are found meanwhile.
     """
     import asyncio
 
@@ -60,7 +68,7 @@ def command(
     from mrs_tools.view.server import Address, serve
 
     console = Console(soft_wrap=True, highlight=False)
-    source = _live(namespace, control, tour or [])
+    source = _played(bag, config or []) if bag else _live(namespace, control, tour or [])
     with stop_on_signals() as stop:
         asyncio.run(
             serve(
@@ -92,6 +100,17 @@ def _live(namespace: str, control: bool, files: list[Path]) -> Source:
             raise PeopleLocError(f"{file}: another tour is called {name!r}, too; rename one")
         tours[name] = tour
     return LiveSource(namespace, control=control, tours=tours)
+
+
+def _played(bag: Path, files: list[Path]) -> Source:
+    """A bag.
+
+    Raises:
+        PeopleLocError: It is none, has nothing to show, or a file is wrong.
+    """
+    from mrs_tools.view.playback import Playback
+
+    return Playback(bag, files)
 
 
 def _say(url: str, console: Console, open_page: bool) -> None:

@@ -24,9 +24,13 @@ from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.bags.sources import read_grid
 from mrs_tools.bags.truth import read_truth
 from mrs_tools.demo.replayed_team import Listener
+from mrs_tools.demo.steps import step
 from mrs_tools.figures.animation import animate, headline, with_trails
 from mrs_tools.figures.plots import TopView, draw_top_view, seen_floor
+from mrs_tools.plain import plain
 from mrs_tools.scoring.records import Truth
+from mrs_tools.view.recorded import read_found, read_map_cells
+from mrs_tools.view.results import Results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,11 +54,15 @@ class RecordedTeam:
         truth: The ground truth.
         grid: Walls and furniture; None: it says nothing of them.
         borders: By robot, what its camera sees of the floor, in its base_link [m].
+        start_ns: Bag time of its beginning [ns].
+        end_ns: Bag time of its end [ns].
     """
 
     truth: Truth
     grid: OccupancyGrid | None
     borders: dict[str, Float]
+    start_ns: int = 0
+    end_ns: int = 0
 
 
 def read_team_bag(path: Path, config: Team) -> RecordedTeam:
@@ -76,13 +84,14 @@ def read_team_bag(path: Path, config: Team) -> RecordedTeam:
             if topic not in infos:
                 infos[topic] = messages.read_camera_info(message)
         truth, grid = read_truth(bag), read_grid(bag, config.planner.map_frame)
+        start_ns, end_ns = bag.start_ns, bag.end_ns
     borders = {}
     for robot, settings in config.robots.items():
         left, right = (infos[f"/{robot}/{camera}/camera_info"] for camera in ("left", "right"))
         camera = StereoCamera.from_models(left, right, mounting=settings.mounting)
         reach = settings.disparity
         borders[robot] = seen_floor(camera, reach.min_range, reach.max_range)
-    return RecordedTeam(truth, grid, borders)
+    return RecordedTeam(truth, grid, borders, start_ns, end_ns)
 
 
 def draw_demo(views: Sequence[TopView], robots: int, out: Path, console: Console) -> None:
@@ -97,12 +106,12 @@ def draw_demo(views: Sequence[TopView], robots: int, out: Path, console: Console
     whole = [view for view in whole if len(view.people) == usual]
     shown = max(reversed(whole), key=_farthest_behind)
     at_s = (shown.stamp_ns - views[0].stamp_ns) / 1e9
-    draw_top_view(dataclasses.replace(shown, title=f"after {at_s:.1f} s: {headline(shown)}"), out)
-    console.print(f"picture: {out}")
+    with step(console, f"drawing {out}"):
+        title = f"after {at_s:.1f} s: {headline(shown)}"
+        draw_top_view(dataclasses.replace(shown, title=title), out)
     film = out.with_suffix(".gif")
-    with console.status("drawing the animation"):
-        animate(views, film)
-    console.print(f"animation: {film}")
+    with step(console, f"drawing {film}") as on_progress:
+        animate(views, film, on_progress=on_progress)
 
 
 def _farthest_behind(view: TopView) -> float:
@@ -131,6 +140,25 @@ def views_of(
         _top_view(message, listener.maps.get(stamp_ns), recorded, config, events[index])
         for index, (stamp_ns, message) in enumerate(zip(stamps_ns, people, strict=True))
     ]
+
+
+def results_of(people: Sequence[Any], listener: Listener, recorded: RecordedTeam) -> Results:
+    """The people of each interval, for the page; their bag times are the stamps.
+
+    Args:
+        people: The `tracked_people` messages, by stamp.
+        listener: What else the team said.
+        recorded: The bag that was replayed.
+    """
+    results = Results(recorded.start_ns)
+    for message in people:
+        stamp_ns = stamp_of(message)
+        cells = listener.maps.get(stamp_ns)
+        found = read_found(message, None if cells is None else read_map_cells(cells))
+        results.add(stamp_ns, found)
+    results.events = [(heard_ns, plain(event)) for heard_ns, event in listener.events]
+    results.ready_ns = recorded.end_ns
+    return results
 
 
 def _top_view(

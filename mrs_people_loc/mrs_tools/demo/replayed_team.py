@@ -6,7 +6,7 @@ import math
 import tempfile
 import threading
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -19,9 +19,11 @@ from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.network import use_shipped_profile
 from mrs_ros.processes import RunningTeam, team_processes
-from mrs_tools.bags.replayer import Replayer
+from mrs_tools.bags.replayer import Progress, Replayer
+from mrs_tools.demo.steps import OnProgress, step
 from mrs_tools.domain import other_publishers_error, refuse_other_publishers, wait_for_discovery
 from mrs_tools.live.people_table import LivePeople
+from mrs_tools.plain import plain
 from mrs_tools.signals import Stop, stop_on_signals
 
 if TYPE_CHECKING:
@@ -72,7 +74,9 @@ class Listener:
         self.maps[stamp_ns_of(message.header.stamp)] = message
 
 
-def run_team(bag: Path, files: list[Path], rate: float, console: Console) -> Listener:
+def run_team(
+    bag: Path, files: list[Path], rate: float, console: Console, on_ready: Callable[[], object]
+) -> Listener:
     """Runs a team on a bag and returns what it published.
 
     Args:
@@ -80,14 +84,13 @@ def run_team(bag: Path, files: list[Path], rate: float, console: Console) -> Lis
         files: Parameter files of the team.
         rate: Seconds of bag time per second.
         console: Where the team is shown.
+        on_ready: Called once the team is there, before the bag is replayed.
 
     Raises:
         PeopleLocError: A process ends by itself or is not ready in time, or somebody else
             publishes the team's topics.
         typer.Exit: A signal stopped it.
     """
-    from rich.live import Live
-
     nodes = team_processes(files, sim_time=True)
     topic = f"/{load_team(*files).planner.people_topic}"
     with _listening() as (node, executor):
@@ -100,20 +103,19 @@ def run_team(bag: Path, files: list[Path], rate: float, console: Console) -> Lis
         ):
             robots = [n.namespace for n in nodes if n.namespace]
             domain = _Domain(node, player, robots, topic)
-            # Before four nodes begin to publish in a domain that others use.
-            wait_for_discovery(node)
-            domain.refuse_other_publishers(started=False)
-            team = stack.enter_context(RunningTeam(nodes, log=log))
-            console.print(f"starting {', '.join(n.label for n in nodes)} ...")
-            _wait_for_team(node, topic, team, log, stop)
-            player.wait_for_subscribers(stop=stop)
-            domain.refuse_other_publishers()
-            console.print(f"replaying {bag}")
-            with Live(live, console=console, refresh_per_second=5):
-                alive = _replay(player, team, live, executor, stop)
+            with step(console, f"starting {', '.join(n.label for n in nodes)}"):
+                # Before four nodes begin to publish in a domain that others use.
+                wait_for_discovery(node)
+                domain.refuse_other_publishers(started=False)
+                team = stack.enter_context(RunningTeam(nodes, log=log))
+                _wait_for_team(node, topic, team, log, stop)
+                on_ready()
+                player.wait_for_subscribers(stop=stop)
+                domain.refuse_other_publishers()
+            with step(console, f"replaying {plain(bag.name)}", below=live) as on_progress:
+                alive = _replay(player, team, live, executor, stop, on_progress)
             if not alive:
                 raise _ended(team, log)
-            console.print()
             if stop.is_set():
                 raise typer.Exit(stop.exit_code)
             domain.refuse_other_publishers()  # those that came meanwhile
@@ -146,15 +148,24 @@ def _listening() -> Iterator[tuple[Node, Executor]]:
 
 
 def _replay(
-    player: Replayer, team: RunningTeam, live: LivePeople, executor: Executor, stop: Stop
+    player: Replayer,
+    team: RunningTeam,
+    live: LivePeople,
+    executor: Executor,
+    stop: Stop,
+    on_progress: OnProgress,
 ) -> bool:
     """Plays the bag, and listens until what is under way after its end has come.
 
     Returns:
         Whether all processes of the team have lasted.
     """
+
+    def report(now: Progress) -> None:
+        on_progress(max(0.0, now.position_s) / now.duration_s)
+
     with ThreadPoolExecutor(1) as threads:
-        playing = threads.submit(player.play, stop=stop)
+        playing = threads.submit(player.play, stop=stop, on_progress=report)
         end = math.inf
         while time.monotonic() < end and not stop.is_set() and not team.ended():
             executor.spin_once(timeout_sec=0.05)

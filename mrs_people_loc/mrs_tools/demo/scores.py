@@ -47,7 +47,7 @@ def print_scores(people: list[Any], truth: Truth, console: Console) -> None:
         raise PeopleLocError(f"none of {report['true']} people was found")
     console.print(
         f"found {report['matched']} of {report['true']} people in {len(frames)} frames of the "
-        f"ground truth, {report['estimates'] - report['matched']} false; mean error "
+        f"ground truth, {report['estimates'] - report['matched']} false;\nmean error "
         f"{100 * report['error_m']['mean']:.1f} cm (a match is within {MATCH_DISTANCE:.2f} m)"
     )
     late = sum(frame.estimate is None for frame in frames)
@@ -62,7 +62,7 @@ def print_scores(people: list[Any], truth: Truth, console: Console) -> None:
         console.print(
             f"followed: {tracks['id_switches']} id switches, MOTA {tracks['mota']:.3f}, "
             f"IDF1 {tracks['idf1']:.3f}"
-            + ("" if speed is None else f"; mean error of velocity {speed:.2f} m/s")
+            + ("" if speed is None else f";\nmean error of velocity {speed:.2f} m/s")
         )
 
 

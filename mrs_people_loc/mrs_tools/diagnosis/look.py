@@ -71,7 +71,8 @@ def take_report(facts: Facts, message: Any) -> None:
         full_name, _, subject = plain(status.name).partition(": ")
         if full_name.rpartition("/")[2] in _KINDS:
             values = {plain(entry.key): plain(entry.value) for entry in status.values}
-            entry = (LEVELS.get(bytes(status.level), ERROR), plain(status.message), values)
+            level = status.level if isinstance(status.level, bytes) else bytes([status.level])
+            entry = (LEVELS.get(level, ERROR), plain(status.message), values)
             facts.reports.setdefault(full_name, {})[subject] = entry
 
 

@@ -58,8 +58,8 @@ def body_boxes(cells: Cells, camera: CameraModel, mounting: Mounting) -> list[tu
     for body in np.unique(cells.body[cells.body > 0]):
         own = cells.body == body
         xy = np.stack([cells.x[own], cells.y[own]], axis=1).astype(np.float64)
-        around = [xy + offset for offset in _HALF_CELL_M * np.array([[1, 1], [1, -1], [-1, 1]])]
-        floor = np.concatenate([xy, *around])
+        around = _HALF_CELL_M * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+        floor = (xy[:, np.newaxis] + around).reshape(-1, 2)
         heights = np.repeat([0.0, float(cells.top[own].max())], len(floor))
         corners = np.column_stack([np.tile(floor, (2, 1)), heights])
         u, v, depth = camera.p[:, :3] @ rotation.T @ (corners - origin).T

@@ -1,7 +1,8 @@
 """The messages between the server of `mrs view` and its page: JSON objects in WebSocket frames.
 
 Every message has a `type`. Metres, seconds and radians; places and headings in the common frame
-`map`; times are ROS times [s]. Numbers are rounded (`rounded`); what is unknown is null.
+`map`; times are ROS times [s], in a bag those at which messages were recorded. Numbers are rounded
+(`rounded`); what is unknown is null.
 
 From the server: `Hello` first, then in any order the latest of `Map`, `State`, `Cells`, `Image` (by
 robot), `Health` and `Time`, and every `Event`. A viewer that is slow misses messages that a later
@@ -175,7 +176,19 @@ class Tour(TypedDict):
     age: float
 
 
-class State(TypedDict):
+class OfBag(TypedDict, total=False):
+    """What a state of a bag may have in addition.
+
+    `truth`: places of the true people, each [x, y]. `trails`: by id, where people have been in the
+    last seconds, each [t, x, y], the oldest first; in the first states after a seek, in place of
+    what the page remembers.
+    """
+
+    truth: list[list[float]]
+    trails: dict[str, list[list[float]]]
+
+
+class State(OfBag):
     """Everybody and every robot at one moment.
 
     `t`: stamp of the last people, null before the first. `age`: how long ago that is, by ROS time.
@@ -217,7 +230,10 @@ class Image(TypedDict):
 
 
 class Event(TypedDict):
-    """Something that happened, in a sentence."""
+    """Something that happened, in a sentence.
+
+    Of a bag, those before the player's time come again after a seek.
+    """
 
     type: Literal["event"]
     t: float
@@ -246,12 +262,16 @@ class Health(TypedDict):
 
 
 class Time(TypedDict):
-    """Where the player of a bag is."""
+    """Where the player of a bag is, and until where people are known (`ready`).
+
+    They are known everywhere if the bag has them; else they are computed while it is shown.
+    """
 
     type: Literal["time"]
     t: float
     start: float
     end: float
+    ready: float
     playing: bool
     speed: float
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from mrs_people_loc import messages
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.clocks import RESET_NS
+from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import yaw_from_quaternion
 from mrs_people_loc.guiding.guidance import Role
 from mrs_people_loc.guiding.guidance import State as TourState
@@ -82,15 +83,32 @@ class TeamState:
         Raises:
             PeopleLocError: A value cannot be used; nothing of the message is taken.
         """
-        self._frame = message.header.frame_id.lstrip("/")
-        persons, groups = messages.read_people(message, self._frame)
+        frame = message.header.frame_id.lstrip("/")
+        persons, groups = messages.read_people(message, frame)
         poses = messages.read_people_scans(message)
-        stamp_ns = messages.read_stamp(message)
+        self.show(messages.read_stamp(message), persons, groups, poses)
+        self._frame = frame
+
+    def show(
+        self,
+        stamp_ns: int,
+        persons: Sequence[Person],
+        groups: Sequence[Group],
+        poses: Mapping[str, Pose],
+    ) -> None:
+        """Takes the people of an interval, and where its robots were.
+
+        Args:
+            stamp_ns: Stamp of the interval [ns].
+            persons: The people.
+            groups: Their groups.
+            poses: By robot, its pose in the common frame.
+        """
         if stamp_ns < self._stamp_ns - RESET_NS:
             self.begin_anew()
         self._stamp_ns = stamp_ns
-        for pose_of, pose in poses.items():
-            self._take(plain(pose_of), pose)
+        for robot, pose in poses.items():
+            self._take(plain(robot), pose)
         for person in persons:
             if not person.coasting:
                 self._seen_ns[person.id] = stamp_ns
@@ -103,8 +121,11 @@ class TeamState:
         """Takes a PoseWithCovarianceStamped in the common frame.
 
         Raises:
-            PeopleLocError: It cannot be used.
+            PeopleLocError: It cannot be used, or is in another frame than the people.
         """
+        frame = message.header.frame_id.lstrip("/")
+        if self._frame and frame != self._frame:
+            raise PoseError(f"frame_id is {frame!r}; wanted: {self._frame!r}")
         self._take(robot, messages.read_pose(message))
 
     def take_status(self, message: Any, now_s: float) -> None:
@@ -135,7 +156,7 @@ class TeamState:
         if before is None or not -RESET_NS < pose.stamp_ns - before.stamp_ns <= 0:
             self.poses[robot] = pose
 
-    def _person(self, person: Person, groups: tuple[Group, ...]) -> protocol.Person:
+    def _person(self, person: Person, groups: Sequence[Group]) -> protocol.Person:
         vx, vy = (math.nan, math.nan) if person.velocity is None else person.velocity
         own = next((g for g in groups if _is_in(person.id, g)), None)
         away_s = own.stragglers.get(person.id) if own else None

@@ -173,6 +173,17 @@ def test_only_requested_topics_are_read(sample):
         assert next(bag.messages()).time_ns == START_NS
 
 
+def test_only_messages_of_the_requested_time_are_read(sample):
+    with BagReader(sample) as bag:
+        every = [raw.time_ns for raw in bag.messages()]
+        middle_ns = every[len(every) // 2]
+        early = [raw.time_ns for raw in bag.messages(stop_ns=middle_ns)]
+        late = [raw.time_ns for raw in bag.messages(start_ns=middle_ns)]
+        at_once = [raw.time_ns for raw in bag.messages((), middle_ns, middle_ns + 1)]
+    assert early + late == every
+    assert early[-1] < middle_ns == late[0] == at_once[0] == at_once[-1]
+
+
 def test_patterns_select_topics():
     names = ["/a/left", "/a/odom", "/b/odom"]
     assert matching(names, []) == names

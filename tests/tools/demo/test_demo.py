@@ -70,7 +70,7 @@ def test_score_matches_hand_computed_values():
     rows = [[c.strip() for c in re.split("[│┃]", line)[1:-1]] for line in text.splitlines()]
     assert ["1", "1", "3 / 3", "10.0 cm", "10.0 cm"] in rows
     assert ["2", "2, 5", "2 / 3", "20.0 cm", "30.0 cm"] in rows
-    assert "found 5 of 6 people in 3 frames of the ground truth, 1 false; mean error 14.0" in text
+    assert "found 5 of 6 people in 3 frames of the ground truth, 1 false;\nmean error 14.0" in text
     # 1 - (1 missed + 1 false + 1 switch) / 6
     assert "followed: 1 id switches, MOTA 0.500" in text
 
@@ -100,7 +100,7 @@ def test_events_belong_to_the_interval_before_them():
 def test_picture_shows_the_moment_of_the_farthest_straggler(tmp_path, monkeypatch):
     drawn: list[Any] = []
     monkeypatch.setattr(pictures, "draw_top_view", lambda view, path: drawn.append(view))
-    monkeypatch.setattr(pictures, "animate", lambda views, path: drawn.append(path))
+    monkeypatch.setattr(pictures, "animate", lambda views, path, **_: drawn.append(path))
     views = walk()
     printed(draw_demo, views, 2, tmp_path / "demo.png")
     # They fall behind from 2 s on, and the others get away from them until the end, 4 s.
@@ -117,7 +117,7 @@ def test_picture_shows_the_moment_of_the_farthest_straggler(tmp_path, monkeypatc
 def test_picture_shows_as_many_people_as_most_intervals(tmp_path, monkeypatch):
     drawn: list[Any] = []
     monkeypatch.setattr(pictures, "draw_top_view", lambda view, path: drawn.append(view))
-    monkeypatch.setattr(pictures, "animate", lambda views, path: None)
+    monkeypatch.setattr(pictures, "animate", lambda views, path, **_: None)
     views = walk()
     false = dataclasses.replace(views[-1], people=[*views[-1].people, person(3, 0.0, 0.0)])
     lost = dataclasses.replace(views[-2], people=views[-2].people[:1])
@@ -133,8 +133,8 @@ def test_pictures_are_written(tmp_path):
     with Image.open(tmp_path / "demo.png") as picture, Image.open(tmp_path / "demo.gif") as film:
         assert picture.size == (990, 880)
         assert getattr(film, "n_frames", 1) == 21
-    assert text.splitlines()[0] == f"picture: {tmp_path / 'demo.png'}"
-    assert text.splitlines()[-1] == f"animation: {tmp_path / 'demo.gif'}"
+    drawn = [line.partition(" s  ")[2] for line in text.splitlines()]
+    assert drawn == [f"drawing {tmp_path / 'demo.png'}", f"drawing {tmp_path / 'demo.gif'}"]
 
 
 @pytest.mark.parametrize(
