@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import importlib.util
 import os
 import subprocess
@@ -57,7 +56,7 @@ DEFINITIONS = {
     },
 }
 
-# Neither C++ nor introspection: half of the time.
+# Without C++, which takes half of the time.
 _CMAKE = """\
 cmake_minimum_required(VERSION 3.22)
 project({package})
@@ -65,7 +64,7 @@ find_package(ament_cmake REQUIRED)
 find_package(geometry_msgs REQUIRED)
 find_package(std_msgs REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
-list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "introspection|_cpp:")
+list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 rosidl_generate_interfaces({package} {files} DEPENDENCIES geometry_msgs std_msgs)
 ament_package()
 """
@@ -109,10 +108,16 @@ def add(patch: pytest.MonkeyPatch, variable: str, path: Path) -> None:
     patch.setenv(variable, f"{path}{os.pathsep}{rest}" if rest else str(path))
 
 
-@functools.cache
 def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
-    """Builds packages, once in a session, and returns their prefix."""
-    folder = factory.mktemp("interfaces")
+    """Prefix of packages, which are built once in a session."""
+    folder = factory.getbasetemp() / "-".join(("interfaces", *packages))
+    if not folder.exists():
+        _build(folder, packages)
+    return folder / "prefix"
+
+
+def _build(folder: Path, packages: tuple[str, ...]) -> None:
+    """Builds packages as setup/messages.sh builds our own."""
     for package in packages:
         _write(folder / "source" / package, package)
     (folder / "source" / "CMakeLists.txt").write_text(
@@ -123,7 +128,6 @@ def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
         **os.environ,
         "AMENT_PREFIX_PATH": sys.prefix,
         "PATH": f"{sys.prefix}/bin:{os.environ['PATH']}",
-        "STATIC_ROSIDL_TYPESUPPORT_C": "rosidl_typesupport_fastrtps_c",
     }
     prefix, build = folder / "prefix", folder / "build"
     configure = [
@@ -145,7 +149,6 @@ def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
             check=False,
         )
         assert done.returncode == 0, done.stdout
-    return prefix
 
 
 def _write(folder: Path, package: str) -> None:
