@@ -13,6 +13,8 @@ import pytest
 
 #: Tries that count, unless a test asks for others.
 TRIES = 10
+#: For slow ones: three, all of which must be within the bound; ten where `-m soak` asks for them.
+FEW_OR_TEN = pytest.mark.parametrize("tries", [3, pytest.param(TRIES, marks=pytest.mark.soak)])
 #: A try counts where others than this test used no more of the processors than this.
 QUIET = 0.15
 #: So many may not count, and after each a quiet moment must come within this time [s].

@@ -44,6 +44,11 @@ def wrap_angle(angle: float) -> float:
     return math.pi if wrapped == -math.pi else wrapped
 
 
+def wrap_angles(angles: Float) -> Float:
+    """The same angles in [-pi, pi)."""
+    return np.asarray((angles + math.pi) % (2.0 * math.pi) - math.pi)
+
+
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
     """Heading of a unit quaternion [rad]."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

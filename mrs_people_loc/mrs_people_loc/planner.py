@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.following.groups import GROUPS_TUNING, Groups, GroupsTuning
 from mrs_people_loc.following.tracks import TRACKS_TUNING, Tracker, TracksTuning
+from mrs_people_loc.following.visibility import FieldsOfView
 from mrs_people_loc.people import NOBODY, Group, Person, combine, gather
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import ShortTermMap, allow_for_walking, fuse, place_bodies
@@ -97,6 +99,7 @@ class Planner:
         places: Remembers what stands where.
         tracker: Follows people.
         groups: Follows their groups.
+        views: What robots have in view.
     """
 
     def __init__(self, config: PlannerConfig, tuning: PlannerTuning = PLANNER_TUNING) -> None:
@@ -105,6 +108,7 @@ class Planner:
         self.places = PlaceMemory(tuning.places)
         self.tracker = Tracker(config.tracking, tuning.tracks)
         self.groups = Groups(config.groups, tuning.groups)
+        self.views = FieldsOfView()
         self._walls: Walls | None = None
 
     def begin_anew(self) -> None:
@@ -162,7 +166,8 @@ class Planner:
         of_cells = cells.detect(fused, masked, placed, expected, config, tuning.splitting)
         found = combine(of_cells, of_bodies, min_distance=config.joining.apart)
         times.mark("clustering")
-        persons, groups, events = self._follow(found.persons, time_ns, times)
+        looking = {name: poses[name] for name in fused.robots}
+        persons, groups, events = self._follow(found.persons, looking, poses, time_ns, times)
         used = {scan.robot: given[scan.robot] for scan in scans}
         persons = tuple(_in_map(person, person.position, used) for person in persons)
         groups = tuple(_in_map(group, group.centre, used) for group in groups)
@@ -171,15 +176,23 @@ class Planner:
         )
 
     def _follow(
-        self, persons: tuple[Person, ...], time_ns: int, times: StageTimes
+        self,
+        persons: tuple[Person, ...],
+        looking: Mapping[str, Pose],
+        poses: Mapping[str, Pose],
+        time_ns: int,
+        times: StageTimes,
     ) -> tuple[tuple[Person, ...], tuple[Group, ...], tuple[str, ...]]:
         """Tracked people, their groups, and events of the groups."""
         if not self.config.tracking.enabled:
             everybody = gather(persons)
             return persons, (everybody,) if everybody else (), ()
-        persons = self.tracker.step(persons, time_ns)
+        self.views.learn(persons, looking)
+        sees = partial(self.views.are_seen, looking=looking, robots=poses)
+        persons = self.tracker.step(persons, time_ns, sees)
         times.mark("tracking")
         groups, events = self.groups.step(persons, time_ns)
+        self.tracker.group_of = self.groups.group_of()
         times.mark("groups")
         return persons, groups, events
 

@@ -305,7 +305,7 @@ def people(result: People, frame_id: str) -> PeopleMessage:
 def _person(person: Person) -> PersonMessage:
     return PersonMessage(
         id=person.id,
-        pose=_place(person.position, person.covariance),
+        pose=place(person.position, person.covariance),
         velocity=_velocity(person.velocity, person.velocity_covariance),
         height=person.height,
         sigma=person.sigma,
@@ -319,7 +319,7 @@ def _group(group: Group) -> GroupMessage:
     return GroupMessage(
         id=group.id,
         size=group.size,
-        centre=_place(group.centre, group.covariance),
+        centre=place(group.centre, group.covariance),
         velocity=_velocity(group.velocity, group.velocity_covariance),
         radius=group.radius,
         rms_spread=group.rms_spread,
@@ -329,7 +329,7 @@ def _group(group: Group) -> GroupMessage:
     )
 
 
-def _place(position: np.ndarray, covariance: np.ndarray) -> PoseWithCovariance:
+def place(position: np.ndarray, covariance: np.ndarray) -> PoseWithCovariance:
     """A place on the floor with no heading."""
     full = np.zeros((6, 6))
     full[:2, :2] = covariance

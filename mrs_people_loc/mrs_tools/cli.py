@@ -1,9 +1,9 @@
 """The `mrs` command.
 
 To add a subcommand, write a function with Typer annotations in a module of `mrs_tools.commands`,
-which reads options, calls and prints, and add one line to `COMMANDS`. Its module is imported when
-the subcommand runs, so `mrs --help` stays fast and works without ROS; import ROS inside functions,
-so that `mrs NAME --help` does, too.
+which reads options, calls and prints; add one line to `COMMANDS`, and what one may write to
+`examples.EXAMPLES`. Its module is imported when the subcommand runs, so `mrs --help` stays fast and
+works without ROS; import ROS inside functions, so that `mrs NAME --help` does, too.
 
 An error of this project (`PeopleLocError`) is printed as one line and ends with exit code 1, wrong
 usage with 2, Ctrl-C with 130, a closed terminal with 129. Everything else is a bug and shows its
@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, NoReturn
 
 from mrs_people_loc.errors import PeopleLocError
+from mrs_tools.examples import epilog
 from mrs_tools.installing import how_to_install
 
 try:
@@ -123,12 +124,15 @@ def _load(name: str) -> Any:
     module, _, attribute = path.partition(":")
     target = getattr(importlib.import_module(module), attribute)
     if isinstance(target, typer.Typer):
+        target.info.epilog = epilog(name)
         for command in target.registered_commands:
+            command.epilog = epilog(f"{name} {command.name}")
             _spell_optional(command.callback)
     else:
         _spell_optional(target)
         function, target = target, typer.Typer(add_completion=False, rich_markup_mode="markdown")
-        target.command(name, help=None if function.__doc__ else summary)(function)
+        text = None if function.__doc__ else summary
+        target.command(name, help=text, epilog=epilog(name))(function)
     return typer.main.get_command(target)
 
 

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import TeamPose
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
@@ -31,10 +32,11 @@ from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.intervals import Closed, IntervalCollector
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
-from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint
+from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint, type_name
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, TEAM
+from planner_node.others.publishing import Others
 from planner_node.outputs import Outputs
 from planner_node.roster import Roster
 
@@ -83,11 +85,12 @@ class PlannerNode(ManagedNode):
         self._relative_poses = RelativePoses()
         self._compared_ns: int | None = None
         self._outputs = Outputs(self)
+        self._others = Others(self)
 
     def start(self) -> None:
         """Subscribes to the robots, and looks for more."""
         self.listen(TeamPose, "team_poses", self._on_team_pose, TEAM, any_number=True)
-        if self.config.masking.occupancy_grid:
+        if self.config.masking.occupancy_grid or self._others.needs_map:
             self.listen(OccupancyGrid, "map", self._on_map, MAP, once=True)
         for robot in self.config.robots:
             self._roster.add(robot)
@@ -95,11 +98,13 @@ class PlannerNode(ManagedNode):
         self._own_timers.append(self.create_timer(_TICK_S, self._step, clock=steady))
         if not self.config.robots:
             self._own_timers.append(self.create_timer(_DISCOVERY_S, self._discover, clock=steady))
+        self._others.start()
 
     def stop(self) -> None:
         """Forgets the robots, and what waits for an interval."""
         while self._own_timers:
             self.destroy_timer(self._own_timers.pop())
+        self._others.stop()
         self._roster = Roster(self, self._on_points, self._on_pose)
         self._losses.clear()
         self._collector = IntervalCollector(self.config.interval, self.config.robots)
@@ -112,7 +117,7 @@ class PlannerNode(ManagedNode):
 
     def _take_config(self, config: PlannerConfig) -> None:
         self._planner.config = config
-        self._planner.take_grid(self._grid)
+        self._planner.take_grid(self._grid if config.masking.occupancy_grid else None)
 
     def waits_for(self) -> str:
         """The robots."""
@@ -164,7 +169,8 @@ class PlannerNode(ManagedNode):
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self._grid = messages.read_occupancy_grid(message, self.config.map_frame)
-        self._planner.take_grid(self._grid)
+        self._others.take_map(message, self._grid)
+        self._take_config(self.config)
 
     # ---- step ----
 
@@ -182,6 +188,7 @@ class PlannerNode(ManagedNode):
         self._result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
         self._intervals += 1
         self._outputs.publish(self._result, self.config)
+        self._others.publish(self._result)
         self._measure_robots(self._result)
 
     def _measure_robots(self, result: People) -> None:
@@ -220,10 +227,11 @@ class PlannerNode(ManagedNode):
         """The other planners, the intervals, and each robot."""
         topic = self.resolve_topic_name(self.config.people_topic)
         several = self.count_publishers(topic) > 1
-        publishers = map(node_of, self.get_publishers_info_by_topic(topic)) if several else ()
+        ends = self.get_publishers_info_by_topic(topic) if several else ()
+        publishers = [(node_of(end), end.topic_type) for end in ends]
         figures = {} if self._result is None else self._figures(self._result)
         return [
-            of_people(topic, list(publishers)),
+            of_people(topic, type_name(PeopleMessage), publishers),
             of_intervals(self._roster.robots, self._intervals, figures),
             *map(of_member, self._members()),
         ]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from machine import nine_of_ten
+from machine import FEW_OR_TEN, nine_of_ten
 from network.team import FRAME_HZ, PLANNER, PLAYED, REAL, ROBOTS, Span, TeamOnHosts, team_on_hosts
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(300)]
@@ -142,7 +142,10 @@ def test_team_works_while_packets_are_lost(team: TeamOnHosts, show: Show, second
         under_loss(team, show, probability, seconds)
 
 
-def test_planner_recovers_after_3_s_without_network(team: TeamOnHosts, show: Show) -> None:
+@FEW_OR_TEN
+def test_planner_recovers_after_3_s_without_network(
+    team: TeamOnHosts, show: Show, tries: int
+) -> None:
     def back() -> float:
         team.hosts.partition(PLANNER)
         time.sleep(3.0)
@@ -152,7 +155,7 @@ def test_planner_recovers_after_3_s_without_network(team: TeamOnHosts, show: Sho
         return team.all_back(ROBOTS, mended)
 
     what = "planner cut off for 3 s: people are back after"
-    nine_of_ten(back, ALL_BACK_S, what, show=show)
+    nine_of_ten(back, ALL_BACK_S, what, tries=tries, show=show)
     team.full_rate()
 
 

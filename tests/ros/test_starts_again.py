@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from mrs_people_msgs.msg import People
 
-from machine import nine_of_ten
+from machine import FEW_OR_TEN, nine_of_ten
 from ros.harness import Peer, Team
 from ros.life import ROBOTS, Life, kill
 from ros.recording import Recording
@@ -34,7 +34,10 @@ def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
     peer.close()
 
 
-def test_killed_robot_is_used_again_in_time(life: Life, show: Callable[[str], None]) -> None:
+@FEW_OR_TEN
+def test_killed_robot_is_used_again_in_time(
+    life: Life, show: Callable[[str], None], tries: int
+) -> None:
     def back() -> float:
         kill(life.robots["robot_b"])
         began = time.monotonic()
@@ -42,10 +45,14 @@ def test_killed_robot_is_used_again_in_time(life: Life, show: Callable[[str], No
         life.until_seen_by(*ROBOTS)
         return time.monotonic() - began
 
-    nine_of_ten(back, ROBOT_S, "robot_node killed: its people after its new start", show=show)
+    what = "robot_node killed: its people after its new start"
+    nine_of_ten(back, ROBOT_S, what, tries=tries, show=show)
 
 
-def test_killed_planner_publishes_again_in_time(life: Life, show: Callable[[str], None]) -> None:
+@FEW_OR_TEN
+def test_killed_planner_publishes_again_in_time(
+    life: Life, show: Callable[[str], None], tries: int
+) -> None:
     def back() -> float:
         kill(life.planner)
         began = time.monotonic()
@@ -54,4 +61,4 @@ def test_killed_planner_publishes_again_in_time(life: Life, show: Callable[[str]
         return time.monotonic() - began
 
     what = "planner_node killed: people of all robots after its new start"
-    nine_of_ten(back, PLANNER_S, what, show=show)
+    nine_of_ten(back, PLANNER_S, what, tries=tries, show=show)

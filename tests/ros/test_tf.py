@@ -31,7 +31,7 @@ MOUNTING = {"height": 1.2, "forward": 0.1, "left": -0.05, "pitch": 0.17, "roll":
 @pytest.fixture(scope="module")
 def tf_message(tmp_path_factory: pytest.TempPathFactory, domain: int) -> Iterator[type]:
     """The type tf2_msgs/msg/TFMessage."""
-    with tf2(tmp_path_factory.mktemp("tf2")):
+    with tf2(tmp_path_factory):
         from tf2_msgs.msg import TFMessage
 
         yield TFMessage

@@ -1,7 +1,7 @@
 """A full team at work for minutes: nothing grows, nothing is lost.
 
-The short forms run with the other tests, and hold what half a minute can show: no image and no
-message is kept. `make soak` runs the long ones.
+The short forms run with the other tests, and hold what 24 s can show: no image and no message is
+kept. `make soak` runs the long ones.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def checked(run_once: Callable[[], Load], show: Show, *, long: bool) -> Load:
 @pytest.mark.parametrize(
     ("seconds", "frames", "hz", "files"),
     [
-        pytest.param(30, 3, 5.0, [PAPER], id="short"),
+        pytest.param(24, 3, 5.0, [PAPER], id="short"),
         pytest.param(600, 15, 15.0, [PAPER], id="long-paper", marks=pytest.mark.soak),
         # Eight robots on one machine: 15 Hz of the default method take two cores of it and more.
         pytest.param(
@@ -157,7 +157,7 @@ def scans_of(bag: Path, files: list[Path]) -> dict[str, Recorded]:
 @pytest.mark.parametrize(
     ("seconds", "frames", "hz"),
     [
-        pytest.param(30, 3, 10.0, id="short"),
+        pytest.param(24, 3, 10.0, id="short"),
         pytest.param(600, 15, 30.0, id="long", marks=pytest.mark.soak),
     ],
 )

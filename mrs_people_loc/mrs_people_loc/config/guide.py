@@ -85,7 +85,7 @@ class Safety(Section):
         low=0.05, high=5.0,
     )  # fmt: skip
     robot_timeout: float = field(
-        2.0, "a robot whose pose is older than this takes no part, until it is back [s]",
+        1.0, "a robot whose pose is older than this takes no part, until it is back [s]",
         low=0.2, high=60.0,
     )  # fmt: skip
     person_distance: float = field(

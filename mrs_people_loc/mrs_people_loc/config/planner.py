@@ -234,6 +234,11 @@ class Tracking(Section):
         0.5, "... and after this share of the time for which the person was observed",
         low=0.0, high=1e3,
     )  # fmt: skip
+    hidden_time: float = field(
+        10.0, "the track of a member of a group whom no robot has in view is terminated after this "
+        "time instead of tracking.coast_time [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
     memory: float = field(
         10.0, "time after the last observation for which a terminated track can resume with its "
         "id, where the person may have got to, at most the time of observation [s]; 0: off",
@@ -281,6 +286,32 @@ class Groups(Section):
 
 
 @dataclass(frozen=True)
+class Outputs(Section):
+    """The people in messages of other packages (docs/use_with.md)."""
+
+    people_msgs: bool = field(
+        True, "true: people_msgs/People on `people`, where that package is installed", live=False
+    )
+    hri_msgs: bool = field(
+        True, "true: persons and groups on /humans as in REP 155, where hri_msgs is installed",
+        live=False,
+    )  # fmt: skip
+    vision_msgs: bool = field(
+        True, "true: vision_msgs/Detection3DArray on `people_detections`, where that package is "
+        "installed",
+        live=False,
+    )  # fmt: skip
+    person_frames: bool = field(
+        False, "true: a frame person_p<id> of each person on TF, with tf2_msgs", live=False
+    )
+    people_costmap: bool = field(
+        False, "true: costs around people on `people_costmap`, with the geometry of `map`",
+        live=False,
+    )  # fmt: skip
+    costmap_rate: float = field(5.0, "rate of people_costmap [Hz]", low=0.1, high=50.0, live=False)
+
+
+@dataclass(frozen=True)
 class PlannerConfig(Section):
     """Configuration of the planner: from the robots' scans to people."""
 
@@ -301,6 +332,7 @@ class PlannerConfig(Section):
     human: Human = dataclasses.field(default_factory=Human)
     tracking: Tracking = dataclasses.field(default_factory=Tracking)
     groups: Groups = dataclasses.field(default_factory=Groups)
+    outputs: Outputs = dataclasses.field(default_factory=Outputs)
 
     def memoryless(self) -> PlannerConfig:
         """The same, but every interval stands for itself."""

@@ -114,7 +114,7 @@ class Groups:
         if self._time_ns is None or since_ns >= 0:
             self._time_ns = time_ns
         dt_s = max(since_ns, 0) / 1e9
-        group_of = self._group_of()
+        group_of = self.group_of()
         self._link(people, group_of, min(dt_s, self.tuning.max_step_s))
         components = self._components()
         events: list[str] = []
@@ -130,7 +130,7 @@ class Groups:
         groups.sort(key=lambda group: (-group.size, group.id))
         return tuple(groups), tuple(events)
 
-    def _group_of(self) -> dict[int, int]:
+    def group_of(self) -> dict[int, int]:
         """By member, their group; without stragglers."""
         return {
             member: number

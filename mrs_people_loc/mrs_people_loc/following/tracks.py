@@ -18,8 +18,9 @@ go on.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,9 @@ class TracksTuning:
         travelled_sigmas: ... and than so many standard deviations has walked there.
         lost_reach: A lost person reappears within this of where they were last seen [m], and of
             what they may have walked.
+        adapt_s: Time in which a hidden member of a group takes up the velocity of those around [s].
+        company: Standard deviation of the distance over which these count [m] ...
+        company_reach: ... up to this one [m].
     """
 
     max_score: float = 8.0
@@ -65,9 +69,21 @@ class TracksTuning:
     lead_speed: float = 0.4
     travelled: float = 0.4
     travelled_sigmas: float = 3.0
+    adapt_s: float = 0.5
+    company: float = 1.0
+    company_reach: float = 2.5
 
 
 TRACKS_TUNING = TracksTuning()
+
+#: Tells whether robots have people in plain view: takes the places of these and of all people [m],
+#: shapes (k, 2) and (n, 2); returns shape (k,).
+Sees: TypeAlias = Callable[[Float, Float], Bool]
+
+
+def everybody(places: Float, _people: Float) -> Bool:
+    """A `Sees` where nobody is hidden."""
+    return np.ones(len(places), dtype=bool)
 
 
 @dataclass
@@ -84,6 +100,7 @@ class _Tracks(StructOfArrays):
         age_s: Since it was first seen [s].
         seen: Whether it is seen in this interval.
         unseen_s: Since it was last seen [s].
+        missed_s: Since then, for how long nothing explains why it is not seen [s].
         seen_s: For how long it was seen, in total [s].
         origin: Where it was first seen [m], shape (n, 2).
         origin_covariance: Of that place [m^2], shape (n, 2, 2).
@@ -100,31 +117,70 @@ class _Tracks(StructOfArrays):
     age_s: Float
     seen: Bool
     unseen_s: Float
+    missed_s: Float
     seen_s: Float
     origin: Float
     origin_covariance: Float
     travelled: Bool
     last: NDArray[np.object_]
 
-    def predict(self, dt_s: float, acceleration: float, max_variance: float) -> None:
-        """The Kalman filter's prediction."""
-        if dt_s <= 0:
-            return
-        t, q = dt_s, acceleration**2
-        move = np.eye(4)
-        move[0, 2] = move[1, 3] = t
-        noise = np.zeros((4, 4))
-        noise[(0, 1), (0, 1)] = q * t**3 / 3.0
-        noise[(0, 1, 2, 3), (2, 3, 0, 1)] = q * t**2 / 2.0
-        noise[(2, 3), (2, 3)] = q * t
-        self.state = self.state @ move.T
-        self.covariance = move @ self.covariance @ move.T + noise
-        # One factor for the whole matrix, so that it stays a covariance.
+    def move(self, rows: Int | Bool, motion: _Motion, velocity: Float | float = 0.0) -> None:
+        """The Kalman filter's prediction of some tracks.
+
+        Args:
+            rows: Which.
+            motion: How people move.
+            velocity: What their velocity tends to, shape (k, 2) [m/s].
+        """
+        move, noise, shift = motion
+        state = self.state[rows] @ move.T
+        state[:, :2] += shift[0] * velocity
+        state[:, 2:] += shift[1] * velocity
+        self.state[rows] = state
+        self.covariance[rows] = move @ self.covariance[rows] @ move.T + noise
+
+    def bound(self, max_variance: float) -> None:
+        """Bounds the variances, by one factor for the whole matrix: it stays a covariance."""
         largest = self.covariance[:, (0, 1, 2, 3), (0, 1, 2, 3)].max(axis=1, initial=0.0)
         factor = np.minimum(1.0, max_variance / np.maximum(largest, 1e-12))
         self.covariance *= factor[:, np.newaxis, np.newaxis]
-        self.age_s = self.age_s + t
-        self.unseen_s = self.unseen_s + t
+
+
+class _Motion(NamedTuple):
+    """How the state of a person changes in a time.
+
+    Attributes:
+        move: Linear part, shape (4, 4).
+        noise: Covariance that is added, shape (4, 4).
+        shift: By how much the place [s] and the velocity change per velocity that they tend to.
+    """
+
+    move: Float
+    noise: Float
+    shift: tuple[float, float]
+
+    @classmethod
+    def alone(cls, t: float, acceleration: float) -> _Motion:
+        """Constant velocity, and white noise of acceleration."""
+        return cls._of(t, t, 1.0, acceleration**2 * np.array([t**3 / 3.0, t**2 / 2.0, t]))
+
+    @classmethod
+    def in_company(cls, t: float, acceleration: float, adapt_s: float) -> _Motion:
+        """An Ornstein-Uhlenbeck velocity: it tends to that of others, with the same noise."""
+        kept = math.exp(-t / adapt_s)
+        reach = adapt_s * (1.0 - kept)
+        squared = adapt_s * (1.0 - kept**2) / 2.0
+        noise = np.array([adapt_s**2 * (t - 2.0 * reach + squared), reach**2 / 2.0, squared])
+        return cls._of(t, reach, kept, acceleration**2 * noise)
+
+    @classmethod
+    def _of(cls, t: float, reach: float, kept: float, noise: Float) -> _Motion:
+        """From the noise of place, of place with velocity, and of velocity."""
+        place, both, velocity = noise
+        move = np.array([[1.0, reach], [0.0, kept]])
+        added = np.array([[place, both], [both, velocity]])
+        axes = np.eye(2)
+        return cls(np.kron(move, axes), np.kron(added, axes), (t - reach, 1.0 - kept))
 
 
 @dataclass(frozen=True)
@@ -165,6 +221,7 @@ class Tracker:
         config: Likewise.
         jumps_back: How often the time has jumped back, by more than `RESET_NS`.
         turned_away: How often a new detection was not followed because there were too many tracks.
+        group_of: By id, the group of each of its members, as of the interval before.
     """
 
     def __init__(self, config: cfg.Tracking, tuning: TracksTuning = TRACKS_TUNING) -> None:
@@ -172,6 +229,7 @@ class Tracker:
         self.tuning = tuning
         self.jumps_back = 0
         self.turned_away = 0
+        self.group_of: Mapping[int, int] = {}
         self._time_ns: int | None = None
         self._followed_s = 0.0
         self._next_id = 1
@@ -198,13 +256,19 @@ class Tracker:
         places = xy - self._late(time_ns) * velocity
         return Expected(places, people.covariance[:, :2, :2], people.id, people.travelled)
 
-    def step(self, persons: Sequence[Person], time_ns: int) -> tuple[Person, ...]:
+    def step(
+        self,
+        persons: Sequence[Person],
+        time_ns: int,
+        sees: Sees = everybody,
+    ) -> tuple[Person, ...]:
         """Takes the detections of an interval.
 
         Args:
             persons: The detections, with log-odds and stamps.
             time_ns: Time of the interval [ns]; a little older than the last one: scans that came
                 late by themselves; older by more than `RESET_NS`: all tracks are new.
+            sees: Tells who is in plain view of the robots of this interval.
 
         Returns:
             All people who are followed, seen or not, by id.
@@ -217,11 +281,41 @@ class Tracker:
         self._followed_s += dt_s
         self._predict(self._tracks, dt_s)
         self._predict(self._lost, dt_s)
-        self._associate(_Found.from_persons(persons, self._time_ns, self.tuning), dt_s)
+        self._associate(_Found.from_persons(persons, self._time_ns, self.tuning), dt_s, sees)
         return self._persons(late_s)
 
     def _predict(self, tracks: _Tracks, dt_s: float) -> None:
-        tracks.predict(dt_s, self.config.acceleration, self.tuning.max_variance)
+        if dt_s <= 0:
+            return
+        rows, velocity = self._company(tracks)
+        alone = np.ones(len(tracks), dtype=bool)
+        alone[rows] = False
+        acceleration, tuning = self.config.acceleration, self.tuning
+        tracks.move(alone, _Motion.alone(dt_s, acceleration))
+        tracks.move(rows, _Motion.in_company(dt_s, acceleration, tuning.adapt_s), velocity)
+        tracks.bound(tuning.max_variance)
+        tracks.age_s = tracks.age_s + dt_s
+        tracks.unseen_s = tracks.unseen_s + dt_s
+
+    def _company(self, tracks: _Tracks) -> tuple[Int, Float]:
+        """Unseen people who walk with others of their group.
+
+        Returns:
+            Rows of them; and the mean velocity of the others around, shape (k, 2) [m/s].
+        """
+        others, tuning = self._tracks.select(self._tracks.seen), self.tuning
+        of_others, of_tracks = (
+            np.array([self.group_of.get(who, 0) for who in some.id.tolist()], dtype=np.intp)
+            for some in (others, tracks)
+        )
+        rows = np.flatnonzero((of_tracks > 0) & ~tracks.seen & tracks.travelled)
+        offset = tracks.state[rows, np.newaxis, :2] - others.state[:, :2]
+        away = np.linalg.norm(offset, axis=2)
+        weight = np.exp(-0.5 * (away / tuning.company) ** 2)
+        weight *= (away <= tuning.company_reach) & (of_tracks[rows, np.newaxis] == of_others)
+        total = weight.sum(axis=1)
+        rows, weight, total = rows[total > 0.0], weight[total > 0.0], total[total > 0.0]
+        return rows, weight @ others.state[:, 2:] / total[:, np.newaxis]
 
     def _since(self, time_ns: int) -> float:
         return 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / 1e9)
@@ -234,7 +328,7 @@ class Tracker:
         """Whether time has jumped back."""
         return self._time_ns is not None and self._time_ns - time_ns > RESET_NS
 
-    def _associate(self, found: _Found, dt_s: float) -> None:
+    def _associate(self, found: _Found, dt_s: float, sees: Sees) -> None:
         """Updates tracks with their detections, ends old ones and begins new ones."""
         config, tracks = self.config, self._tracks
         tracks.seen[:] = False
@@ -244,13 +338,7 @@ class Tracker:
             one, other = _assign(tracks, rows, found, free, config, self.tuning)
             _update(tracks, one, found, other, config, self.tuning, dt_s)
             free = np.setdiff1d(free, other)
-        # No track coasts, or is remembered, for longer than it was seen.
-        coast_s = np.minimum(config.coast_time, config.coast_share * tracks.seen_s)
-        # Too fast for a person: the detections were of several people, or of nobody.
-        coast_s[np.hypot(*tracks.state[:, 2:].T) > config.max_speed] = 0.0
-        limit = np.where(tracks.id > 0, coast_s, config.doubt_time)
-        ended = ~tracks.seen & (tracks.unseen_s > limit)
-        ended |= (tracks.id > 0) & (tracks.evidence < config.keep_score)
+        ended = self._ended(dt_s, sees)
         gone = _Tracks.concatenate([self._lost, tracks.select(ended & (tracks.id > 0))])
         gone = gone.select(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
         self._lost = gone.select(np.argsort(gone.unseen_s, kind="stable")[: config.max_tracks])
@@ -265,6 +353,25 @@ class Tracker:
         self._tracks = tracks
         self._confirm(np.flatnonzero(tracks.id == 0))
 
+    def _ended(self, dt_s: float, sees: Sees) -> Bool:
+        """Which tracks end: unseen for too long, or no longer likely to be people."""
+        config, tracks = self.config, self._tracks
+        # No track coasts for longer than this share of the time for which it was seen.
+        most_s = config.coast_share * tracks.seen_s
+        # Too fast for a person: the detections were of several people, or of nobody.
+        most_s[np.hypot(*tracks.state[:, 2:].T) > config.max_speed] = 0.0
+        coast_s = np.minimum(config.coast_time, most_s)
+        hidden_s = np.maximum(coast_s, np.minimum(config.hidden_time, most_s))
+        is_missed = np.ones(len(tracks), dtype=bool)
+        may_hide, _ = self._company(tracks)
+        is_missed[may_hide] = sees(tracks.state[may_hide, :2], tracks.state[tracks.id > 0, :2])
+        tracks.missed_s = np.where(tracks.seen, 0.0, tracks.missed_s + dt_s * is_missed)
+        is_person = tracks.id > 0
+        too_long = (tracks.missed_s > coast_s) | (tracks.unseen_s > hidden_s)
+        too_long = np.where(is_person, too_long, tracks.unseen_s > config.doubt_time)
+        unlikely = is_person & (tracks.evidence < config.keep_score)
+        return np.asarray(~tracks.seen & too_long | unlikely)
+
     def _confirm(self, rows: Int) -> None:
         """Gives ids to tracks that are people by now: a new one, or that of a lost track."""
         config, tracks = self.config, self._tracks
@@ -273,20 +380,28 @@ class Tracker:
         old |= self._followed_s < config.start_time
         least = np.where(old, min(config.birth_score, config.sure_score), config.sure_score)
         sure = tracks.evidence[rows] >= least
+        # Who is hidden may have come out elsewhere.
+        hidden = (tracks.id > 0) & ~tracks.seen & (tracks.unseen_s > config.coast_time)
+        lost = _Tracks.concatenate([self._lost, tracks.select(hidden)])
+        again: list[int] = []
         for row in rows[sure & tracks.seen[rows]].tolist():
-            lost = self._match_lost(row)
-            if lost is None:
+            found = self._match_lost(row, lost)
+            if found is None:
                 tracks.id[row] = self._next_id
                 self._next_id += 1
                 continue
-            tracks.id[row] = self._lost.id[lost]
-            tracks.age_s[row] = self._lost.age_s[lost]
-            tracks.seen_s[row] += self._lost.seen_s[lost]
-            self._lost = self._lost.select(np.arange(len(self._lost)) != lost)
+            tracks.id[row] = lost.id[found]
+            tracks.age_s[row] = lost.age_s[found]
+            tracks.seen_s[row] += lost.seen_s[found]
+            tracks.travelled[row] |= lost.travelled[found]
+            again.append(int(lost.id[found]))
+            lost = lost.select(np.arange(len(lost)) != found)
+        self._lost = self._lost.select(~np.isin(self._lost.id, again))
+        self._tracks = tracks.select(~(hidden & np.isin(tracks.id, again)))
 
-    def _match_lost(self, row: int) -> int | None:
+    def _match_lost(self, row: int, lost: _Tracks) -> int | None:
         """Which lost track a new one continues; None: none."""
-        lost, tracks = self._lost, self._tracks
+        tracks = self._tracks
         if not len(lost):
             return None
         here, velocity = tracks.state[row, :2], lost.state[:, 2:]
@@ -365,6 +480,7 @@ def _begun(found: _Found, config: cfg.Tracking) -> _Tracks:
         age_s=np.zeros(count),
         seen=np.ones(count, dtype=bool),
         unseen_s=np.zeros(count),
+        missed_s=np.zeros(count),
         seen_s=np.zeros(count),
         origin=found.xy.copy(),
         origin_covariance=found.covariance.copy(),

@@ -99,6 +99,8 @@ _ORDER, _MAKING_ROOM = np.array([0.8, 0.6]), 0.4
 _TURN_NOW, _GEAR, _FAR = 0.4, 0.4, 3.0
 #: Distances to the post across its heading count by this share.
 _ACROSS = 0.5
+#: A slower team-mate stands [m/s]: the path leads past it, unless it is in the way.
+_STANDS = 0.05
 #: Clearance in a place that is too near to a wall may get less by rounding only [m].
 _ROUNDING = 0.002
 
@@ -314,11 +316,13 @@ class Drive:
     def _meeting(self, here: Float, carrot: Float, post: Post, mates: _Mates) -> Float | None:
         """The nearest team-mate that stands in the way or comes, and is not behind the post."""
         ahead = (carrot - here) / max(float(np.linalg.norm(carrot - here)), 1e-6)
-        offset = mates.xy - here
+        offset, keep = mates.xy - here, self.config.safety.robot_distance
         distance = np.linalg.norm(offset, axis=1)
-        left = float(np.linalg.norm(post.xy - here)) + self.config.safety.robot_distance
+        left = float(np.linalg.norm(post.xy - here)) + keep
         meets = distance < min(self._tuning.pass_within, left)
         meets &= (offset @ ahead > 0.5 * distance) & (mates.velocity @ ahead < 0.1)
+        stands = np.linalg.norm(mates.velocity, axis=1) < _STANDS
+        meets &= ~stands | (np.abs(offset @ [-ahead[1], ahead[0]]) < keep)
         if not meets.any():
             return None
         nearest: Float = mates.xy[int(np.where(meets, distance, np.inf).argmin())]

@@ -77,6 +77,7 @@ class Scenery:
         leader_speed: Its speed on the way there [m/s].
         robots: Poses of those that take part, by name; the leader, too.
         moving: Whether the group goes on; else the robots turn to it.
+        overtakes: Whether the leader has to pass the group first; then it looks where it drives.
         now_s: Time [s].
         unseen_s: For how long each person has not been seen [s], shape (n,); None: all are seen.
     """
@@ -91,6 +92,7 @@ class Scenery:
     moving: bool
     now_s: float
     unseen_s: Float | None = None
+    overtakes: bool = False
 
 
 class FormationPlanner:
@@ -177,7 +179,9 @@ class FormationPlanner:
 
     def _lead(self, now: Scenery, frame: Frame) -> Post:
         xy, along = self._way.at(now.leader_m), angle_of(self._way.ahead(now.leader_m))
-        if now.moving:
+        if now.overtakes:
+            yaw = self._yaw(along, now.leader)
+        elif now.moving:
             yaw = self._yaw(along + math.pi, now.leader, along)
         else:
             yaw = self._yaw(angle_of(frame.centre(self._way) - xy), now.leader)

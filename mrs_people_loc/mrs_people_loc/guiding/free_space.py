@@ -29,6 +29,8 @@ _THROUGH_DISC = 10.0
 _ESCAPE, _TOO_NEAR = 1.0, 20.0
 #: The line to the goal is taken where no path can cost much less.
 _GOOD_LINE = 1.25
+#: The path until now is kept up to this much of the cost of another one.
+_AS_GOOD = 1.25
 #: Straight lines replace up to so many nodes of a path.
 _LONGEST_LINE = 40
 #: An edge between nodes with more clearance than half its length crosses no wall [m].
@@ -113,7 +115,12 @@ class FreeSpace:
         return np.asarray(~(hit & counts).any(axis=-1))
 
     def path(
-        self, start: Float, goal: Float, radius: float, blocked: Float | None = None
+        self,
+        start: Float,
+        goal: Float,
+        radius: float,
+        blocked: Float | None = None,
+        before: Float | None = None,
     ) -> Float | None:
         """A short path that prefers clearance.
 
@@ -124,6 +131,8 @@ class FreeSpace:
             radius: Wanted clearance of the path [m].
             blocked: Discs (x, y, radius) that are avoided unless the detour is ten times as long as
                 the way through, shape (k, 3) [m].
+            before: The path until now, shape (m, 2): what is left of it is kept unless another one
+                costs less by a fifth.
 
         Returns:
             From start to goal, shape (m, 2); None: there is no path.
@@ -140,7 +149,11 @@ class FreeSpace:
         found = _search(cost, start, goal, low, high)
         if found is None and self._grid is not None:
             found = _search(cost, start, goal, *self._bounds())
-        return None if found is None else _pulled(cost, found)
+        if found is None:
+            return None
+        path, kept = _pulled(cost, found), _rest(before, start, goal)
+        is_kept = len(kept) > 1 and cost.of_path(kept) <= _AS_GOOD * cost.of_path(path)
+        return kept if is_kept else path
 
     def _cells(self, xy: Float) -> Float:
         """Column and row with fractions, of the padded arrays."""
@@ -192,6 +205,24 @@ class _Cost:
         part = (np.arange(count) + 0.5) / count
         places = b[:, np.newaxis] - part[:, np.newaxis] * along[:, np.newaxis]
         return np.asarray(self.at(places).mean(axis=1) * length)
+
+    def of_path(self, path: Float) -> float:
+        """Cost of a path, shape (m, 2)."""
+        return float(self.of_lines(path[:-1], path[1:]).sum())
+
+
+def _rest(path: Float | None, start: Float, goal: Float) -> Float:
+    """What is left of a path from its segment nearest to a place on, to a goal, shape (m, 2).
+
+    Empty where there was none, or a straight one.
+    """
+    if path is None or len(path) < 3:
+        return np.empty((0, 2))
+    a, along = path[:-1], np.diff(path, axis=0)
+    share = ((start - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
+    nearest = a + np.clip(share, 0.0, 1.0)[:, np.newaxis] * along
+    row = int(np.linalg.norm(nearest - start, axis=1).argmin())
+    return np.concatenate([start[np.newaxis], path[row + 1 : -1], goal[np.newaxis]])
 
 
 def _cropped(

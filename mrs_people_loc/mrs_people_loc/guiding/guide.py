@@ -382,7 +382,7 @@ class _Run:
 
     def _choose_leader(self) -> None:
         group = self._group
-        front_m = group.foremost_m + self.config.pace.lead
+        front_m = group.front_m + self.config.pace.lead
         moving = self._is_off and not self._is_at_stop
         assert self._now_ns is not None
         if self._team.lead(
@@ -392,7 +392,7 @@ class _Run:
             self._pace.stand()
             self._overtakes = self._is_off and self._team.leader_m < group.way_m
         else:
-            in_front_m = group.foremost_m + 0.5 * self.config.pace.lead
+            in_front_m = group.front_m + 0.5 * self.config.pace.lead
             enough_m = min(in_front_m, self._stop_m - self._tuning.there)
             self._overtakes = self._overtakes and self._team.leader_m < enough_m
         self._events += self._team.events
@@ -424,6 +424,7 @@ class _Run:
                 leader_speed=speed,
                 robots=team.robots,
                 moving=self._pace.speed > 0.0,
+                overtakes=self._overtakes,
                 now_s=self._now_ns / 1e9,
                 unseen_s=np.array([one.unseen_s for one in there]),
             )
@@ -434,7 +435,7 @@ class _Run:
         """Where on the way the leader is to go [m], and how fast [m/s]."""
         group, leader_m, tuning = self._group, self._team.leader_m, self._tuning
         if self._overtakes and group.together:
-            front_m = group.foremost_m + self.config.pace.lead
+            front_m = group.front_m + self.config.pace.lead
             return min(front_m, max(self._stop_m, leader_m)), self.config.base.max_speed
         if speed > 0.0:
             post_m = min(leader_m + tuning.ahead + tuning.ahead_s * speed, self._stop_m)

@@ -157,7 +157,20 @@ class GuidedGroup:
     @property
     def foremost_m(self) -> float:
         """How far along the way the foremost are [m]; a single one may be ahead by 1.5 m."""
-        ways = [one.way_m for one in self.together]
+        return self._front(self.together)
+
+    @property
+    def front_m(self) -> float:
+        """As `foremost_m`, with those who are hidden, unless robots see that their place is empty.
+
+        Who passes the group has to pass them, too [m].
+        """
+        hidden = [one for one in self.guided if not one.followed and one.behind_s is None]
+        there = [one for one in hidden if one.empty_s < self.tuning.empty_s]
+        return self._front([*self.together, *there])
+
+    def _front(self, guests: Sequence[Guest]) -> float:
+        ways = [one.way_m for one in guests]
         if not ways:
             return max(self.way_m, 0.0)
         return float(min(max(ways), np.quantile(ways, 0.75) + 1.5))

@@ -248,7 +248,8 @@ class Steering:
         away = np.linalg.norm(places - post.xy, axis=1)
         discs = np.column_stack([places, np.minimum(radii, away - _AT_POST_M)])
         start = np.array([pose.x, pose.y])
-        return self.space.path(start, post.xy, safety.wall_distance, discs[discs[:, 2] > 0.0])
+        discs, before = discs[discs[:, 2] > 0.0], self._paths.get(robot)
+        return self.space.path(start, post.xy, safety.wall_distance, discs, before)
 
 
 def _age_s(now_ns: int, then_ns: int) -> float:

@@ -202,8 +202,9 @@ class TourTeam:
         """Chooses the leader.
 
         The first one is the foremost along the way. It stays while it takes part; the next one is
-        the robot that is nearest to the front. A robot that is to lead takes the lead as soon as it
-        is not behind the group.
+        the robot that is nearest to the front. While that one is still behind the group, a robot in
+        front leads instead: one that was silent for a moment only. A robot that is to lead takes
+        the lead as soon as it is not behind the group.
 
         Args:
             named: Name of the robot that is to lead; empty: any.
@@ -223,8 +224,11 @@ class TourTeam:
         if before not in there:
             off = -ways if not before else np.hypot(*(xy - way.at(front_m)).T)
             self.leader = names[int(off.argmin())]
-        can_lead = named in there and not self._motions[named].has_failed
-        if can_lead and (not moving or there[named] >= group_m):
+        able = {name for name in names if not self._motions[name].has_failed}
+        if moving and there[self.leader] < group_m:
+            in_front = [name for name in able if there[name] >= group_m]
+            self.leader = max(in_front, key=lambda name: (there[name], name), default=self.leader)
+        if named in able and (not moving or there[named] >= group_m):
             self.leader = named
         if self.leader != before:
             self.events.append(f"{self.leader} leads")

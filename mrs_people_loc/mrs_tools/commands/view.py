@@ -59,10 +59,6 @@ def command(
     The page has the map with people, groups and robots, and on demand the robots' images. Nothing
     is loaded from the internet. A bag has play, pause, speed and a time line, the same for all
     viewers; it needs no ROS. If it has images or scans but no people, they are found meanwhile.
-
-    Example: mrs view --host 0.0.0.0 --control --tour museum.yaml
-
-    Example: mrs view walk.mcap
     """
     import asyncio
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mrs_people_loc.guiding.guidance import Guidance
+from mrs_people_loc.guiding.guidance import Guidance, Role
 from mrs_tools.experiment.repeats import added_up
 from mrs_tools.installing import default_file
 from mrs_tools.scoring.positions import sums_of
@@ -87,7 +87,8 @@ class CaseScores:
         bumps: How often a robot ran into something.
         reposted_s: Of each robot that was killed: when the others had posts without it [s] after
             it; NaN: never.
-        formed_s: ... and when they were there [s].
+        others_s: ... when all but the successor of a leader were there [s],
+        formed_s: ... and when all were [s].
         stood_s: Of each time without a planner: how long it took until all stood [s]; NaN: never.
     """
 
@@ -97,6 +98,7 @@ class CaseScores:
     waited_for: int = 0
     bumps: int = 0
     reposted_s: tuple[float, ...] = ()
+    others_s: tuple[float, ...] = ()
     formed_s: tuple[float, ...] = ()
     stood_s: tuple[float, ...] = ()
 
@@ -115,7 +117,7 @@ class CaseScores:
             "bumps": self.bumps,
             **{
                 name: [None if np.isnan(s) else s for s in getattr(self, name)]
-                for name in ("reposted_s", "formed_s", "stood_s")
+                for name in ("reposted_s", "others_s", "formed_s", "stood_s")
             },
         }
 
@@ -144,10 +146,9 @@ def run_case(case: Case, seed: int) -> CaseScores:
     stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)
     waited_for = sum(not s.fetched and _is_near(run, s.person, s.begin_s, s.end_s) for s in stays)
-    reposted_s, formed_s = _after_killed(run, case.trouble)
     return CaseScores(
         score_tour(run.record), len(stays), fetched, waited_for, run.world.bumps,
-        reposted_s, formed_s, _stood(run, case.trouble),
+        *_after_killed(run, case.trouble), _stood(run, case.trouble),
     )  # fmt: skip
 
 
@@ -160,31 +161,43 @@ def _is_near(run: TourRun, person: int, begin_s: float, end_s: float) -> bool:
     return bool((np.linalg.norm(middle - xy[:, person], axis=1) <= WAITS_M).all())
 
 
-def _after_killed(run: TourRun, trouble: Trouble) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """When the others have posts, and when they are there, after a robot was killed [s]."""
+def _after_killed(
+    run: TourRun, trouble: Trouble
+) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+    """When, after a robot was killed, the others have posts, and when they are there [s].
+
+    Returns:
+        When they have them; when all but a leader's successor are there; when all are. Each empty
+        where nobody was killed; NaN: never.
+    """
     if trouble.killed is None:
-        return (), ()
+        return (), (), ()
     killed, at_s = trouble.killed
-    reposted = formed = float("nan")
+    reposted = others = formed = float("nan")
+    led = False
     for status in run.record.statuses:
         after_s = (status.stamp_ns - run.start_ns) / 1e9 - at_s
-        if after_s < 0.0 or not status.posts or killed in status.posts:
-            continue
-        if np.isnan(reposted):
-            reposted = after_s
-        if _farthest(run, status) <= FORMED_M:
-            formed = after_s
-            break
-    return (reposted,), (formed,)
+        if killed in status.posts:
+            led = status.posts[killed].role == Role.LEADER
+        elif after_s >= 0.0 and status.posts:
+            off = _off_posts(run, status)
+            rest = [off[n] for n, p in status.posts.items() if not (led and p.role == Role.LEADER)]
+            reposted = after_s if np.isnan(reposted) else reposted
+            if np.isnan(others) and max(rest, default=0.0) <= FORMED_M:
+                others = after_s
+            if max(off.values()) <= FORMED_M:
+                formed = after_s
+                break
+    return (reposted,), (others,), (formed,)
 
 
-def _farthest(run: TourRun, status: Guidance) -> float:
-    """Distance of the robot that is farthest from where it should be [m]."""
+def _off_posts(run: TourRun, status: Guidance) -> dict[str, float]:
+    """Distances of robots from where they should be [m]."""
     stamp, way = np.array([status.stamp_ns]), leaders_way(run.record.statuses)
-    return max(
-        off_post(status, name, run.record.robots[name].at(stamp)[0, :2], way)
+    return {
+        name: off_post(status, name, run.record.robots[name].at(stamp)[0, :2], way)
         for name in status.posts
-    )
+    }
 
 
 def _stood(run: TourRun, trouble: Trouble) -> tuple[float, ...]:

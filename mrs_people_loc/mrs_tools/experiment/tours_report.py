@@ -55,11 +55,14 @@ def markdown(cases: Sequence[Case], reports: Sequence[_Report]) -> str:
             "",
             "### Failures",
             "",
-            "Seconds after a robot was killed until the others have posts without it, and until "
-            f"all of them are within {FORMED_M:g} m of these; and after the planner was gone until "
-            "all robots stand. Median and worst.",
+            "Seconds after a robot was killed until the others have posts without it; until all "
+            f"but the successor of a leader are within {FORMED_M:g} m of these, and until all are: "
+            "a successor has to pass the group first. Seconds after the planner was gone until all "
+            "robots stand. Median and worst.",
             "",
-            *table(("tour", "tours", "new posts", "formed", "standing"), failures),
+            *table(
+                ("tour", "tours", "new posts", "others there", "all there", "standing"), failures
+            ),
         ]
     return "\n".join(lines) + "\n"
 
@@ -102,7 +105,7 @@ def _failure(name: str, report: _Report) -> list[str]:
     return [
         name,
         str(report["tour"]["tours"]),
-        *(_seconds(report[key]) for key in ("reposted_s", "formed_s", "stood_s")),
+        *(_seconds(report[key]) for key in ("reposted_s", "others_s", "formed_s", "stood_s")),
     ]
 
 

@@ -341,8 +341,8 @@ def _evading(
     side = np.where(np.abs(angle) < 1e-3, 1.0, np.sign(angle))
     aside = np.exp(-((slow * reach * angle) ** 2)) * side
     away = -(brake[..., None] * ahead + aside[..., None] * _left_of(ahead))
-    # Those who stand do not circle about each other.
-    still = size < 1.3
+    # Those who stand do not circle about each other; they step aside for a robot that comes.
+    still = (size < 1.3) & (skip_self | (np.linalg.norm(their_velocity, axis=1) < 0.05))
     away = np.where(still[..., None], -unit, away)
     if skip_self:
         np.fill_diagonal(force, 0.0)

@@ -12,6 +12,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from socket import gethostname
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -86,7 +87,7 @@ class Address:
     def url(self) -> str:
         """What to open in a browser."""
         everywhere = self.host in ("0.0.0.0", "::")
-        host = _own_name() if everywhere else self.host
+        host = gethostname() if everywhere else self.host
         shown = f"[{host}]" if ":" in host else host
         return f"http://{shown}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
@@ -329,15 +330,3 @@ def _host_of(url: str) -> str:
 
 def _answer(ok: bool, text: str) -> Answer:
     return Answer(type="answer", ok=ok, text=text)
-
-
-def _own_name() -> str:
-    """What other machines may call this one: its address towards the network, or its name."""
-    import socket
-
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # sends nothing; RFC 5737: nobody's
-            return str(probe.getsockname()[0])
-        except OSError:
-            return socket.gethostname()

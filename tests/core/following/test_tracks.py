@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.following.tracks import Tracker, TracksTuning
+from mrs_people_loc.following.tracks import Tracker, TracksTuning, _Motion
 from mrs_people_loc.people import NOBODY, Expected, Person
 from oracle.tracks import filtered, published
 
@@ -288,6 +288,100 @@ def hidden_between(begin, end, speed=0.5):
         return [(speed * t, 0.0) if not begin <= t < end else (np.nan, np.nan)]
 
     return ways
+
+
+def a_pair_walks(follower, *, hidden_s, sees, turn_s=math.inf, speed=0.5):
+    """Two people of one group; the second is not found from 4 s on, and they turn left together."""
+    follower.group_of = {1: 7, 2: 7}
+    out = []
+    for step in range(40 + round(10 * hidden_s)):
+        t = step / 10.0
+        x, y = speed * min(t, turn_s), speed * max(t - turn_s, 0.0)
+        found = [person(x, y, at_ns=step * 100 * MS)]
+        if t < 4.0:
+            found.append(person(x, y + 1.0, at_ns=step * 100 * MS))
+        out.append(follower.step(found, step * 100 * MS, lambda xy, _all: np.full(len(xy), sees)))
+    return out, np.array([x, y + 1.0])
+
+
+def test_hidden_member_of_a_group_walks_on_with_it():
+    follower = tracker(hidden_time=8.0, coast_share=10.0)
+    out, place = a_pair_walks(follower, hidden_s=6.0, sees=False, turn_s=5.0)
+    assert ids(out[-1]) == [1, 2]
+    hidden = out[-1][1]
+    assert hidden.coasting
+    # It turns later, by `adapt_s` and the lag of the other's filter; straight on it was 3.5 m off.
+    assert math.dist(hidden.position, place) < 0.6
+    assert hidden.covariance[0, 0] > 4 * out[39][1].covariance[0, 0]
+    speed_of_the_other = out[-1][0].velocity
+    np.testing.assert_allclose(hidden.velocity, speed_of_the_other, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "sees", "hidden_s", "lasts"),
+    [
+        ({}, False, 7.8, True),
+        ({}, False, 8.3, False),  # hidden_time is over
+        ({}, True, 0.8, True),
+        ({}, True, 1.3, False),  # in view: coast_time
+        ({"hidden_time": 0.0}, False, 1.3, False),
+        ({"coast_share": 0.5}, False, 1.9, True),  # it was seen for 4 s
+        ({"coast_share": 0.5}, False, 2.3, False),
+    ],
+)
+def test_hidden_member_lasts_for_the_hidden_time(change, sees, hidden_s, lasts):
+    follower = tracker(**{"hidden_time": 8.0, "coast_share": 10.0, **change})
+    out, _ = a_pair_walks(follower, hidden_s=hidden_s, sees=sees)
+    assert (2 in ids(out[-1])) == lasts
+
+
+@pytest.mark.parametrize("alone", ["another group", "far", "stands"])
+def test_who_does_not_walk_with_a_group_is_not_kept(alone):
+    follower = tracker(hidden_time=8.0, coast_share=10.0)
+    speed = 0.0 if alone == "stands" else 0.5
+    out, _ = a_pair_walks(follower, hidden_s=0.5, sees=False, speed=speed)
+    assert ids(out[-1]) == [1, 2]
+    if alone == "another group":
+        follower.group_of = {1: 7, 2: 8}
+    off = 5.0 if alone == "far" else 0.0
+    for step in range(45, 60):
+        now, x = step * 100 * MS, speed * step / 10.0 + off
+        out = follower.step(
+            [person(x, 0.0, at_ns=now)], now, lambda xy, _all: np.zeros(len(xy), dtype=bool)
+        )
+    assert 2 not in ids(out)
+
+
+def test_hidden_person_who_comes_out_elsewhere_keeps_their_id():
+    follower = tracker(hidden_time=8.0, coast_share=10.0, sure_score=3.0)
+    out, place = a_pair_walks(follower, hidden_s=4.0, sees=False)
+    assert ids(out[-1]) == [1, 2]
+    for step in range(80, 84):
+        now, there = step * 100 * MS, (0.05 * step, 0.0)
+        found = [person(*there, at_ns=now), person(place[0], place[1] + 1.4, at_ns=now)]
+        out = follower.step(found, now, lambda xy, _all: np.zeros(len(xy), dtype=bool))
+    assert ids(out) == [1, 2]
+    assert not out[1].coasting
+    assert out[1].position[1] == pytest.approx(place[1] + 1.4, abs=0.2)
+
+
+def test_motion_in_company_equals_small_steps_of_its_equation():
+    """dv = (u - v) / tau dt + noise, dx = v dt, with the noise of the lone motion."""
+    t, acceleration, adapt_s, steps = 0.7, 0.6, 0.5, 20000
+    move, noise, shift = _Motion.in_company(t, acceleration, adapt_s)
+    dt = t / steps
+    small = np.array([[1.0, dt], [0.0, 1.0 - dt / adapt_s]])
+    pull = np.array([0.0, dt / adapt_s])
+    x, p, one = np.zeros(2), np.zeros((2, 2)), np.eye(2)
+    for _ in range(steps):
+        x, p, one = small @ x + pull, small @ p @ small.T, small @ one
+        p[1, 1] += acceleration**2 * dt
+    along = np.ix_([0, 2], [0, 2])
+    np.testing.assert_allclose(move[along], one, atol=1e-4)
+    np.testing.assert_allclose(noise[along], p, rtol=1e-3)
+    np.testing.assert_allclose(shift, x, atol=1e-4)
+    lone = _Motion.in_company(t, acceleration, 1e3)
+    np.testing.assert_allclose(lone.noise, _Motion.alone(t, acceleration).noise, rtol=1e-2)
 
 
 def test_occluded_person_coasts_at_constant_velocity():

@@ -9,12 +9,7 @@ import pytest
 
 from mrs_people_loc.config import Formation
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.views import (
-    TeamView,
-    detection_rates,
-    hidden_by_people,
-    hidden_by_robots,
-)
+from mrs_people_loc.guiding.views import TeamView, detection_rates
 from mrs_people_loc.team.masking import OccupancyGrid
 
 ORIGIN = np.zeros((1, 2))
@@ -33,27 +28,6 @@ def test_reach_and_field_of_view():
     at_border = (2.5 * math.cos(aside), 2.5 * math.sin(aside))
     assert rates([at_border]) == pytest.approx([0.45])  # half of its body is in view
     assert rates([(2.0, 0.0)], gaze=math.pi) == pytest.approx([0.0])
-
-
-def test_people_hide_people():
-    # Of the same direction all; beside by 0.25 m at 2 m and seen from 4 m: half and little more.
-    behind = hidden_by_people(ORIGIN, np.array([[2.0, 0.0], [4.0, 0.0]]))
-    assert behind == pytest.approx(np.array([[0.0, 1.0]]))
-    near, far = math.asin(0.25 / math.hypot(2.0, 0.25)), math.asin(0.25 / 4.0)
-    turn = math.atan2(0.25, 2.0)
-    half = hidden_by_people(ORIGIN, np.array([[2.0, 0.25], [4.0, 0.0]]))
-    assert half[0, 1] == pytest.approx((near + far - turn) / (2.0 * far))
-    # From both sides: what is hidden adds up, to all of it at most.
-    both = hidden_by_people(ORIGIN, np.array([[2.0, 0.25], [2.0, -0.25], [4.0, 0.0]]))
-    assert both[0, 2] == pytest.approx(1.0)
-    assert hidden_by_people(ORIGIN, np.empty((0, 2))).shape == (1, 0)
-
-
-def test_a_robot_hides_the_middle_of_somebody_right_behind_it():
-    places = np.array([[0.0, 0.0], [3.6, 0.0]])
-    hidden = hidden_by_robots(places, np.array([[4.0, 0.0]]))
-    assert hidden[0, 1, 0] == pytest.approx(math.asin(0.2 / 3.6) / math.asin(0.25 / 4.0))
-    assert hidden[1, 0, 0] == hidden[0, 0, 0] == 0.0  # nobody hides somebody from behind, or itself
 
 
 def test_walls_hide():

@@ -43,6 +43,7 @@ def test_tours_are_long():
     assert min(world.length for world in (l_corridor(), straight_corridor(), hall())) > 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["in_l_corridor", "in_hall"])
 def test_covariances_are_true(where, request):
     inside, above = nees_inside(request.getfixturevalue(where))

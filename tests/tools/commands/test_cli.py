@@ -1,6 +1,7 @@
 """The `mrs` command as a whole."""
 
 import importlib
+import shlex
 import sys
 import types
 import typing
@@ -11,13 +12,58 @@ import typer
 from typer.testing import CliRunner
 
 from mrs_tools import cli, installing
+from mrs_tools.examples import EXAMPLES
 
 
-@pytest.mark.parametrize("name", cli.COMMANDS)
-def test_each_command_has_help(name: str) -> None:
-    result = CliRunner().invoke(cli.app, [name, "--help"])
+def parsed(line: str) -> str:
+    """Parses what stands behind `mrs` without running it: the command's name; raises if wrong."""
+    group: typing.Any = typer.main.get_command(cli.app)
+    rest, names = shlex.split(line), []
+    context = group.make_context("mrs", [*rest])
+    while hasattr(context.command, "commands"):
+        name, command, rest = context.command.resolve_command(context, rest)
+        names.append(name)
+        context = command.make_context(name, [*rest], parent=context)
+    return " ".join(names)
+
+
+def names_of_commands() -> list[str]:
+    """Those of groups, too, such as `keys init`."""
+    names = []
+    for name in cli.COMMANDS:
+        names += [f"{name} {sub}" for sub in getattr(cli._load(name), "commands", ())] or [name]
+    return names
+
+
+@pytest.mark.parametrize("name", ["", *cli.COMMANDS, *(n for n in EXAMPLES if " " in n)])
+def test_help_has_examples_and_fits_80_columns(name: str) -> None:
+    arguments = [*name.split(), "--help"]
+    result = CliRunner().invoke(cli.app, arguments, prog_name="mrs", env={"COLUMNS": "80"})
     assert result.exit_code == 0, result.output
-    assert "Usage" in result.output
+    assert f"Usage: mrs {name}".rstrip() in result.output
+    assert max(map(len, result.output.splitlines())) <= 80
+    if name:
+        shown = " ".join(result.output.replace("`", "").split("Examples:")[1].split())
+        for command, examples in EXAMPLES.items():
+            for arguments_of in examples if f"{command} ".startswith(f"{name} ") else ():
+                assert f"mrs {command} {arguments_of}".rstrip() + ":" in shown
+
+
+def test_each_command_has_examples() -> None:
+    assert set(names_of_commands()) == EXAMPLES.keys()
+    assert all(EXAMPLES.values())
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_are_valid(name: str) -> None:
+    for arguments in EXAMPLES[name]:
+        assert parsed(f"{name} {arguments}") == name
+
+
+@pytest.mark.parametrize("line", ["doctor --durations 10", "keys make", "up --guide"])
+def test_invalid_example_would_be_noticed(line: str) -> None:
+    with pytest.raises(Exception, match=r"No such option|Missing"):
+        parsed(line)
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)

@@ -40,11 +40,12 @@ def run_of(statuses=(), truth=None, robots=None, speeds=None) -> TourRun:
     return TourRun(record, {}, None, speeds, START_NS)
 
 
-def status(seconds, **posts) -> Guidance:
+def status(seconds, leader="", **posts) -> Guidance:
+    roles = {name: Role.LEADER if name == leader else Role.REAR for name in posts}
     return Guidance(
         stamp(seconds),
         State.LEADING,
-        posts={name: Post(Role.REAR, np.array([x, 0.0]), 0.0, 0.5) for name, x in posts.items()},
+        posts={name: Post(roles[name], np.array([x, 0.0]), 0.0, 0.5) for name, x in posts.items()},
     )
 
 
@@ -55,11 +56,22 @@ def test_times_after_a_robot_was_killed():
     statuses = [status(4.8, a=0.0, b=0.0), status(5.2, a=0.0, b=0.0)]
     statuses += [status(t, b=4.0) for t in np.arange(7.0, 12.0, 0.5)]
     run = run_of(statuses, robots=robots)
-    reposted, formed = tours._after_killed(run, Trouble(killed=("a", 5.0)))
+    reposted, others, formed = tours._after_killed(run, Trouble(killed=("a", 5.0)))
     assert reposted == pytest.approx((2.0,))
-    assert formed == pytest.approx((3.0,))
-    assert tours._after_killed(run, Trouble()) == ((), ())
+    assert others == formed == pytest.approx((3.0,))
+    assert tours._after_killed(run, Trouble()) == ((), (), ())
     assert np.isnan(tours._after_killed(run, Trouble(killed=("b", 5.0)))).all()
+
+
+def test_successor_of_a_killed_leader_is_told_from_the_others():
+    # b drives at 1 m/s from 5 s on, 8 m to the leader's post; c is on its own post at once.
+    x = np.clip(np.arange(200) * 0.1 - 5.0, 0.0, None)
+    robots = {"a": track(np.zeros(200)), "b": track(x), "c": track(np.zeros(200))}
+    statuses = [status(4.8, leader="a", a=8.0, b=0.0, c=0.0)]
+    statuses += [status(t, leader="b", b=8.0, c=0.0) for t in np.arange(6.0, 16.0, 0.5)]
+    run = run_of(statuses, robots=robots)
+    times = tours._after_killed(run, Trouble(killed=("a", 5.0)))
+    np.testing.assert_allclose(times, [[1.0], [1.0], [7.0]])
 
 
 @pytest.mark.parametrize(("stop_s", "expected"), [(10.4, 0.4), (13.0, np.nan)])

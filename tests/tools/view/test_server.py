@@ -6,8 +6,7 @@ import asyncio
 import json
 import socket
 import threading
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,7 @@ from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.view import protocol, server, viewers
 from mrs_tools.view.protocol import CommandError, Control, Hello, Look, Publish
 from mrs_tools.view.server import Address, serve
-
-PATIENCE_S = 20.0
+from tools.view.serving import PATIENCE_S, served, until
 
 
 class Source:
@@ -57,32 +55,6 @@ class Source:
         self.closed = True
 
 
-@contextmanager
-def served(
-    source: Source, page: Path = server.PAGE, token: str = "", rate: float = 30.0
-) -> Iterator[str]:
-    """The page's address while it is served."""
-    stop, there, urls = threading.Event(), threading.Event(), []
-
-    def ready(url: str) -> None:
-        urls.append(url)
-        there.set()
-
-    def run() -> None:
-        address = Address("127.0.0.1", 0, token)
-        asyncio.run(serve(source, address, rate=rate, stop=stop, ready=ready, page=page))
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        assert there.wait(PATIENCE_S)
-        yield urls[0]
-    finally:
-        stop.set()
-        thread.join()
-    assert source.closed
-
-
 def run(test: Callable[[Any], Awaitable[None]]) -> None:
     """Runs a test with a session of a client that keeps no cookies."""
 
@@ -107,14 +79,6 @@ def image(robot: str, t: float) -> protocol.Image:
     return protocol.Image(
         type="image", robot=robot, t=t, age=0.0, image="", disparity=None, note=""
     )
-
-
-async def until(viewer: Any, wanted: Callable[[dict], bool]) -> list[dict]:
-    """Everything that a viewer gets up to what is wanted."""
-    got: list[dict] = []
-    while not got or not wanted(got[-1]):
-        got.append(json.loads(await viewer.receive_str()))
-    return got
 
 
 async def wait_for(condition: Callable[[], bool]) -> None:

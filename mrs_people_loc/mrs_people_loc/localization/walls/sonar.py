@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int
-from mrs_people_loc.geometry import rotation_2d, wrap_angle
+from mrs_people_loc.geometry import rotation_2d, wrap_angle, wrap_angles
 from mrs_people_loc.localization.odometry import Odometry
 from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.localization.walls.ranges import SonarRange
@@ -150,7 +150,7 @@ class _Window:
 
     def off_axis(self, bearing: float) -> Float:
         """Angle between a direction and each cone's axis [rad], shape (n,)."""
-        return np.abs(_wrapped(bearing - self.axis))
+        return np.abs(wrap_angles(bearing - self.axis))
 
     def noise(self, bearing: float, of: Int) -> Float:
         """Covariance of those distances [m^2], for some echoes, shape (m, m)."""
@@ -456,7 +456,7 @@ def _fit(window: _Window, bearing: float, of: Int, tuning: SonarTuning) -> _Line
         along = window.xy[of] @ _unit(bearing + math.pi / 2)
         design = whitening @ np.stack([ones, -along], axis=1)
         wanted = whitening @ window.distances(bearing)[of]
-        off_axis = float(_wrapped(axis - bearing).mean())
+        off_axis = float(wrap_angles(axis - bearing).mean())
         information = design.T @ design
         information[1, 1] += 3.0 / cone**2  # a uniform distribution's variance
         covariance = tuning.inflation * np.linalg.inv(information)
@@ -497,7 +497,7 @@ def _odds(window: _Window, line: _Line, tuning: SonarTuning) -> float:
         place = place + np.linalg.solve(design.T @ design + np.eye(2), design.T @ residuals)
     offset = place - xy
     residuals = line.whitening @ (measured + radius - np.hypot(offset[:, 0], offset[:, 1]))
-    off_axis = np.abs(_wrapped(np.arctan2(offset[:, 1], offset[:, 0]) - window.axis[of]))
+    off_axis = np.abs(wrap_angles(np.arctan2(offset[:, 1], offset[:, 0]) - window.axis[of]))
     unheard = np.maximum(off_axis - window.cone[of] - tuning.side_lobes, 0.0) / tuning.unheard
     return 0.5 * (float(residuals @ residuals + unheard @ unheard) - line.chi2)
 
@@ -575,14 +575,9 @@ def _walls(window: _Window, lines: list[_Line]) -> Walls:
     extent[behind] = -extent[behind, ::-1]
     covariance[behind] *= np.array([[1.0, -1.0], [-1.0, 1.0]])
     # In (-pi, pi].
-    bearing = -_wrapped(-bearing)
+    bearing = -wrap_angles(-bearing)
     return Walls(distance, bearing, covariance, extent, np.zeros((len(lines), 2), dtype=bool))
 
 
 def _unit(bearing: float) -> Float:
     return np.array([math.cos(bearing), math.sin(bearing)])
-
-
-def _wrapped(angle: Float) -> Float:
-    """The same angles in [-pi, pi)."""
-    return np.asarray((angle + math.pi) % (2.0 * math.pi) - math.pi)

@@ -1,0 +1,69 @@
+/** The help dialog, the legend, and the single-key shortcuts. */
+
+import { byId, make, setText } from "./dom.js";
+
+const STORED = "mrs-view-shortcuts";
+const LEGEND = [
+  ["person", "Person with id; the ellipse holds them with 95 %, the arrow ends where they are in one second"],
+  ["predicted", "Not seen just now: position predicted"],
+  ["straggler", "Straggler: has fallen behind the group, with the time since"],
+  ["group", "Centre of a group, linked to its people"],
+  ["robot", "Robot with the 95 % ellipse of its pose and its field of view"],
+  ["unwell", "Hollow and dashed: robot without a recent pose, or not well"],
+  ["post", "Post of a robot in the tour"],
+];
+
+export class Help {
+  /** `shortcuts`: [key, description (empty: not listed), action]. */
+  constructor(shortcuts) {
+    this._actions = new Map(shortcuts.map(([key, , action]) => [key.toLowerCase(), action]));
+    const on = byId("shortcuts-on");
+    on.checked = recall() !== "off";
+    on.addEventListener("change", () => remember(on.checked ? "on" : "off"));
+    byId("help-open").addEventListener("click", () => this.open());
+    byId("shortcuts").append(
+      ...shortcuts.filter(([, text]) => text).map(([key, text]) =>
+        make("div", {}, make("dt", {}, make("kbd", {}, key.length > 1 ? "Esc" : key.toUpperCase())), make("dd", {}, text)),
+      ),
+    );
+    byId("legend").append(
+      ...LEGEND.map(([sign, text]) => make("li", {}, make("i", { class: `sign ${sign}`, "aria-hidden": "true" }), make("span", {}, text))),
+    );
+    document.addEventListener("keydown", (event) => this._key(event));
+  }
+
+  open() {
+    byId("help").showModal();
+    byId("help-close").focus();
+  }
+
+  setVersion(text) {
+    setText(byId("version"), text);
+  }
+
+  _key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
+    if (!byId("shortcuts-on").checked || document.querySelector("dialog[open]")) return;
+    if (event.target.matches("select, input, textarea")) return;
+    const action = this._actions.get(event.key.toLowerCase());
+    if (!action) return;
+    event.preventDefault();
+    action();
+  }
+}
+
+function recall() {
+  try {
+    return localStorage.getItem(STORED);
+  } catch {
+    return null; // storage is blocked
+  }
+}
+
+function remember(value) {
+  try {
+    localStorage.setItem(STORED, value);
+  } catch {
+    // storage is blocked: it holds until the page is closed
+  }
+}

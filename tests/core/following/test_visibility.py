@@ -1,0 +1,72 @@
+"""Whom robots have in view, after detections at known places."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.following.visibility import FieldsOfView
+from mrs_people_loc.people import Person
+from mrs_people_loc.team.poses import Pose
+
+AHEAD = {"a": Pose(0, 0.0, 0.0, 0.0)}
+
+
+def found(x, y, robot="a"):
+    return Person(np.array([x, y]), np.eye(2) * 1e-3, 1.7, 0.1, (robot,), 0, 4.0)
+
+
+@pytest.fixture
+def views():
+    """People have been detected straight ahead of the robot, at 1 to 4 m."""
+    made = FieldsOfView()
+    made.learn([found(1.0, 0.02), found(4.0, 0.08)], AHEAD)
+    return made
+
+
+def are_seen(views, places, *, people=(), looking=AHEAD, robots=None):
+    xy = np.array(places, dtype=float)
+    everybody = np.concatenate([xy, np.array(people, dtype=float).reshape(-1, 2)])
+    return views.are_seen(xy, everybody, looking, robots or looking).tolist()
+
+
+@pytest.mark.parametrize(
+    ("place", "seen"),
+    [
+        ((2.0, 0.05), True),
+        ((0.9, 0.02), False),  # nearer than anybody so far
+        ((4.2, 0.1), False),
+        ((2.0, 1.0), False),  # nobody was ever detected at this bearing
+        ((-2.0, 0.0), False),
+    ],
+)
+def test_people_are_seen_where_some_were_detected_before(views, place, seen):
+    assert are_seen(views, [place]) == [seen]
+
+
+def test_fields_of_view_turn_with_the_robot(views):
+    turned = {"a": Pose(0, 5.0, 5.0, math.pi / 2)}
+    assert are_seen(views, [(4.95, 7.0), (7.0, 5.05)], looking=turned) == [True, False]
+
+
+def test_people_and_robots_hide_people(views):
+    assert are_seen(views, [(3.0, 0.05)], people=[(1.5, 0.02)]) == [False]
+    assert are_seen(views, [(3.0, 0.05)], people=[(3.5, 0.0)]) == [True]
+    mate = {**AHEAD, "b": Pose(0, 1.5, 0.02, 0.0)}
+    assert are_seen(views, [(3.0, 0.05)], robots=mate) == [False]
+
+
+def test_another_robot_sees_who_is_hidden_from_the_first(views):
+    both = {**AHEAD, "b": Pose(0, 5.0, 0.0, math.pi)}
+    assert are_seen(views, [(3.0, 0.05)], people=[(1.5, 0.02)], looking=both) == [False]
+    views.learn([found(2.0, -0.05, "b"), found(4.0, -0.02, "b")], both)
+    assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], looking=both) == [True]
+    # It has sent no scan in this interval.
+    assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], robots=both) == [False]
+
+
+def test_nobody_and_no_robot():
+    assert are_seen(FieldsOfView(), np.empty((0, 2))) == []
+    assert are_seen(FieldsOfView(), [(1.0, 0.0)], looking={}) == [False]
