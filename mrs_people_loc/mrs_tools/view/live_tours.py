@@ -27,7 +27,7 @@ class LiveTours:
     Args:
         namespace: Namespace of guide_node.
         context: The ROS context to use.
-        publish: Takes how a tour has ended, as an event.
+        publish: Takes what ends a tour out of order, as an event.
         now_s: Says the ROS time [s].
     """
 
@@ -118,5 +118,6 @@ class LiveTours:
             self._how = plain(result.message) if result is not None else "cancelled"
         except PeopleLocError as err:
             self._how = str(err)
-        text = f"tour {plain(tour.name)}: {self._how}"
-        self._publish(Event(type="event", t=round(self._now_s(), 3), text=text))
+            if self._begun.is_set():  # else the answer tells; ends in order are told by guide_node
+                text = f"tour {plain(tour.name)}: {self._how}"
+                self._publish(Event(type="event", t=round(self._now_s(), 3), text=text))
