@@ -173,7 +173,7 @@ class Input:
         return InputState(
             name=self.topic,
             topic=name,
-            kind=_type_name(self._message_type),
+            kind=type_name(self._message_type),
             silent_s=silent_s,
             rate_hz=self.rate_hz,
             received=reception.received,
@@ -228,7 +228,8 @@ class Input:
         return self._clock.now().nanoseconds / 1e9
 
 
-def _type_name(message_type: Any) -> str:
+def type_name(message_type: Any) -> str:
+    """As ROS names the type of a message class: std_msgs/msg/String."""
     package, kind, _ = message_type.__module__.split(".", 2)
     return f"{package}/{kind}/{message_type.__name__}"
 

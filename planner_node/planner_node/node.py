@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import TeamPose
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock
@@ -31,7 +32,7 @@ from mrs_people_loc.localization.people.seen_people import people_by_robot
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.intervals import Closed, IntervalCollector
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
-from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint
+from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint, type_name
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, TEAM
@@ -226,10 +227,11 @@ class PlannerNode(ManagedNode):
         """The other planners, the intervals, and each robot."""
         topic = self.resolve_topic_name(self.config.people_topic)
         several = self.count_publishers(topic) > 1
-        publishers = map(node_of, self.get_publishers_info_by_topic(topic)) if several else ()
+        ends = self.get_publishers_info_by_topic(topic) if several else ()
+        publishers = [(node_of(end), end.topic_type) for end in ends]
         figures = {} if self._result is None else self._figures(self._result)
         return [
-            of_people(topic, list(publishers)),
+            of_people(topic, type_name(PeopleMessage), publishers),
             of_intervals(self._roster.robots, self._intervals, figures),
             *map(of_member, self._members()),
         ]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import importlib.util
 import os
 import subprocess
@@ -57,7 +56,10 @@ DEFINITIONS = {
     },
 }
 
-# Neither C++ nor introspection: half of the time.
+#: Found out once: what was built here and imported is found later on, too.
+_INSTALLED = {name for name in DEFINITIONS if importlib.util.find_spec(name) is not None}
+
+# Without C++, which takes half of the time.
 _CMAKE = """\
 cmake_minimum_required(VERSION 3.22)
 project({package})
@@ -65,7 +67,7 @@ find_package(ament_cmake REQUIRED)
 find_package(geometry_msgs REQUIRED)
 find_package(std_msgs REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
-list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "introspection|_cpp:")
+list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 rosidl_generate_interfaces({package} {files} DEPENDENCIES geometry_msgs std_msgs)
 ament_package()
 """
@@ -87,7 +89,7 @@ _PACKAGE = """\
 @contextlib.contextmanager
 def interfaces(factory: pytest.TempPathFactory, *packages: str) -> Iterator[None]:
     """Packages can be imported, here and in processes that are started, while it lasts."""
-    missing = tuple(name for name in packages if importlib.util.find_spec(name) is None)
+    missing = tuple(name for name in packages if name not in _INSTALLED)
     with pytest.MonkeyPatch.context() as patch:
         if missing:
             prefix = built(factory, missing)
@@ -109,10 +111,16 @@ def add(patch: pytest.MonkeyPatch, variable: str, path: Path) -> None:
     patch.setenv(variable, f"{path}{os.pathsep}{rest}" if rest else str(path))
 
 
-@functools.cache
 def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
-    """Builds packages, once in a session, and returns their prefix."""
-    folder = factory.mktemp("interfaces")
+    """Prefix of packages, which are built once in a session."""
+    folder = factory.getbasetemp() / "-".join(("interfaces", *packages))
+    if not folder.exists():
+        _build(folder, packages)
+    return folder / "prefix"
+
+
+def _build(folder: Path, packages: tuple[str, ...]) -> None:
+    """Builds packages as setup/messages.sh builds our own."""
     for package in packages:
         _write(folder / "source" / package, package)
     (folder / "source" / "CMakeLists.txt").write_text(
@@ -123,7 +131,6 @@ def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
         **os.environ,
         "AMENT_PREFIX_PATH": sys.prefix,
         "PATH": f"{sys.prefix}/bin:{os.environ['PATH']}",
-        "STATIC_ROSIDL_TYPESUPPORT_C": "rosidl_typesupport_fastrtps_c",
     }
     prefix, build = folder / "prefix", folder / "build"
     configure = [
@@ -145,7 +152,6 @@ def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
             check=False,
         )
         assert done.returncode == 0, done.stdout
-    return prefix
 
 
 def _write(folder: Path, package: str) -> None:

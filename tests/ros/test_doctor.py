@@ -93,8 +93,8 @@ def test_missing_inputs_and_a_wrong_type_are_reported(robot: RobotPeer, domain: 
         stranger.hear(String, "/tracked_people")
         robot.until_finding("odom", lambda f: f.level == ERROR_LEVEL)
         lines = (
-            "error  /tracked_people: /planner_node publishes it and /stranger subscribes: "
-            "mrs_people_msgs/msg/People, std_msgs/msg/String",
+            "error  /tracked_people: 2 types, which never connect: mrs_people_msgs/msg/People "
+            "(/planner_node publishes); std_msgs/msg/String (/stranger subscribes)",
             "/robot_a/robot_node: odom: no data on /robot_a/odom for",
             "-> start what publishes it, or remap it",
             "so: /planner_node: robot robot_a: no scan used yet",
@@ -105,6 +105,23 @@ def test_missing_inputs_and_a_wrong_type_are_reported(robot: RobotPeer, domain: 
             if all(line in printed.stdout for line in lines):
                 return
         raise AssertionError(printed.stdout)
+    finally:
+        stranger.close()
+
+
+def test_publishers_of_two_types_are_not_taken_for_two_planners(
+    robot: RobotPeer, domain: int
+) -> None:
+    stranger = Peer(domain, "stranger")
+    try:
+        stranger.publisher(String, "/tracked_people")
+        checks = until_said(robot.peer, lambda c: "String" in text_about(c, "/tracked_people"))
+        said = [check for check in checks if check.subject == "/tracked_people"]
+        assert [check.text for check in said] == [
+            "2 types, which never connect: mrs_people_msgs/msg/People (/planner_node publishes); "
+            "std_msgs/msg/String (/stranger publishes)"
+        ]
+        robot.peer.until_finding(PLANNER, "people", lambda f: f.values.get("code") == "wrong_type")
     finally:
         stranger.close()
 

@@ -1,11 +1,12 @@
-"""config/*.rviz uses RViz2's own classes, with topics of the planner and the types they display.
+"""Files for RViz and Foxglove use what these have, with topics and types that are published.
 
-RViz itself is not among the wheels; on a file that names what it does not know it shows an error
-at that display only.
+Neither is among the wheels; on a file that names what it does not know RViz shows an error at that
+display only, and Foxglove shows an empty panel.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
+from mrs_people_msgs.msg import Group, People
 from rclpy.qos import ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
@@ -25,6 +27,7 @@ from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.markers import markers, tour_markers
+from mrs_tools.bags.rosbag import BagReader
 from planner_node.guide_node.node import GuideNode
 from planner_node.node import PlannerNode
 from robot_node.node import RobotNode
@@ -165,3 +168,62 @@ def test_exact_pose_has_no_ellipse() -> None:
     )
     result = Planner(PlannerConfig()).step([scan], {"robot_a": Pose(10**9, 0, 0, 0)}, 10**9)
     assert "robot ellipses" not in {m.ns for m in markers(result, "map", 3.0).markers}
+
+
+#: What Foxglove's and Lichtblick's panels show.
+SHOWN = {
+    "3D": {
+        "geometry_msgs/msg/PointStamped",
+        "geometry_msgs/msg/PoseArray",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "nav_msgs/msg/OccupancyGrid",
+        "sensor_msgs/msg/PointCloud2",
+        "visualization_msgs/msg/MarkerArray",
+    },
+    "Image": {"sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"},
+    "DiagnosticSummary": {"diagnostic_msgs/msg/DiagnosticArray"},
+    "RawMessages": {"std_msgs/msg/String"},
+    "Plot": {"mrs_people_msgs/msg/People"},
+}
+
+
+def paths_of(kind: str, panel: dict[str, Any]) -> list[str]:
+    """Topics of a panel; of a plot and a table, with the field that it takes."""
+    if kind == "3D":
+        return [*panel["topics"]]
+    if kind == "Image":
+        return [panel["imageMode"]["imageTopic"], panel["imageMode"]["calibrationTopic"]]
+    if kind == "Plot":
+        return [path["value"] for path in panel["paths"]]
+    return [panel["topicToRender" if kind == "DiagnosticSummary" else "topicPath"]]
+
+
+def panels_of(layout: Any) -> list[str]:
+    if isinstance(layout, str):
+        return [layout]
+    assert layout.keys() == {"first", "second", "direction", "splitPercentage"}
+    assert layout["direction"] in ("row", "column")
+    assert 0 < layout["splitPercentage"] < 100
+    return panels_of(layout["first"]) + panels_of(layout["second"])
+
+
+def test_foxglove_layout_shows_published_topics(published: dict[str, tuple[str, bool]]) -> None:
+    layout = json.loads((ROOT / "mrs_people_loc/config/foxglove_layout.json").read_text())
+    panels = layout["configById"]
+    assert sorted(panels_of(layout["layout"])) == sorted(panels)
+    types = {topic.replace("/r/", "/robot_a/", 1): kind for topic, (kind, _) in published.items()}
+    types["/diagnostics"] = "diagnostic_msgs/msg/DiagnosticArray"  # once the node is active
+    with BagReader(ROOT / "mrs_people_loc" / "bags" / "walking_group") as bag:
+        types |= {topic.name: topic.type for topic in bag.topics.values()}
+    for name, panel in panels.items():
+        kind = name.partition("!")[0]
+        for path in paths_of(kind, panel):
+            topic, *fields = path.split(".")
+            of_one = topic.replace("/robot_b/", "/robot_a/").replace("/robot_c/", "/robot_a/")
+            assert types[of_one] in SHOWN[kind], path
+            if kind == "Plot":
+                value: Any = People(groups=[Group()])
+                for field in fields:
+                    value = getattr(value, field.removesuffix("[0]"))
+                    value = value[0] if field.endswith("[0]") else value
+                assert isinstance(value, int | float)

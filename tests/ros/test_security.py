@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 from mrs_people_loc.errors import ConfigError
 from mrs_ros import security
 from ros.harness import DEADLINE_S, ROOT, Peer, Team
+from ros.interfaces import interfaces
 from ros.tf2 import tf2
 
 ROBOTS = ("robot_a", "robot_b", "robot_c")
@@ -198,8 +199,10 @@ def running(peer: Peer, team: Team, tmp_path_factory: pytest.TempPathFactory) ->
         team.start("robot_node", namespace="/robot_a", params=top)
         team.start("robot_node", namespace="/robot_b", params=raw)
         team.start("robot_node", namespace="/robot_c", params={"pose.source": "tf"})
-    planner = {"robots": "['robot_a']", "masking.occupancy_grid": "true", "use_sim_time": "true"}
-    team.start("planner_node", params=planner)
+        outputs = {"outputs.person_frames": "true", "outputs.people_costmap": "true"}
+        planner = {"robots": "['robot_a']", "use_sim_time": "true", **outputs}
+        with interfaces(tmp_path_factory, "people_msgs", "hri_msgs", "vision_msgs"):
+            team.start("planner_node", params=planner)
     guide = {"robots": "['robot_a']", "use_sim_time": "true"}
     team.start("guide_node", params=guide)
     team.start("guide_node", namespace="/other", params=guide | {"drive": "nav2"})

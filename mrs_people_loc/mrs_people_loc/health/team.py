@@ -26,17 +26,24 @@ LEFT_OUT = {
 }
 
 
-def of_people(topic: str, publishers: Sequence[str]) -> Finding:
-    """Whether this planner is the only one.
+def of_people(topic: str, kind: str, publishers: Sequence[tuple[str, str]]) -> Finding:
+    """Whether this planner is the only one, and what it publishes the topic's only type.
 
     Args:
         topic: Full name of `tracked_people`.
-        publishers: Full names of the nodes that publish it; a single one may be left out.
+        kind: Its type.
+        publishers: Full names of the nodes that publish it, and the type that each does; a single
+            one may be left out.
     """
+    others = [f"{name} publishes {of}" for name, of in sorted(publishers) if of != kind]
+    if others:
+        text = f"{topic} is {kind} here, but {', '.join(others)}: remap one of them"
+        return Finding("people", WARN, text, {}, Code.WRONG_TYPE)
     if len(publishers) < 2:
         return Finding("people")
+    names = sorted(name for name, _ in publishers)
     text = (
-        f"{len(publishers)} publishers on {topic}: {', '.join(sorted(publishers))}; another "
+        f"{len(publishers)} publishers on {topic}: {', '.join(names)}; another "
         "planner, or a replay of one, is at work in this ROS domain: end it, or give it "
         "a namespace or a ROS_DOMAIN_ID of its own; or one was killed some seconds ago"
     )

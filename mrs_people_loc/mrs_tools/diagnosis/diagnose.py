@@ -123,6 +123,7 @@ def diagnose(facts: Facts) -> list[Check]:
         *_of_nodes(facts, unanswered=any(symptom.unanswered for symptom in symptoms)),
         *_of_time(facts, simulated, timeless),
         *_of_planners(facts),
+        *_of_types(facts),
         *(
             Check(topic, ERROR, text, "let both ask for the same; docs/network.md has the table")
             for topic, text in facts.mismatches
@@ -205,6 +206,8 @@ def _reported(node: str, subject: str, facts: Facts) -> Iterable[Symptom]:
     if subject == "people" and any(len(set(names)) > 1 for names in others):
         return  # `_of_planners` tells it
     code = _code(values)
+    if subject == "people" and code == Code.WRONG_TYPE and facts.types:
+        return  # `_of_types` tells it
     robot, _, topic = subject.rpartition("/")
     own = robot_node_of(node, robot)
     if topic in ("points", "pose") and robot and own not in facts.nodes:
@@ -293,6 +296,27 @@ def _of_planners(facts: Facts) -> Iterable[Check]:
             robots = [t for t, p in facts.shared_robots.items() if set(p) == set(planners)]
             text = f"{' and '.join(planners)} all listen to {', '.join(sorted(robots))}"
             yield Check("planners", WARN, text, advice)
+
+
+def _of_types(facts: Facts) -> Iterable[Check]:
+    """Topics with endpoints of several types: these never connect, and DDS does not say so."""
+    for topic, ends in sorted(facts.types.items()):
+        by_type: dict[str, list[str]] = {}
+        for end in sorted(ends):
+            does = "publishes" if end.publishes else "subscribes"
+            by_type.setdefault(end.type, []).append(f"{end.node} {does}")
+        listed = "; ".join(f"{kind} ({', '.join(who)})" for kind, who in by_type.items())
+        published = [end.type for end in ends if end.publishes]
+        wanted = [end.type for end in ends if not end.publishes]
+        level = ERROR if any(one != other for one in published for other in wanted) else WARN
+        advice = "remap one of them, or update the older program: docs/topics.md"
+        if {kind.rpartition("/")[2] for kind in by_type} == {"People"}:
+            advice = (
+                "mrs_people_msgs/People belongs on tracked_people (people_topic), "
+                "people_msgs/People on people: docs/topics.md"
+            )
+        text = f"{len(by_type)} types, which never connect: {listed}"
+        yield Check(topic, level, text, advice)
 
 
 def _of_memory(facts: Facts) -> Iterable[Check]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE, ROBOT_NODE
 from mrs_tools.diagnosis.shared_memory import Memory
@@ -17,6 +18,20 @@ LEVELS = {b"\x00": OK, b"\x01": WARN, b"\x02": ERROR, b"\x03": STALE}
 Report = Mapping[str, tuple[str, str, Mapping[str, str]]]
 
 
+class Endpoint(NamedTuple):
+    """A publisher or a subscriber of a topic.
+
+    Attributes:
+        type: What it publishes or subscribes to, such as std_msgs/msg/String.
+        node: Full name of its node.
+        publishes: Whether it is a publisher.
+    """
+
+    type: str
+    node: str
+    publishes: bool
+
+
 @dataclass
 class Facts:
     """What was seen of a team.
@@ -25,7 +40,8 @@ class Facts:
         domain: ROS_DOMAIN_ID.
         nodes: Full names of our nodes on the network.
         reports: By node, its last report.
-        mismatches: Topic, and why a publisher and a subscriber of it do not meet.
+        mismatches: Topic, and why the QoS of a publisher and a subscriber of it do not fit.
+        types: By topic of our nodes that has endpoints of several types, these with their nodes.
         has_clock: Whether somebody publishes `/clock`.
         sim_time: By node, whether it takes its time from `/clock`; None: it did not answer.
         states: By node, its state in the life cycle; None: it did not answer.
@@ -39,6 +55,7 @@ class Facts:
     nodes: list[str]
     reports: dict[str, dict[str, tuple[str, str, Mapping[str, str]]]] = field(default_factory=dict)
     mismatches: list[tuple[str, str]] = field(default_factory=list)
+    types: dict[str, list[Endpoint]] = field(default_factory=dict)
     has_clock: bool = False
     sim_time: dict[str, bool | None] = field(default_factory=dict)
     states: dict[str, str | None] = field(default_factory=dict)

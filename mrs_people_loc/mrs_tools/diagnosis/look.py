@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE, ROBOT_NODE
 from mrs_ros.network import node_of
 from mrs_tools.diagnosis import shared_memory
-from mrs_tools.diagnosis.facts import ERROR, LEVELS, Facts, is_planner
+from mrs_tools.diagnosis.facts import ERROR, LEVELS, Endpoint, Facts, is_planner
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
@@ -45,11 +45,14 @@ def look_at_graph(node: Node, facts: Facts) -> None:
     facts.nodes = sorted(f"{ns.rstrip('/')}/{name}" for name, ns in names if name in _KINDS)
     facts.viewers = sorted(f"{ns.rstrip('/')}/{name}" for name, ns in names if _is_viewer(name))
     facts.has_clock = node.count_publishers("/clock") > 0
-    facts.mismatches = list(_mismatches(node, names))
+    topics = _topics_of_ours(node, names)
+    facts.mismatches = list(_mismatches(node, topics))
+    facts.types = {topic: ends for topic in topics if _differ(ends := _endpoints(node, topic))}
     for topic, types in node.get_topic_names_and_types():
         if _PEOPLE in types:
             publishers = node.get_publishers_info_by_topic(topic)
-            facts.people_from[topic] = sorted(map(node_of, publishers))
+            ours = (one for one in publishers if one.topic_type == _PEOPLE)
+            facts.people_from[topic] = sorted(map(node_of, ours))
         elif topic.endswith("/points"):
             listeners = map(node_of, node.get_subscriptions_info_by_topic(topic))
             facts.shared_robots[topic] = list(filter(is_planner, listeners))
@@ -93,10 +96,9 @@ def _is_viewer(name: str) -> bool:
     return name.removeprefix(_VIEWER).isdigit() and name.startswith(_VIEWER)
 
 
-def _mismatches(node: Node, names: Iterable[tuple[str, str]]) -> Iterable[tuple[str, str]]:
-    """Publishers and subscribers of our nodes' topics that do not match."""
+def _topics_of_ours(node: Node, names: Iterable[tuple[str, str]]) -> list[str]:
+    """What our nodes publish and subscribe to."""
     from rclpy.node import NodeNameNonExistentError
-    from rclpy.qos import QoSCompatibility, qos_check_compatible
 
     topics: set[str] = set()
     for name, namespace in names:
@@ -105,15 +107,34 @@ def _mismatches(node: Node, names: Iterable[tuple[str, str]]) -> Iterable[tuple[
                 inputs = node.get_subscriber_names_and_types_by_node(name, namespace)
                 outputs = node.get_publisher_names_and_types_by_node(name, namespace)
                 topics.update(topic for topic, _ in [*inputs, *outputs])
-    for topic in sorted(topics):
+    return sorted(topics)
+
+
+def _endpoints(node: Node, topic: str) -> list[Endpoint]:
+    publishers = node.get_publishers_info_by_topic(topic)
+    subscribers = node.get_subscriptions_info_by_topic(topic)
+    return [
+        *(Endpoint(one.topic_type, node_of(one), True) for one in publishers),
+        *(Endpoint(one.topic_type, node_of(one), False) for one in subscribers),
+    ]
+
+
+def _differ(endpoints: Iterable[Endpoint]) -> bool:
+    return len({one.type for one in endpoints}) > 1
+
+
+def _mismatches(node: Node, topics: Iterable[str]) -> Iterable[tuple[str, str]]:
+    """Publishers and subscribers of our nodes' topics whose QoS does not fit."""
+    from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+    for topic in topics:
         for publisher in node.get_publishers_info_by_topic(topic):
             for subscriber in node.get_subscriptions_info_by_topic(topic):
                 if not {publisher.node_name, subscriber.node_name} & set(_KINDS):
                     continue
-                pair = f"{node_of(publisher)} publishes it and {node_of(subscriber)} subscribes"
                 if publisher.topic_type != subscriber.topic_type:
-                    yield topic, f"{pair}: {publisher.topic_type}, {subscriber.topic_type}"
-                    continue
+                    continue  # never connected, whatever the QoS
+                pair = f"{node_of(publisher)} publishes it and {node_of(subscriber)} subscribes"
                 fits, why = qos_check_compatible(publisher.qos_profile, subscriber.qos_profile)
                 if fits == QoSCompatibility.ERROR:
                     yield topic, f"{pair} with incompatible QoS: {why.strip().rstrip(';')}"

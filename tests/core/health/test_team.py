@@ -162,12 +162,19 @@ def test_unknown_figures_are_omitted():
 
 def test_several_planners_are_reported():
     topic = "/tracked_people"
-    assert of_people(topic, []) == of_people(topic, ["/planner"]) == Finding("people")
-    two = of_people(topic, ["/b/planner", "/a/planner"])
+    one = [("/planner", "People")]
+    assert of_people(topic, "People", []) == of_people(topic, "People", one) == Finding("people")
+    two = of_people(topic, "People", [("/b/planner", "People"), ("/a/planner", "People")])
     assert (two.level, two.code) == (ERROR, Code.TWO_PUBLISHERS)
     assert two.message.startswith(
         "2 publishers on /tracked_people: /a/planner, /b/planner; another"
     )
+
+
+def test_other_type_on_the_topic_of_people_is_no_second_planner():
+    found = of_people("/people", "People", [("/planner", "People"), ("/sfm", "Agents")])
+    assert (found.level, found.code) == (WARN, Code.WRONG_TYPE)
+    assert found.message == "/people is People here, but /sfm publishes Agents: remap one of them"
 
 
 def test_intervals():

@@ -8,7 +8,7 @@ import pytest
 
 from mrs_people_loc.health.findings import Code
 from mrs_tools.diagnosis.diagnose import Check, diagnose
-from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN, Facts, figures
+from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN, Endpoint, Facts, figures
 
 ROBOT, PLANNER = "/robot_a/robot_node", "/planner_node"
 WELL = {"state": (OK, "active", {"cpu_percent": "12"})}
@@ -379,9 +379,31 @@ def test_mixed_use_sim_time_is_an_error():
 
 
 def test_incompatible_endpoints_are_an_error():
-    what = "a publishes it and b subscribes: X, Y"
+    what = "a publishes it and b subscribes with incompatible QoS: DURABILITY"
     (check,) = trouble(facts(mismatches=[("/tracked_people", what)]))
     assert (check.subject, check.level) == ("/tracked_people", ERROR)
+
+
+OURS, SOCIAL = "mrs_people_msgs/msg/People", "people_msgs/msg/People"
+
+
+@pytest.mark.parametrize(
+    ("topic", "other", "publishes", "level", "advice"),
+    [
+        ("/people", SOCIAL, False, ERROR, "people_msgs/People on people"),
+        ("/tracked_people", SOCIAL, True, WARN, "people_msgs/People on people"),
+        ("/tracked_people", "std_msgs/msg/String", False, ERROR, "remap one of them"),
+    ],
+)
+def test_two_types_on_one_topic_are_named(topic, other, publishes, level, advice):
+    """An error where somebody gets nothing; two publishers alone take nothing from anybody."""
+    ends = [Endpoint(OURS, PLANNER, True), Endpoint(other, "/nav2", publishes)]
+    (check,) = trouble(facts(types={topic: ends}))
+    assert (check.subject, check.level) == (topic, level)
+    does = "publishes" if publishes else "subscribes"
+    assert f"2 types, which never connect: {OURS} ({PLANNER} publishes); " in check.text
+    assert f"{other} (/nav2 {does})" in check.text
+    assert advice in check.advice
 
 
 def test_figures_of_robots_are_listed():
