@@ -220,6 +220,7 @@ def test_setup_names_all_that_is_missing_at_once(
 #: 8468e88), and ROS packages of Jazzy (jazzy/distribution.yaml there). Look a new one up before it
 #: goes here.
 SYSTEM_KEYS = {
+    "python3-aiohttp",  # at 000730d
     "python3-matplotlib",
     "python3-numpy",
     "python3-opencv",
