@@ -1,5 +1,6 @@
 """What a release needs: changelogs, citation, workflows."""
 
+import re
 import xml.etree.ElementTree as ET
 from importlib import metadata
 from pathlib import Path
@@ -9,6 +10,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE_FOLDERS = ("msgs", "mrs_people_loc", "robot_node", "planner_node")
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yaml"))
 
 
 @pytest.mark.filterwarnings("ignore:nodes.Node.traverse:DeprecationWarning")  # in catkin_pkg
@@ -36,3 +38,26 @@ def test_citation_is_complete_and_of_this_version() -> None:
     assert citation["version"] == metadata.version("mrs-people-loc")
     (article,) = citation["references"]
     assert {"authors", "title", "type"} <= set(article)
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_workflow_is_valid(path: Path) -> None:
+    """Jobs have a machine and steps, may only read, and call targets that the Makefile has."""
+    text = path.read_text(encoding="utf-8")
+    workflow = yaml.safe_load(text)
+    assert workflow["permissions"] == {"contents": "read"}
+    assert workflow[True]  # YAML 1.1 reads the key `on` so
+    assert workflow["jobs"]
+    for name, job in workflow["jobs"].items():
+        assert job["runs-on"], name
+        assert job["steps"], name
+        for step in job["steps"]:
+            assert ("uses" in step) != ("run" in step), step
+            assert re.fullmatch(r"[\w-]+/[\w-]+@v\d+", step.get("uses", "a/b@v1")), step
+    called = set(re.findall(r"\bmake ([a-z-]+)", text))
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert called <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+
+
+def test_there_are_workflows() -> None:
+    assert {path.stem for path in WORKFLOWS} >= {"ros", "python", "wheels"}
