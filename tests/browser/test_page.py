@@ -254,6 +254,26 @@ def test_time_line_controls_the_recording(recording: PageServer, look_at: Open) 
     recording.wait_for(lambda: recording.commands[4:] == [Play(True)])
 
 
+def test_after_a_seek_there_are_the_trails_and_events_of_that_time(
+    recording: PageServer, look_at: Open
+) -> None:
+    page = look_at(recording)
+    open_tab(page, "events")
+    said = page.locator("#events li span")
+    early, late = scene.event("person 3 joins", 105.0), scene.event("person 3 leaves", 150.0)
+    trail = [[120.0 + step, 0.1 * step, 1.0] for step in range(8)]
+    state = scene.state(128.0)
+    state["trails"] = {"3": trail}
+    recording.show(early, late, bag(151.0))
+    expect(said.filter(has_text="person 3 leaves")).to_have_count(1)
+    recording.show(state, early, bag(128.0, playing=False))
+    expect(said.filter(has_text="person 3 leaves")).to_have_count(0)
+    expect(said.filter(has_text="person 3 joins")).to_have_count(1)
+    wait_until(page, "scene.trails.get(3)?.length === 8")
+    shown = page.evaluate("import('./main.js').then(({ scene }) => scene.trails.get(3))")
+    assert shown == trail
+
+
 # ------------------------------------------------------------------------------ for everybody
 
 _TOO_WIDE = """() => ["html", "[role=tabpanel]:not([hidden])", "dialog[open]"]

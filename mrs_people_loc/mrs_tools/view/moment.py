@@ -18,8 +18,8 @@ from mrs_tools.diagnosis.look import take_report
 from mrs_tools.view import protocol
 from mrs_tools.view.state import HeadView, TeamState
 
-#: Trails go back so far [ns].
-TRAIL_NS = 10_000_000_000
+#: Trails go back so far, as on the page [ns].
+TRAIL_NS = 8_000_000_000
 #: A report on `/diagnostics` holds for so long [ns].
 _REPORT_NS = 5_000_000_000
 

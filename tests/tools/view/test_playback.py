@@ -97,7 +97,7 @@ def test_first_people_are_shown_then_those_of_any_time_with_their_trails(tmp_pat
         assert state["truth"] == [[15.0, 0.5]]
         assert [(one["name"], one["x"]) for one in state["robots"]] == [("robot_a", 13.0)]
         trail = np.array(state["trails"]["7"])
-        assert trail[[0, -1]].tolist() == [[START_S + 5.2, 5.2, 0.0], [START_S + 15.0, 15.0, 0.0]]
+        assert trail[[0, -1]].tolist() == [[START_S + 7.2, 7.2, 0.0], [START_S + 15.0, 15.0, 0.0]]
         page.wait("event", lambda event: event["text"] == r"7 \x1b falls behind")
         # Back again: what was later is forgotten.
         playback.control(Seek(START_S + 2.0))

@@ -9,6 +9,7 @@ const PERSON_RADIUS_M = 0.16;
 /** Signs are no smaller than this, however far the map is zoomed out. */
 const PERSON_PX = 5.5;
 const ROBOT_PX = 12;
+const TRUTH_PX = 4;
 const LONGEST_ELLIPSE_M = 20;
 const OUTDATED_S = 2;
 /** A name that is cut off by the edge is as bad as this area of a covered one. */
@@ -166,6 +167,21 @@ export function drawPost(context, view, colours, post, robot) {
   path(context, view, [[post.x, post.y], [robot.x, robot.y]]);
   context.stroke();
   context.setLineDash([]);
+}
+
+/** Draw where people truly are, as diamonds. */
+export function drawTruth(context, view, colours, places) {
+  context.strokeStyle = colours.label;
+  context.lineWidth = 1.5;
+  context.beginPath();
+  for (const [x, y] of places) {
+    const [column, row] = at(view, x, y);
+    context.moveTo(column, row - TRUTH_PX);
+    for (const [right, down] of [[1, 0], [0, 1], [-1, 0], [0, -1]]) {
+      context.lineTo(column + right * TRUTH_PX, row + down * TRUTH_PX);
+    }
+  }
+  context.stroke();
 }
 
 /** Draw the centre of a group and its links to those who belong to it. */

@@ -13,7 +13,8 @@ export class EventsPanel {
   }
 
   update() {
-    const { events, hello } = this._scene;
+    const { hello } = this._scene;
+    const events = this._scene.happened();
     this._empty.hidden = events.length > 0;
     keepChildren(
       this._list, [...events].reverse(), (event) => this._key(event),

@@ -11,6 +11,7 @@ const LEGEND = [
   ["robot", "Robot with the 95 % ellipse of its pose and its field of view"],
   ["unwell", "Hollow and dashed: robot without a recent pose, or not well"],
   ["post", "Post of a robot in the tour"],
+  ["truth", "True position of a person, where a recording has it"],
 ];
 
 export class Help {

@@ -196,6 +196,7 @@ export class MapView {
     for (const person of people) {
       draw.drawPerson(context, view, colours, person, person.id !== 0 && person.id === selected.person);
     }
+    draw.drawTruth(context, view, colours, scene.state?.truth ?? []);
     this._labels.draw(context, view, colours, { people, robots }, view.width - INSET_PX.right);
     draw.drawScale(context, view, colours);
   }

@@ -65,8 +65,7 @@ export class Scene {
         this.images.set(message.robot, message);
         break;
       case "event":
-        this.events.push(message);
-        this.events.splice(0, this.events.length - LAST_EVENTS);
+        this._takeEvent(message);
         break;
       case "map":
       case "cells":
@@ -83,6 +82,12 @@ export class Scene {
 
   robot(name) {
     return this.state?.robots.find((robot) => robot.name === name);
+  }
+
+  /** Return the events, the oldest first: of a recording, those that have happened at its time. */
+  happened() {
+    if (this.hello?.mode !== "bag" || !this.time) return this.events;
+    return this.events.filter(({ t }) => t <= this.time.t);
   }
 
   /** Return whether positions still change without a new message. */
@@ -116,10 +121,26 @@ export class Scene {
       }
       this._from.delete(NOBODY);
     }
-    if (before && !jump) this._lengthenTrails(before, state.t);
+    if (state.trails) {
+      this.trails = new Map(Object.entries(state.trails).map(([id, trail]) => [Number(id), trail]));
+    } else if (before && !jump) {
+      this._lengthenTrails(before, state.t);
+    }
     this._blendMs = jump || !this.smooth ? 0 : Math.min(wait, LONGEST_BLEND_MS);
     this.stateAt = now;
     this.state = state;
+  }
+
+  /** Of a recording, events come again after a seek. */
+  _takeEvent(event) {
+    if (this.hello?.mode === "bag") {
+      if (this.events.some(({ t, text }) => t === event.t && text === event.text)) return;
+      this.events.push(event);
+      this.events.sort((a, b) => a.t - b.t);
+    } else {
+      this.events.push(event);
+    }
+    this.events.splice(0, this.events.length - LAST_EVENTS);
   }
 
   /** Trails end at the state before, which is where the blending starts. */
