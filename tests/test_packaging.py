@@ -56,7 +56,7 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
         yield package, "package.xml", ROOT / folder / "package.xml"
         for path in sorted((ROOT / folder / "launch").glob("*.launch.py")):
             yield package, f"launch/{path.name}", path
-    copied = ("config/*.yaml", "config/*.rviz", "config/*.json", "config/*/*.xml", "config/*/*.yaml")
+    copied = ("config/*.*", "config/*/*.xml", "config/*/*.yaml")
     for pattern in (*copied, "scenes/*", "bags/*.yaml", "bags/*/*"):
         for path in sorted(ROOT.glob(f"mrs_people_loc/{pattern}")):
             yield "mrs_people_loc", str(path.relative_to(ROOT / "mrs_people_loc")), path
