@@ -26,7 +26,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/mrs_people_loc"]),
         ("share/mrs_people_loc", ["package.xml", "LICENSE", "NOTICE"]),
-        ("share/mrs_people_loc/config", glob("config/*.yaml") + glob("config/*.rviz")),
+        ("share/mrs_people_loc/config", files("config/*")),
         ("share/mrs_people_loc/config/fastdds", glob("config/fastdds/*.xml")),
         ("share/mrs_people_loc/config/nav2", glob("config/nav2/*")),
         ("share/mrs_people_loc/config/sros2", glob("config/sros2/*.xml")),

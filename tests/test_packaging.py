@@ -56,7 +56,7 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
         yield package, "package.xml", ROOT / folder / "package.xml"
         for path in sorted((ROOT / folder / "launch").glob("*.launch.py")):
             yield package, f"launch/{path.name}", path
-    copied = ("config/*.yaml", "config/*.rviz", "config/*/*.xml", "config/*/*.yaml")
+    copied = ("config/*.*", "config/*/*.xml", "config/*/*.yaml")
     for pattern in (*copied, "scenes/*", "bags/*.yaml", "bags/*/*"):
         for path in sorted(ROOT.glob(f"mrs_people_loc/{pattern}")):
             yield "mrs_people_loc", str(path.relative_to(ROOT / "mrs_people_loc")), path
@@ -220,6 +220,7 @@ def test_setup_names_all_that_is_missing_at_once(
 #: 8468e88), and ROS packages of Jazzy (jazzy/distribution.yaml there). Look a new one up before it
 #: goes here.
 SYSTEM_KEYS = {
+    "python3-aiohttp",  # at 000730d
     "python3-matplotlib",
     "python3-numpy",
     "python3-opencv",

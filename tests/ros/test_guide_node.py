@@ -71,6 +71,15 @@ def make_world(
         world.close()
 
 
+def _until_standing(world: GuideWorld) -> None:
+    """Waits for the last command, which may come after the result."""
+
+    def last() -> list[list[tuple[float, float]]]:
+        return [world.last_commands(robot, 1) for robot in PLACES]
+
+    world.peer.until(lambda: last() == [[STAND]] * len(PLACES), last)
+
+
 def _is_driven(world: GuideWorld, *robots: str) -> bool:
     """Whether one of these robots, or any, is told to drive or turn."""
     last = [one for robot in robots or PLACES for one in world.last_commands(robot, 3)]
@@ -134,7 +143,7 @@ def test_cancelled_tour_stops_the_robots_at_once(
     world.peer.until(result.done, lambda: guide.log)
     # What was sent before the result may come after it.
     world.peer.spin(0.05)
-    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    _until_standing(world)
     assert result.result().status == GoalStatus.STATUS_CANCELED
     assert not result.result().result.finished
     assert _status(world).state == GuideStatus.CANCELLED
@@ -167,7 +176,7 @@ def test_deactivated_node_lets_the_robots_stand(
     world.peer.until(result.done, lambda: guide.log)
     assert result.result().status == GoalStatus.STATUS_ABORTED
     assert result.result().result.message == "guide_node was deactivated"
-    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    _until_standing(world)
     handle, _ = world.ask(AHEAD)
     assert not handle.accepted
     assert world.peer.change_state("/guide_node", "activate")
@@ -218,7 +227,7 @@ def test_robots_stand_when_the_node_is_ended(
     world.peer.until(lambda: not doomed.alive, lambda: doomed.log)
     assert doomed.exit_code() == 0, doomed.log
     world.peer.spin(0.2)
-    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    _until_standing(world)
     assert result.done(), doomed.log
     assert result.result().result.message == "guide_node has ended"
 
@@ -267,7 +276,7 @@ def test_mrs_tour_is_cancelled_by_ctrl_c(
     assert "gathering; sees" in reported
     assert reported.endswith("cancelled\n")
     assert (_status(world).tour, _status(world).stop) == ("hall", "Foyer")
-    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    _until_standing(world)
 
 
 def test_guide_that_waits_for_a_tour_complains_of_nothing(
@@ -292,5 +301,5 @@ def test_node_that_is_shut_down_on_a_tour_lets_the_robots_stand(
     world.peer.until(lambda: _is_driven(world), lambda: guide.log)
     assert world.peer.change_state("/guide_node", "shutdown")
     assert world.peer.state("/guide_node") == "finalized"
-    assert world.last_commands("robot_a", 1) == world.last_commands("robot_b", 1) == [STAND]
+    _until_standing(world)
     guide.stop()

@@ -323,7 +323,7 @@ def measure_live(
     sizes = sizes_on_the_wire(bag, files)
     use_shipped_profile()
     topic = f"/{team.planner.people_topic}"
-    with _listening(topic) as (node, spinning, listener):
+    with listening(topic) as (node, spinning, listener):
         feeder = Feeder(node, recorded, frame_hz, pose_hz)
         own = dict.fromkeys(feeder.publishers, node.get_fully_qualified_name())
         wait_for_discovery(node)
@@ -337,7 +337,7 @@ def measure_live(
             _wait_until_ready(node, topic, running, feeder, log)
             refuse_other_publishers(node, {topic: f"/{PLANNER_NODE}", **own})
             measured = _measure(running, feeder, listener, seconds, on_step)
-            _check_alive("while it was measured", running, log)
+            check_alive("while it was measured", running, log)
     return _figures(recorded, sizes, measured)
 
 
@@ -349,7 +349,7 @@ class _Listener:
 
 
 @contextmanager
-def _listening(topic: str) -> Iterator[tuple[Any, threading.Thread, _Listener]]:
+def listening(topic: str) -> Iterator[tuple[Any, threading.Thread, _Listener]]:
     """A ROS node that hears the team.
 
     Args:
@@ -431,7 +431,7 @@ def _measure(
     return _Measured(before, during, heard, feeder.frame_hz, feeder.pose_hz, feeder.late_s)
 
 
-def _check_alive(when: str, running: RunningTeam, log: Any) -> None:
+def check_alive(when: str, running: RunningTeam, log: Any) -> None:
     """Raises PeopleLocError with the processes' log if one of them has ended."""
     if running.ended():
         log.seek(0)
@@ -446,7 +446,7 @@ def _wait_until_ready(
     deadline = time.monotonic() + _START_S
     robots = [n.namespace for n in running.processes if n.namespace]
     while True:
-        _check_alive("at the start", running, log)
+        check_alive("at the start", running, log)
         deaf = [t for t, p in feeder.publishers.items() if not p.get_subscription_count()]
         deaf += [f"/{r}/points" for r in robots if not node.count_subscribers(f"/{r}/points")]
         if not deaf and node.count_publishers(topic):

@@ -3,9 +3,10 @@
     report = run_bench(bag, configs=[paper, default])
     report["targets"]                       # each figure that has a target, and whether it is met
 
-Eight parts: one robot's view, stage by stage (`robot`); one interval of the planner (`planner`);
+Nine parts: one robot's view, stage by stage (`robot`); one interval of the planner (`planner`);
 what it costs as the team grows (`growth`); following people (`tracking`); where the robots are
-(`walls`, `localization`); guiding people (`guiding`); and real processes over DDS (`live`).
+(`walls`, `localization`); guiding people (`guiding`); real processes over DDS (`live`), and a
+planner with viewers of the page (`viewers`).
 Nothing of the people's stages is timed that differs from the repository's oracle:
 `tests/oracle/comparison` says what is compared, and how closely.
 
@@ -23,6 +24,7 @@ import platform
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +108,9 @@ def run_bench(
         walls = time_walls(frames)
         localization = time_localization(on_step)
         guiding = time_guiding(on_step)
+    live, viewers = None, None
+    if live_files:
+        live, viewers = _live(bag, live_files, configs, seconds, on_step, on_domain)
     report = {
         "machine": machine(),
         "bag": str(bag),
@@ -117,7 +122,8 @@ def run_bench(
         "walls": walls,
         "localization": localization,
         "guiding": guiding,
-        "live": _live(bag, live_files, seconds, on_step, on_domain) if live_files else None,
+        "live": live,
+        "viewers": viewers,
     }
     return {**report, "targets": [target.report() for target in targets(report)]}
 
@@ -125,17 +131,26 @@ def run_bench(
 def _live(
     bag: Path,
     files: Sequence[Path],
+    configs: Sequence[Path],
     seconds: float,
     on_step: Callable[[str], None],
     on_domain: Callable[[str], None],
-) -> dict[str, Any]:
-    """Measures real processes, in a ROS domain of their own."""
+) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """Measures real processes, in a ROS domain of their own: a team, and a planner with viewers.
+
+    Viewers are of the last configuration; without aiohttp there are none.
+    """
     from mrs_tools.bench.live import measure_live
 
     with private_domain() as where:
         on_domain(where)
         live = measure_live(bag, files, seconds, on_step)
-    return {"configuration": " + ".join(path.name for path in files), **live}
+        viewers = None
+        if find_spec("aiohttp") is not None:
+            from mrs_tools.bench.viewers import measure_viewers
+
+            viewers = measure_viewers(configs[-1], seconds, on_step=on_step)
+    return {"configuration": " + ".join(path.name for path in files), **live}, viewers
 
 
 def machine() -> dict[str, Any]:

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mrs_tools.bench.oracle import WHY_NOT
-from mrs_tools.common import make_table
+from mrs_tools.common import make_table, number
 
 #: More of the machine than this is too busy for the live part.
 _BUSY = 0.15
@@ -46,6 +46,8 @@ def show(report: Mapping[str, Any], console: Console) -> None:
         if others > _BUSY * m["cores"]:
             text += ": a starved team is late, and what it did not do cost nothing"
         console.print(text, style="yellow" if others > _BUSY * m["cores"] else None, soft_wrap=True)
+    if report["viewers"] is not None:
+        console.print(_viewer_table(report["viewers"]))
     console.print(_target_table(report["targets"]))
 
 
@@ -198,6 +200,32 @@ def _live_tables(live: Mapping[str, Any]) -> Iterator[Table]:
     table.add_row("  the planner (its own clock)", f"{planner['step_ms']:.2f}")
     table.add_row("intervals", str(live["intervals"]))
     yield table
+
+
+def _viewer_table(figures: Mapping[str, Any]) -> Table:
+    title = (
+        f"\nmrs view with {figures['configuration']}: {figures['robots']} robots and "
+        f"{figures['people']} people over DDS at {figures['rate_hz']:g} Hz; a state is "
+        f"{number(figures['state_bytes'], 1e-3, 1)} kB, and encoded in "
+        f"{number(figures['encode_ms'], 1.0, 2)} ms"
+    )
+    table = _table(title, "viewers", *(str(row["viewers"]) for row in figures["rows"]))
+    rows: dict[str, Callable[[Mapping[str, Any]], str]] = {
+        "planner, of a core [%]": lambda r: number(r["planner_cpu_percent"], 1.0, 1),
+        "planner, one interval (its own clock) [ms]": lambda r: number(
+            r["planner_step_ms"], 1.0, 2
+        ),
+        "age of the newest scan when its people arrive: median [ms]": lambda r: number(
+            r["age_ms"]["median"], 1.0, 1
+        ),
+        "... p99 [ms]": lambda r: number(r["age_ms"]["p99"], 1.0, 1),
+        "mrs view, of a core [%]": lambda r: number(r["view_cpu_percent"], 1.0, 1),
+        "states per second and viewer": lambda r: number(r["states_per_s"], 1.0, 1),
+        "kB/s and viewer": lambda r: number(r["bytes_per_s"], 1e-3, 0),
+    }
+    for row, text in rows.items():
+        table.add_row(Text(row), *(text(one) for one in figures["rows"]))
+    return table
 
 
 def _saving(robot: Mapping[str, float]) -> float:

@@ -178,7 +178,8 @@ class Viewers:
             self._hand_on()
 
     def _hand_on(self) -> None:
-        self._next_s = self._loop.time() + self._period_s
+        # From when it was due, so that what comes at this rate keeps it.
+        self._next_s = max(self._next_s + self._period_s, self._loop.time())
         with self._lock:
             came, self._came = self._came, {}
             events = list(self._came_events)

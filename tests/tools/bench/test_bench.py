@@ -148,7 +148,7 @@ def test_report_has_all_documented_figures(bag, tmp_path, monkeypatch):
     report = json.loads(file.read_text())
     assert report.keys() == {
         "machine", "bag", "equal_to_reference", "robot", "planner", "growth", "tracking", "walls",
-        "localization", "guiding", "live", "targets",
+        "localization", "guiding", "live", "viewers", "targets",
     }  # fmt: skip
     assert report["live"] is None
     assert report["equal_to_reference"]["views"] == 2 * 3
@@ -352,3 +352,28 @@ def test_live_run_has_all_documented_figures(bag, monkeypatch):
         assert robot["pipeline_ms"] > 0
         assert robot["images_bytes_per_s"] > robot["points_bytes_per_s"] > 0
     assert live["planner"]["step_ms"] > 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
+def test_viewers_are_measured_beside_a_planner_without_any(monkeypatch):
+    pytest.importorskip("aiohttp")
+    pytest.importorskip("mrs_people_msgs")
+    from mrs_tools.bench import viewers
+    from ros.harness import own_domain
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setattr(viewers, "_SETTLE_S", 0.5)
+    with own_domain() as number:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        report = viewers.measure_viewers(DEFAULT, 1.5, (0, 2))
+    without, two = report["rows"]
+    assert (without["viewers"], two["viewers"]) == (0, 2)
+    assert without["intervals_per_s"] > 0
+    assert without["view_cpu_percent"] is None
+    assert two["view_cpu_percent"] > 0
+    # Each gets a state of all ten people about as often as the planner sends them.
+    assert 0.3 * two["intervals_per_s"] < two["states_per_s"] < 1.5 * viewers.RATE_HZ
+    assert two["bytes_per_s"] > 1000.0 * two["states_per_s"]
+    assert report["encode_ms"] > 0
