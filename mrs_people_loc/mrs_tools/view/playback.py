@@ -11,6 +11,7 @@ import dataclasses
 import heapq
 import threading
 import time
+import traceback
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -172,6 +173,9 @@ class Playback:
             self._play_bag(publish)
         except PeopleLocError as err:  # damaged in its midst: the page stays and says so
             publish(health_of([], [_finding(ERROR, "bag", str(err))]))
+        except Exception as err:  # nobody waits for this thread's result
+            traceback.print_exc()
+            publish(health_of([], [_finding(ERROR, "mrs view", f"the player has failed: {err}")]))
 
     def _play_bag(self, publish: Publish) -> None:
         player = _Player(self._bag, self._run, self._results, publish)
