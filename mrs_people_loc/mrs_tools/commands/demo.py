@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -117,8 +117,11 @@ def _replay(
         recorded = read_team_bag(bag, config)
     with private_domain() as where:
         console.print(where)
-        on_ready = (lambda: None) if page is None else page.source.show_team
-        listener = run_team(bag, files, rate, console, on_ready)
+        watching: AbstractContextManager[object] = nullcontext()
+        if page is not None:
+            page.source.tell(f"starting {', '.join(config.robots)} and the planner")
+            watching = page.source.team()
+        listener = run_team(bag, files, rate, console, watching)
     people = sorted(listener.people, key=stamp_of)
     if not any(len(message.scans) == len(config.robots) for message in people):
         raise PeopleLocError(

@@ -6,7 +6,8 @@ import asyncio
 import os
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -40,17 +41,24 @@ class DemoSource:
         self._shown: Source | None = None
 
     def tell(self, text: str) -> None:
-        """Shows what is done until there is a team."""
+        """Shows what is done while there is no team."""
         finding = protocol.Finding(
             level="waiting", subject="demo", text=text, advice="", follows=[]
         )
         self._say(protocol.Health(type="health", level="waiting", findings=[finding]))
 
-    def show_team(self) -> None:
-        """Shows the team that runs in the ROS domain of the environment."""
+    @contextmanager
+    def team(self) -> Iterator[None]:
+        """Meanwhile the team is shown that runs in the ROS domain of the environment."""
         from mrs_tools.view.live import LiveSource
 
         self._become(LiveSource())
+        try:
+            yield
+        finally:
+            self._end()
+            self._say(self.hello())
+            self.tell("the team has seen the whole recording, and ends")
 
     def show_bag(self, bag: Path, files: Sequence[Path], results: Results) -> None:
         """Shows a bag.
@@ -73,15 +81,15 @@ class DemoSource:
         if self._publish is None:
             source.close()
             return
-        source.start(self._publish)
         self._shown = source
         self._say(self.hello())
+        source.start(self._publish)
         source.look(self._look)
 
     def hello(self) -> Hello:
         """What each viewer gets first."""
         if self._shown is not None:
-            return self._shown.hello()
+            return {**self._shown.hello(), "title": self._title}
         return Hello(
             type="hello",
             version=protocol.VERSION,
@@ -95,7 +103,7 @@ class DemoSource:
     def start(self, publish: Publish) -> None:
         """Begins."""
         self._publish = publish
-        self.tell("the demo starts")
+        self.tell("starting")
 
     def look(self, wanted: Look) -> None:
         """Takes what viewers look at."""

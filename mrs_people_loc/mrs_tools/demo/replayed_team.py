@@ -6,9 +6,9 @@ import math
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +75,11 @@ class Listener:
 
 
 def run_team(
-    bag: Path, files: list[Path], rate: float, console: Console, on_ready: Callable[[], object]
+    bag: Path,
+    files: list[Path],
+    rate: float,
+    console: Console,
+    watching: AbstractContextManager[object],
 ) -> Listener:
     """Runs a team on a bag and returns what it published.
 
@@ -84,7 +88,7 @@ def run_team(
         files: Parameter files of the team.
         rate: Seconds of bag time per second.
         console: Where the team is shown.
-        on_ready: Called once the team is there, before the bag is replayed.
+        watching: Entered once the team is there, and left before it ends.
 
     Raises:
         PeopleLocError: A process ends by itself or is not ready in time, or somebody else
@@ -109,7 +113,7 @@ def run_team(
                 domain.refuse_other_publishers(started=False)
                 team = stack.enter_context(RunningTeam(nodes, log=log))
                 _wait_for_team(node, topic, team, log, stop)
-                on_ready()
+                stack.enter_context(watching)
                 player.wait_for_subscribers(stop=stop)
                 domain.refuse_other_publishers()
             with step(console, f"replaying {plain(bag.name)}", below=live) as on_progress:

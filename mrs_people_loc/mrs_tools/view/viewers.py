@@ -52,6 +52,9 @@ class Viewer:
     def offer(self, slot: Slot, message: Encoded) -> None:
         """Lets a message wait for it, if it looks at that."""
         kind, robot = slot
+        if kind == "hello":  # what waits is of what was shown before
+            self._waiting.clear()
+            self._one_by_one.clear()
         if kind in ("event", "answer"):
             self._one_by_one.append(message)
         elif self.wants(slot):
@@ -107,8 +110,14 @@ class Viewers:
     # ---- in any thread ----
 
     def publish(self, message: Message) -> None:
-        """Takes a message for all viewers; a later one of its kind may replace it."""
+        """Takes a message for all viewers; a later one of its kind may replace it.
+
+        With a `Hello` something else is shown: what came before is forgotten.
+        """
         with self._lock:
+            if message["type"] == "hello":
+                self._came.clear()
+                self._came_events.clear()
             if message["type"] == "event":
                 self._came_events.append(message)
             else:
@@ -140,9 +149,10 @@ class Viewers:
         """Takes what a viewer looks at."""
         before, viewer.look = viewer.look, look
         self._look_again()
-        for slot, message in self._latest.items():
-            if viewer.wants(slot) and slot[1] not in before.robots:
-                viewer.offer(slot, message)
+        for (kind, robot), message in self._latest.items():
+            new = {"image": robot not in before.robots, "cells": not before.cells}
+            if new.get(kind, False):
+                viewer.offer((kind, robot), message)
 
     def _look_again(self) -> None:
         looks = [viewer.look for viewer in self._viewers]
@@ -176,7 +186,12 @@ class Viewers:
             self._came_events.clear()
             self._is_due = False
         for slot, message in came.items():
-            encoded = self._latest[slot] = Encoded(message)
+            encoded = Encoded(message)
+            if slot[0] == "hello":  # the source has it for viewers that come later
+                self._latest.clear()
+                self._events.clear()
+            else:
+                self._latest[slot] = encoded
             for viewer in self._viewers:
                 viewer.offer(slot, encoded)
         for message in events:

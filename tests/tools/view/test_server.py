@@ -105,6 +105,32 @@ def test_viewer_that_comes_late_is_shown_what_there_is() -> None:
         run(test)
 
 
+def test_source_that_becomes_another_one_leaves_nothing_of_before() -> None:
+    source = Source()
+
+    async def test(session: Any) -> None:
+        async with session.ws_connect(f"{url}live") as viewer:
+            source.publish(event("of before"))
+            source.publish(state(1.0))
+            await until(viewer, lambda m: m.get("text") == "of before")
+            source.publish(source.hello())
+            source.publish(state(2.0))
+            got = await until(viewer, lambda m: m["type"] == "state")
+            assert [m["type"] for m in got] == ["hello", "state"]
+            # To look at something else brings neither again.
+            await viewer.send_json({"type": "look", "cells": True})
+            source.publish(event("now"))
+            (said,) = await until(viewer, lambda m: m["type"] == "event")
+            assert said["text"] == "now"
+        async with session.ws_connect(f"{url}live") as late:
+            got = await until(late, lambda m: m["type"] == "event")
+        assert [m["type"] for m in got] == ["hello", "state", "event"]
+        assert (got[1]["t"], got[2]["text"]) == (2.0, "now")
+
+    with served(source) as url:
+        run(test)
+
+
 def test_ten_viewers_get_a_message_that_is_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
     source, encoded = Source(), []
 

@@ -251,6 +251,8 @@ function connectionInWords() {
   }
   if (scene.time) return ["ok", scene.time.playing ? "Playing" : "Paused", ""];
   if (!scene.state || scene.state.t === null) {
+    const demo = scene.health?.findings.find(({ subject }) => subject === "demo");
+    if (demo) return ["wait", "Demo", `The demo: ${demo.text}.`];
     return ["wait", "Waiting for data", "Connected. No people message has come yet: is a planner running?"];
   }
   const silent = (scene.state.age ?? 0) + (performance.now() - scene.stateAt) / 1000;
