@@ -4,9 +4,9 @@ Every message has a `type`. Metres, seconds and radians; places and headings in 
 `map`; times are ROS times [s], in a bag those at which messages were recorded. Numbers are rounded
 (`rounded`); what is unknown is null.
 
-From the server: `Hello` first, and again when something else is shown; then in any order the latest
-of `Map`, `State`, `Cells`, `Image` (by robot), `Health` and `Time`, and every `Event`. A viewer that
-is slow misses messages that a later one replaces. Each command but `Look` is answered by an
+From the server: `Hello` first, and again when something else is shown; then in any order the
+latest of `Map`, `State`, `Cells`, `Image` (by robot), `Health` and `Time`, and every `Event`. A
+viewer that is slow misses messages that a later one replaces. Each command but `Look` is answered by an
 `Answer`, and so is what is malformed.
 
 From the page: the commands below, such as `{"type": "look", "cells": true, "robots": ["robot_a"]}`.
