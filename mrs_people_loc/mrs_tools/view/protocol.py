@@ -6,8 +6,8 @@ Every message has a `type`. Metres, seconds and radians; places and headings in 
 
 From the server: `Hello` first, and again when something else is shown; then in any order the
 latest of `Map`, `State`, `Cells`, `Image` (by robot), `Health` and `Time`, and every `Event`. A
-viewer that is slow misses messages that a later one replaces. Each command but `Look` is answered by an
-`Answer`, and so is what is malformed.
+viewer that is slow misses messages that a later one replaces. Each command but `Look` is answered
+by an `Answer`, and so is what is malformed.
 
 From the page: the commands below, such as `{"type": "look", "cells": true, "robots": ["robot_a"]}`.
 `Look` holds for the viewer that sends it, until its next one.
