@@ -41,7 +41,7 @@ help: ## List these targets
 # --- set-up ---------------------------------------------------------------------------------------
 # Each step leaves a stamp in .venv and is repeated when one of its dependencies has changed.
 
-setup: $(VENV)/.project ## Make .venv with everything in it (returns at once if it is up to date)
+setup: $(VENV)/.project ## Make .venv with everything in it (at once if up to date)
 
 # Checked every time; changes only when the environment is created again.
 $(VENV)/.made: FORCE
@@ -68,31 +68,31 @@ $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 
 # --- use ------------------------------------------------------------------------------------------
 
-demo: setup ## Run the whole system on this machine: simulated robots follow a walking group
+demo: setup ## Run the whole system: robots follow a walking group
 	$(BIN)/mrs demo
 
-tour: setup ## Guide a simulated group on this machine: rendered heads, the team's real processes
+tour: setup ## Guide a simulated group: rendered heads, real processes
 	$(BIN)/mrs tour --simulate
 
-bench: setup ## Compare results with tests/oracle, then measure speed, latency and bandwidth
+bench: setup ## Compare with tests/oracle, then measure speed
 	$(BIN)/mrs bench
 
-experiment: setup ## Repeat the paper's experiment in simulation; its figures beside ours
+experiment: setup ## Repeat the paper's experiment in simulation
 	$(BIN)/mrs experiment
 
-suite: setup ## Score the published suite step by step, into docs/suite.md (half an hour)
+suite: setup ## Score the suite step by step, into docs/suite.md (30 min)
 	$(BIN)/mrs suite .suite/test --steps --out docs/suite.md
 
-localization: setup ## Score a team's poses on simulated tours, into docs/localization_results.md
+localization: setup ## Score poses on simulated tours, into docs/
 	$(BIN)/mrs localization --out docs/localization_results.md
 
-guiding: setup ## Score guided tours, simulated, into docs/guiding_results.md (half an hour)
+guiding: setup ## Score simulated guided tours, into docs/ (30 min)
 	$(BIN)/mrs guiding --out docs/guiding_results.md
 
-real: setup ## Score the recordings of real rooms in RECORDINGS=DIR, into docs/real_rooms.md
+real: setup ## Score real rooms in RECORDINGS=DIR, into docs/real_rooms.md
 	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
 
-fit: setup ## Fit the body model to the suite's train half and its variants, and RECORDINGS=DIR
+fit: setup ## Fit the body model to suite and variants, and RECORDINGS=DIR
 	$(BIN)/mrs simulate --suite train .suite/train
 	$(BIN)/mrs simulate --suite train --variants 12 .suite/more
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
@@ -114,13 +114,13 @@ format: setup ## Fix the style as far as ruff can
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-soak: setup ## Run the long tests: a full team for ten minutes, and others of that length
+soak: setup ## Run the long tests, of ten minutes and more
 	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
 
 fuzz: setup ## Fuzz all inputs (26 targets, FUZZ_SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
-test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported versions of its dependencies
+test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported dependencies
 	$(OLDEST)/bin/python -m pytest tests/core tests/tools/scoring $(PYTEST_ARGS)
 
 # Not with Python 3.13, which is newer than those versions.

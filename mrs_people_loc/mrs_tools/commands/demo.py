@@ -48,8 +48,6 @@ def command(
     people live, in the terminal and on a page for the browser, then prints which people were found
     and followed, how far off, and what happened to the group. Draws one interval as a PNG and all
     of them as a GIF. In a terminal the page stays until Ctrl-C, with the recording and its people.
-
-    Example: mrs demo --rate 2 --out walk.png
     """
     from rich.console import Console
 
