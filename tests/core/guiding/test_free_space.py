@@ -83,6 +83,21 @@ def test_people_are_gone_round_where_there_is_room_and_else_walked_up_to() -> No
     assert length(path) < 4.5
 
 
+def test_path_stays_on_its_side_of_somebody_until_the_other_one_is_much_shorter() -> None:
+    space, here, goal = FreeSpace.unbounded(), np.array([0.5, 0.0]), np.array([6.0, 0.0])
+
+    def side(disc: list[float], before: np.ndarray | None = None) -> float:
+        path = space.path(here, goal, 0.4, np.array([disc]), before)
+        assert path is not None
+        assert (path[0] == here).all()
+        return float(path[np.abs(path[:, 1]).argmax(), 1])
+
+    left = space.path(np.array([0.0, 0.0]), goal, 0.4, np.array([[3.0, -0.1, 0.8]]))
+    assert side([3.0, 0.1, 0.6]) < 0.0
+    assert side([3.0, 0.1, 0.6], left) > 0.0
+    assert side([3.0, 1.5, 2.2], left) < 0.0
+
+
 def test_start_too_near_to_a_wall_has_a_way_out() -> None:
     goal = np.array([9.0, 3.0])
     for start in ([0.1, 3.0], [4.95, 1.0], [0.02, 0.02]):

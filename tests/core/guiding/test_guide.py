@@ -393,6 +393,23 @@ def test_next_robot_leads_when_the_leader_fails():
     assert world.last().posts["robot_a"].role == Role.LEADER
 
 
+def test_successor_looks_ahead_and_passes_those_who_are_hidden_before_it_leads():
+    world = leading()
+    world.silent.add("robot_a")
+    front = max(world.walkers, key=lambda one: one.way_m)
+    for walker in world.walkers:
+        walker.stands = True
+    hidden, front.id = front.id, 0  # the foremost is not followed any more
+    world.run(2.0)
+    (name,) = (n for n, post in world.last().posts.items() if post.role == Role.LEADER)
+    assert world.last().posts[name].yaw == pytest.approx(0.0, abs=0.05)
+    assert world.last().posts[name].xy[0] == pytest.approx(front.way_m + 1.6, abs=0.3)
+    while world.last().state == State.WAITING and world.time_s < 60.0:
+        world.step()
+    assert world.robots[name][0] > front.way_m
+    assert hidden in world.last().people
+
+
 def test_robot_that_is_to_lead_leads_again_when_it_is_back():
     world = leading(leader="robot_a")
     world.silent.add("robot_a")
