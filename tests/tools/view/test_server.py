@@ -91,9 +91,9 @@ def test_viewer_that_comes_late_is_shown_what_there_is() -> None:
 
     async def test(session: Any) -> None:
         async with session.ws_connect(f"{url}live") as first:
+            source.publish(state(1.0))
             for number in range(60):
                 source.publish(event(str(number)))
-            source.publish(state(1.0))
             await until(first, lambda m: m.get("text") == "59")
         async with session.ws_connect(f"{url}live") as late:
             got = await until(late, lambda m: m.get("text") == "59")
@@ -110,8 +110,8 @@ def test_source_that_becomes_another_one_leaves_nothing_of_before() -> None:
 
     async def test(session: Any) -> None:
         async with session.ws_connect(f"{url}live") as viewer:
-            source.publish(event("of before"))
             source.publish(state(1.0))
+            source.publish(event("of before"))
             await until(viewer, lambda m: m.get("text") == "of before")
             source.publish(source.hello())
             source.publish(state(2.0))
