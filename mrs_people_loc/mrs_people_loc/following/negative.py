@@ -17,6 +17,8 @@ from mrs_people_loc.arrays import Bool, Float
 #: Nodes [sigma] and weights of the Gauss-Hermite quadrature, three by three.
 _NODES = math.sqrt(3.0) * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
 _WEIGHTS = np.array([x * y for x in (1, 4, 1) for y in (1, 4, 1)]) / 36.0
+#: Least variance of a place [m^2].
+_LEAST = 1e-9
 
 
 def not_found(
@@ -37,7 +39,8 @@ def not_found(
     """
     before, cross = covariance[:, :2, :2], covariance[:, 2:, :2]
     values, vectors = np.linalg.eigh(before)
-    axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+    values = np.maximum(values, _LEAST)[:, np.newaxis]
+    axes = vectors * np.sqrt(values)
     places = state[:, np.newaxis, :2] + _NODES @ axes.transpose(0, 2, 1)
     is_in_view = in_view(places)
     weight = _WEIGHTS * np.where(is_in_view, missed, 1.0)
@@ -46,7 +49,7 @@ def not_found(
     off = places - place[:, np.newaxis]
     after = (weight[..., np.newaxis] * off).transpose(0, 2, 1) @ off
     # The velocity follows by its correlation with the place.
-    gain = cross @ np.linalg.pinv(before, hermitian=True)
+    gain = cross @ (vectors / values) @ vectors.transpose(0, 2, 1)
     moved = place - state[:, :2]
     velocity = state[:, 2:] + (gain @ moved[..., np.newaxis])[..., 0]
     of_velocity = covariance[:, 2:, 2:] - gain @ (before - after) @ gain.transpose(0, 2, 1)

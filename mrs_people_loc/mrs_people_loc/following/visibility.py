@@ -85,6 +85,8 @@ class FieldsOfView:
             bearing, away = _seen_from(xy, pose)
             in_range = (away >= least[bearing]) & (away <= greatest[bearing])
             rows = np.flatnonzero(in_range & ~seen)
+            if not len(rows):
+                continue
             place = np.array([[pose.x, pose.y]])
             by_people = hidden_by_people(place, xy[rows], people, own[rows])[0]
             by_robots = hidden_by_robots(place, xy[rows], mates)[0].max(axis=0, initial=0.0)
