@@ -104,11 +104,16 @@ fit: setup ## Fit the body model to suite and variants, and RECORDINGS=DIR
 test: setup ## Run the tests
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-lint: setup ## Check style (ruff), types (mypy) and layers (import-linter)
+lint: setup ## Check style, types, layers (import-linter), workflows, Docker
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache --no-logo
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yaml
+	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec compose.yaml
+	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
+	$(BIN)/zizmor --offline --quiet --no-progress .github
+	$(BIN)/hadolint Dockerfile
 
 format: setup ## Fix the style as far as ruff can
 	$(BIN)/ruff check --fix
