@@ -29,7 +29,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock clean FORCE
+.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock release-check clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -145,6 +145,9 @@ colcon: setup ## Build with colcon, as with an installed ROS, into .colcon
 
 lock: setup ## Pin the newest compatible versions (needs all four Pythons)
 	$(BIN)/python setup/lock.py
+
+release-check: setup ## Say what a release still lacks
+	$(BIN)/python setup/release_check.py
 
 clean: ## Remove everything that these targets made
 	rm -rf $(VENV) $(OLDEST) $(COLCON) .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,6 +1,8 @@
 """What a release needs: changelogs, citation, workflows, the image."""
 
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from importlib import metadata
 from pathlib import Path
@@ -111,3 +113,35 @@ def test_service_runs_a_command_of_ours(service: str) -> None:
         setup = (ROOT / program / "setup.py").read_text()
         assert f'"{program} = {program}.__main__:main"' in setup
         assert rest == ["--ros-args", "--params-file", team["target"]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("", "", "Ready to release 0.2.0."),
+        ("a@people.net", "a@example.org", "a@example.org is a placeholder"),
+        ("Issues", "Bugs", "[project.urls]: no Issues"),
+        ("0.2.0 (2027-01-31)", "Forthcoming", "robot/CHANGELOG.rst: no section '0.2.0"),
+        ("## 0.2.0 (2027-01-31)", "## 10.2.0 (2027-01-31)", "CHANGELOG.md: no section '0.2.0"),
+    ],
+)
+def test_release_check_names_what_is_left(old: str, new: str, says: str, tmp_path: Path) -> None:
+    script = (ROOT / "setup" / "release_check.py").read_text(encoding="utf-8")
+    project = """\
+        [project]
+        version = "0.2.0"
+        maintainers = [{name = "A", email = "a@people.net"}]
+        urls = {Homepage = "https://h", Repository = "https://r", Issues = "https://i"}
+    """
+    for name, text in {
+        "setup/release_check.py": script,
+        "pyproject.toml": project.replace(old, new),
+        "CHANGELOG.md": "# Changelog\n\n## 0.2.0 (2027-01-31)\n".replace(old, new),
+        "robot/CHANGELOG.rst": "0.2.0 (2027-01-31)\n------------------\n".replace(old, new),
+    }.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    command = [sys.executable, "setup/release_check.py"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert says in run.stdout + run.stderr
+    assert run.returncode == (1 if old else 0)
