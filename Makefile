@@ -122,7 +122,7 @@ format: setup ## Fix the style as far as ruff can
 soak: setup ## Run the long tests, of ten minutes and more
 	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
 
-fuzz: setup ## Fuzz all inputs (26 targets, FUZZ_SECONDS=60 for each)
+fuzz: setup ## Fuzz all inputs (27 targets, FUZZ_SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
 test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported dependencies
