@@ -30,6 +30,8 @@ def missing(project: dict[str, Any]) -> list[str]:
     ]
     urls = project.get("urls", {})
     found += [f"pyproject.toml: [project.urls]: no {name}" for name in URLS if name not in urls]
+    if "\nrepository-code: " not in (ROOT / "CITATION.cff").read_text(encoding="utf-8"):
+        found.append("CITATION.cff: no repository-code")
     heading = rf"^(## )?{re.escape(project['version'])} \(\d{{4}}-\d\d-\d\d\)$"
     for path in (ROOT / "CHANGELOG.md", *sorted(ROOT.glob("*/CHANGELOG.rst"))):
         if not re.search(heading, path.read_text(encoding="utf-8"), re.MULTILINE):

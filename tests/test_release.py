@@ -121,6 +121,7 @@ def test_service_runs_a_command_of_ours(service: str) -> None:
         ("", "", "Ready to release 0.2.0."),
         ("a@people.net", "a@example.org", "a@example.org is a placeholder"),
         ("Issues", "Bugs", "[project.urls]: no Issues"),
+        ("repository-code", "url", "CITATION.cff: no repository-code"),
         ("0.2.0 (2027-01-31)", "Forthcoming", "robot/CHANGELOG.rst: no section '0.2.0"),
         ("## 0.2.0 (2027-01-31)", "## 10.2.0 (2027-01-31)", "CHANGELOG.md: no section '0.2.0"),
     ],
@@ -136,6 +137,7 @@ def test_release_check_names_what_is_left(old: str, new: str, says: str, tmp_pat
     for name, text in {
         "setup/release_check.py": script,
         "pyproject.toml": project.replace(old, new),
+        "CITATION.cff": "cff-version: 1.2.0\nrepository-code: https://r\n".replace(old, new),
         "CHANGELOG.md": "# Changelog\n\n## 0.2.0 (2027-01-31)\n".replace(old, new),
         "robot/CHANGELOG.rst": "0.2.0 (2027-01-31)\n------------------\n".replace(old, new),
     }.items():
