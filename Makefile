@@ -13,6 +13,8 @@ FUZZ_SECONDS ?= 60
 VENV := .venv
 OLDEST := .venv-oldest
 VERSIONS := 3.12 3.13 3.11 3.10
+DOCS := .venv-docs
+DOCS_VERSIONS := 3.12 3.13 3.11
 OLDEST_VERSIONS := 3.12 3.11 3.10
 COLCON := .colcon
 BIN := $(VENV)/bin
@@ -29,7 +31,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock clean FORCE
+.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment docs colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -132,6 +134,20 @@ $(OLDEST)/.installed: $(OLDEST)/.made pyproject.toml $(LOCK) requirements/oldest
 	@$(STEP) $(OLDEST)/log/install.log "Installing the oldest versions" setup/oldest.sh $(OLDEST)
 	@touch $@
 
+docs: $(DOCS)/.installed ## Build the documentation site into .site/html
+	$(DOCS)/bin/python setup/docs.py
+
+# Not with Python 3.10, which Zensical does not support.
+$(DOCS)/.made: FORCE
+	@setup/venv.sh $(DOCS) "$(DOCS_VERSIONS)" \
+	    $$(setup/find-python.sh "$(DOCS_VERSIONS)" $(PYTHON) python3)
+
+$(DOCS)/.installed: $(DOCS)/.made requirements/docs.txt
+	@$(STEP) $(DOCS)/log/install.log "Installing the tools of the documentation" \
+	    $(DOCS)/bin/python -m pip --disable-pip-version-check --no-input \
+	    install --no-deps --requirement requirements/docs.txt
+	@touch $@
+
 colcon: setup ## Build with colcon, as with an installed ROS, into .colcon
 	setup/colcon.sh $(VENV) $(COLCON) --symlink-install
 	@echo "Now:  . $(COLCON)/install/local_setup.sh"
@@ -142,4 +158,4 @@ lock: setup ## Pin the newest compatible versions (needs all four Pythons)
 	$(BIN)/python setup/lock.py
 
 clean: ## Remove everything that these targets made
-	rm -rf $(VENV) $(OLDEST) $(COLCON) .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(DOCS) $(COLCON) .site .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache
