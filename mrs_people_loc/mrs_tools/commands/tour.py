@@ -135,7 +135,7 @@ def _simulate(
     from mrs_tools.installing import default_file
     from mrs_tools.signals import stop_on_signals
     from mrs_tools.simulation.guided import guided_scene
-    from mrs_tools.simulation.light_tour import POSES
+    from mrs_tools.simulation.light.guided_tour import POSES
     from mrs_tools.tour.simulated_tour import Plan, run_tour
     from mrs_tools.tour.trouble import read_kill
 

@@ -15,7 +15,7 @@ from mrs_people_loc.planner import People
 from mrs_tools.experiment.recording import Recording
 from mrs_tools.paper import PAPER_CLUSTERS
 from mrs_tools.scoring.positions import MATCH_DISTANCE, Frame, ratio
-from mrs_tools.simulation.rooms import footprint
+from mrs_tools.simulation.models.rooms import footprint
 from mrs_tools.simulation.scene import Scene
 
 #: Points this near belong to a wall or to a piece of furniture [m].

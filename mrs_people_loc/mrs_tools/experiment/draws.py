@@ -45,7 +45,7 @@ def draw(scene: Scene, bag: Path) -> Draw:
         BagError: The bag exists already or cannot be written.
         ConfigError: The scene cannot be rendered.
     """
-    from mrs_tools.simulation.world import World
+    from mrs_tools.simulation.views.world import World
     from mrs_tools.simulation.writer import write_bag, write_team
 
     scene = expand(scene)

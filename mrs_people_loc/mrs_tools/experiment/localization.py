@@ -1,6 +1,6 @@
 """How well a team knows where it is: tours of 100 m, what goes wrong on them, and odometry alone.
 
-Tours without rendering (`simulation.light_team`), with the localizers and the planner of the nodes.
+Tours without rendering (`simulation.light.team`), with the localizers and the planner of the nodes.
 All figures depend on the seeds alone.
 """
 
@@ -22,7 +22,7 @@ from mrs_tools.scoring.poses import (
     score_poses,
 )
 from mrs_tools.scoring.positions import Frame, score, summary
-from mrs_tools.simulation.light_team import LightTeam, TeamRun, Trouble
+from mrs_tools.simulation.light.team import LightTeam, TeamRun, Trouble
 from mrs_tools.simulation.scene import load_scene
 from mrs_tools.simulation.tours import tour_of
 

@@ -1,7 +1,7 @@
 """How well a team guides groups: tours of 60 m, and what goes wrong on them.
 
-Tours in a closed loop without rendering (`simulation.light_tour`), with the code of the nodes. All
-figures depend on the seeds alone.
+Tours in a closed loop without rendering (`simulation.light.guided_tour`), with the code of the
+nodes. All figures depend on the seeds alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mrs_tools.installing import default_file
 from mrs_tools.scoring.positions import sums_of
 from mrs_tools.scoring.tours import TourScores, leaders_way, off_post, score_tour
 from mrs_tools.simulation.guided import guided_scene
-from mrs_tools.simulation.light_tour import LightTour, TourRun, Trouble
+from mrs_tools.simulation.light.guided_tour import LightTour, TourRun, Trouble
 
 #: A group that stays within this distance of a straggler waits for them [m].
 WAITS_M = 8.0
@@ -37,7 +37,7 @@ class Case:
     Attributes:
         name: What the table calls it.
         scene: Its scene file.
-        poses: Where the team takes its poses from, one of `light_tour.POSES`.
+        poses: Where the team takes its poses from, one of `light.guided_tour.POSES`.
         trouble: What goes wrong.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """

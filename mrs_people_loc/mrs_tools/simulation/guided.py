@@ -15,15 +15,15 @@ from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.errors import ConfigError, TourError
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.guiding.tour import Tour, tour_of
-from mrs_tools.simulation.crowd import Crowd
-from mrs_tools.simulation.crowd_ground import Clearance
 from mrs_tools.simulation.layouts import expand
+from mrs_tools.simulation.models.rooms import SIZES, floor_plan
 from mrs_tools.simulation.motion import Place
-from mrs_tools.simulation.rooms import SIZES, floor_plan
 from mrs_tools.simulation.scene import Scene, load_scene
-from mrs_tools.simulation.stragglers import Straggling
+from mrs_tools.simulation.sensors.wheels import Wheels
 from mrs_tools.simulation.tours import walls_of
-from mrs_tools.simulation.wheels import Wheels
+from mrs_tools.simulation.walking.crowd import Crowd
+from mrs_tools.simulation.walking.crowd_ground import Clearance
+from mrs_tools.simulation.walking.stragglers import Straggling
 
 #: Step of a guided world [s].
 STEP_S = 0.05

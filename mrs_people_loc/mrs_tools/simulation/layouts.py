@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.guiding.way import Way
-from mrs_tools.simulation import interiors
-from mrs_tools.simulation.rooms import SIZES, footprint
+from mrs_tools.simulation.models import interiors
+from mrs_tools.simulation.models.rooms import SIZES, footprint
 from mrs_tools.simulation.scene import Furniture, Layout, Person, Robot, Room, Scene, StereoHead
-from mrs_tools.simulation.walks import Boxes, way_of
+from mrs_tools.simulation.walking.walks import Boxes, way_of
 
 Rng = np.random.Generator
 

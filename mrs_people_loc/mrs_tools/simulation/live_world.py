@@ -28,12 +28,12 @@ from mrs_people_loc.sensing.images import Gray
 from mrs_tools.bags.robot_poses import true_pose_topic
 from mrs_tools.bags.robot_writer import camera_info, image_message
 from mrs_tools.simulation.guided import STEP_S, GuidedWorld
-from mrs_tools.simulation.live_view import LiveView
-from mrs_tools.simulation.meshes import Mesh
+from mrs_tools.simulation.models.meshes import Mesh
 from mrs_tools.simulation.motion import Place
-from mrs_tools.simulation.range_topics import SONAR_RATE, RangeTopics
 from mrs_tools.simulation.scene import Scene
-from mrs_tools.simulation.stage import Stage
+from mrs_tools.simulation.sensors.range_topics import SONAR_RATE, RangeTopics
+from mrs_tools.simulation.views.live_view import LiveView
+from mrs_tools.simulation.views.stage import Stage
 from mrs_tools.simulation.writer import (
     GROUP_TOPIC,
     MAP_TOPIC,

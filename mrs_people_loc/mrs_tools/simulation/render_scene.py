@@ -13,7 +13,7 @@ from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import Scene
 
 if TYPE_CHECKING:
-    from mrs_tools.simulation.world import RenderedFrame, World
+    from mrs_tools.simulation.views.world import RenderedFrame, World
 
 
 def simulate(scene: Scene, out: Path, *, jobs: int = 1, on_frame: Any = None) -> World:
@@ -32,8 +32,8 @@ def simulate(scene: Scene, out: Path, *, jobs: int = 1, on_frame: Any = None) ->
         BagError: The bag exists already or cannot be written.
         ConfigError: The scene cannot be rendered.
     """
-    from mrs_tools.simulation.assets import with_assets
-    from mrs_tools.simulation.world import World
+    from mrs_tools.simulation.models.assets import with_assets
+    from mrs_tools.simulation.views.world import World
     from mrs_tools.simulation.writer import write_bag, write_team
 
     scene = with_assets(expand(scene))
@@ -71,7 +71,7 @@ _world: World | None = None
 
 
 def _start_worker(scene: Scene) -> None:
-    from mrs_tools.simulation.world import World
+    from mrs_tools.simulation.views.world import World
 
     global _world
     _world = World(scene)

@@ -2,7 +2,7 @@
 
 The scene files are those of `mrs simulate`: the way of the group, the posts of the team, walls and
 the errors of odometry. Nobody evades anybody, people and robots wander about their places in the
-formation; what robots see of walls and people is in `light_sensing`.
+formation; what robots see of walls and people is in `sensing`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from scipy.ndimage import uniform_filter1d
 from mrs_people_loc.guiding.way import Way
 from mrs_people_loc.localization.walls import Walls
 from mrs_tools.simulation.layouts import expand
-from mrs_tools.simulation.odometry import dead_reckoned, seen_steps, step_sigmas
 from mrs_tools.simulation.scene import Robot, Scene
-from mrs_tools.simulation.walks import Boxes, way_of
+from mrs_tools.simulation.sensors.odometry import dead_reckoned, seen_steps, step_sigmas
+from mrs_tools.simulation.walking.walks import Boxes, way_of
 
 Rng = np.random.Generator
 

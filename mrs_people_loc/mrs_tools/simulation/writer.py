@@ -25,13 +25,13 @@ from mrs_tools.bags.robot_poses import true_pose_topic
 from mrs_tools.bags.robot_writer import RobotWriter
 from mrs_tools.bags.rosbag import BagWriter, default_typestore
 from mrs_tools.bags.truth import ASSETS_TOPIC
+from mrs_tools.simulation.models.rooms import floor_plan
 from mrs_tools.simulation.motion import Place
-from mrs_tools.simulation.odometry import PoseSample
-from mrs_tools.simulation.range_topics import RangeTopics
-from mrs_tools.simulation.rooms import floor_plan
 from mrs_tools.simulation.scene import Scene
-from mrs_tools.simulation.stage import Stage
-from mrs_tools.simulation.world import RenderedFrame, World
+from mrs_tools.simulation.sensors.odometry import PoseSample
+from mrs_tools.simulation.sensors.range_topics import RangeTopics
+from mrs_tools.simulation.views.stage import Stage
+from mrs_tools.simulation.views.world import RenderedFrame, World
 
 PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"

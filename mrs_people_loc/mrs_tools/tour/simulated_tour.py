@@ -26,7 +26,7 @@ from mrs_tools.plain import plain
 from mrs_tools.simulation.guided import GuidedWorld
 from mrs_tools.simulation.live_world import LiveWorld, Progress
 from mrs_tools.simulation.scene import Scene
-from mrs_tools.simulation.stage import Stage
+from mrs_tools.simulation.views.stage import Stage
 from mrs_tools.simulation.writer import team_parameters
 from mrs_tools.tool_node import node
 from mrs_tools.tour.trouble import Kill
@@ -54,7 +54,7 @@ class Plan:
 
     Attributes:
         scene: The scene (`guided.guided_scene`).
-        poses: Where the team takes its poses from, one of `light_tour.POSES`.
+        poses: Where the team takes its poses from, one of `light.guided_tour.POSES`.
         kills: Which processes are killed.
         duration_s: The tour is cancelled after so long [s].
         images: Whether images are recorded, too.

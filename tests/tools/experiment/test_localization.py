@@ -18,7 +18,7 @@ from mrs_tools.experiment.localization import Case, CaseScores, run_cases
 from mrs_tools.experiment.localization_report import markdown
 from mrs_tools.scoring.poses import PoseScores, PoseTrack
 from mrs_tools.scoring.records import Truth
-from mrs_tools.simulation.light_team import TeamRun
+from mrs_tools.simulation.light.team import TeamRun
 
 START_NS = 1_000_000_000_000
 

@@ -26,7 +26,7 @@ pytest.importorskip("rosbags.interfaces", reason="the simulator writes bags")
 
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import read_scene
-from mrs_tools.simulation.walks import walk_together
+from mrs_tools.simulation.walking.walks import walk_together
 
 CONFIG = PlannerConfig()
 STEP_NS = 100_000_000

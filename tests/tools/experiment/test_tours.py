@@ -19,7 +19,7 @@ from mrs_tools.experiment.tours_report import markdown
 from mrs_tools.scoring.poses import PoseTrack
 from mrs_tools.scoring.records import Truth
 from mrs_tools.scoring.tours import TourRecord, TourScores
-from mrs_tools.simulation.light_tour import TourRun, Trouble
+from mrs_tools.simulation.light.guided_tour import TourRun, Trouble
 
 START_NS = 1_000_000_000_000
 

@@ -14,10 +14,10 @@ pytest.importorskip("embreex", reason="the simulator needs embreex")
 from mrs_people_loc import messages
 from mrs_tools.bags.robot_writer import camera_info, image_message
 from mrs_tools.simulation import live_world
-from mrs_tools.simulation.heads import camera_models
 from mrs_tools.simulation.live_world import make_message
 from mrs_tools.simulation.motion import Place
 from mrs_tools.simulation.scene import Robot, Scene, StereoHead
+from mrs_tools.simulation.sensors.heads import camera_models
 from mrs_tools.simulation.writer import Messages
 
 SOMEBODY = Place(1.0, 2.0, 0.0, 0.0, 0.0)

@@ -32,15 +32,15 @@ from typer.testing import CliRunner
 
 from mrs_tools.bags.rosbag import BagReader
 from mrs_tools.cli import app
-from mrs_tools.simulation import motion, textures
-from mrs_tools.simulation.heads import sample_offsets
-from mrs_tools.simulation.human_body import HumanBody
+from mrs_tools.simulation import motion
 from mrs_tools.simulation.layouts import expand
-from mrs_tools.simulation.meshes import box, cylinder, merge, quad
+from mrs_tools.simulation.models import textures
+from mrs_tools.simulation.models.human_body import HumanBody
+from mrs_tools.simulation.models.meshes import box, cylinder, merge, quad
+from mrs_tools.simulation.models.rooms import SIZES, floor_plan, furniture_mesh
+from mrs_tools.simulation.models.textures import Atlas, Texture
 from mrs_tools.simulation.motion import Place, Walker
-from mrs_tools.simulation.odometry import believe
 from mrs_tools.simulation.render_scene import simulate, team_file
-from mrs_tools.simulation.rooms import SIZES, floor_plan, furniture_mesh
 from mrs_tools.simulation.scene import (
     FURNITURE,
     Furniture,
@@ -51,9 +51,10 @@ from mrs_tools.simulation.scene import (
     load_scene,
     read_scene,
 )
+from mrs_tools.simulation.sensors.heads import sample_offsets
+from mrs_tools.simulation.sensors.odometry import believe
 from mrs_tools.simulation.suite_scenes import simulate_suite, suite_scenes, variants
-from mrs_tools.simulation.textures import Atlas, Texture
-from mrs_tools.simulation.world import RenderedFrame, World
+from mrs_tools.simulation.views.world import RenderedFrame, World
 from mrs_tools.simulation.writer import (
     MAP_TOPIC,
     PEOPLE_TOPIC,

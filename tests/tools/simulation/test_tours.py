@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrs_tools.simulation.light_sensing import (
+from mrs_tools.simulation.light.sensing import (
     HEAD,
     in_frames,
     scan_of,

@@ -11,8 +11,8 @@ from mrs_people_loc.localization.odometry import Odometry
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.localization.walls.ranges import SonarRange
 from mrs_people_loc.localization.walls.sonar import SonarWalls
-from mrs_tools.simulation.range_sensors import people_circles, sonar_ranges
 from mrs_tools.simulation.scene import Sonar
+from mrs_tools.simulation.sensors.range_sensors import people_circles, sonar_ranges
 
 HZ, STEP_NS = 20, 50_000_000
 #: Left and right, in the middle of the robot.

@@ -1,0 +1,1 @@
+"""Tours without rendering, faster than real time: walked, localized, or guided."""

@@ -1,0 +1,1 @@
+"""What stands in a scene, as textured triangles: rooms, furniture, people, robots."""

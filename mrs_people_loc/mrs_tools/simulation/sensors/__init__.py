@@ -1,0 +1,1 @@
+"""What a robot measures with: stereo heads, odometry and wheels, sonars, laser scanners."""

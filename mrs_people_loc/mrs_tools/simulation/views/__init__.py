@@ -1,0 +1,1 @@
+"""What the heads see at an instant: bodies in their places, ray casting, images."""

@@ -1,0 +1,1 @@
+"""How people move: groups that walk, and crowds that follow a guide."""
