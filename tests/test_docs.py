@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = (".", "docs", "recordings", "mrs_people_loc/scenes")
+FOLDERS = (".", "docs", "docs/tutorials", "recordings", "mrs_people_loc/scenes")
 PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 LINK = re.compile(r"\[[^][]*\]\(([^()\s]+)\)")
 FILE = re.compile(
