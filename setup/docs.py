@@ -82,8 +82,9 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "shared": (
         "Shared",
-        "Configuration, errors, geometry.",
-        ("config", "config.robot", "config.planner", "config.guide", "config.files")
+        "Configuration, errors, geometry, and the codes of `/diagnostics`. Every parameter, with its "
+        "meaning and default, is in [default.yaml](../mrs_people_loc/config/default.yaml.md).",
+        ("config.robot", "config.planner", "config.guide", "config.files")
         + ("config.parameters", "errors", "geometry", "health.findings"),
     ),
 }
@@ -225,7 +226,8 @@ def main() -> None:
     errors = site_errors(HTML)
     if errors:
         sys.exit("\n".join(["Broken, or on another host:", *errors]))
-    print(f"\n{HTML.relative_to(ROOT)}/index.html")
+    folder = HTML.relative_to(ROOT)
+    print(f"\n{folder}/index.html; with search: python3 -m http.server --directory {folder}")
 
 
 if __name__ == "__main__":
