@@ -82,8 +82,8 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "shared": (
         "Shared",
-        "Configuration, errors, geometry, and the codes of `/diagnostics`. Every parameter, with its "
-        "meaning and default, is in [default.yaml](../mrs_people_loc/config/default.yaml.md).",
+        "Configuration, errors, geometry, and the codes of `/diagnostics`. Every parameter, with "
+        "its meaning and default, is in [default.yaml](../mrs_people_loc/config/default.yaml.md).",
         ("config.robot", "config.planner", "config.guide", "config.files")
         + ("config.parameters", "errors", "geometry", "health.findings"),
     ),
