@@ -31,7 +31,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment docs colcon lock clean FORCE
+.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -134,6 +134,7 @@ $(OLDEST)/.installed: $(OLDEST)/.made pyproject.toml $(LOCK) requirements/oldest
 	@$(STEP) $(OLDEST)/log/install.log "Installing the oldest versions" setup/oldest.sh $(OLDEST)
 	@touch $@
 
+.PHONY: docs
 docs: $(DOCS)/.installed ## Build the documentation site into .site/html
 	$(DOCS)/bin/python setup/docs.py
 

@@ -71,6 +71,12 @@ def python_files() -> Iterator[tuple[str, Path]]:
                     yield package, path.relative_to(ROOT / package)
 
 
+def extras_of(lock: str) -> set[str]:
+    """Name the extras that a file of requirements/ pins."""
+    extras = set(metadata.metadata("mrs-people-loc").get_all("Provides-Extra") or [])
+    return {"docs"} if lock == "docs.txt" else extras - {"docs"}
+
+
 def check_shared_files(prefixes: str, but: tuple[str, ...] = ()) -> None:
     """Hold every file that ROS looks up against its source."""
     for package, name, source in shared_files():
@@ -151,13 +157,7 @@ def test_versions_agree() -> None:
             assert re.findall(r'version="(.*)"', setup.read_text()) == [version], folder
 
 
-def extras_of(lock: str) -> set[str]:
-    """Name the extras that a file of requirements/ pins."""
-    extras = set(metadata.metadata("mrs-people-loc").get_all("Provides-Extra") or [])
-    return {"docs"} if lock == "docs.txt" else extras - {"docs"}
-
-
-def test_extra_all_holds_every_extra_of_its_lock() -> None:
+def test_extra_all_holds_every_extra() -> None:
     """It is what the lock pins and `make setup` installs."""
     requirements = [Requirement(line) for line in metadata.requires("mrs-people-loc") or []]
 
