@@ -26,6 +26,8 @@ WAITS_M = 8.0
 FORMED_M = 1.0
 #: A robot stands below this speed [m/s].
 _STANDS = 0.01
+#: When the planner ends [s]: right after it has published, when the guide misses it last.
+_PLANNER_ENDS_S = 60.16
 #: Fewest and most people; each seed has another number.
 _PEOPLE = 5, 10
 
@@ -69,7 +71,7 @@ CASES = (
     Case("corridor, robot_c gone from 60 to 90 s", _CORRIDOR,
          trouble=Trouble(killed=("robot_c", 60.0), back=90.0)),
     Case("corridor, no planner from 60 to 65 s", _CORRIDOR,
-         trouble=Trouble(planner_gone=(60.0, 65.0))),
+         trouble=Trouble(planner_gone=(_PLANNER_ENDS_S, 65.0))),
 )  # fmt: skip
 #: Cases that are not `main` have so many seeds at most.
 FEW = 3

@@ -41,7 +41,8 @@ from mrs_tools.simulation.tours import known_walls
 
 #: Poses, images and scored positions come at each so many steps of the world.
 _POSE, _IMAGE, _TRUTH = 2, 4, 2
-#: The people of an interval come so long after its images [s].
+#: The planner publishes the people of an interval so long after its images [s]; they arrive in the
+#: same step.
 _LATE_S = 0.15
 #: The recording goes on for so long after the tour [s].
 _AFTER_S = 1.0
@@ -58,7 +59,8 @@ class Trouble:
     Attributes:
         killed: A robot that is silent and stands from a time on [s].
         back: When it is there again [s]; None: never.
-        planner_gone: From when to when there is no planner [s]; another one then begins anew.
+        planner_gone: From when to when there is no planner [s]: what it has not published yet is
+            never published; another one then begins anew.
     """
 
     killed: tuple[str, float] | None = None
@@ -192,6 +194,8 @@ class LightTour:
         if step % _POSE == 0:
             for name in alive:
                 self._take_pose(name, now_ns)
+        if self._is_planner_gone():
+            self._underway.clear()
         if step % _IMAGE == 0:
             self._look(alive, now_ns)
         while self._underway and self._underway[0][0] <= world.time + 1e-9:
@@ -206,6 +210,10 @@ class LightTour:
         if killed is None or killed[0] != name or self.world.time < killed[1]:
             return True
         return back is not None and self.world.time >= back
+
+    def _is_planner_gone(self) -> bool:
+        gone = self._trouble.planner_gone
+        return gone is not None and gone[0] <= self.world.time + 1e-9 < gone[1]
 
     def _take_pose(self, name: str, now_ns: int) -> None:
         """A robot says where it is."""
@@ -232,8 +240,7 @@ class LightTour:
             )
         if self._localizers:
             self._localize(places, views, now_ns)
-        gone = self._trouble.planner_gone
-        if gone is not None and gone[0] <= world.time < gone[1]:
+        if self._is_planner_gone():
             self._planner = self._made_planner()
             return
         scans = [scan_of(name, now_ns, view) for name, view in views.items()]

@@ -43,11 +43,11 @@ def test_robots_take_estimated_poses_for_theirs(tmp_path, poses, largest_m):
 
 
 def test_robots_stand_while_there_is_no_planner_and_one_that_is_killed_stays(tmp_path):
-    trouble = Trouble(killed=("robot_c", 8.0), planner_gone=(10.0, 12.0))
+    trouble = Trouble(killed=("robot_c", 8.0), planner_gone=(10.16, 12.0))
     result = run(tmp_path, 14.0, trouble=trouble)
     times, speeds = result.speeds[:, 0], result.speeds[:, 1:]
-    assert speeds[times < 10.0].max() > 0.2
-    assert speeds[(times > 10.0 + 0.15 + 0.5) & (times < 12.0)].max() == 0.0
+    assert speeds[times < 10.16].max() > 0.2
+    assert speeds[(times > 10.16 + 0.5) & (times < 12.0)].max() == 0.0
     assert speeds[times > 12.5, :2].max() > 0.1
     assert speeds[times > 9.0, 2].max() == 0.0
     assert State.HALTED in [status.state for status in result.record.statuses]
