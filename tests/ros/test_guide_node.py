@@ -15,7 +15,7 @@ from action_msgs.msg import GoalStatus
 from mrs_people_msgs.msg import GuideStatus
 
 from ros.guide_peer import GuideWorld, goal_of, map_of, path_of
-from ros.harness import OK, NodeProcess, Peer, Team
+from ros.harness import ERROR, OK, NodeProcess, Peer, Team
 
 #: A tour in seconds: fast robots, which may find each other's way quickly.
 FAST = {
@@ -180,6 +180,21 @@ def test_deactivated_node_lets_the_robots_stand(
     handle, _ = world.ask(AHEAD)
     assert not handle.accepted
     assert world.peer.change_state("/guide_node", "activate")
+
+
+def test_second_guide_is_named_and_no_tour_begins_beside_it(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world()
+    peer = world.peer
+    second = peer.node.create_publisher(GuideStatus, "/guide_status", 10)
+    found = peer.until_finding("/guide_node", "guides", lambda f: f.level == ERROR)
+    names = ", ".join(sorted(["/guide_node", peer.node.get_fully_qualified_name()]))
+    both = f"2 publishers on /guide_status: {names}; another guide_node"
+    assert found.message.startswith(both)
+    assert world.refused(AHEAD).startswith(both)
+    peer.node.destroy_publisher(second)
+    peer.until_finding("/guide_node", "guides", lambda f: f.level == OK)
 
 
 def test_bad_goals_are_refused_before_anything_moves(

@@ -324,9 +324,9 @@ def test_robot_whose_base_is_gone_takes_no_part(node: Stepped) -> None:
 
 
 def test_robots_that_others_drive_are_refused_and_reported(node: Stepped) -> None:
-    assert node.findings()[2].level == OK
+    assert node.findings()[3].level == OK
     node.drivers = ["teleop"]
-    assert node.findings()[2].code == Code.DRIVEN_BY_OTHERS
+    assert node.findings()[3].code == Code.DRIVEN_BY_OTHERS
     node._cancel()
     node.hear()
     with pytest.raises(TourError, match=r"robot_a is driven by others: /teleop on /steps/robot_a"):

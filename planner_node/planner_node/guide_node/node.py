@@ -27,11 +27,19 @@ from mrs_people_loc.guiding.guidance import Guidance, State
 from mrs_people_loc.guiding.running_tour import RunningTour
 from mrs_people_loc.guiding.tour import Tour
 from mrs_people_loc.health.findings import Finding
-from mrs_people_loc.health.guide import of_others, of_tour, of_tour_robots, of_walls
+from mrs_people_loc.health.guide import (
+    of_guides,
+    of_others,
+    of_tour,
+    of_tour_robots,
+    of_walls,
+    second_guide,
+)
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_people_loc.team.poses import Pose
 from mrs_ros.managed_node import ManagedNode
+from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, POSES, STREAM
 from planner_node.guide_node.action import End, TourAction
 from planner_node.guide_node.bases import Goals, Velocities
@@ -248,9 +256,13 @@ class GuideNode(ManagedNode):
         """The robots of a tour that begins now.
 
         Raises:
-            TourError: There are no people or robots, or a robot cannot take part.
+            TourError: There is another guide, there are no people or robots, or a robot cannot take
+                part.
         """
         safety, now_ns = self.config.safety, self._time_ns()
+        topic, guides = self._guides()
+        if len(guides) > 1:
+            raise TourError(second_guide(topic, guides))
         people = self.resolve_topic_name(self.config.people_topic)
         if self._people_came_ns is None:
             raise TourError(f"nothing comes on {people}; is the planner running?")
@@ -307,14 +319,16 @@ class GuideNode(ManagedNode):
     def _other_drivers(self, robot: str) -> list[str]:
         """Full names of the nodes that publish a robot's commands, besides this one."""
         base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
-        names = [
-            f"{one.node_namespace.rstrip('/')}/{one.node_name}"
-            for one in self.get_publishers_info_by_topic(base)
-        ]
+        names = list(map(node_of, self.get_publishers_info_by_topic(base)))
         own = self.get_fully_qualified_name()
         for _ in range(min(self._bases.publishers_of(robot), names.count(own))):
             names.remove(own)  # another guide_node may have the same name
         return sorted(names)
+
+    def _guides(self) -> tuple[str, list[str]]:
+        """Full names of `guide_status` and of the nodes that publish it, this one included."""
+        topic = self.resolve_topic_name("guide_status")
+        return topic, sorted(map(node_of, self.get_publishers_info_by_topic(topic)))
 
     def _space(self, tour: Tour, occupied_from: int) -> FreeSpace:
         if self._grid is None:
@@ -422,13 +436,15 @@ class GuideNode(ManagedNode):
     # ---- diagnostics ----
 
     def findings(self) -> list[Finding]:
-        """The map, the tour, and each robot of it."""
+        """Other guides, the map, the tour, and each robot of it."""
+        guides = of_guides(*self._guides())
         walls = of_walls(self.resolve_topic_name("map"), is_known=self._grid is not None)
         if self._underway is None:
-            return [walls, of_tour("", Guidance(0, State.IDLE))]
+            return [guides, walls, of_tour("", Guidance(0, State.IDLE))]
         running = self._underway.running
         others = {robot: self._other_drivers(robot) for robot in running.robots}
         return [
+            guides,
             walls,
             of_tour(running.tour.name, running.guidance, running.kept_off),
             of_others(others),
