@@ -41,6 +41,7 @@ class Case:
         scene: Its scene file.
         poses: Where the team takes its poses from, one of `light.guided_tour.POSES`.
         trouble: What goes wrong.
+        robots: How many guide.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """
 
@@ -48,6 +49,7 @@ class Case:
     scene: str
     poses: str = "exact"
     trouble: Trouble = field(default_factory=Trouble)
+    robots: int = 3
     main: bool = False
 
 
@@ -65,6 +67,7 @@ CASES = (
         for poses in ("localized", "odometry")
         for name, scene in _SCENES.items()
     ),
+    *(Case(f"hall, {count} robots", _SCENES["hall"], robots=count) for count in (2, 4)),
     Case("corridor, robot_a (leader) killed at 60 s", _CORRIDOR,
          trouble=Trouble(killed=("robot_a", 60.0))),
     Case("corridor, robot_b killed at 60 s", _CORRIDOR, trouble=Trouble(killed=("robot_b", 60.0))),
@@ -143,7 +146,9 @@ def run_case(case: Case, seed: int) -> CaseScores:
     """Runs a case with one seed."""
     least, most = _PEOPLE
     people = least + (seed - 1) % (most - least + 1)
-    scene = guided_scene(default_file("scenes", case.scene), seed, people=people)
+    scene = guided_scene(
+        default_file("scenes", case.scene), seed, people=people, robots=case.robots
+    )
     run = LightTour(scene, case.poses, case.trouble).run()
     stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)
