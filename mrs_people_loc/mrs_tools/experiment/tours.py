@@ -6,6 +6,7 @@ nodes. All figures depend on the seeds alone.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -42,6 +43,7 @@ class Case:
         poses: Where the team takes its poses from, one of `light.guided_tour.POSES`.
         trouble: What goes wrong.
         robots: How many guide.
+        leavers: How many people leave for good.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """
 
@@ -50,6 +52,7 @@ class Case:
     poses: str = "exact"
     trouble: Trouble = field(default_factory=Trouble)
     robots: int = 3
+    leavers: int = 0
     main: bool = False
 
 
@@ -68,6 +71,7 @@ CASES = (
         for name, scene in _SCENES.items()
     ),
     *(Case(f"hall, {count} robots", _SCENES["hall"], robots=count) for count in (2, 4)),
+    Case("hall, one person leaves for good", _SCENES["hall"], leavers=1),
     Case("corridor, robot_a (leader) killed at 60 s", _CORRIDOR,
          trouble=Trouble(killed=("robot_a", 60.0))),
     Case("corridor, robot_b killed at 60 s", _CORRIDOR, trouble=Trouble(killed=("robot_b", 60.0))),
@@ -149,6 +153,8 @@ def run_case(case: Case, seed: int) -> CaseScores:
     scene = guided_scene(
         default_file("scenes", case.scene), seed, people=people, robots=case.robots
     )
+    followers = dataclasses.replace(scene.followers, leavers=case.leavers)
+    scene = dataclasses.replace(scene, followers=followers)
     run = LightTour(scene, case.poses, case.trouble).run()
     stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)

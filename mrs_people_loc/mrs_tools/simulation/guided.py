@@ -134,17 +134,22 @@ class GuidedWorld:
         self._bumped: dict[str, float] = {}
 
     def _stragglers(self) -> tuple[Straggling, ...]:
-        """Who stays behind, and where: evenly along the tour, by chance within each part."""
+        """Who stays behind or leaves, and where: evenly along it, by chance within each part."""
         followers, count = self.scene.followers, len(self.scene.people)
         rng = np.random.default_rng([self.scene.seed, 92])
-        number = min(followers.stragglers, count)
+        number = min(followers.stragglers + followers.leavers, count)
         who = rng.permutation(count)[:number]
         shares = _STOPS[0] + (_STOPS[1] - _STOPS[0]) * (
             np.arange(number) + rng.uniform(0.0, 1.0, number)
         ) / max(number, 1)
         return tuple(
-            Straggling(int(person), float(share * self.tour.way.length), followers.stay)
-            for person, share in zip(who, shares, strict=True)
+            Straggling(
+                int(person),
+                float(share * self.tour.way.length),
+                followers.stay,
+                leaves=k >= followers.stragglers,
+            )
+            for k, (person, share) in enumerate(zip(who, shares, strict=True))
         )
 
     @property
