@@ -11,8 +11,8 @@ const SMALLEST_FIT_M = 7;
 const MARGIN_M = 0.5;
 /** Of what is fitted to the edges of the map: there are buttons, and the scale. */
 const INSET_PX = { right: 58, bottom: 32, left: 12 };
-/** Walls and grids larger than this are not fitted whole, but people and robots. */
-const LARGEST_FIT_M = 40;
+/** Walls and grids are fitted whole where a metre has this many pixels then; else people and robots. */
+const SMALLEST_MAP_SCALE = 20;
 const FOLLOW_SCALE = 60;
 const TAP_PX = 24;
 const DRAG_PX = 6;
@@ -229,14 +229,9 @@ export class MapView {
     const movers = [...people, ...robots, ...(this.scene.state?.tour?.posts ?? [])];
     let box = boxOf(movers.map(({ x, y }) => [x, y]));
     const whole = boxOf([...movers.map(({ x, y }) => [x, y]), ...this._corners()]);
-    if (whole && (!box || Math.max(whole[2] - whole[0], whole[3] - whole[1]) <= LARGEST_FIT_M)) box = whole;
+    if (whole && (!box || this._scaleOf(whole) >= SMALLEST_MAP_SCALE)) box = whole;
     if (!box) return undefined;
-    const needed = [box[2] - box[0] + 2 * MARGIN_M, box[3] - box[1] + 2 * MARGIN_M].map((length) =>
-      Math.max(length, SMALLEST_FIT_M),
-    );
-    const { width, height } = this.view;
-    const free = [width - INSET_PX.left - INSET_PX.right, height - this.insetTop - INSET_PX.bottom];
-    const scale = Math.max(SMALLEST_SCALE, Math.min(LARGEST_SCALE, free[0] / needed[0], free[1] / needed[1]));
+    const scale = this._scaleOf(box);
     if (this._fitted && this._goal && this._keeps(this._goal, box, scale)) return this._goal;
     this._goal = {
       x: (box[0] + box[2]) / 2 + (INSET_PX.right - INSET_PX.left) / 2 / scale,
@@ -244,6 +239,16 @@ export class MapView {
       scale,
     };
     return this._goal;
+  }
+
+  /** Return the scale at which a box fits [px/m]. */
+  _scaleOf(box) {
+    const needed = [box[2] - box[0] + 2 * MARGIN_M, box[3] - box[1] + 2 * MARGIN_M].map((length) =>
+      Math.max(length, SMALLEST_FIT_M),
+    );
+    const { width, height } = this.view;
+    const free = [width - INSET_PX.left - INSET_PX.right, height - this.insetTop - INSET_PX.bottom];
+    return Math.max(SMALLEST_SCALE, Math.min(LARGEST_SCALE, free[0] / needed[0], free[1] / needed[1]));
   }
 
   /** Return whether a box is in view with that goal, and is not small there; `scale` would fit it best. */
