@@ -29,7 +29,7 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock clean FORCE
+.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock release-check clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -104,11 +104,16 @@ fit: setup ## Fit the body model to suite and variants, and RECORDINGS=DIR
 test: setup ## Run the tests
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-lint: setup ## Check style (ruff), types (mypy) and layers (import-linter)
+lint: setup ## Check style, types, layers (import-linter), workflows, Docker
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache --no-logo
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yaml
+	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec compose.yaml
+	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
+	$(BIN)/zizmor --offline --quiet --no-progress .github
+	$(BIN)/hadolint Dockerfile
 
 format: setup ## Fix the style as far as ruff can
 	$(BIN)/ruff check --fix
@@ -117,7 +122,7 @@ format: setup ## Fix the style as far as ruff can
 soak: setup ## Run the long tests, of ten minutes and more
 	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
 
-fuzz: setup ## Fuzz all inputs (26 targets, FUZZ_SECONDS=60 for each)
+fuzz: setup ## Fuzz all inputs (27 targets, FUZZ_SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
 test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported dependencies
@@ -140,6 +145,9 @@ colcon: setup ## Build with colcon, as with an installed ROS, into .colcon
 
 lock: setup ## Pin the newest compatible versions (needs all four Pythons)
 	$(BIN)/python setup/lock.py
+
+release-check: setup ## Say what a release still lacks
+	$(BIN)/python setup/release_check.py
 
 clean: ## Remove everything that these targets made
 	rm -rf $(VENV) $(OLDEST) $(COLCON) .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -138,17 +138,44 @@ def test_script_runs_the_python_of_its_own_prefix(
     assert reported({"AMENT_PREFIX_PATH": "/ros"})[0] == f"{prefix}:/ros"
 
 
-def test_versions_agree() -> None:
-    """The distribution, the core, every package.xml and every setup.py carry one version."""
-    version = metadata.version("mrs-people-loc")
+def test_manifests_agree() -> None:
+    """Version, maintainer, licence and addresses are those of the distribution."""
+    project = metadata.metadata("mrs-people-loc")
+    version = project["Version"]
     assert mrs_people_loc.__version__ == version
     for package, folder in PACKAGES.items():
         manifest = ET.parse(ROOT / folder / "package.xml").getroot()
         assert manifest.findtext("name") == package
         assert manifest.findtext("version") == version, folder
+        (maintainer,) = manifest.findall("maintainer")
+        written = f"{maintainer.text} <{maintainer.get('email')}>"
+        assert written == project["Maintainer-email"], folder
+        addresses = {each.partition(", ")[2] for each in project.get_all("Project-URL") or []}
+        assert {each.text for each in manifest.findall("url")} <= addresses, folder
+        (licence,) = manifest.findall("license")
+        assert licence.text == project["License-Expression"], folder
+        text = ROOT / folder / str(licence.get("file"))
+        assert not text.is_symlink()  # bloom would find nothing behind it
+        assert text.read_bytes() == (ROOT / "LICENSE").read_bytes()
         setup = ROOT / folder / "setup.py"
         if setup.exists():
             assert re.findall(r'version="(.*)"', setup.read_text()) == [version], folder
+
+
+@pytest.mark.parametrize("package", sorted({*PACKAGES} - {"mrs_people_msgs"}))
+def test_package_folder_is_complete_alone(package: str, tmp_path: Path) -> None:
+    """As bloom exports it: without what is beside it in the repository."""
+    alone, installed = tmp_path / "alone", tmp_path / "installed"
+    made = shutil.ignore_patterns("__pycache__", "*.egg-info", "build")
+    shutil.copytree(ROOT / PACKAGES[package], alone, symlinks=True, ignore=made)
+    steps = ["install_data", f"--install-dir={installed}", "build_py", f"--build-lib={installed}"]
+    subprocess.run([sys.executable, "setup.py", "--quiet", *steps], cwd=alone, check=True)
+    for owner, name, source in shared_files():
+        if owner == package:
+            file = installed / "share" / package / name
+            assert file.read_bytes() == source.read_bytes(), name
+    for owner, path in python_files():
+        assert owner != package or (installed / path).is_file(), path
 
 
 def test_extra_all_holds_every_extra() -> None:

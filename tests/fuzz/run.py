@@ -38,6 +38,7 @@ with atheris.instrument_imports(
         "mrs_tools.live",
         "mrs_tools.recordings",
         "mrs_tools.simulation",
+        "mrs_tools.view.protocol",
         "rosbags.rosbag2",
         "pypcd4",
         "yaml",

@@ -49,6 +49,7 @@ from mrs_tools.recordings.oak import read_oak_calibration
 from mrs_tools.recordings.pcd import read_rgbd
 from mrs_tools.simulation.layouts import expand
 from mrs_tools.simulation.scene import load_scene
+from mrs_tools.view import protocol
 
 ROOT = Path(__file__).resolve().parents[2]
 STAMP_NS = 1_700_000_000_000_000_000
@@ -613,6 +614,29 @@ def _sequences() -> list[bytes]:
     return [b"".join(both)]
 
 
+# ------------------------------------------------------------------------------------- the page
+
+
+def take_command(data: bytes) -> None:
+    """A command of the page of `mrs view`; what refuses it can be sent."""
+    try:
+        protocol.read_command(data.decode())
+    except UnicodeDecodeError:
+        return  # WebSockets refuse it
+    except protocol.CommandError as err:
+        protocol.encode(protocol.Answer(type="answer", ok=False, text=str(err))).encode()
+        raise
+
+
+_COMMANDS = (
+    '{"type": "look", "cells": true, "robots": ["robot_a", "site/robot_b"]}',
+    '{"type": "speed", "speed": 2.5}',
+    '{"type": "seek", "t": 1700000000.5}',
+    '{"type": "tour", "start": "hall"}',
+    '{"type": "tour", "cancel": true}',
+)
+
+
 # ---------------------------------------------------------------------------------------- files
 
 
@@ -890,6 +914,7 @@ TARGETS: Mapping[str, Target] = {
         take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
     ),
     "diagnosed": Target(take_diagnosed, lambda: [_diagnostics()], 3_000, 3_000),
+    "command": Target(take_command, lambda: [text.encode() for text in _COMMANDS], 4_096, 3_000),
     "full_scan": Target(take_full_scan, _full_scans, 600, 20),
     "sequence": Target(take_sequence, _sequences, 1_100, 40),
     "labels": Target(take_labels, _labels, 1_000, 500),

@@ -57,7 +57,7 @@ DEFINITIONS = {
 }
 
 #: Found out once: what was built here and imported is found later on, too.
-_INSTALLED = {name for name in DEFINITIONS if importlib.util.find_spec(name) is not None}
+INSTALLED = {name for name in DEFINITIONS if importlib.util.find_spec(name) is not None}
 
 # Without C++, which takes half of the time.
 _CMAKE = """\
@@ -89,7 +89,7 @@ _PACKAGE = """\
 @contextlib.contextmanager
 def interfaces(factory: pytest.TempPathFactory, *packages: str) -> Iterator[None]:
     """Packages can be imported, here and in processes that are started, while it lasts."""
-    missing = tuple(name for name in packages if name not in _INSTALLED)
+    missing = tuple(name for name in packages if name not in INSTALLED)
     with pytest.MonkeyPatch.context() as patch:
         if missing:
             prefix = built(factory, missing)

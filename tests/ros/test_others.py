@@ -24,7 +24,7 @@ from mrs_people_loc.people import Group, Person
 from planner_node.others import detections, hri, social
 from planner_node.others.frames import person_frames
 from ros.harness import Peer, Team
-from ros.interfaces import interfaces
+from ros.interfaces import INSTALLED, interfaces
 from ros.planner_peer import PATIENT, PlannerPeer, PlayedRobot
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -61,6 +61,19 @@ def say(message):
 node.create_subscription(People, "people", say, 10)
 rclpy.spin(node)
 """
+
+
+# Before `packages`, which makes them all available.
+def test_old_name_leaves_none_for_people_msgs(peer: Peer, team: Team) -> None:
+    process = team.start("planner_node", namespace="/old", params={"people_topic": "people"})
+    peer.until_active(process.name)
+    assert peer.published_by(process.name)["/old/people"] == ["mrs_people_msgs/msg/People"]
+    assert process.log.count("people_topic is people, so people_msgs/People is not published") == 1
+    absent = [name for name in ("vision_msgs", "hri_msgs") if name not in INSTALLED]
+    lines = [line for line in process.log.splitlines() if "not installed" in line]
+    assert [line.partition("published: ")[2] for line in lines] == [", ".join(absent)][
+        : len(absent)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -222,10 +235,3 @@ def hall() -> OccupancyGrid:
     message.info.resolution, message.info.width, message.info.height = 0.125, 48, 48
     message.info.origin.position.x, message.info.origin.position.y = -1.0, -3.0
     return message
-
-
-def test_old_name_leaves_none_for_people_msgs(peer: Peer, team: Team) -> None:
-    process = team.start("planner_node", namespace="/old", params={"people_topic": "people"})
-    peer.until_active(process.name)
-    assert peer.published_by(process.name)["/old/people"] == ["mrs_people_msgs/msg/People"]
-    assert process.log.count("people_topic is people, so people_msgs/People is not published") == 1

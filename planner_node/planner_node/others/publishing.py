@@ -52,7 +52,10 @@ class Others:
         self._lacks_map = False
         self._made: list[_Publish] = []
         self._costmap: Any = None
+        self._absent: list[str] = []  # packages that are wanted
         self._make()
+        if self._absent:
+            self._say(f"not installed, so not published: {', '.join(self._absent)}")
 
     @property
     def needs_map(self) -> bool:
@@ -117,11 +120,11 @@ class Others:
             )
 
     def _messages(self, package: str, what: str) -> Any:
-        """A package's messages; None if it is not installed. Says which."""
+        """A package's messages; None if it is not installed."""
         try:
             messages = importlib.import_module(f"{package}.msg")
         except ImportError:
-            self._say(f"{package} is not installed: not published: {what}")
+            self._absent.append(package)
             return None
         self._say(f"also published: {what}")
         return messages
