@@ -13,6 +13,8 @@ FUZZ_SECONDS ?= 60
 VENV := .venv
 OLDEST := .venv-oldest
 VERSIONS := 3.12 3.13 3.11 3.10
+DOCS := .venv-docs
+DOCS_VERSIONS := 3.12 3.13 3.11
 OLDEST_VERSIONS := 3.12 3.11 3.10
 COLCON := .colcon
 BIN := $(VENV)/bin
@@ -137,6 +139,21 @@ $(OLDEST)/.installed: $(OLDEST)/.made pyproject.toml $(LOCK) requirements/oldest
 	@$(STEP) $(OLDEST)/log/install.log "Installing the oldest versions" setup/oldest.sh $(OLDEST)
 	@touch $@
 
+.PHONY: docs
+docs: $(DOCS)/.installed ## Build the documentation site into .site/html
+	$(DOCS)/bin/python setup/docs.py
+
+# Not with Python 3.10, which Zensical does not support.
+$(DOCS)/.made: FORCE
+	@setup/venv.sh $(DOCS) "$(DOCS_VERSIONS)" \
+	    $$(setup/find-python.sh "$(DOCS_VERSIONS)" $(PYTHON) python3)
+
+$(DOCS)/.installed: $(DOCS)/.made requirements/docs.txt
+	@$(STEP) $(DOCS)/log/install.log "Installing the tools of the documentation" \
+	    $(DOCS)/bin/python -m pip --disable-pip-version-check --no-input \
+	    install --no-deps --requirement requirements/docs.txt
+	@touch $@
+
 colcon: setup ## Build with colcon, as with an installed ROS, into .colcon
 	setup/colcon.sh $(VENV) $(COLCON) --symlink-install
 	@echo "Now:  . $(COLCON)/install/local_setup.sh"
@@ -150,4 +167,4 @@ release-check: setup ## Say what a release still lacks
 	$(BIN)/python setup/release_check.py
 
 clean: ## Remove everything that these targets made
-	rm -rf $(VENV) $(OLDEST) $(COLCON) .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(DOCS) $(COLCON) .site .fuzz .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -1,12 +1,13 @@
 """The documentation: its links resolve, and the README stays short."""
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = (".", "docs", "recordings", "mrs_people_loc/scenes")
+FOLDERS = (".", "docs", "docs/tutorials", "recordings", "mrs_people_loc/scenes")
 PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 LINK = re.compile(r"\[[^][]*\]\(([^()\s]+)\)")
 FILE = re.compile(
@@ -49,6 +50,28 @@ def test_named_files_exist(page: Path) -> None:
         assert not {name for name in named if not (ROOT / name).is_file()}
 
 
+def misread_lines(text: str) -> list[str]:
+    """Return the lists and tables that GitHub shows but the site would not.
+
+    Its Markdown wants an empty line before a list, and four spaces before what is inside a list.
+    """
+    text = re.sub(r"(?ms)^```.*?^```$", "", text)
+    begins = r"(?:[-*] |\d+\. |\|)"
+    after_text = rf"(?m)^(?! |#|{begins})\S.*\n((?:[-*]|\d+\.) .*)"
+    indented = rf"(?m)^( {{1,3}}{begins}.*)"
+    return re.findall(after_text, text) + re.findall(indented, text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_lists_are_read_alike_by_github_and_the_site(page: Path) -> None:
+    assert misread_lines(page.read_text(encoding="utf-8")) == []
+
+
+def test_misread_lists_are_detected() -> None:
+    text = "# A\n- b\n- c\n    - d\n\ntext\n- e\n\n1. f\n   | g |\n```\ntext\n- h\n```\n"
+    assert misread_lines(text) == ["- e", "   | g |"]
+
+
 def test_broken_links_are_detected(tmp_path: Path) -> None:
     other = tmp_path / "other.md"
     other.write_text("# One heading, and `code`\n```\n# not a heading\n```\n")
@@ -74,3 +97,28 @@ def test_every_page_is_reachable_from_the_readme() -> None:
         links = LINK.findall(page.read_text(encoding="utf-8"))
         unread += [page.parent / link.partition("#")[0] for link in links if ":" not in link]
     assert not set(PAGES) - reached
+
+
+def test_check_of_the_site_names_what_is_broken(tmp_path: Path) -> None:
+    """As `make docs` calls it on the pages that it has built."""
+    pytest.importorskip("tomllib", reason="make docs needs Python 3.11")
+    site_errors = runpy.run_path(str(ROOT / "setup" / "docs.py"))["site_errors"]
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "other.html").write_text('<h1 id="a-b">x</h1><a href="../page.html">x</a>')
+    page = tmp_path / "page.html"
+    page.write_text(
+        '<a href="sub/other.html#a-b">x</a><a href="https://example.org/x">x</a><a href="#">x</a>'
+        '<link href="data:,x"><a href="/sub/other.html">x</a>'
+    )
+    assert site_errors(tmp_path) == []
+    page.write_text(
+        '<a href="sub/other.html#b">x</a><a href="none.html">x</a><a href="#c">x</a>'
+        '<img src="https://example.org/x.png"><script src="//example.org/x.js"></script>'
+    )
+    assert site_errors(tmp_path) == [
+        "page.html: sub/other.html#b",
+        "page.html: none.html",
+        "page.html: #c",
+        "page.html: https://example.org/x.png",
+        "page.html: //example.org/x.js",
+    ]

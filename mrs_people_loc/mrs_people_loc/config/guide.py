@@ -75,13 +75,13 @@ class Safety(Section):
     """When robots stand, and what they keep off."""
 
     people_timeout: float = field(
-        0.45, "robots stand when no people have come for this time; they slow down from half of "
-        "it on [s]",
+        0.5, "robots stand when no people have come for this time: they are never faster than "
+        "they can stop by then [s]",
         low=0.1, high=5.0,
     )  # fmt: skip
     pose_timeout: float = field(
-        0.45, "a robot stands while its pose is older than this; it slows down from half of it on "
-        "[s]",
+        0.5, "a robot stands while its pose is older than this; it is never faster than it can "
+        "stop by then [s]",
         low=0.05, high=5.0,
     )  # fmt: skip
     robot_timeout: float = field(

@@ -14,4 +14,5 @@
 | `guide` | `Guide.step`: people and poses in, posts and pace out |
 | `drive` | velocity of a differential drive on its way to a post |
 | `steering` | velocities of all robots, from posts, people and poses that come now and then |
+| `running_tour` | `RunningTour`: guide and steering of a tour under way; what `guide_node` calls |
 """

@@ -19,6 +19,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
 from mrs_people_loc.config import GuideConfig
+from mrs_people_loc.config.guide import Base
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
@@ -105,16 +106,28 @@ _STANDS = 0.05
 _ROUNDING = 0.002
 
 
-def limit(age_s: float, timeout_s: float) -> float:
-    """Share of its highest speed up to which a robot drives by information of some age.
+@dataclass(frozen=True)
+class _Fastest:
+    """How fast a base may go now.
 
-    1 up to half of the timeout, from there on less, 0 from the timeout on.
-
-    Args:
-        age_s: Age of the people or of the pose [s].
-        timeout_s: The robot stands by then [s].
+    Attributes:
+        ahead: [m/s].
+        back: [m/s].
+        turn: [rad/s].
     """
-    return min(max(2.0 - 2.0 * age_s / timeout_s, 0.0), 1.0)
+
+    ahead: float
+    back: float
+    turn: float
+
+    @classmethod
+    def of(cls, base: Base, stands_within: float) -> _Fastest:
+        """The base's highest speeds from which it stands within a time [s]."""
+        speed = base.deceleration * stands_within
+        turn = base.turn_acceleration * stands_within
+        return cls(
+            min(base.max_speed, speed), min(base.max_reverse, speed), min(base.max_turn, turn)
+        )
 
 
 @dataclass(frozen=True)
@@ -195,7 +208,7 @@ class Drive:
         robots_velocity: Float | None = None,
         space: FreeSpace,
         path: Float | None = None,
-        share: float = 1.0,
+        stands_within: float = math.inf,
         dt: float = 0.05,
     ) -> tuple[float, float]:
         """The velocity to drive with.
@@ -211,20 +224,22 @@ class Drive:
             robots_velocity: [m/s], shape (m, 2); None: they stand.
             space: Free floor.
             path: To the post, from `FreeSpace.path`, shape (k, 2); None: straight on.
-            share: Of the base's highest speeds that it may use, see `limit`.
+            stands_within: It goes no faster than it can stop in this time, once the next step is
+                due [s].
             dt: Until the next step [s].
 
         Returns:
             Speed ahead [m/s] and rate of turn [rad/s].
         """
-        if post is None or share <= 0.0:
+        if post is None or stands_within <= 0.0:
             return self._ramped(twist, (0.0, 0.0), dt)
         others = self._others(pose, people, people_velocity, people_age, robots, robots_velocity)
         still = np.zeros_like(robots)
         mates = _Mates(robots, still if robots_velocity is None else robots_velocity)
         post, carrot = self._aim(pose, twist, post, path, mates, space, dt)
-        wanted = self._wanted(pose, post, carrot, share)
-        speeds, turns = self._candidates(post.speed, share, wanted)
+        fastest = _Fastest.of(self.config.base, stands_within)
+        wanted = self._wanted(pose, post, carrot, fastest)
+        speeds, turns = self._candidates(post.speed, fastest, wanted)
         allowed = self._are_allowed(pose, twist, speeds, turns, others, space)
         if not allowed.any():
             return self._ramped(twist, (0.0, 0.0), dt)
@@ -369,7 +384,9 @@ class Drive:
         found: Float = ahead[int(good.argmax())]
         return found
 
-    def _wanted(self, pose: Pose, post: Post, carrot: Float, share: float) -> tuple[float, float]:
+    def _wanted(
+        self, pose: Pose, post: Post, carrot: Float, fastest: _Fastest
+    ) -> tuple[float, float]:
         """Speed and rate of turn with which nothing is in the way."""
         base, tuning = self.config.base, self._tuning
         here = np.array([pose.x, pose.y])
@@ -384,14 +401,14 @@ class Drive:
         if self._arrived:
             error = wrap_angle(post.yaw - pose.yaw)
             self._aligned = abs(error) < (tuning.turned if self._aligned else tuning.aligned)
-            return 0.0, 0.0 if self._aligned else self._turn(error, share)
+            return 0.0, 0.0 if self._aligned else self._turn(error, fastest)
         self._aligned = False
-        fastest = base.max_reverse if self._backwards else base.max_speed
         brakes = math.sqrt(base.deceleration * left)
         slows = _SPEED_GAIN * max(left - 0.5 * tuning.arrived, 0.0)
-        speed = min(fastest * share, post.speed, brakes, slows)
+        most = fastest.back if self._backwards else fastest.ahead
+        speed = min(most, post.speed, brakes, slows)
         speed *= max(math.cos(min(1.5 * abs(error), math.pi)), 0.0)
-        return -speed if self._backwards else speed, self._turn(error, share)
+        return -speed if self._backwards else speed, self._turn(error, fastest)
 
     def _goes_backwards(self, pose: Pose, post: Post, bearing: float, left: float) -> bool:
         """Whether it drives backwards: as it turns least now and on the post."""
@@ -401,23 +418,22 @@ class Drive:
         ahead += -_GEAR if self._backwards else _GEAR
         return ahead + min(max(left / _FAR - 1.0, 0.0), 1.0) < 0.0
 
-    def _turn(self, error: float, share: float) -> float:
+    def _turn(self, error: float, fastest: _Fastest) -> float:
         """Rate of turn that takes away an error of the heading."""
-        base = self.config.base
-        brakes = math.sqrt(base.turn_acceleration * abs(error))
-        fastest = min(base.max_turn * share, brakes)
-        return max(-fastest, min(fastest, _TURN_GAIN * error))
+        brakes = math.sqrt(self.config.base.turn_acceleration * abs(error))
+        most = min(fastest.turn, brakes)
+        return max(-most, min(most, _TURN_GAIN * error))
 
     def _candidates(
-        self, speed: float, share: float, wanted: tuple[float, float]
+        self, speed: float, fastest: _Fastest, wanted: tuple[float, float]
     ) -> tuple[Float, Float]:
         """Speeds and rates of turn that are tried, shapes (n,)."""
-        base, tuning = self.config.base, self._tuning
-        ahead, back = min(speed, base.max_speed * share), min(speed, base.max_reverse * share)
+        tuning = self._tuning
+        ahead, back = min(speed, fastest.ahead), min(speed, fastest.back)
         likely = wanted[0] * np.array([1.0, 0.5, 0.25, 0.0])
         speeds = np.concatenate([likely, np.linspace(-back, ahead, tuning.speeds)])
-        turn = base.max_turn * share
-        turns = np.concatenate([[wanted[1]], np.linspace(-turn, turn, tuning.turns)])
+        turns = np.linspace(-fastest.turn, fastest.turn, tuning.turns)
+        turns = np.concatenate([[wanted[1]], turns])
         both = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
         return both[:, 0], both[:, 1]
 

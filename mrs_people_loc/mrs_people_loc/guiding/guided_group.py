@@ -41,6 +41,8 @@ class GroupTuning:
         switch_reach: ... within this distance [m], and what people walk meanwhile,
         switch_most: ... but no farther than this [m].
         empty_s: A place that robots have seen empty for so long is empty [s].
+        left_s: Who fell behind, and whose last place robots have seen empty for so long, has left
+            [s].
         beside: Who is nearer to a place than this is there [m].
         walks: Who walks faster than this against their part of a way that turns back on itself,
             as the leader on a later part does, is on that part, too [m/s]: ...
@@ -62,6 +64,7 @@ class GroupTuning:
     switch_reach: float = 1.0
     switch_most: float = 8.0
     empty_s: float = 0.6
+    left_s: float = 5.0
     beside: float = 0.7
     walks: float = 0.2
     beside_way: float = 0.3
@@ -368,9 +371,12 @@ class GuidedGroup:
         """
         if guest.followed:
             return False
+        return self._is_near(guest) or guest.empty_s >= self.tuning.empty_s
+
+    def _is_near(self, guest: Guest) -> bool:
+        """Whether the last place of somebody is among the group."""
         away = [float(np.hypot(*(guest.place - one.xy))) for one in self.together]
-        near = min(away, default=math.inf) <= self.tuning.apart
-        return near or guest.empty_s >= self.tuning.empty_s
+        return min(away, default=math.inf) <= self.tuning.apart
 
     def _admit(self, by_id: Mapping[int, Person], home: frozenset[int], now_s: float) -> None:
         """Newcomers of the group are guided once they have come along for a while.
@@ -450,16 +456,23 @@ class GuidedGroup:
                 away = np.hypot(*(near - guest.xy).T).min(initial=math.inf)
                 self._judge_followed(guest, float(away), guest.id in home, dt_s)
             else:
-                guest.apart_s = 0.0
-                hidden = self._is_hidden(guest)
-                if guest.behind_s is None and not hidden:
-                    if guest.unseen_s >= self.tuning.missing_s:
-                        guest.behind_s = guest.unseen_s
-                        self.events.append(f"person {guest.id} is not seen any more")
-                elif guest.behind_s is not None and hidden and not guest.lost:
-                    guest.behind_s = None
+                self._judge_unseen(guest)
             if guest.behind_s is not None:
                 guest.behind_s += dt_s
+
+    def _judge_unseen(self, guest: Guest) -> None:
+        tuning = self.tuning
+        guest.apart_s = 0.0
+        if guest.behind_s is None:
+            if not self._is_hidden(guest) and guest.unseen_s >= tuning.missing_s:
+                guest.behind_s = guest.unseen_s
+                self.events.append(f"person {guest.id} is not seen any more")
+        elif not guest.lost:
+            if self._is_near(guest):
+                guest.behind_s = None
+            elif guest.empty_s >= tuning.left_s and self.together:
+                guest.lost = True
+                self.events.append(f"person {guest.id} has left; goes on without them")
 
     def _judge_followed(self, guest: Guest, away: float, at_home: bool, dt_s: float) -> None:
         tuning, was_behind = self.tuning, guest.behind_s is not None

@@ -11,7 +11,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig
-from mrs_people_loc.guiding.drive import Drive, limit
+from mrs_people_loc.guiding.drive import Drive
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
 from mrs_people_loc.guiding.views import are_in_view
@@ -66,9 +66,9 @@ class _Vanished:
 class Steering:
     """Drives the robots of a tour to their posts.
 
-    What is older than half of its timeout slows robots down, and stops them at the timeout, as
-    does what comes from the future. The age counts from the arrival; where that is later than
-    usual after the stamp, from then.
+    Robots are never faster than they can stop before the people, or their own pose, are as old as
+    the timeout. What comes from the future counts as outdated. The age counts from the arrival;
+    where that is later than usual after the stamp, from then.
 
     Args:
         config: Parameters; may be replaced at any time.
@@ -191,11 +191,11 @@ class Steering:
 
     def _drive(self, robot: str, poses: Mapping[str, Pose], now_ns: int, dt: float) -> Velocity:
         safety = self.config.safety
-        share = min(
-            limit(self.people_age_s(now_ns), safety.people_timeout),
-            limit(self.pose_age_s(robot, now_ns), safety.pose_timeout),
+        left_s = min(
+            safety.people_timeout - self.people_age_s(now_ns),
+            safety.pose_timeout - self.pose_age_s(robot, now_ns),
         )
-        if share <= 0.0:
+        if left_s <= dt:  # before the next step
             return 0.0, 0.0
         others = [name for name in poses if name != robot]
         drive = self._drives[robot]
@@ -213,7 +213,7 @@ class Steering:
             ),
             space=self.space,
             path=self._paths.get(robot),
-            share=share,
+            stands_within=left_s - dt,
             dt=dt,
         )
 

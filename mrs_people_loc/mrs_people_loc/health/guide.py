@@ -62,6 +62,28 @@ def of_tour(tour: str, guidance: Guidance, kept_off: Iterable[str] = ()) -> Find
     return Finding("tour", OK, text, values)
 
 
+def of_guides(topic: str, guides: Sequence[str]) -> Finding:
+    """Whether this guide is the only one.
+
+    Args:
+        topic: Full name of `guide_status`.
+        guides: Full names of the nodes that publish it; a single one may be left out.
+    """
+    if len(guides) < 2:
+        return Finding("guides")
+    text = f"{second_guide(topic, guides)}; a tour under way goes on, and none begins"
+    return Finding("guides", ERROR, text, code=Code.TWO_PUBLISHERS)
+
+
+def second_guide(topic: str, guides: Sequence[str]) -> str:
+    """That there are several guides, in words; arguments as for `of_guides`."""
+    return (
+        f"{len(guides)} publishers on {topic}: {', '.join(guides)}; another guide_node, or a "
+        "replay of one, is at work: end it, or give it a namespace or a ROS_DOMAIN_ID of its own; "
+        "or one was killed some seconds ago"
+    )
+
+
 def of_others(drivers: Mapping[str, Sequence[str]]) -> Finding:
     """Whether the guide alone drives the robots of a tour.
 

@@ -32,8 +32,9 @@ def command(
     """Simulate guided tours of 60 m, and print how they went.
 
     Three robots guide 5 to 10 people through a corridor, a hall, doors and round a block; with
-    exact poses, localized ones and odometry alone; with a robot or the planner failing. Nothing is
-    rendered: what robots see of walls and people has the errors of real scans.
+    exact poses, localized ones and odometry alone; with two and four robots; where somebody
+    leaves, and with a robot or the planner failing. Nothing is rendered: what robots see of walls
+    and people has the errors of real scans.
     """
     cases = chosen_cases(CASES, only)
     scores = run_cases(cases, seeds, jobs=process_count(jobs))

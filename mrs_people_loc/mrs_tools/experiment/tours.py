@@ -6,6 +6,7 @@ nodes. All figures depend on the seeds alone.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,6 +27,8 @@ WAITS_M = 8.0
 FORMED_M = 1.0
 #: A robot stands below this speed [m/s].
 _STANDS = 0.01
+#: When the planner ends [s]: right after it has published, when the guide misses it last.
+_PLANNER_ENDS_S = 60.16
 #: Fewest and most people; each seed has another number.
 _PEOPLE = 5, 10
 
@@ -39,6 +42,8 @@ class Case:
         scene: Its scene file.
         poses: Where the team takes its poses from, one of `light.guided_tour.POSES`.
         trouble: What goes wrong.
+        robots: How many guide.
+        leavers: How many people leave for good.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """
 
@@ -46,6 +51,8 @@ class Case:
     scene: str
     poses: str = "exact"
     trouble: Trouble = field(default_factory=Trouble)
+    robots: int = 3
+    leavers: int = 0
     main: bool = False
 
 
@@ -63,13 +70,15 @@ CASES = (
         for poses in ("localized", "odometry")
         for name, scene in _SCENES.items()
     ),
+    *(Case(f"hall, {count} robots", _SCENES["hall"], robots=count) for count in (2, 4)),
+    Case("hall, one person leaves for good", _SCENES["hall"], leavers=1),
     Case("corridor, robot_a (leader) killed at 60 s", _CORRIDOR,
          trouble=Trouble(killed=("robot_a", 60.0))),
     Case("corridor, robot_b killed at 60 s", _CORRIDOR, trouble=Trouble(killed=("robot_b", 60.0))),
     Case("corridor, robot_c gone from 60 to 90 s", _CORRIDOR,
          trouble=Trouble(killed=("robot_c", 60.0), back=90.0)),
     Case("corridor, no planner from 60 to 65 s", _CORRIDOR,
-         trouble=Trouble(planner_gone=(60.0, 65.0))),
+         trouble=Trouble(planner_gone=(_PLANNER_ENDS_S, 65.0))),
 )  # fmt: skip
 #: Cases that are not `main` have so many seeds at most.
 FEW = 3
@@ -141,7 +150,11 @@ def run_case(case: Case, seed: int) -> CaseScores:
     """Runs a case with one seed."""
     least, most = _PEOPLE
     people = least + (seed - 1) % (most - least + 1)
-    scene = guided_scene(default_file("scenes", case.scene), seed, people=people)
+    scene = guided_scene(
+        default_file("scenes", case.scene), seed, people=people, robots=case.robots
+    )
+    followers = dataclasses.replace(scene.followers, leavers=case.leavers)
+    scene = dataclasses.replace(scene, followers=followers)
     run = LightTour(scene, case.poses, case.trouble).run()
     stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)

@@ -105,14 +105,15 @@ def _failure(name: str, report: _Report) -> list[str]:
     return [
         name,
         str(report["tour"]["tours"]),
-        *(_seconds(report[key]) for key in ("reposted_s", "others_s", "formed_s", "stood_s")),
+        *(_seconds(report[key]) for key in ("reposted_s", "others_s", "formed_s")),
+        _seconds(report["stood_s"], digits=2),
     ]
 
 
-def _seconds(values: Sequence[float | None]) -> str:
+def _seconds(values: Sequence[float | None], digits: int = 1) -> str:
     """Median and worst of times; `never` where one has no end."""
     if not values:
         return "-"
     known = [value for value in values if value is not None]
-    worst = "never" if len(known) < len(values) else f"{max(known):.1f}"
-    return f"{np.median(known):.1f} / {worst}" if known else worst
+    worst = "never" if len(known) < len(values) else f"{max(known):.{digits}f}"
+    return f"{np.median(known):.{digits}f} / {worst}" if known else worst

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from string import ascii_lowercase
 
 import numpy as np
 
@@ -35,17 +36,23 @@ _TALL = 1.4
 _TOUCH = 0.40
 #: A robot that touches something again within this time has not left it [s].
 _AGAIN_S = 1.0
+#: Robots that a scene does not have stand so far behind its last one [m].
+_BEHIND = 0.9
 #: Stragglers stop between these shares of the tour.
 _STOPS = 0.2, 0.75
 
 
-def guided_scene(path: str | Path, seed: int, *, people: int | None = None) -> Scene:
+def guided_scene(
+    path: str | Path, seed: int, *, people: int | None = None, robots: int | None = None
+) -> Scene:
     """Reads the scene of a guided tour, everybody in their place.
 
     Args:
         path: The scene file.
         seed: Of everything that is left to chance, in place of the scene's.
         people: How many are guided; None: as in the scene.
+        robots: How many guide them: the first ones of the scene, and others behind its last one;
+            None: as in the scene.
 
     Raises:
         ConfigError: It is no scene with a tour, people and robots.
@@ -60,7 +67,23 @@ def guided_scene(path: str | Path, seed: int, *, people: int | None = None) -> S
     ):  # fmt: skip
         if not there:
             raise ConfigError(f"{path}: has no {what}; wanted: tour, robots, people")
-    return scene
+    return scene if robots is None else _with_robots(scene, robots)
+
+
+def _with_robots(scene: Scene, count: int) -> Scene:
+    """The scene with so many robots; those that it does not have are as its last one."""
+    robots = dict(list(scene.robots.items())[:count])
+    last = list(scene.robots)[-1]
+    heads, sonars = dict(scene.heads), dict(scene.sonars)
+    for number in range(len(robots), count):
+        name, ahead = f"robot_{ascii_lowercase[number]}", list(robots.values())[-1]
+        robots[name] = dataclasses.replace(
+            ahead,
+            x=ahead.x - _BEHIND * math.cos(ahead.yaw),
+            y=ahead.y - _BEHIND * math.sin(ahead.yaw),
+        )
+        heads[name], sonars[name] = scene.heads[last], scene.sonars.get(last, ())
+    return dataclasses.replace(scene, robots=robots, heads=heads, sonars=sonars)
 
 
 class GuidedWorld:
@@ -111,17 +134,22 @@ class GuidedWorld:
         self._bumped: dict[str, float] = {}
 
     def _stragglers(self) -> tuple[Straggling, ...]:
-        """Who stays behind, and where: evenly along the tour, by chance within each part."""
+        """Who stays behind or leaves, and where: evenly along it, by chance within each part."""
         followers, count = self.scene.followers, len(self.scene.people)
         rng = np.random.default_rng([self.scene.seed, 92])
-        number = min(followers.stragglers, count)
+        number = min(followers.stragglers + followers.leavers, count)
         who = rng.permutation(count)[:number]
         shares = _STOPS[0] + (_STOPS[1] - _STOPS[0]) * (
             np.arange(number) + rng.uniform(0.0, 1.0, number)
         ) / max(number, 1)
         return tuple(
-            Straggling(int(person), float(share * self.tour.way.length), followers.stay)
-            for person, share in zip(who, shares, strict=True)
+            Straggling(
+                int(person),
+                float(share * self.tour.way.length),
+                followers.stay,
+                leaves=k >= followers.stragglers,
+            )
+            for k, (person, share) in enumerate(zip(who, shares, strict=True))
         )
 
     @property

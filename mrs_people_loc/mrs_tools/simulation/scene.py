@@ -417,6 +417,9 @@ class Followers(Section):
     stay: float = _field(
         40.0, "how long they stay, unless a robot comes to them [s]", low=0.0, high=3600.0
     )
+    leavers: int = _field(
+        0, "people who leave for good on the way, back to where it began", low=0, high=10
+    )
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -24,16 +23,23 @@ from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.config.parameters import check_robots
 from mrs_people_loc.errors import PeopleError, PoseError, TourError
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.guidance import Guidance, Post, State
-from mrs_people_loc.guiding.guide import Guide
-from mrs_people_loc.guiding.steering import Steering
-from mrs_people_loc.guiding.tour import Tour, check_tour
+from mrs_people_loc.guiding.guidance import Guidance, State
+from mrs_people_loc.guiding.running_tour import RunningTour
+from mrs_people_loc.guiding.tour import Tour
 from mrs_people_loc.health.findings import Finding
-from mrs_people_loc.health.guide import of_others, of_tour, of_tour_robots, of_walls
+from mrs_people_loc.health.guide import (
+    of_guides,
+    of_others,
+    of_tour,
+    of_tour_robots,
+    of_walls,
+    second_guide,
+)
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
 from mrs_people_loc.team.poses import Pose
 from mrs_ros.managed_node import ManagedNode
+from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, POSES, STREAM
 from planner_node.guide_node.action import End, TourAction
 from planner_node.guide_node.bases import Goals, Velocities
@@ -51,26 +57,19 @@ _LAST_S = 0.2
 
 @dataclasses.dataclass
 class _Underway:
-    """A tour under way, and how it last was.
+    """A tour under way.
 
     Attributes:
-        guidance: The last one.
-        begun_ns: When it began, by `GuideNode._time_ns` [ns].
+        running: The tour.
         people_ns: Stamp of the last people [ns].
-        sent_ns: When goals were moved last, by `_time_ns` [ns].
+        sent_ns: When goals were moved last, by `GuideNode._time_ns` [ns].
         looked_ns: When it was looked for who else drives, likewise [ns].
-        misfit: Why the map does not fit the tour; empty: it does.
     """
 
-    tour: Tour
-    guide: Guide
-    steering: Steering
-    guidance: Guidance
-    begun_ns: int
+    running: RunningTour
     people_ns: int
     sent_ns: int = 0
     looked_ns: int = 0
-    misfit: str = ""
 
 
 class GuideNode(ManagedNode):
@@ -140,12 +139,10 @@ class GuideNode(ManagedNode):
             for robot in config.robots:
                 self._hear(robot, any_number=False)
         if self.is_configured and self._underway is not None:
-            underway, guide = self._underway, self._underway.guide
-            before = guide.config.safety
-            config = dataclasses.replace(config, robots=underway.steering.robots)
-            guide.config = underway.steering.config = config
+            running = self._underway.running
+            before, running.config = running.config.safety, config
             if config.safety.occupied_from != before.occupied_from:
-                self._guarded(partial(self._take_walls, underway))
+                self._guarded(partial(self._take_walls, self._underway))
 
     def jumped_back(self) -> None:
         """Ends the tour: nobody knows where the people are now."""
@@ -178,7 +175,7 @@ class GuideNode(ManagedNode):
             return  # it comes late
         self._poses[robot] = pose, now_ns
         if self._underway is not None:
-            self._underway.steering.take_pose(robot, pose, now_ns)
+            self._underway.running.take_pose(robot, pose, now_ns)
 
     def _on_people(self, message: People) -> None:
         stamp_ns = messages.read_stamp(message)
@@ -204,17 +201,10 @@ class GuideNode(ManagedNode):
         self._guarded(partial(self._take_walls, underway))
 
     def _take_walls(self, underway: _Underway) -> None:
-        """Takes another map; the robots stand while the tour is not possible by it."""
-        safety, misfit = underway.guide.config.safety, ""
-        space = self._space(underway.tour, safety.occupied_from)
-        underway.guide.space = underway.steering.space = space
-        try:
-            check_tour(underway.tour, space, safety.wall_distance)
-        except TourError as err:
-            misfit = f"by the new map {err}"
-        if misfit and misfit != underway.misfit:
-            self._stand(underway, misfit)
-        underway.misfit = misfit
+        """Takes another map."""
+        running = underway.running
+        space = self._space(running.tour, running.config.safety.occupied_from)
+        self._take_guidance(underway, running.take_space(space))
 
     # ---- time ----
 
@@ -247,20 +237,17 @@ class GuideNode(ManagedNode):
         if self._is_ending:
             raise TourError("guide_node is ending")
         if self._underway is not None:
-            raise TourError(f"the tour {self._underway.tour.name!r} is under way; cancel it first")
+            name = self._underway.running.tour.name
+            raise TourError(f"the tour {name!r} is under way; cancel it first")
         tour = dataclasses.replace(tour, name=tour.name or "tour")
         robots = self._check_team()
         config = dataclasses.replace(self.config, robots=robots)
         space = self._space(tour, config.safety.occupied_from)
-        check_tour(tour, space, config.safety.wall_distance)
-        guide, steering = Guide(config, space), Steering(config, space, robots)
+        running = RunningTour(tour, config, space, self._time_ns())
         for robot, (pose, came_ns) in self._poses.items():
-            steering.take_pose(robot, pose, came_ns)
-        guide.begin(tour)
+            running.take_pose(robot, pose, came_ns)
         self._bases.begin(robots)
-        stamp_ns = self._now_ns()
-        first = Guidance(stamp_ns, State.GATHERING)
-        self._underway = _Underway(tour, guide, steering, first, self._time_ns(), stamp_ns)
+        self._underway = _Underway(running, self._now_ns())
         self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
         if self._grid is None:
             self._outputs.say("there is no map: the robots keep off no walls")
@@ -269,9 +256,13 @@ class GuideNode(ManagedNode):
         """The robots of a tour that begins now.
 
         Raises:
-            TourError: There are no people or robots, or a robot cannot take part.
+            TourError: There is another guide, there are no people or robots, or a robot cannot take
+                part.
         """
         safety, now_ns = self.config.safety, self._time_ns()
+        topic, guides = self._guides()
+        if len(guides) > 1:
+            raise TourError(second_guide(topic, guides))
         people = self.resolve_topic_name(self.config.people_topic)
         if self._people_came_ns is None:
             raise TourError(f"nothing comes on {people}; is the planner running?")
@@ -328,14 +319,16 @@ class GuideNode(ManagedNode):
     def _other_drivers(self, robot: str) -> list[str]:
         """Full names of the nodes that publish a robot's commands, besides this one."""
         base = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
-        names = [
-            f"{one.node_namespace.rstrip('/')}/{one.node_name}"
-            for one in self.get_publishers_info_by_topic(base)
-        ]
+        names = list(map(node_of, self.get_publishers_info_by_topic(base)))
         own = self.get_fully_qualified_name()
         for _ in range(min(self._bases.publishers_of(robot), names.count(own))):
             names.remove(own)  # another guide_node may have the same name
         return sorted(names)
+
+    def _guides(self) -> tuple[str, list[str]]:
+        """Full names of `guide_status` and of the nodes that publish it, this one included."""
+        topic = self.resolve_topic_name("guide_status")
+        return topic, sorted(map(node_of, self.get_publishers_info_by_topic(topic)))
 
     def _space(self, tour: Tour, occupied_from: int) -> FreeSpace:
         if self._grid is None:
@@ -345,27 +338,36 @@ class GuideNode(ManagedNode):
     def _cancel(self) -> None:
         self._end_tour("cancelled")
 
-    def _end_tour(self, message: str, *, finished: bool = False, last: bool = False) -> None:
+    def _end_tour(
+        self,
+        message: str,
+        *,
+        finished: bool = False,
+        last: bool = False,
+        events: tuple[str, ...] = (),
+    ) -> None:
         """Ends the tour under way, if there is one: the robots stand.
 
         Args:
             message: Why, in words.
             finished: Whether the group is at the end.
             last: Whether nothing is published after it: what stops the robots is waited for.
+            events: What has happened before, in sentences.
         """
         underway, self._underway = self._underway, None
         if underway is None:
             return
-        self._bases.stop(underway.steering.poses())
+        running = underway.running
+        self._bases.stop(running.poses())
         if last:
             self._bases.finish()
         state = State.FINISHED if finished else State.CANCELLED
         guidance = dataclasses.replace(
-            underway.guidance, state=state, reason=message, speed=0.0, posts={}
+            running.guidance, state=state, reason=message, speed=0.0, posts={}, events=events
         )
         self._publish(underway, guidance)
         if not finished:
-            self._outputs.say(f"the tour {underway.tour.name} has ended: {message}")
+            self._outputs.say(f"the tour {running.tour.name} has ended: {message}")
         self._action.end(End(finished, message, guidance.lost))
 
     # ---- step ----
@@ -375,36 +377,32 @@ class GuideNode(ManagedNode):
         underway = self._underway
         if underway is None:
             return
-        steering, guide, now_ns = underway.steering, underway.guide, self._time_ns()
-        underway.people_ns, in_time_ns = stamp_ns, self._in_time(stamp_ns, now_ns)
-        steering.take_people(persons, in_time_ns, now_ns)
-        if underway.misfit:
-            return
+        running, now_ns = underway.running, self._time_ns()
+        underway.people_ns = stamp_ns
         if now_ns - underway.looked_ns >= _LOOK_S * 1e9:
-            faults = {robot: self._fault_of_base(robot) for robot in steering.robots}
-            guide.faults = {robot: fault for robot, fault in faults.items() if fault}
+            faults = {robot: self._fault_of_base(robot) for robot in running.robots}
+            running.faults = {robot: fault for robot, fault in faults.items() if fault}
             underway.looked_ns = now_ns
-        guidance = guide.step(persons, groups, steering.poses(), in_time_ns)
-        if not underway.guide.is_running:
-            underway.guidance, finished = guidance, guidance.state == State.FINISHED
-            self._end_tour(guidance.reason or "the group is at the end", finished=finished)
+        in_time_ns = self._in_time(stamp_ns, now_ns)
+        self._take_guidance(underway, running.take_people(persons, groups, in_time_ns, now_ns))
+
+    def _take_guidance(self, underway: _Underway, guidance: Guidance | None) -> None:
+        """Publishes how a tour goes on, if that has changed, and moves goals; ends one that has."""
+        if guidance is None:
             return
-        self._publish(underway, guidance)
-        steering.take_posts(guidance.posts)
-        self._move_goals(underway, guidance.posts, now_ns)
+        if underway.running.is_running:
+            self._publish(underway, guidance)
+            self._move_goals(underway)
+        else:
+            finished = guidance.state == State.FINISHED
+            message = guidance.reason or "the group is at the end"
+            self._end_tour(message, finished=finished, events=guidance.events)
 
-    def _move_goals(self, underway: _Underway, posts: Mapping[str, Post], now_ns: int) -> None:
+    def _move_goals(self, underway: _Underway) -> None:
         """Moves goals to posts, or to where robots are whose poses are outdated."""
-        steering, timeout = underway.steering, self.config.safety.pose_timeout
-        fresh = {r: p for r, p in posts.items() if steering.pose_age_s(r, now_ns) < timeout}
-        self._bases.send(fresh, steering.poses())
+        now_ns = self._time_ns()
+        self._bases.send(underway.running.goals(now_ns), underway.running.poses())
         underway.sent_ns = now_ns
-
-    def _stand(self, underway: _Underway, reason: str) -> None:
-        """The robots stand until people come again, or another map."""
-        self._publish(underway, underway.guide.halt(reason))
-        underway.steering.take_posts({})
-        self._move_goals(underway, {}, self._time_ns())
 
     def _tick(self) -> None:
         """Drives the robots."""
@@ -416,22 +414,16 @@ class GuideNode(ManagedNode):
             self._guarded(partial(self._drive, self._underway))
 
     def _drive(self, underway: _Underway) -> None:
-        steering, now_ns = underway.steering, self._time_ns()
-        timeout = self.config.safety.people_timeout
-        age_s = min(steering.people_age_s(now_ns), (now_ns - underway.begun_ns) / 1e9)
-        if age_s >= timeout and underway.guidance.state != State.HALTED:
-            reason = f"no people have come for {age_s:.2f} s; allowed: {timeout:g} s"
-            self._stand(underway, reason)
-        elif now_ns - underway.sent_ns >= _GOALS_S * 1e9:
-            halted = underway.guidance.state == State.HALTED
-            self._move_goals(underway, {} if halted else underway.guidance.posts, now_ns)
-        self._bases.drive(steering.step(now_ns))
+        now_ns = self._time_ns()
+        self._take_guidance(underway, underway.running.check_age(now_ns))
+        if now_ns - underway.sent_ns >= _GOALS_S * 1e9:
+            self._move_goals(underway)
+        self._bases.drive(underway.running.velocities(now_ns))
 
     def _publish(self, underway: _Underway, guidance: Guidance) -> None:
         guidance = dataclasses.replace(guidance, stamp_ns=underway.people_ns)
-        underway.guidance = dataclasses.replace(guidance, events=())  # they are published once
-        poses, frame_id = underway.steering.poses(), self.config.map_frame
-        self._action.tell(self._outputs.publish(underway.tour, guidance, poses, frame_id))
+        running, frame_id = underway.running, self.config.map_frame
+        self._action.tell(self._outputs.publish(running.tour, guidance, running.poses(), frame_id))
 
     def _guarded(self, work: Callable[[], None]) -> None:
         """Works; the tour ends if that fails."""
@@ -444,20 +436,20 @@ class GuideNode(ManagedNode):
     # ---- diagnostics ----
 
     def findings(self) -> list[Finding]:
-        """The map, the tour, and each robot of it."""
+        """Other guides, the map, the tour, and each robot of it."""
+        guides = of_guides(*self._guides())
         walls = of_walls(self.resolve_topic_name("map"), is_known=self._grid is not None)
         if self._underway is None:
-            return [walls, of_tour("", Guidance(0, State.IDLE))]
-        guidance, poses = self._underway.guidance, self._underway.steering.poses()
-        distances = {
-            robot: math.dist(post.xy, (poses[robot].x, poses[robot].y))
-            for robot, post in guidance.posts.items()
-            if robot in poses
-        }
-        steering = self._underway.steering
-        tour = of_tour(self._underway.tour.name, guidance, steering.kept_off)
-        others = {robot: self._other_drivers(robot) for robot in steering.robots}
-        return [walls, tour, of_others(others), *of_tour_robots(guidance, distances)]
+            return [guides, walls, of_tour("", Guidance(0, State.IDLE))]
+        running = self._underway.running
+        others = {robot: self._other_drivers(robot) for robot in running.robots}
+        return [
+            guides,
+            walls,
+            of_tour(running.tour.name, running.guidance, running.kept_off),
+            of_others(others),
+            *of_tour_robots(running.guidance, running.off_posts()),
+        ]
 
 
 def _are_same(one: Grid, other: Grid) -> bool:

@@ -86,7 +86,7 @@ class World:
     space: FreeSpace = field(default_factory=FreeSpace.unbounded)
     age: float = 0.0
     sigma: float = 0.0
-    limit: float = 1.0
+    stands_within: float = math.inf
     seed: int = 0
     time: float = 0.0
     closest: float = math.inf
@@ -133,7 +133,8 @@ class World:
                     people_age=self.age + self.since,
                     robots=np.array([r.xy for r in others]).reshape(-1, 2),
                     robots_velocity=np.array([r.velocity for r in others]).reshape(-1, 2),
-                    space=self.space, path=robot.path, share=self.limit, dt=DT,
+                    space=self.space, path=robot.path, dt=DT,
+                    stands_within=self.stands_within,
                 )
             )  # fmt: skip
         for robot, command in zip(self.robots, commands, strict=True):

@@ -8,17 +8,10 @@ from hypothesis import strategies as st
 
 from core.guiding.driving import CONFIG, DT, Robot, World, post, standing
 from core.guiding.test_free_space import ROOMS, grid_of
-from mrs_people_loc.guiding.drive import limit
 from mrs_people_loc.guiding.free_space import FreeSpace
 
 SAFETY = CONFIG.safety
 angles = st.floats(-math.pi, math.pi)
-
-
-def test_limit_falls_to_zero_at_the_timeout() -> None:
-    assert [limit(age, 0.4) for age in (0.0, 0.2, 0.3, 0.4, 9.0)] == pytest.approx(
-        [1.0, 1.0, 0.5, 0.0, 0.0]
-    )
 
 
 def is_at_post(robot: Robot) -> bool:
@@ -76,11 +69,15 @@ def test_robot_that_is_told_to_stop_brakes_at_once() -> None:
         assert robot.v == pytest.approx(0.0, abs=1e-9)
 
 
-def test_share_of_its_highest_speed_is_kept() -> None:
+def test_robot_is_no_faster_than_it_can_stop_in_the_time_it_has() -> None:
+    # From 0.4 m/s at 2 m/s^2, and from 0.6 rad/s at 3 rad/s^2, it stands after 0.2 s.
     for speed, kept in ((0.6, 0.4), (0.3, 0.3)):
         robot = Robot(0.0, 0.0, 0.0, post(5.0, 0.0, speed=speed))
-        World([robot], limit=0.5).run(3.0)
+        World([robot], stands_within=0.2).run(3.0)
         assert robot.track[:, 3].max() == pytest.approx(kept, abs=0.01)
+    robot = Robot(0.0, 0.0, 0.0, post(0.0, 0.0, math.pi / 2))
+    World([robot], stands_within=0.2).run(1.5)
+    assert robot.track[:, 4].max() == pytest.approx(0.6, abs=0.01)
 
 
 def test_robot_that_cannot_reverse_turns() -> None:

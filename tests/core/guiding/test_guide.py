@@ -170,6 +170,19 @@ def test_tour_goes_on_without_a_straggler_after_the_patience():
     world.run_until(State.FINISHED)
 
 
+def test_person_who_fell_behind_and_left_is_waited_for_only_until_their_place_is_seen_empty():
+    world = leading()
+    world.walkers[-1].stands = True
+    world.run_until(State.WAITING, 12.0)
+    world.walkers[-1].id = 0
+    begun = world.time_s
+    world.run_until(State.LEADING, 30.0)
+    assert 5.0 < world.time_s - begun < 15.0
+    assert world.last().lost == (5,)
+    assert "person 5 has left; goes on without them" in world.events()
+    world.run_until(State.FINISHED)
+
+
 def test_person_who_is_lost_and_comes_back_is_guided_again():
     world = leading(pace=Pace(patience=3.0, speed=0.3))
     world.walkers[-1].stands = True

@@ -1,7 +1,6 @@
 """The `mrs` command as a whole."""
 
 import importlib
-import shlex
 import sys
 import types
 import typing
@@ -13,18 +12,7 @@ from typer.testing import CliRunner
 
 from mrs_tools import cli, installing
 from mrs_tools.examples import EXAMPLES
-
-
-def parsed(line: str) -> str:
-    """Parses what stands behind `mrs` without running it: the command's name; raises if wrong."""
-    group: typing.Any = typer.main.get_command(cli.app)
-    rest, names = shlex.split(line), []
-    context = group.make_context("mrs", [*rest])
-    while hasattr(context.command, "commands"):
-        name, command, rest = context.command.resolve_command(context, rest)
-        names.append(name)
-        context = command.make_context(name, [*rest], parent=context)
-    return " ".join(names)
+from tools.commands.parsing import parsed
 
 
 def names_of_commands() -> list[str]:

@@ -92,7 +92,7 @@ def test_a_group_that_stays_near_waits():
 
 
 def test_scores_are_added_and_reported():
-    one = CaseScores(TourScores(tours=1, finished=1), 1, 1, 0, 2, (2.0,), (4.0,), ())
+    one = CaseScores(TourScores(tours=1, finished=1), 1, 1, 0, 2, (2.0,), (4.0,), (), (0.44,))
     two = CaseScores(TourScores(tours=1), 2, 0, 1, 0, (np.nan,), (np.nan,), ())
     total = (one + two).report()
     assert total["tour"]["tours"] == 2
@@ -100,7 +100,7 @@ def test_scores_are_added_and_reported():
     assert (total["bumps"], total["reposted_s"]) == (2, [2.0, None])
     text = markdown([Case("hall", "")], [total])
     assert "| hall | 1 of 2 | - | 0 of 0 | - | - | - | 3 | 1 | 1 | 0 |" in text
-    assert "| hall | 2 | 2.0 / never | 4.0 / never | - |" in text
+    assert "| hall | 2 | 2.0 / never | 4.0 / never | - | 0.44 / 0.44 |" in text
 
 
 def test_cases_are_run_with_their_seeds(monkeypatch):

@@ -87,3 +87,11 @@ def test_stragglers_are_as_many_as_the_scene_says():
     for _ in range(110):
         one.step()
     assert [stay.end_s for stay in one.crowd.stragglers.stays] == pytest.approx([5.0, 5.0], abs=0.1)
+
+
+def test_scene_has_as_many_robots_as_are_wanted():
+    path = SCENES / "guided_hall.yaml"
+    assert list(guided_scene(path, 1, robots=2).robots) == ["robot_a", "robot_b"]
+    world = GuidedWorld(guided_scene(path, 1, robots=4))
+    assert world.poses()[3] == pytest.approx([3.2 - 0.9, 4.1, 0.0])
+    assert world.looks_back == ("robot_a",)

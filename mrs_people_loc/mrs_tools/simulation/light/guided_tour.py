@@ -15,9 +15,8 @@ import numpy as np
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig, Localization, PlannerConfig
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.guidance import Guidance, Role, State
-from mrs_people_loc.guiding.guide import Guide
-from mrs_people_loc.guiding.steering import Steering
+from mrs_people_loc.guiding.guidance import Guidance, Role
+from mrs_people_loc.guiding.running_tour import RunningTour
 from mrs_people_loc.localization.localizer import Localizer
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
 from mrs_people_loc.localization.walls import SeenWalls
@@ -41,7 +40,8 @@ from mrs_tools.simulation.tours import known_walls
 
 #: Poses, images and scored positions come at each so many steps of the world.
 _POSE, _IMAGE, _TRUTH = 2, 4, 2
-#: The people of an interval come so long after its images [s].
+#: The planner publishes the people of an interval so long after its images [s]; they arrive in the
+#: same step.
 _LATE_S = 0.15
 #: The recording goes on for so long after the tour [s].
 _AFTER_S = 1.0
@@ -58,7 +58,8 @@ class Trouble:
     Attributes:
         killed: A robot that is silent and stands from a time on [s].
         back: When it is there again [s]; None: never.
-        planner_gone: From when to when there is no planner [s]; another one then begins anew.
+        planner_gone: From when to when there is no planner [s]: what it has not published yet is
+            never published; another one then begins anew.
     """
 
     killed: tuple[str, float] | None = None
@@ -129,12 +130,9 @@ class LightTour:
         space = FreeSpace(
             world.plan, occupied_from=config.safety.occupied_from, around=world.tour.points
         )
-        self._config = config
-        self._guide, self._steering = Guide(config, space), Steering(config, space, world.names)
-        self._guide.begin(world.tour)
+        self._running = RunningTour(world.tour, config, space, START_NS)
         self._underway: deque[tuple[float, People]] = deque()
         self._poses: dict[str, Pose] = {}
-        self._guidance = Guidance(0, State.IDLE)
         self._log = _Log(
             true={name: [] for name in world.names}, poses={name: [] for name in world.names}
         )
@@ -166,7 +164,7 @@ class LightTour:
         ends, step, world = longest_s, 0, self.world
         while world.time < ends:
             self._step(step)
-            if not self._guide.is_running:
+            if not self._running.is_running:
                 ends = min(ends, world.time + _AFTER_S)
             step += 1
         log = self._log
@@ -192,10 +190,15 @@ class LightTour:
         if step % _POSE == 0:
             for name in alive:
                 self._take_pose(name, now_ns)
+        if self._is_planner_gone():
+            self._underway.clear()
         if step % _IMAGE == 0:
             self._look(alive, now_ns)
         while self._underway and self._underway[0][0] <= world.time + 1e-9:
-            self._guided_by(self._underway.popleft()[1], now_ns)
+            people = self._underway.popleft()[1]
+            self._say(
+                self._running.take_people(people.persons, people.groups, people.stamp_ns, now_ns)
+            )
         self._drive(alive, now_ns)
         world.step()
         speeds = (abs(world.wheels[name].speed) for name in self._names)
@@ -206,6 +209,10 @@ class LightTour:
         if killed is None or killed[0] != name or self.world.time < killed[1]:
             return True
         return back is not None and self.world.time >= back
+
+    def _is_planner_gone(self) -> bool:
+        gone = self._trouble.planner_gone
+        return gone is not None and gone[0] <= self.world.time + 1e-9 < gone[1]
 
     def _take_pose(self, name: str, now_ns: int) -> None:
         """A robot says where it is."""
@@ -218,7 +225,7 @@ class LightTour:
             pose = Pose(0, *wheels.map_from_odom) @ pose
         self._poses[name] = pose
         self._log.poses[name].append(pose)
-        self._steering.take_pose(name, pose, now_ns)
+        self._running.take_pose(name, pose, now_ns)
 
     def _look(self, alive: list[str], now_ns: int) -> None:
         """Robots see people and walls; a planner makes people of what they see."""
@@ -232,8 +239,7 @@ class LightTour:
             )
         if self._localizers:
             self._localize(places, views, now_ns)
-        gone = self._trouble.planner_gone
-        if gone is not None and gone[0] <= world.time < gone[1]:
+        if self._is_planner_gone():
             self._planner = self._made_planner()
             return
         scans = [scan_of(name, now_ns, view) for name, view in views.items()]
@@ -266,33 +272,17 @@ class LightTour:
             for pose in relative:
                 self._localizers[name].take_relative(pose)
 
-    def _guided_by(self, people: People, now_ns: int) -> None:
-        """The guide takes people, as guide_node does."""
-        if not self._guide.is_running:
-            return
-        steering = self._steering
-        steering.take_people(people.persons, people.stamp_ns, now_ns)
-        self._say(
-            self._guide.step(people.persons, people.groups, steering.poses(), people.stamp_ns)
-        )
-        steering.take_posts(self._guidance.posts)
-
     def _drive(self, alive: list[str], now_ns: int) -> None:
         """The robots get commands, as from guide_node."""
-        if self._guide.is_running:
-            age_s = self._steering.people_age_s(now_ns)
-            outdated = self._config.safety.people_timeout <= age_s < np.inf
-            if outdated and self._guidance.state != State.HALTED:
-                self._say(self._guide.halt(f"the people are {age_s:.2f} s old"))
-        else:
-            self._steering.take_posts({})
-        for name, velocity in self._steering.step(now_ns).items():
+        self._say(self._running.check_age(now_ns))
+        for name, velocity in self._running.velocities(now_ns).items():
             if name in alive:
                 self.world.wheels[name].command(*velocity)
 
-    def _say(self, guidance: Guidance) -> None:
+    def _say(self, guidance: Guidance | None) -> None:
         """What the guide says is recorded, and tells people who leads."""
-        self._guidance = guidance
+        if guidance is None:
+            return
         self._log.statuses.append(guidance)
         for name, post in guidance.posts.items():
             if post.role == Role.LEADER:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.arrays import Float
+from mrs_people_loc.arrays import Float, Int
 from mrs_tools.simulation.walking.crowd_ground import Clearance, Trail
 from mrs_tools.simulation.walking.stragglers import Stragglers, Straggling
 from mrs_tools.simulation.walking.walks import Wander, shortened, unit
@@ -201,6 +201,9 @@ class Crowd:
             wish = np.where(self._walks[:, None], wish, self._spread(robots[self._leader]))
         who = self.stragglers.who
         wish[who] = shortened((self.stragglers.spots - self.xy[who]) / 0.8, 0.6)
+        leaving = self.stragglers.leaving
+        back = self._trail.at(self._along[leaving] - 1.0)[0] - self.xy[leaving]
+        wish[leaving] = shortened(back / 0.8, speed[leaving, None])
         return wish, cap
 
     def _spread(self, leader: Float) -> Float:
@@ -208,7 +211,7 @@ class Crowd:
         wish = np.zeros_like(self.xy)
         off = self.xy - leader
         near = np.linalg.norm(off, axis=1) < 6.0
-        near[self.stragglers.who] = False
+        near[self._are_away()] = False
         who = np.flatnonzero(near)
         if not len(who):
             return wish
@@ -239,6 +242,10 @@ class Crowd:
         force += (close[..., None] * away / np.maximum(distance, 1e-6)[..., None]).sum(axis=1)
         return force
 
+    def _are_away(self) -> Int:
+        """Who does not keep to the group, shape (k,)."""
+        return np.concatenate([self.stragglers.who, self.stragglers.leaving])
+
     def _from_walls(self) -> Float:
         """Accelerations away from walls (Moussaid et al. 2009), shape (n, 2) [m/s^2]."""
         distance, out = self._clearance.at(self.xy)
@@ -251,7 +258,7 @@ class Crowd:
         Only for who follows in sight of it, and weaker than theirs: the trail holds them, too.
         """
         held = self._walks & ~self._hurries
-        held[self.stragglers.who] = False
+        held[self._are_away()] = False
         if held.sum() < 2:
             return np.zeros_like(self.xy)
         toward = self.xy[held].mean(axis=0) - self.xy

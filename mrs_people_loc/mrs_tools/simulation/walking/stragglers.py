@@ -1,4 +1,4 @@
-"""People who stop on the way to look at something, and stay behind."""
+"""People who stop on the way to look at something and stay behind, or who leave."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrs_people_loc.arrays import Float, Int
+from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_tools.simulation.walking.crowd_ground import Clearance
 
 #: A straggler goes on when a robot has been so near [m] for so long [s]; not while they still walk
@@ -20,17 +20,19 @@ _LOOKS_FROM, _ASIDE = 0.45, 0.6
 
 @dataclass(frozen=True)
 class Straggling:
-    """Somebody stops to look at something, and stays behind.
+    """Somebody stops to look at something, and stays behind; or leaves.
 
     Attributes:
         person: Who.
         after: Once they have walked so far [m].
         stays: For so long [s], or until they are fetched.
+        leaves: They walk back instead to where the tour began, whatever robots do, and stay there.
     """
 
     person: int
     after: float
     stays: float = 40.0
+    leaves: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class Stragglers:
 
     def __init__(self, given: Sequence[Straggling], clearance: Clearance) -> None:
         self._given, self._clearance = given, clearance
+        self._people = np.array([one.person for one in given], dtype=np.intp)
+        self._leaves = np.array([one.leaves for one in given], dtype=bool)
         self._begin = np.full(len(given), math.inf)
         self._end = np.full(len(given), math.inf)
         self._near_s = np.zeros(len(given))
@@ -69,22 +73,30 @@ class Stragglers:
     @property
     def who(self) -> Int:
         """Who stands and looks at something now, shape (k,)."""
-        now = np.isfinite(self._begin) & np.isinf(self._end)
-        return np.array([self._given[int(k)].person for k in np.flatnonzero(now)], dtype=np.intp)
+        return self._people[self._now & ~self._leaves]
+
+    @property
+    def leaving(self) -> Int:
+        """Who has left, shape (k,)."""
+        return self._people[self._now & self._leaves]
 
     @property
     def spots(self) -> Float:
-        """Where those stand [m], shape (k, 2)."""
-        return self._spots[np.isfinite(self._begin) & np.isinf(self._end)]
+        """Where those stand who look at something [m], shape (k, 2)."""
+        return self._spots[self._now & ~self._leaves]
+
+    @property
+    def _now(self) -> Bool:
+        return np.isfinite(self._begin) & np.isinf(self._end)
 
     @property
     def stays(self) -> list[Stay]:
-        """The stays that have begun."""
+        """The stays that have begun; of nobody who leaves."""
         columns = zip(self._given, self._begin, self._end, self._fetched, strict=True)
         return [
             Stay(one.person, float(begin), float(end), bool(fetched))
             for one, begin, end, fetched in columns
-            if math.isfinite(begin)
+            if math.isfinite(begin) and not one.leaves
         ]
 
     def step(self, time: float, dt: float, xy: Float, walked: Float, robots: Float) -> Int:
@@ -105,7 +117,7 @@ class Stragglers:
             place = xy[one.person]
             if math.isinf(self._begin[k]) and walked[one.person] >= one.after:
                 self._begin[k], self._spots[k] = time, self._exhibit(place)
-            if math.isinf(self._begin[k]) or math.isfinite(self._end[k]):
+            if one.leaves or math.isinf(self._begin[k]) or math.isfinite(self._end[k]):
                 continue
             stays_s = time - self._begin[k]
             near = len(robots) > 0 and np.hypot(*(robots - place).T).min() < _NEAR

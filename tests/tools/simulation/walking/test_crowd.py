@@ -181,3 +181,12 @@ def test_nobody_is_ever_in_a_wall_or_in_somebody_else(seed, count, y):
     lead(crowd, [(5.0, y), (7.5, 2.6), (10.5, 2.6), (15.0, y)], seconds=5.0, look=look)
     assert max(moved) < 2.0
     assert (crowd.xy[:, 0] > 9.0).mean() > 0.6  # through the door, not through the wall
+
+
+def test_who_leaves_walks_back_along_the_way_whatever_robots_do():
+    crowd = Crowd(SPOTS, hall(), 5, (Straggling(1, after=6.0, leaves=True),))
+    lead(crowd, [(4.0, 2.5), (16.0, 2.5)], seconds=15.0)
+    assert crowd.stragglers.leaving.tolist() == [1]
+    assert crowd.stragglers.stays == []
+    assert crowd.xy[1] == pytest.approx(SPOTS.mean(axis=0), abs=1.5)
+    assert (np.delete(crowd.xy, 1, axis=0)[:, 0] > 11.0).all()
