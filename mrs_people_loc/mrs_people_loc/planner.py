@@ -188,7 +188,7 @@ class Planner:
             everybody = gather(persons)
             return persons, (everybody,) if everybody else (), ()
         self.views.learn(persons, looking)
-        sees = partial(self.views.are_seen, looking=looking, robots=poses)
+        sees = partial(self.views.are_seen, looking=looking, robots=poses, walls=self._walls)
         persons = self.tracker.step(persons, time_ns, sees)
         times.mark("tracking")
         groups, events = self.groups.step(persons, time_ns)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.clocks import RESET_NS
+from mrs_people_loc.following.negative import not_found
 from mrs_people_loc.geometry import squared_mahalanobis
 from mrs_people_loc.neighbours import connected, pairs_between
 from mrs_people_loc.people import NOBODY, Expected, Person
@@ -57,6 +58,9 @@ class TracksTuning:
         adapt_s: Time in which a hidden member of a group takes up the velocity of those around [s].
         company: Standard deviation of the distance over which these count [m] ...
         company_reach: ... up to this one [m].
+        found_s: Somebody in plain view is found after this time, in the mean [s]. Views that follow
+            one another resemble each other, so that it is longer than an interval.
+        least_missed: Least probability of being missed in plain view in an interval of any length.
     """
 
     max_score: float = 8.0
@@ -72,16 +76,18 @@ class TracksTuning:
     adapt_s: float = 0.5
     company: float = 1.0
     company_reach: float = 2.5
+    found_s: float = 1.0
+    least_missed: float = 0.05
 
 
 TRACKS_TUNING = TracksTuning()
 
-#: Tells whether robots have people in plain view: takes the places of these and of all people [m],
-#: shapes (k, 2) and (n, 2); returns shape (k,).
-Sees: TypeAlias = Callable[[Float, Float], Bool]
+#: Tells whether robots would have people in plain view: takes places [m], shape (k, 2), those of
+#: all people, shape (n, 2), and who of these would be at each, shape (k,); returns shape (k,).
+Sees: TypeAlias = Callable[[Float, Float, Int], Bool]
 
 
-def everybody(places: Float, _people: Float) -> Bool:
+def everybody(places: Float, _people: Float, _own: Int) -> Bool:
     """A `Sees` where nobody is hidden."""
     return np.ones(len(places), dtype=bool)
 
@@ -100,7 +106,8 @@ class _Tracks(StructOfArrays):
         age_s: Since it was first seen [s].
         seen: Whether it is seen in this interval.
         unseen_s: Since it was last seen [s].
-        missed_s: Since then, for how long nothing explains why it is not seen [s].
+        missed_s: Since then, for how long nothing explains why it is not seen [s]: each interval
+            counts by the share of its distribution that was in plain view.
         seen_s: For how long it was seen, in total [s].
         origin: Where it was first seen [m], shape (n, 2).
         origin_covariance: Of that place [m^2], shape (n, 2, 2).
@@ -338,7 +345,7 @@ class Tracker:
             one, other = _assign(tracks, rows, found, free, config, self.tuning)
             _update(tracks, one, found, other, config, self.tuning, dt_s)
             free = np.setdiff1d(free, other)
-        ended = self._ended(dt_s, sees)
+        ended = self._ended(dt_s, self._not_found(dt_s, sees))
         gone = _Tracks.concatenate([self._lost, tracks.select(ended & (tracks.id > 0))])
         gone = gone.select(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
         self._lost = gone.select(np.argsort(gone.unseen_s, kind="stable")[: config.max_tracks])
@@ -353,7 +360,31 @@ class Tracker:
         self._tracks = tracks
         self._confirm(np.flatnonzero(tracks.id == 0))
 
-    def _ended(self, dt_s: float, sees: Sees) -> Bool:
+    def _not_found(self, dt_s: float, sees: Sees) -> Float:
+        """Updates unseen people who walk with their group: they are rather where nobody looks.
+
+        Returns:
+            Of each track, the share of its distribution that was in plain view; 1 for all others.
+        """
+        tracks, tuning = self._tracks, self.tuning
+        in_view = np.ones(len(tracks))
+        rows, _ = self._company(tracks)
+        if len(rows):
+            is_person = tracks.id > 0
+            people = tracks.state[is_person, :2]
+            own = np.cumsum(is_person)[rows] - 1
+
+            def of(places: Float) -> Bool:
+                each = np.repeat(own, places.shape[1])
+                return sees(places.reshape(-1, 2), people, each).reshape(places.shape[:2])
+
+            missed = max(math.exp(-dt_s / tuning.found_s), tuning.least_missed)
+            tracks.state[rows], tracks.covariance[rows], in_view[rows] = not_found(
+                tracks.state[rows], tracks.covariance[rows], missed, of
+            )
+        return in_view
+
+    def _ended(self, dt_s: float, in_view: Float) -> Bool:
         """Which tracks end: unseen for too long, or no longer likely to be people."""
         config, tracks = self.config, self._tracks
         # No track coasts for longer than this share of the time for which it was seen.
@@ -362,10 +393,7 @@ class Tracker:
         most_s[np.hypot(*tracks.state[:, 2:].T) > config.max_speed] = 0.0
         coast_s = np.minimum(config.coast_time, most_s)
         hidden_s = np.maximum(coast_s, np.minimum(config.hidden_time, most_s))
-        is_missed = np.ones(len(tracks), dtype=bool)
-        may_hide, _ = self._company(tracks)
-        is_missed[may_hide] = sees(tracks.state[may_hide, :2], tracks.state[tracks.id > 0, :2])
-        tracks.missed_s = np.where(tracks.seen, 0.0, tracks.missed_s + dt_s * is_missed)
+        tracks.missed_s = np.where(tracks.seen, 0.0, tracks.missed_s + dt_s * in_view)
         is_person = tracks.id > 0
         too_long = (tracks.missed_s > coast_s) | (tracks.unseen_s > hidden_s)
         too_long = np.where(is_person, too_long, tracks.unseen_s > config.doubt_time)

@@ -8,7 +8,13 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.people import Person
-from mrs_people_loc.team.occlusion import hidden_by_people, hidden_by_robots
+from mrs_people_loc.team.masking import Walls
+from mrs_people_loc.team.occlusion import (
+    PERSON_RADIUS,
+    ROBOT_RADIUS,
+    hidden_by_people,
+    hidden_by_robots,
+)
 from mrs_people_loc.team.poses import Pose
 
 #: Bearings around a robot are told apart by this [rad].
@@ -16,6 +22,8 @@ _STEP = np.radians(5.0)
 _BEARINGS = round(2.0 * np.pi / _STEP)
 #: People of whom more than this share is hidden may be missed.
 _HIDDEN = 0.25
+#: Lines of sight are looked at for walls at so many places [m].
+_RAY_STEP = 0.08
 
 
 class FieldsOfView:
@@ -45,32 +53,68 @@ class FieldsOfView:
             np.maximum.at(greatest, bearing, away)
 
     def are_seen(
-        self, xy: Float, people: Float, looking: Mapping[str, Pose], robots: Mapping[str, Pose]
+        self,
+        xy: Float,
+        people: Float,
+        own: Int,
+        *,
+        looking: Mapping[str, Pose],
+        robots: Mapping[str, Pose],
+        walls: Walls | None = None,
     ) -> Bool:
-        """Whether a robot has a person in plain view.
+        """Whether a robot would have a person in plain view, if they were at a place.
 
         Args:
-            xy: Places of the persons on the map [m], shape (k, 2).
-            people: Those of everybody, who hide each other, shape (n, 2) [m].
+            xy: The places, on the map [m], shape (k, 2).
+            people: Where everybody is, who hide each other, shape (n, 2) [m].
+            own: Who of these people would be there, shape (k,).
             looking: By robot whose scan there is, its pose.
             robots: Likewise of all robots, who hide people, too.
+            walls: What else hides people, where it is known. Low furniture counts, too: a map does
+                not tell how high it is.
 
         Returns:
             Shape (k,).
         """
         seen = np.zeros(len(xy), dtype=bool)
-        if not len(xy):
-            return seen
-        known = {name: pose for name, pose in looking.items() if name in self._ranges}
-        places = _places(known)
-        by_people = hidden_by_people(places, xy, people)
-        by_robots = hidden_by_robots(places, xy, _places(robots)).max(axis=1, initial=0.0)
-        for k, (name, pose) in enumerate(known.items()):
+        mates = _places(robots)
+        for name, pose in looking.items():
+            if name not in self._ranges:
+                continue
             least, greatest = self._ranges[name]
             bearing, away = _seen_from(xy, pose)
             in_range = (away >= least[bearing]) & (away <= greatest[bearing])
-            seen |= in_range & (np.maximum(by_people[k], by_robots[k]) <= _HIDDEN)
+            rows = np.flatnonzero(in_range & ~seen)
+            if not len(rows):
+                continue
+            place = np.array([[pose.x, pose.y]])
+            by_people = hidden_by_people(place, xy[rows], people, own[rows])[0]
+            by_robots = hidden_by_robots(place, xy[rows], mates)[0].max(axis=0, initial=0.0)
+            rows = rows[np.maximum(by_people, by_robots) <= _HIDDEN]
+            if walls is not None:
+                rows = rows[~_behind_walls(place, xy[rows], walls)]
+            seen[rows] = True
         return seen
+
+
+def _behind_walls(place: Float, xy: Float, walls: Walls) -> Bool:
+    """Whether walls or furniture are on the line from a place, shape (1, 2), to others.
+
+    Args:
+        place: Where a robot looks from [m], shape (1, 2).
+        xy: Where people would be [m], shape (k, 2).
+        walls: Walls and furniture.
+
+    Returns:
+        Shape (k,).
+    """
+    off = xy - place
+    away = np.hypot(off[:, 0], off[:, 1])
+    # Whoever stands at a wall is not behind it.
+    last = away - PERSON_RADIUS
+    steps = np.arange(ROBOT_RADIUS, last.max(initial=0.0), _RAY_STEP)[:, np.newaxis]
+    line = place + steps[..., np.newaxis] * (off / np.maximum(away, 1e-9)[:, np.newaxis])
+    return np.asarray(((walls.distance(line) <= 0.5 * _RAY_STEP) & (steps < last)).any(axis=0))
 
 
 def _places(poses: Mapping[str, Pose]) -> Float:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from mrs_people_loc.arrays import Float
+from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import wrap_angles
 
 #: People and robots as discs on the floor [m].
 PERSON_RADIUS, ROBOT_RADIUS = 0.25, 0.20
 
 
-def hidden_by_people(places: Float, people: Float, others: Float | None = None) -> Float:
+def hidden_by_people(
+    places: Float, people: Float, others: Float | None = None, own: Int | None = None
+) -> Float:
     """Share of each person's width that others hide from each place.
 
     Discs of one size: who is nearer looks wider, so each of them hides from one edge on.
@@ -20,12 +22,17 @@ def hidden_by_people(places: Float, people: Float, others: Float | None = None) 
         places: Where somebody looks from [m], shape (k, 2).
         people: At whom [m], shape (n, 2).
         others: Everybody, these people among them [m], shape (m, 2); None: nobody else is there.
+        own: Where people are looked for in several places: which of the others each is, shape
+            (n,). Nobody hides themselves.
 
     Returns:
         Shape (k, n).
     """
     others = people if others is None else others
     left, right = _cover(places, people, others, PERSON_RADIUS)
+    if own is not None:
+        for side in (left, right):
+            side[:, np.arange(len(people)), own] = 0.0
     hidden = left.max(axis=-1, initial=0.0) + right.max(axis=-1, initial=0.0)
     return np.asarray(np.minimum(hidden, 1.0))
 

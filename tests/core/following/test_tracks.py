@@ -300,7 +300,9 @@ def a_pair_walks(follower, *, hidden_s, sees, turn_s=math.inf, speed=0.5):
         found = [person(x, y, at_ns=step * 100 * MS)]
         if t < 4.0:
             found.append(person(x, y + 1.0, at_ns=step * 100 * MS))
-        out.append(follower.step(found, step * 100 * MS, lambda xy, _all: np.full(len(xy), sees)))
+        out.append(
+            follower.step(found, step * 100 * MS, lambda xy, _all, _own: np.full(len(xy), sees))
+        )
     return out, np.array([x, y + 1.0])
 
 
@@ -335,6 +337,30 @@ def test_hidden_member_lasts_for_the_hidden_time(change, sees, hidden_s, lasts):
     assert (2 in ids(out[-1])) == lasts
 
 
+def test_hidden_member_is_where_no_robot_looks():
+    """They are last seen at y = 1 m. In plain view up to y = 0.9 m, they would be found there."""
+    out = {}
+    for border in (-math.inf, 0.9):
+
+        def sees(xy, _people, _own, border=border):
+            return xy[:, 1] < border
+
+        follower = tracker(hidden_time=8.0, coast_share=10.0)
+        a_pair_walks(follower, hidden_s=0.1, sees=False)
+        for step in range(41, 70):
+            now = step * 100 * MS
+            found = [person(0.05 * step, 0.0, at_ns=now)]
+            people = follower.step(found, now, sees)
+        assert ids(people) == [1, 2]
+        out[border] = people[1]
+    anywhere, beyond = out.values()
+    assert anywhere.position[1] == pytest.approx(1.0, abs=0.05)
+    sigma = math.sqrt(anywhere.covariance[1, 1])
+    assert 0.3 * sigma < beyond.position[1] - anywhere.position[1] < 1.5 * sigma
+    assert beyond.covariance[1, 1] < 0.8 * anywhere.covariance[1, 1]
+    assert beyond.position[0] == pytest.approx(anywhere.position[0], abs=0.02)
+
+
 @pytest.mark.parametrize("alone", ["another group", "far", "stands"])
 def test_who_does_not_walk_with_a_group_is_not_kept(alone):
     follower = tracker(hidden_time=8.0, coast_share=10.0)
@@ -347,7 +373,7 @@ def test_who_does_not_walk_with_a_group_is_not_kept(alone):
     for step in range(45, 60):
         now, x = step * 100 * MS, speed * step / 10.0 + off
         out = follower.step(
-            [person(x, 0.0, at_ns=now)], now, lambda xy, _all: np.zeros(len(xy), dtype=bool)
+            [person(x, 0.0, at_ns=now)], now, lambda xy, _all, _own: np.zeros(len(xy), dtype=bool)
         )
     assert 2 not in ids(out)
 
@@ -359,7 +385,7 @@ def test_hidden_person_who_comes_out_elsewhere_keeps_their_id():
     for step in range(80, 84):
         now, there = step * 100 * MS, (0.05 * step, 0.0)
         found = [person(*there, at_ns=now), person(place[0], place[1] + 1.4, at_ns=now)]
-        out = follower.step(found, now, lambda xy, _all: np.zeros(len(xy), dtype=bool))
+        out = follower.step(found, now, lambda xy, _all, _own: np.zeros(len(xy), dtype=bool))
     assert ids(out) == [1, 2]
     assert not out[1].coasting
     assert out[1].position[1] == pytest.approx(place[1] + 1.4, abs=0.2)

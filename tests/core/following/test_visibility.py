@@ -9,6 +9,7 @@ import pytest
 
 from mrs_people_loc.following.visibility import FieldsOfView
 from mrs_people_loc.people import Person
+from mrs_people_loc.team.masking import OccupancyGrid, Walls
 from mrs_people_loc.team.poses import Pose
 
 AHEAD = {"a": Pose(0, 0.0, 0.0, 0.0)}
@@ -26,10 +27,12 @@ def views():
     return made
 
 
-def are_seen(views, places, *, people=(), looking=AHEAD, robots=None):
+def are_seen(views, places, *, people=(), looking=AHEAD, robots=None, walls=None):
     xy = np.array(places, dtype=float)
     everybody = np.concatenate([xy, np.array(people, dtype=float).reshape(-1, 2)])
-    return views.are_seen(xy, everybody, looking, robots or looking).tolist()
+    own = np.arange(len(xy))
+    robots = robots or looking
+    return views.are_seen(xy, everybody, own, looking=looking, robots=robots, walls=walls).tolist()
 
 
 @pytest.mark.parametrize(
@@ -65,6 +68,27 @@ def test_another_robot_sees_who_is_hidden_from_the_first(views):
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], looking=both) == [True]
     # It has sent no scan in this interval.
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], robots=both) == [False]
+
+
+def test_people_do_not_hide_themselves_elsewhere(views):
+    """Somebody is looked for behind the place where they are expected; another one is hidden."""
+    where = np.array([[3.0, 0.05], [3.0, 0.05]])
+    people = np.array([[1.5, 0.02], [3.5, 2.0]])
+    seen = views.are_seen(where, people, np.array([0, 1]), looking=AHEAD, robots=AHEAD)
+    assert seen.tolist() == [True, False]
+
+
+def test_walls_hide_people(views):
+    """A wall across the view 2.5 m ahead, with a door at its left end."""
+    data = np.zeros((40, 60), dtype=np.int8)
+    data[:21, 25] = 100
+    walls = Walls(OccupancyGrid(0.1, 0.0, -2.0, 0.0, data), occupied_from=65)
+    places = [(2.0, 0.05), (2.4, 0.05), (3.0, 0.05)]
+    assert are_seen(views, places[:1], walls=walls) == [True]
+    assert are_seen(views, places[1:2], walls=walls) == [True]  # beside the wall
+    assert are_seen(views, places[2:], walls=walls) == [False]
+    assert are_seen(views, [(3.0, 0.25)], walls=walls) == [True]  # through the door
+    assert are_seen(views, places[2:]) == [True]
 
 
 def test_nobody_and_no_robot():

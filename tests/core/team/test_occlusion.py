@@ -34,6 +34,13 @@ def test_some_people_are_hidden_by_everybody():
     assert hidden_by_people(ORIGIN, everybody[:1], np.empty((0, 2))) == [[0.0]]
 
 
+def test_nobody_hides_themselves():
+    people = np.array([[2.0, 0.0], [3.0, 3.0]])
+    elsewhere = np.array([[4.0, 0.0], [4.0, 0.0]])
+    hidden = hidden_by_people(ORIGIN, elsewhere, people, np.array([0, 1]))
+    np.testing.assert_array_equal(hidden, [[0.0, 1.0]])
+
+
 def test_a_robot_hides_the_middle_of_somebody_right_behind_it():
     places = np.array([[0.0, 0.0], [3.6, 0.0]])
     hidden = hidden_by_robots(places, np.array([[4.0, 0.0]]))
