@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.clocks import RESET_NS
-from mrs_people_loc.following.negative import not_found
+from mrs_people_loc.following.negative_evidence import not_found
 from mrs_people_loc.geometry import squared_mahalanobis
 from mrs_people_loc.neighbours import connected, pairs_between
 from mrs_people_loc.people import NOBODY, Expected, Person

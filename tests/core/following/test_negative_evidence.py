@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.following.negative import not_found
+from mrs_people_loc.following.negative_evidence import not_found
 
 
 def somebody(seed: int):
