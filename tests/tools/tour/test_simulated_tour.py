@@ -74,7 +74,13 @@ def test_the_team_has_the_poses_that_were_asked_for(tmp_path: Path, poses: str) 
     [
         ([], "give either TOUR.yaml or --simulate"),
         (["--simulate", "--poses", "guessed"], "allowed: exact, localized, odometry"),
-        (["--simulate", "--scene", "nowhere"], "nowhere.yaml"),
+        (
+            ["--simulate", "--scene", "nowhere"],
+            "'nowhere'; allowed: a file NAME.yaml, or guided_corridor, guided_doors, guided_hall, "
+            "guided_loop",
+        ),
+        (["t.yaml", "--seed", "1", "--images"], "--seed, --images: applies only with --simulate"),
+        (["--simulate", "-n", "team"], "--namespace: does not apply with --simulate"),
         (["--simulate", "--scene", "office"], "has no tour"),
         (["--simulate", "--kill", "robot_z@1"], "there is no robot_z"),
     ],
