@@ -47,7 +47,7 @@ def test_missing_node_is_an_error(nodes, wanted):
     assert (check.level, check.text) == (ERROR, f"{wanted} in ROS domain 7")
 
 
-@pytest.mark.parametrize(("name", "advice"), [(ROBOT, "rename one"), (PLANNER, "end one")])
+@pytest.mark.parametrize(("name", "advice"), [(ROBOT, "rename it"), (PLANNER, "end one")])
 def test_two_nodes_of_one_name_are_an_error(name, advice):
     (check,) = trouble(facts(nodes=[PLANNER, ROBOT, name]))
     assert (check.subject, check.level, check.text) == (name, ERROR, "2 nodes have this name")
@@ -228,13 +228,30 @@ def test_halted_tour_follows_from_the_planner_that_finds_nobody():
         ROBOT: WELL,
         guide: {
             **WELL,
-            "people": entry(ERROR, Code.NO_DATA),
+            "tracked_people": entry(ERROR, Code.NO_DATA),
             "tour": entry(ERROR, Code.TOUR_HALTED),
         },
     }
     (check,) = trouble(facts(nodes=[PLANNER, ROBOT, guide], reports=reports))
     assert check.subject == f"{PLANNER}: intervals"
-    assert subjects(check.follows) == [f"{guide}: people", f"{guide}: tour"]
+    assert subjects(check.follows) == [f"{guide}: tracked_people", f"{guide}: tour"]
+
+
+def test_guide_that_hears_nobody_follows_from_missing_images():
+    guide = "/guide_node"
+    reports = {
+        PLANNER: {**WELL, "intervals": entry(STALE, Code.NO_INTERVAL)},
+        ROBOT: {**WELL, "left/image_rect": entry(ERROR, Code.NO_PUBLISHER)},
+        guide: {**WELL, "tracked_people": entry(ERROR, Code.NO_DATA)},
+    }
+    (check,) = trouble(facts(nodes=[PLANNER, ROBOT, guide], reports=reports))
+    assert check.subject == f"{ROBOT}: left/image_rect"
+    assert f"{guide}: tracked_people" in subjects(check.follows)
+
+
+def test_missing_odometry_is_advised_where_poses_are_explained():
+    (check,) = printed({"odom": entry(ERROR, Code.NO_PUBLISHER)})
+    assert "docs/robots.md#poses" in check.advice
 
 
 def test_missing_robot_is_named_by_the_guide_that_lacks_its_pose():
