@@ -251,7 +251,7 @@ class GuideNode(ManagedNode):
         self._underway = _Underway(running, self._now_ns())
         self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
         if self._grid is None:
-            self._outputs.say("there is no map: the robots keep off no walls")
+            self._outputs.say("there is no map: the robots do not keep clear of walls")
 
     def _check_team(self) -> tuple[str, ...]:
         """The robots of a tour that begins now.
