@@ -139,15 +139,18 @@ def diagnose(facts: Facts) -> list[Check]:
         *_with_consequences(others),
     ]
     bad = {symptom.node for symptom in others}
-    checks += [
-        Check(node, OK, f"{len(facts.reports[node])} findings, all well")
-        for node in nodes
-        if node not in bad
-    ]
+    checks += [Check(node, OK, _all_well(facts.reports[node])) for node in nodes if node not in bad]
     if len(facts.viewers) > 1:
         text = f"{len(facts.viewers)} run: {', '.join(facts.viewers)}"
         checks.append(Check("mrs people", OK, text))
     return checks
+
+
+def _all_well(report: Report) -> str:
+    """That a node has found nothing wrong, and what it says of a mounting that it cannot check."""
+    text = f"{len(report)} findings, all well"
+    mounting = report["mounting"][1] if "mounting" in report else "ok"
+    return text if mounting == "ok" else f"{text}; mounting: {mounting}"
 
 
 def causes_in(reports: Mapping[str, Report]) -> list[Check]:

@@ -33,6 +33,13 @@ def test_healthy_team_has_no_findings():
     assert [check.subject for check in diagnose(facts())] == [PLANNER, ROBOT]
 
 
+def test_mounting_that_cannot_be_checked_yet_is_named():
+    unknown = (OK, "not enough floor in view to tell: too few views so far", {})
+    _, robot = diagnose(facts(reports={PLANNER: WELL, ROBOT: {**WELL, "mounting": unknown}}))
+    assert robot.level == OK
+    assert robot.text == f"2 findings, all well; mounting: {unknown[1]}"
+
+
 def test_missing_team_is_an_error():
     (check,) = diagnose(facts(nodes=[], reports={}, sim_time={}))
     assert (check.level, check.text) == (ERROR, "no robot_node and no planner_node in ROS domain 7")
