@@ -122,7 +122,7 @@ def tour_from(
     """
     given = np.asarray(points, dtype=np.float64)
     if given.shape == (1, 2):
-        raise TourError("a tour needs at least two points; this is one")
+        raise TourError("a tour needs at least two points; this one has one")
     if given.ndim != 2 or given.shape[1:] != (2,) or not 2 <= len(given) <= _MOST_POINTS:
         raise TourError(
             f"points have the shape {given.shape}; wanted: (n, 2), n from 2 to {_MOST_POINTS}"
