@@ -217,7 +217,7 @@ def test_bad_goals_are_refused_before_anything_moves(
     wall = "the way passes through a wall at (2."
     peer.until(lambda: wall in world.refused(AHEAD), lambda: world.refused(AHEAD))
     for goal, reason in (
-        (goal_of((0.0, 0.0)), "points have the shape (1, 2)"),
+        (goal_of((0.0, 0.0)), "a tour needs at least two points"),
         (
             goal_of((0.0, 0.0), (1.5, 0.0), frame_id="odom"),
             "frame_id of the path is 'odom'; wanted: 'map'",

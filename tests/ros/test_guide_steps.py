@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any
@@ -178,6 +179,19 @@ def test_tour_ends_when_the_time_jumps_back(node: Stepped) -> None:
     assert node.bases.stops == 1
     with pytest.raises(TourError, match="nothing comes on /steps/tracked_people"):
         node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+
+
+def test_tour_is_refused_where_people_and_the_clock_have_stopped(
+    node: Stepped, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node._cancel()
+    assert (node.told[-1].state, node.told[-1].reason) == (State.CANCELLED, "")
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + 4.0)
+    monkeypatch.setattr("planner_node.guide_node.node.time", clock)
+    with pytest.raises(TourError, match=r"nothing came on /steps/tracked_people for 4\.\d s"):
+        node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
+    node.hear()
+    node._begin_goal(goal_of((0.0, 0.0), (10.0, 0.0)))
 
 
 def test_parameters_take_effect_on_a_tour_but_for_its_robots(node: Stepped) -> None:

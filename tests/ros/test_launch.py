@@ -90,7 +90,7 @@ WRONG = {
     ),
     "no such file": (
         ("planner_node", "team.launch.py", "team:=~/none.yaml"),
-        r"HOME/none\.yaml: cannot be read as a YAML file: .*No such file",
+        r"HOME/none\.yaml: there is no such file",
     ),
     "misspelt argument": (
         ("planner_node", "team.launch.py", "team:=TEAM", "autostrat:=false"),

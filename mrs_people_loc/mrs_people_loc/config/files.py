@@ -146,6 +146,8 @@ def load_yaml(path: Path) -> Any:
     """
     try:
         return yaml.load(path.read_text(encoding="utf-8"), _Loader)
+    except FileNotFoundError as err:
+        raise ConfigError(f"{path}: there is no such file") from err
     except (OSError, yaml.YAMLError, *_YAML_SLIPS) as err:
         raise ConfigError(f"{path}: cannot be read as a YAML file: {err}") from err
 

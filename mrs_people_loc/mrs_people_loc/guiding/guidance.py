@@ -8,6 +8,9 @@ from enum import IntEnum
 
 from mrs_people_loc.arrays import Float
 
+#: Events of the change to `State.HALTED`, followed by the reason, and of the end of that state.
+HALTS, GOES_ON = "halts: ", "goes on"
+
 
 class State(IntEnum):
     """State of a tour, numbered as in mrs_people_msgs/GuideStatus."""

@@ -12,7 +12,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.guiding.formation import FormationPlanner, Scenery
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.guidance import Guidance, Post, State
+from mrs_people_loc.guiding.guidance import GOES_ON, HALTS, Guidance, Post, State
 from mrs_people_loc.guiding.guided_group import LONGEST_STEP_S, Guest, GuidedGroup
 from mrs_people_loc.guiding.pace import PaceControl
 from mrs_people_loc.guiding.tour import Stop, Tour
@@ -172,7 +172,7 @@ class _Run:
     def halt(self, reason: str) -> None:
         """The robots stand until the next step."""
         if self.state != State.HALTED:
-            self._events.append(f"halts: {reason}")
+            self._events.append(f"{HALTS}{reason}")
         self.state, self._reason = State.HALTED, reason
         self._pace.stand()
 
@@ -194,7 +194,7 @@ class _Run:
             self._team.watch({}, dt_s)
             return {}
         if self.state == State.HALTED:
-            self._events.append("goes on")
+            self._events.append(GOES_ON)
         self._choose_leader()
         if not self._is_off:
             self._gather(people, groups, dt_s)

@@ -121,6 +121,8 @@ def tour_from(
         TourError: Naming what cannot be used, what it is and what is allowed.
     """
     given = np.asarray(points, dtype=np.float64)
+    if given.shape == (1, 2):
+        raise TourError("a tour needs at least two points; this one has one")
     if given.ndim != 2 or given.shape[1:] != (2,) or not 2 <= len(given) <= _MOST_POINTS:
         raise TourError(
             f"points have the shape {given.shape}; wanted: (n, 2), n from 2 to {_MOST_POINTS}"
@@ -205,6 +207,8 @@ def tour_of(document: Any, name: str) -> Tour:
     Raises:
         TourError: It holds something else; names what is wrong.
     """
+    if document is None:
+        raise TourError(f"the file is empty; wanted: a mapping with {', '.join(_KEYS)}")
     values = _mapping(document, "a tour", _KEYS, wanted=("points",))
     stops = values.get("stops") or ()
     if not isinstance(stops, Sequence) or isinstance(stops, str):

@@ -27,7 +27,7 @@ def of_walls(topic: str, *, is_known: bool) -> Finding:
     """
     if is_known:
         return Finding("walls")
-    text = f"no map has come on {topic}: the robots of a tour keep off no walls"
+    text = f"no map has come on {topic}: the robots of a tour do not keep clear of walls"
     return Finding("walls", WARN, text, code=Code.NO_MAP)
 
 

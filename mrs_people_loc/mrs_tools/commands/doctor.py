@@ -55,7 +55,8 @@ def command(
             executor.shutdown()
     checks = diagnose(facts)
     console = Console(soft_wrap=True, highlight=False)
-    console.print(f"ROS domain {facts.domain}; {', '.join(settings) or 'no settings of its own'}")
+    named = ", ".join(settings) or "no ROS network variables are set"
+    console.print(f"ROS domain {facts.domain}; {named}")
     _print(console, checks, figures(facts))
     if any(check.level == ERROR for check in checks):
         raise typer.Exit(1)

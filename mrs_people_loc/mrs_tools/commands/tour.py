@@ -14,7 +14,13 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+#: Options of each kind of tour that the other one does not have, by their parameters.
+_LIVE = ("namespace",)
+_SIMULATED = ("scene", "seed", "poses", "kill", "record", "images", "duration")
+
+
 def command(
+    context: typer.Context,
     file: Annotated[
         Path | None, typer.Argument(metavar="[TOUR.yaml]", help="The way and its stops.")
     ] = None,
@@ -65,10 +71,20 @@ def command(
     """
     if simulate == (file is not None):
         raise typer.BadParameter("give either TOUR.yaml or --simulate")
+    given = [name for name in (_LIVE if simulate else _SIMULATED) if _is_given(context, name)]
+    if given:
+        options = ", ".join(f"--{name}" for name in given)
+        applies = "does not apply with" if simulate else "applies only with"
+        raise typer.BadParameter(f"{options}: {applies} --simulate")
     if file is not None:
         _guide(file, namespace)
         return
     _simulate(scene, seed, poses, kill or [], record, images, duration)
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def _guide(file: Path, namespace: str) -> None:
@@ -132,7 +148,6 @@ def _simulate(
     from mrs_tools.domain import private_domain
     from mrs_tools.evaluation.results import evaluate_bag
     from mrs_tools.evaluation.tables import robots_of_tours_table, tours_table
-    from mrs_tools.installing import default_file
     from mrs_tools.signals import stop_on_signals
     from mrs_tools.simulation.guided import guided_scene
     from mrs_tools.simulation.light.guided_tour import POSES
@@ -141,8 +156,7 @@ def _simulate(
 
     if poses not in POSES:
         raise typer.BadParameter(f"--poses is {poses!r}; allowed: {', '.join(POSES)}")
-    path = Path(scene) if scene.endswith(".yaml") else default_file("scenes", f"{scene}.yaml")
-    what = guided_scene(path, seed)
+    what = guided_scene(_scene_file(scene), seed)
     names = [*what.robots, "planner", "guide"]
     plan = Plan(what, poses, [read_kill(text, names) for text in kills], duration, images)
     console = Console(soft_wrap=True, highlight=False)
@@ -155,4 +169,20 @@ def _simulate(
     if report is not None:
         console.print(tours_table({what.name: report}))
         console.print(robots_of_tours_table({what.name: report}))
+    if stop.is_set() and not stop.exit_code and not (result and result.finished):
+        raise PeopleLocError(f"cancelled: the {duration:g} s asked for (--duration) are over")
     _report(result, stop.exit_code, console)
+
+
+def _scene_file(scene: str) -> Path:
+    """A scene's file, by its path or by the name of one of ours."""
+    from mrs_tools.installing import default_file
+
+    if scene.endswith(".yaml"):
+        return Path(scene)
+    folder = default_file("scenes")
+    path = folder / f"{scene}.yaml"
+    if not path.exists():
+        ours = ", ".join(sorted(one.stem for one in folder.glob("guided_*.yaml")))
+        raise typer.BadParameter(f"--scene is {scene!r}; allowed: a file NAME.yaml, or {ours}")
+    return path

@@ -12,7 +12,7 @@ from enum import Enum, auto
 from functools import cached_property
 from itertools import takewhile
 
-from mrs_people_loc.config import PLANNER_NODE
+from mrs_people_loc.config import PEOPLE_TOPICS, PLANNER_NODE
 from mrs_people_loc.health.findings import Code
 from mrs_tools.diagnosis.facts import ERROR, is_guide, is_robot, robot_node_of
 
@@ -51,7 +51,7 @@ _KINDS = {
     "pose": Kind.POSE,
     "points": Kind.POINTS,
     "intervals": Kind.INTERVALS,
-    "people": Kind.PEOPLE,
+    **dict.fromkeys(PEOPLE_TOPICS, Kind.PEOPLE),
     "tour": Kind.TOUR,
 }
 

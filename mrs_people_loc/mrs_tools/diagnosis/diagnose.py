@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE
 from mrs_people_loc.health.findings import Code
 from mrs_tools.diagnosis import lost_images, shared_memory
-from mrs_tools.diagnosis.causes import LOST_IMAGES, NODE, Symptom, by_cause
+from mrs_tools.diagnosis.causes import LOST_IMAGES, NODE, Kind, Symptom, by_cause
 from mrs_tools.diagnosis.facts import (
     ERROR,
     OK,
@@ -31,7 +31,7 @@ _NO_ANSWER = (
 #: Advice on what the nodes report, by its code, where their sentence does not contain it.
 _ADVICE = {
     Code.NO_PUBLISHER: "start what publishes it, or remap it: `ros2 topic list` shows what there "
-    "is; docs/cameras.md",
+    "is",
     Code.NO_DATA: "it is announced, but nothing comes: its program hangs, or the network "
     "lets only discovery pass (firewall, Wi-Fi): docs/network.md",
     Code.WRONG_TYPE: "two programs mean different things by this name: remap one",
@@ -71,6 +71,13 @@ _ADVICE = {
     **dict.fromkeys(
         (Code.NO_VIEW, Code.NO_SCAN, Code.NO_ROBOT, Code.NO_INTERVAL), "wait, or see its inputs"
     ),
+}
+
+#: Where to read about inputs that nobody publishes.
+_DOCS = {
+    Kind.IMAGE: "docs/cameras.md",
+    Kind.CAMERA_INFO: "docs/cameras.md",
+    Kind.POSE_INPUT: "docs/robots.md#poses",
 }
 
 #: By lifecycle state in which a node does not work: what that means, and how to change it.
@@ -132,15 +139,18 @@ def diagnose(facts: Facts) -> list[Check]:
         *_with_consequences(others),
     ]
     bad = {symptom.node for symptom in others}
-    checks += [
-        Check(node, OK, f"{len(facts.reports[node])} findings, all well")
-        for node in nodes
-        if node not in bad
-    ]
+    checks += [Check(node, OK, _all_well(facts.reports[node])) for node in nodes if node not in bad]
     if len(facts.viewers) > 1:
         text = f"{len(facts.viewers)} run: {', '.join(facts.viewers)}"
         checks.append(Check("mrs people", OK, text))
     return checks
+
+
+def _all_well(report: Report) -> str:
+    """That a node has found nothing wrong, and what it says of a mounting that it cannot check."""
+    text = f"{len(report)} findings, all well"
+    mounting = report["mounting"][1] if "mounting" in report else "ok"
+    return text if mounting == "ok" else f"{text}; mounting: {mounting}"
 
 
 def causes_in(reports: Mapping[str, Report]) -> list[Check]:
@@ -167,6 +177,8 @@ def _with_consequences(symptoms: Sequence[Symptom]) -> list[Check]:
 def _check(symptom: Symptom, follows: Iterable[Check] = ()) -> Check:
     subject = symptom.node if symptom.subject == NODE else f"{symptom.node}: {symptom.subject}"
     advice = symptom.advice or (_ADVICE.get(symptom.code, "") if symptom.code else "")
+    if symptom.code == Code.NO_PUBLISHER and not symptom.advice and symptom.kind in _DOCS:
+        advice += f"; {_DOCS[symptom.kind]}"
     return Check(subject, symptom.level, symptom.text, advice, tuple(follows))
 
 
@@ -251,9 +263,9 @@ def _of_nodes(facts: Facts, *, unanswered: bool) -> Iterable[Check]:
         yield Check("network", ERROR, f"no {PLANNER_NODE} in ROS domain {facts.domain}", "start it")
     for name, count in Counter(facts.nodes).items():
         if count > 1:
-            what = "rename one" if is_robot(name) else "end one, or give it a namespace"
+            what = ", or rename it if it is another robot" if is_robot(name) else ""
             text = f"{count} nodes have this name"
-            yield Check(name, ERROR, text, f"it was started twice: {what}")
+            yield Check(name, ERROR, text, f"it was started twice: end one of them{what}")
 
 
 def _of_time(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +17,15 @@ if TYPE_CHECKING:
 
 #: Numbers that change all the time, such as how old a pose is; ids of people are whole ones.
 _NUMBER = re.compile(r"\d+\.\d+")
+#: The same halt, and that the tour goes on after it, are told again after so long [s].
+_AGAIN_S = 10.0
 
 
 class TourView:
     """Shows a tour as it goes on; use it as a context manager.
 
-    Where the output is no terminal, there is no bar.
+    Where the output is no terminal, there is no bar. Of short halts for one reason that follow each
+    other, one is told every 10 s.
 
     Args:
         console: Where to.
@@ -30,8 +35,9 @@ class TourView:
     def __init__(self, console: Console, tour: Tour) -> None:
         from rich.progress import BarColumn, Progress, TextColumn
 
-        self._console = console
+        self._console, self._tour = console, tour
         self._last = ""
+        self._halts: dict[str, float] = {}  # when a halt was told, by its line without ages
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -45,7 +51,11 @@ class TourView:
         self._task = self._progress.add_task(name, total=tour.way.length, people="")
 
     def __enter__(self) -> TourView:
-        """Begins to show."""
+        """Begins to show: that the tour begins with the first people."""
+        from rich.text import Text
+
+        name = plain(self._tour.name)
+        self._console.print(Text(f"{name}: waits for guide_node and the first people"))
         self._progress.start()
         return self
 
@@ -68,9 +78,15 @@ class TourView:
         )
         line = describe(status)
         without_ages = _NUMBER.sub("", line)
-        if without_ages != self._last:
-            self._last = without_ages
-            self._progress.console.print(Text(f"{status.way:6.1f} m  {line}"))
+        if without_ages == self._last:
+            return
+        if status.state == State.HALTED:
+            now_s = time.monotonic()
+            if now_s < self._halts.get(without_ages, -math.inf) + _AGAIN_S:
+                return
+            self._halts[without_ages] = now_s
+        self._last = without_ages
+        self._progress.console.print(Text(f"{status.way:6.1f} m  {line}"))
 
 
 def describe(status: Any) -> str:

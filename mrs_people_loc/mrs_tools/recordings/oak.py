@@ -99,6 +99,8 @@ def read_oak_calibration(path: Path, reduce: int = 1) -> tuple[CameraModel, Came
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as err:
+        raise BagError(f"{path}: there is no such file") from err
     except (OSError, ValueError, RecursionError) as err:  # RecursionError: lists in lists in lists
         raise BagError(f"{path} cannot be read: {err}") from err
     try:

@@ -18,6 +18,7 @@ import yaml
 
 from mrs_people_loc.config import GUIDE_NODE, PEOPLE_TOPICS, PLANNER_NODE
 from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.guiding.guidance import GOES_ON, HALTS
 from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 from mrs_tools.bags.recorder import Recorder
 from mrs_tools.live.tour_client import guide
@@ -43,7 +44,7 @@ _TELL_S = 10.0
 #: What a recording has, and what it has with images, too.
 _TOPICS = (
     "/tracked_people", "/events", "/guide_status", "/map", "/diagnostics", "/team_poses",
-    "/relative_poses", "/ground_truth/*", "/*/odom", "/*/pose", "/*/cmd_vel",
+    "/relative_poses", "/ground_truth/*", "/*/odom", "/*/pose", "/*/points", "/*/cmd_vel",
 )  # fmt: skip
 _IMAGES = "/*/image_*", "/*/camera_info", "/*/sonar_*", "/*/scan"
 
@@ -225,7 +226,9 @@ class _Run:
         self._robots_in_use = {scan.robot for scan in message.scans}
 
     def _on_event(self, message: Any) -> None:
-        self._say(plain(message.data))
+        event = plain(message.data)
+        if not event.startswith(HALTS) and event != GOES_ON:  # the view shows these as states
+            self._say(event)
 
     def _say(self, text: str) -> None:
         from rich.text import Text

@@ -88,7 +88,8 @@ class GuideNode(ManagedNode):
         self._underway: _Underway | None = None
         # With stamps by `_time_ns`, and when it came by it [ns].
         self._poses: dict[str, tuple[Pose, int]] = {}
-        self._people_came_ns: int | None = None
+        # By `time.monotonic`: `/clock` may stand still, which ages nothing.
+        self._people_came_s: float | None = None
         self._have_ids = True
         self._used_ns: dict[str, int] = {}  # when a scan of a robot was used last
         self._outputs = Outputs(self)
@@ -152,7 +153,7 @@ class GuideNode(ManagedNode):
     def _forget(self) -> None:
         self._poses.clear()
         self._used_ns.clear()
-        self._people_came_ns = None
+        self._people_came_s = None
 
     # ---- inputs ----
 
@@ -184,11 +185,11 @@ class GuideNode(ManagedNode):
         if len(robots) > _MOST_ROBOTS:
             raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
         check_robots("robots", robots)
-        self._people_came_ns = self._time_ns()
+        self._people_came_s, now_ns = time.monotonic(), self._time_ns()
         self._have_ids = not persons or any(person.id for person in persons)
         for robot in robots:
             self._hear(robot, any_number=True)
-            self._used_ns[robot] = self._people_came_ns
+            self._used_ns[robot] = now_ns
         self._guarded(lambda: self._step(stamp_ns, persons, groups))
 
     def _on_map(self, message: OccupancyGrid) -> None:
@@ -250,7 +251,7 @@ class GuideNode(ManagedNode):
         self._underway = _Underway(running, self._now_ns())
         self.get_logger().info(f"tour {tour.name!r} with {', '.join(robots)}")
         if self._grid is None:
-            self._outputs.say("there is no map: the robots keep off no walls")
+            self._outputs.say("there is no map: the robots do not keep clear of walls")
 
     def _check_team(self) -> tuple[str, ...]:
         """The robots of a tour that begins now.
@@ -264,11 +265,11 @@ class GuideNode(ManagedNode):
         if len(guides) > 1:
             raise TourError(second_guide(topic, guides))
         people = self.resolve_topic_name(self.config.people_topic)
-        if self._people_came_ns is None:
+        if self._people_came_s is None:
             raise TourError(f"nothing comes on {people}; is the planner running?")
-        silent_s = (now_ns - self._people_came_ns) / 1e9
+        silent_s = time.monotonic() - self._people_came_s
         if silent_s > safety.robot_timeout:
-            raise TourError(f"nothing came on {people} for {silent_s:.1f} s; start the planner")
+            raise TourError(f"nothing came on {people} for {silent_s:.1f} s; `mrs doctor` says why")
         if not self._have_ids:
             raise TourError(f"people on {people} have no ids; set tracking.enabled of the planner")
         robots: tuple[str, ...] = self.config.robots or self._robots_in_use(now_ns)
@@ -362,8 +363,9 @@ class GuideNode(ManagedNode):
         if last:
             self._bases.finish()
         state = State.FINISHED if finished else State.CANCELLED
+        reason = "" if message == state.name.lower() else message
         guidance = dataclasses.replace(
-            running.guidance, state=state, reason=message, speed=0.0, posts={}, events=events
+            running.guidance, state=state, reason=reason, speed=0.0, posts={}, events=events
         )
         self._publish(underway, guidance)
         if not finished:

@@ -33,6 +33,13 @@ def test_healthy_team_has_no_findings():
     assert [check.subject for check in diagnose(facts())] == [PLANNER, ROBOT]
 
 
+def test_mounting_that_cannot_be_checked_yet_is_named():
+    unknown = (OK, "not enough floor in view to tell: too few views so far", {})
+    _, robot = diagnose(facts(reports={PLANNER: WELL, ROBOT: {**WELL, "mounting": unknown}}))
+    assert robot.level == OK
+    assert robot.text == f"2 findings, all well; mounting: {unknown[1]}"
+
+
 def test_missing_team_is_an_error():
     (check,) = diagnose(facts(nodes=[], reports={}, sim_time={}))
     assert (check.level, check.text) == (ERROR, "no robot_node and no planner_node in ROS domain 7")
@@ -47,7 +54,7 @@ def test_missing_node_is_an_error(nodes, wanted):
     assert (check.level, check.text) == (ERROR, f"{wanted} in ROS domain 7")
 
 
-@pytest.mark.parametrize(("name", "advice"), [(ROBOT, "rename one"), (PLANNER, "end one")])
+@pytest.mark.parametrize(("name", "advice"), [(ROBOT, "rename it"), (PLANNER, "end one")])
 def test_two_nodes_of_one_name_are_an_error(name, advice):
     (check,) = trouble(facts(nodes=[PLANNER, ROBOT, name]))
     assert (check.subject, check.level, check.text) == (name, ERROR, "2 nodes have this name")
@@ -228,13 +235,30 @@ def test_halted_tour_follows_from_the_planner_that_finds_nobody():
         ROBOT: WELL,
         guide: {
             **WELL,
-            "people": entry(ERROR, Code.NO_DATA),
+            "tracked_people": entry(ERROR, Code.NO_DATA),
             "tour": entry(ERROR, Code.TOUR_HALTED),
         },
     }
     (check,) = trouble(facts(nodes=[PLANNER, ROBOT, guide], reports=reports))
     assert check.subject == f"{PLANNER}: intervals"
-    assert subjects(check.follows) == [f"{guide}: people", f"{guide}: tour"]
+    assert subjects(check.follows) == [f"{guide}: tracked_people", f"{guide}: tour"]
+
+
+def test_guide_that_hears_nobody_follows_from_missing_images():
+    guide = "/guide_node"
+    reports = {
+        PLANNER: {**WELL, "intervals": entry(STALE, Code.NO_INTERVAL)},
+        ROBOT: {**WELL, "left/image_rect": entry(ERROR, Code.NO_PUBLISHER)},
+        guide: {**WELL, "tracked_people": entry(ERROR, Code.NO_DATA)},
+    }
+    (check,) = trouble(facts(nodes=[PLANNER, ROBOT, guide], reports=reports))
+    assert check.subject == f"{ROBOT}: left/image_rect"
+    assert f"{guide}: tracked_people" in subjects(check.follows)
+
+
+def test_missing_odometry_is_advised_where_poses_are_explained():
+    (check,) = printed({"odom": entry(ERROR, Code.NO_PUBLISHER)})
+    assert "docs/robots.md#poses" in check.advice
 
 
 def test_missing_robot_is_named_by_the_guide_that_lacks_its_pose():

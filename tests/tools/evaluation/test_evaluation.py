@@ -1058,7 +1058,7 @@ def test_errors_are_printed_in_one_line(tmp_path, make_bag):
         ((tmp_path / "none",), "there is no such bag"),
         ((make_bag(no_robot),), "no robot, i.e. no namespace with left and right images"),
         ((FORMATION, FORMATION), "a bag is named twice"),
-        ((FORMATION, "-c", tmp_path / "none.yaml"), "none.yaml: cannot be read"),
+        ((FORMATION, "-c", tmp_path / "none.yaml"), "none.yaml: there is no such file"),
         ((FORMATION, "--json", tmp_path / "no" / "folder.json"), "cannot be written"),
     ):
         result = run_mrs("evaluate", *args)

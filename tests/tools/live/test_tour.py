@@ -16,7 +16,7 @@ from mrs_people_loc.guiding.guidance import Guidance, Post, Role, State
 from mrs_people_loc.guiding.tour import tour_from
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
-from mrs_tools.live import tour_client
+from mrs_tools.live import tour_client, tour_view
 from mrs_tools.live.tour_view import TourView, describe
 
 TOUR = tour_from(
@@ -72,6 +72,7 @@ def test_each_change_is_one_line() -> None:
         for guidance in (LEADING, LEADING, Guidance(0, State.FINISHED, "at the end", way_m=60.0)):
             view.show(status_of(guidance))
     assert out.getvalue().splitlines() == [
+        "hall: waits for guide_node and the first people",
         "   2.5 m  leading; robot_a leader, robot_b out: no pose",
         "  60.0 m  finished; at the end",
     ]
@@ -86,9 +87,25 @@ def test_age_that_grows_is_told_once() -> None:
         view.show(status_of(Guidance(0, State.WAITING, "waits for person 1")))
         view.show(status_of(Guidance(0, State.WAITING, "waits for person 2")))
     assert out.getvalue().splitlines() == [
+        "hall: waits for guide_node and the first people",
         "   0.0 m  halted; the people are 0.48 s old",
         "   0.0 m  waiting; waits for person 1",
         "   0.0 m  waiting; waits for person 2",
+    ]
+
+
+def test_halts_that_follow_each_other_are_told_every_10_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, clock = io.StringIO(), SimpleNamespace(now_s=0.0)
+    monkeypatch.setattr(tour_view, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    with TourView(Console(file=out, width=120), TOUR) as view:
+        for clock.now_s, age in ((5.0, "0.47"), (7.0, "0.52"), (16.0, "0.61")):
+            view.show(status_of(Guidance(0, State.HALTED, f"no people have come for {age} s")))
+            view.show(status_of(Guidance(0, State.LEADING)))
+    assert out.getvalue().splitlines()[1:] == [
+        "   0.0 m  halted; no people have come for 0.47 s",
+        "   0.0 m  leading",
+        "   0.0 m  halted; no people have come for 0.61 s",
+        "   0.0 m  leading",
     ]
 
 

@@ -184,9 +184,10 @@ def test_oak_extrinsics_to_another_camera_are_refused(tmp_path: Path) -> None:
 
 def test_oak_calibration_that_is_not_json_is_refused(tmp_path: Path) -> None:
     (tmp_path / "calib.json").write_text("{", encoding="utf-8")
-    for name in ("calib.json", "missing.json"):
-        with pytest.raises(BagError, match=f"{name} cannot be read"):
-            read_oak_calibration(tmp_path / name)
+    with pytest.raises(BagError, match=r"calib\.json cannot be read"):
+        read_oak_calibration(tmp_path / "calib.json")
+    with pytest.raises(BagError, match=r"missing\.json: there is no such file"):
+        read_oak_calibration(tmp_path / "missing.json")
 
 
 def test_endlessly_nested_oak_calibration_is_refused(tmp_path: Path) -> None:

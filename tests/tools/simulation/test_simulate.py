@@ -900,7 +900,7 @@ def test_command_writes_a_bag_and_its_team(tmp_path: Path) -> None:
     ("arguments", "code", "part"),
     [
         (["SCENE"], 2, "OUT"),
-        (["none.yaml", "out"], 1, "cannot be read"),
+        (["none.yaml", "out"], 1, "there is no such file"),
         (["SCENE", "out", "--suite", "half"], 2, "takes one folder"),
         (["out", "--suite", "half"], 1, "allowed: train, test, all"),
     ],

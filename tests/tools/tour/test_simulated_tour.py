@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import yaml
@@ -74,7 +77,13 @@ def test_the_team_has_the_poses_that_were_asked_for(tmp_path: Path, poses: str) 
     [
         ([], "give either TOUR.yaml or --simulate"),
         (["--simulate", "--poses", "guessed"], "allowed: exact, localized, odometry"),
-        (["--simulate", "--scene", "nowhere"], "nowhere.yaml"),
+        (
+            ["--simulate", "--scene", "nowhere"],
+            "'nowhere'; allowed: a file NAME.yaml, or guided_corridor, guided_doors, guided_hall, "
+            "guided_loop",
+        ),
+        (["t.yaml", "--seed", "1", "--images"], "--seed, --images: applies only with --simulate"),
+        (["--simulate", "-n", "team"], "--namespace: does not apply with --simulate"),
         (["--simulate", "--scene", "office"], "has no tour"),
         (["--simulate", "--kill", "robot_z@1"], "there is no robot_z"),
     ],
@@ -83,3 +92,18 @@ def test_wrong_options_are_reported_before_anything_starts(arguments: list[str],
     result = CliRunner().invoke(app, ["tour", *arguments])
     assert result.exit_code
     assert part in " ".join(f"{result.output} {result.exception}".replace("│", " ").split())
+
+
+def test_tour_whose_time_is_over_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(_plan: Any, _bag: Any, stop: threading.Event, _console: Any) -> Any:
+        stop.set()
+        return SimpleNamespace(finished=False, message="cancelled", lost=[])
+
+    def evaluate(*_: Any, **__: Any) -> Any:
+        return SimpleNamespace(report=dict)
+
+    monkeypatch.setattr("mrs_tools.tour.simulated_tour.run_tour", run)
+    monkeypatch.setattr("mrs_tools.evaluation.results.evaluate_bag", evaluate)
+    result = CliRunner().invoke(app, ["tour", "--simulate", "--duration", "40"])
+    assert result.exit_code == 1
+    assert "cancelled: the 40 s asked for (--duration) are over" in result.output

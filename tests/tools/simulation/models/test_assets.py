@@ -446,7 +446,7 @@ def test_bad_assets_are_refused_by_name(tmp_path: Path, change: dict, part: str)
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        (None, "cannot be read as a YAML file"),
+        (None, "there is no such file"),
         ("[]", "wanted: a mapping with people and furniture"),
         ("chairs: []", "wanted: a mapping with people and furniture"),
         ("people: []", "names neither people nor furniture"),
