@@ -12,7 +12,7 @@ OwnConfig = Annotated[
     bool,
     typer.Option(
         "--own-config/--no-own-config",
-        help="Read a parameter file of the bag's name that lies beside it, after the others.",
+        help="Read BAG.yaml, the parameter file beside the bag. It overrides --config.",
     ),
 ]
 

@@ -20,7 +20,7 @@ app = typer.Typer(
     help="Make hosts members of a team, and revoke them.",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode=None,
+    rich_markup_mode="markdown",
 )
 Keys = Annotated[Path, typer.Option("--keys", "-k", help="Folder with the keys of the team.")]
 _HERE = Path("keys")
@@ -68,7 +68,7 @@ def _say(made: dict[str, Path]) -> None:
 
 @app.command("revoke")
 def revoke_command(
-    name: Annotated[str, typer.Argument(help="Of the robot that is one no more.")],
+    name: Annotated[str, typer.Argument(help="Of the host that leaves the team.")],
     keys: Keys = _HERE,
 ) -> None:
     """Shut a host out: it is cut off a minute after the planner has the new list."""

@@ -32,7 +32,9 @@ def command(
     scene: Annotated[
         str, typer.Option(help="With --simulate: a scene file, or the name of one of ours.")
     ] = "guided_corridor",
-    seed: Annotated[int, typer.Option(help="With --simulate: of all chance.", min=0)] = 1,
+    seed: Annotated[
+        int, typer.Option(help="With --simulate: seed of all random numbers.", min=0)
+    ] = 1,
     poses: Annotated[
         str,
         typer.Option(
