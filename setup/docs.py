@@ -228,8 +228,8 @@ def main() -> None:
         sys.exit("\n".join(["Broken, or on another host:", *errors]))
     folder = HTML.relative_to(ROOT)
     print(
-        f"\nOpen {folder}/index.html in a browser. Search needs a server, as browsers "
-        f"let no file load its index.\n    python3 -m http.server --directory {folder}\n"
+        f"\nOpen {folder}/index.html in a browser. Its search works only over HTTP: run\n"
+        f"    python3 -m http.server --directory {folder}\n"
         "and open http://localhost:8000/"
     )
 
