@@ -29,17 +29,18 @@ _REMEDY = (
 
 
 def command(
-    bag: Annotated[Path | None, typer.Argument(help="A bag; none: what is running now.")] = None,
+    bag: Annotated[Path | None, typer.Argument(help="A bag. Default: what is running now.")] = None,
     robot: Annotated[
         list[str] | None,
-        typer.Option("--robot", "-r", help="Whose head; of a bag, none: every robot's."),
+        typer.Option("--robot", "-r", help="Robot whose head is measured. Default for a bag: all."),
     ] = None,
     config: Annotated[
         list[Path] | None,
         typer.Option("--config", "-c", help="Parameter file of the team; later ones win."),
     ] = None,
     duration: Annotated[
-        float, typer.Option("--duration", "-d", min=0.1, help="Look for so long, live [s].")
+        float,
+        typer.Option("--duration", "-d", min=0.1, help="Without a bag: look for this long [s]."),
     ] = 10.0,
     own_config: OwnConfig = True,
 ) -> None:

@@ -31,7 +31,7 @@ def command(
         ),
     ] = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures to this file.")
+        Path | None, typer.Option("--json", help="Write the results to this file, as JSON.")
     ] = None,
     recorded: Annotated[
         bool, typer.Option("--recorded", help="Score the people that the bag has recorded.")

@@ -39,7 +39,11 @@ def command(
     ] = None,
     at: Annotated[
         float | None,
-        typer.Option("--at", min=0.0, help="Which interval [s since the bag's start]: the middle."),
+        typer.Option(
+            "--at",
+            min=0.0,
+            help="Draw the interval at this time since the bag's start [s]. Default: the middle.",
+        ),
     ] = None,
     own_config: OwnConfig = True,
 ) -> None:

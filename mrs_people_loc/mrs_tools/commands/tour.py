@@ -57,7 +57,7 @@ def command(
         bool, typer.Option("--images", help="With --record: with the images, too.")
     ] = False,
     duration: Annotated[
-        float, typer.Option(help="With --simulate: cancel the tour after so long [s].", min=1.0)
+        float, typer.Option(help="With --simulate: cancel the tour after this time [s].", min=1.0)
     ] = 600.0,
 ) -> None:
     """Guide a group along a tour, by a running guide_node; Ctrl-C cancels the tour.
