@@ -21,7 +21,9 @@ def command(
     config: Annotated[
         list[Path] | None,
         typer.Option(
-            "--config", "-c", help="Of a bag: parameter file of its team; later ones win."
+            "--config",
+            "-c",
+            help="Of a bag: parameter file of its team; later ones win, BAG.yaml beside it over all.",
         ),
     ] = None,
     namespace: Annotated[
