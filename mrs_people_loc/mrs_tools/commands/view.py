@@ -23,7 +23,8 @@ def command(
         typer.Option(
             "--config",
             "-c",
-            help="Of a bag: parameter file of its team; later ones win, BAG.yaml beside it over all.",
+            help="Of a bag: parameter file of its team; later ones win. BAG.yaml beside it "
+            "overrides them.",
         ),
     ] = None,
     namespace: Annotated[
