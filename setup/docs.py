@@ -227,7 +227,11 @@ def main() -> None:
     if errors:
         sys.exit("\n".join(["Broken, or on another host:", *errors]))
     folder = HTML.relative_to(ROOT)
-    print(f"\n{folder}/index.html; with search: python3 -m http.server --directory {folder}")
+    print(
+        f"\nOpen {folder}/index.html in a browser. Its search works only over HTTP: run\n"
+        f"    python3 -m http.server --directory {folder}\n"
+        "and open http://localhost:8000/"
+    )
 
 
 if __name__ == "__main__":

@@ -151,19 +151,22 @@ def how_sure(floor: Floor) -> str:
     return text
 
 
-def from_bag(path: Path, configs: Sequence[Path], robots: Sequence[str]) -> dict[str, Calibration]:
+def from_bag(
+    path: Path, configs: Sequence[Path], robots: Sequence[str], *, beside: bool = True
+) -> dict[str, Calibration]:
     """The heads of a bag, by robot, with all their views.
 
     Args:
         path: The bag.
         configs: Parameter files, later ones win.
         robots: Names; empty: every robot that has images.
+        beside: Whether the bag's own parameter file is read, after the others.
 
     Raises:
         BagError: The bag cannot be read, or lacks a robot's images.
         ConfigError: A parameter file is wrong.
     """
-    run = BagRun(path, configs)
+    run = BagRun(path, configs, beside=beside)
     made = {name: Calibration(name, config) for name, config in run.team.robots.items()}
     with BagReader(path) as bag:
         made = {

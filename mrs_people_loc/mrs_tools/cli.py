@@ -26,6 +26,7 @@ from mrs_tools.installing import how_to_install
 try:
     import typer
     from typer.core import TyperGroup
+    from typer.models import OptionInfo
 except ModuleNotFoundError as err:
     sys.exit(f"error: mrs needs {err.name}: {how_to_install(str(err.name))}")
 
@@ -127,19 +128,20 @@ def _load(name: str) -> Any:
         target.info.epilog = epilog(name)
         for command in target.registered_commands:
             command.epilog = epilog(f"{name} {command.name}")
-            _spell_optional(command.callback)
+            _prepare(command.callback)
     else:
-        _spell_optional(target)
+        _prepare(target)
         function, target = target, typer.Typer(add_completion=False, rich_markup_mode="markdown")
         text = None if function.__doc__ else summary
         target.command(name, help=text, epilog=epilog(name))(function)
     return typer.main.get_command(target)
 
 
-def _spell_optional(function: Callable[..., object] | None) -> None:
-    """Evaluate annotations and write `X | None` as Optional[X].
+def _prepare(function: Callable[..., object] | None) -> None:
+    """Evaluate annotations, write `X | None` as Optional[X], and let flags show no type.
 
-    Ubuntu 24.04's Typer (0.9) does not do the one and does not understand the other.
+    Ubuntu 24.04's Typer (0.9) does not do the first and does not understand the second; newer ones
+    show `<bool>` beside a flag, as if it took a value.
     """
     if function is None:
         return
@@ -150,6 +152,9 @@ def _spell_optional(function: Callable[..., object] | None) -> None:
             if isinstance(plain, types.UnionType):
                 plain = typing.Union[typing.get_args(plain)]  # noqa: UP007
                 hints[name] = Annotated[(plain, *notes)]
+            if bool in (plain, *typing.get_args(plain)):
+                for option in (note for note in notes if isinstance(note, OptionInfo)):
+                    option.metavar = ""
     function.__annotations__ = hints
 
 
@@ -193,7 +198,7 @@ def _options(
     pass
 
 
-_spell_optional(_options)
+_prepare(_options)
 for _name, (_path, _summary) in COMMANDS.items():
     # A stand-in for the list of subcommands; _LazyGroup puts the real one in its place.
     app.command(_name, help=_summary)(lambda: None)

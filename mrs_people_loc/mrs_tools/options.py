@@ -12,7 +12,7 @@ OwnConfig = Annotated[
     bool,
     typer.Option(
         "--own-config/--no-own-config",
-        help="Read a parameter file of the bag's name that lies beside it, after the others.",
+        help="Read BAG.yaml, the parameter file beside the bag. It overrides --config.",
     ),
 ]
 
@@ -25,7 +25,9 @@ TablesFile = Annotated[
 ]
 
 #: Where figures go.
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures into this file.")]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="Write the results to this file, as JSON.")
+]
 
 #: Processes; `common.process_count` has how many 0 is.
 Jobs = Annotated[int, typer.Option("--jobs", "-j", help="Processes; 0: one per core.", min=0)]

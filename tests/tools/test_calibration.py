@@ -100,6 +100,21 @@ def test_unobservable_values_are_kept(carpet: Path) -> None:
     assert set(mounting) == {"height", "pitch", "roll", "forward", "yaw"}
 
 
+def test_overridden_mounting_is_named(carpet: Path, tmp_path: Path) -> None:
+    """The bag's own file has 1.35 m and 0.42 rad for robot_a, and no roll but its own."""
+    heads = tmp_path / "heads.yaml"
+    heads.write_text(
+        "/robot_a/robot_node: {ros__parameters: {mounting: {height: 1.35, pitch: 0.3}}}", "utf-8"
+    )
+    line = "carpet.yaml beside the bag goes before heads.yaml for mounting.pitch; --no-own-config"
+    _, _, err = run(carpet, "-r", "robot_a", "-c", heads)
+    assert err.startswith(line)
+    assert f"pitch {math.degrees(0.42):.1f} deg" in err.split("was configured")[1]
+    _, _, err = run(carpet, "-r", "robot_a", "-c", heads, "--no-own-config")
+    assert "carpet.yaml" not in err
+    assert f"pitch {math.degrees(0.3):.1f} deg" in err.split("was configured")[1]
+
+
 def test_without_floor_advice_is_printed(tmp_path: Path) -> None:
     """With a configuration of heads that look up, the floor is not found."""
     file = tmp_path / "up.yaml"

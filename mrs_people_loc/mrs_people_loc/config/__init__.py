@@ -22,6 +22,7 @@ from mrs_people_loc.config.files import (
     Team,
     load_team,
     load_yaml,
+    overridden,
     robots_named,
 )
 from mrs_people_loc.config.guide import Base, Formation, GuideConfig, Pace, Safety
@@ -99,5 +100,6 @@ __all__ = [
     "Zones",
     "load_team",
     "load_yaml",
+    "overridden",
     "robots_named",
 ]

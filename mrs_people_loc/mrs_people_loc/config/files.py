@@ -24,7 +24,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -120,6 +120,32 @@ def load_team(
         },
         guide=GuideConfig.from_mapping(_merge(sections, f"/{GUIDE_NODE}")),
     )
+
+
+def overridden(
+    earlier: Sequence[str | Path], last: str | Path, robots: Sequence[str]
+) -> tuple[str, ...]:
+    """Parameters that files set and a later file changes, for the planner or any of the robots.
+
+    Args:
+        earlier: YAML files; later ones win.
+        last: The file that goes before them.
+        robots: Names of the robots.
+
+    Returns:
+        Dotted names, in the order of `earlier`, each once.
+
+    Raises:
+        ConfigError: A file cannot be read or is not a parameter file.
+    """
+    before = [section for path in earlier for section in _read_sections(path)]
+    after = _read_sections(last)
+    found = []
+    for node in (f"/{PLANNER_NODE}", *(f"/{robot}/{ROBOT_NODE}" for robot in robots)):
+        new = _merge(after, node)
+        old = _merge(before, node)
+        found += [name for name, value in old.items() if new.get(name, value) != value]
+    return tuple(dict.fromkeys(found))
 
 
 class _Loader(yaml.SafeLoader):

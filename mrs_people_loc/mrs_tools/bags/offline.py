@@ -39,7 +39,7 @@ from mrs_tools.bags.sources import (
     FrameError,
     RobotView,
     Source,
-    file_beside,
+    own_file,
     robots_of,
 )
 from mrs_tools.bags.team_localization import TeamLocalization
@@ -163,7 +163,7 @@ class BagRun:
         path: The bag.
         configs: Parameter files, later ones win. What they do not say follows the bag: which images
             (rectified or raw), whether there is a top camera, where the pose is.
-        beside: Whether the bag's own parameter file is read, after the others (`file_beside`).
+        beside: Whether the bag's own parameter file is read, after the others (`own_file`).
         use_map: Whether the bag's `/map` masks walls and furniture, whatever the files say.
         tracking: Whether people are followed, whatever the files say; None: as they say.
         localize: Whether robots correct odometry that is dead reckoning, as their nodes do.
@@ -205,8 +205,8 @@ class BagRun:
                     f"{self.path}: no robot, i.e. no namespace with left and right images or with "
                     f"points and pose; topics: {', '.join(bag.topics)}"
                 )
-        own = file_beside(self.path) if beside else None
-        if own is not None and own.resolve() not in [Path(file).resolve() for file in configs]:
+        own = own_file(self.path, configs) if beside else None
+        if own is not None:
             configs = [*configs, own]
             self.notes.append(f"{own.name}, which lies beside the bag, was read, too")
         self.team = self._load(configs)

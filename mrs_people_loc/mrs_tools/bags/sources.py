@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mrs_people_loc import head, messages
-from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, RobotConfig, load_yaml
+from mrs_people_loc.config import PLANNER_NODE, ROBOT_NODE, RobotConfig, load_yaml, overridden
 from mrs_people_loc.errors import ConfigError, GridError, PoseError
 from mrs_people_loc.localization.robot_localization import (
     RobotLocalization,
@@ -124,6 +124,44 @@ def file_beside(bag: Path) -> Path | None:
         return None
     keys = [str(key) for key in document] if isinstance(document, Mapping) else []
     return file if any(key.endswith((ROBOT_NODE, PLANNER_NODE)) for key in keys) else None
+
+
+def own_file(bag: Path, configs: Sequence[str | Path]) -> Path | None:
+    """The parameter file beside a bag, unless it is one of those that are named anyway.
+
+    Args:
+        bag: The bag.
+        configs: The files that are named.
+    """
+    own = file_beside(bag)
+    named = [Path(file).resolve() for file in configs]
+    return None if own is None or own.resolve() in named else own
+
+
+def overridden_beside(bag: Path, configs: Sequence[str | Path]) -> str:
+    """Which parameters of files do not hold, since the file beside the bag sets them, too.
+
+    Args:
+        bag: The bag.
+        configs: Parameter files, later ones win.
+
+    Returns:
+        A sentence; empty where nothing is overridden.
+
+    Raises:
+        PeopleLocError: The bag cannot be read, or a file is wrong.
+    """
+    own = own_file(bag, configs)
+    if own is None or not configs:
+        return ""
+    with BagReader(bag) as reader:
+        names = overridden(configs, own, list(robots_of(reader)))
+    return (
+        f"{own.name} beside the bag goes before {', '.join(Path(file).name for file in configs)} "
+        f"for {', '.join(names)}; --no-own-config ignores it"
+        if names
+        else ""
+    )
 
 
 class FrameError(PoseError):

@@ -51,7 +51,7 @@ def command(
         float, typer.Option(min=1.0, help="How long the live part measures [s].")
     ] = 10.0,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures to this file, too.")
+        Path | None, typer.Option("--json", help="Write the results to this file, too, as JSON.")
     ] = None,
 ) -> None:
     """Compare the results with plain loops, then measure the speed.

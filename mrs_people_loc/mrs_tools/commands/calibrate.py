@@ -16,7 +16,9 @@ import typer
 
 from mrs_people_loc.errors import FloorError
 from mrs_people_loc.health.floor import in_words
+from mrs_tools.bags.sources import overridden_beside
 from mrs_tools.calibration import from_bag, how_sure, live, snippet
+from mrs_tools.options import OwnConfig
 from mrs_tools.plain import plain
 
 _REMEDY = (
@@ -27,17 +29,20 @@ _REMEDY = (
 
 
 def command(
-    bag: Annotated[Path | None, typer.Argument(help="A bag; none: what is running now.")] = None,
+    bag: Annotated[Path | None, typer.Argument(help="A bag. Default: what is running now.")] = None,
     robot: Annotated[
         list[str] | None,
-        typer.Option("--robot", "-r", help="Whose head; of a bag, none: every robot's."),
+        typer.Option("--robot", "-r", help="Robot whose head is measured. Default for a bag: all."),
     ] = None,
     config: Annotated[
-        list[Path] | None, typer.Option("--config", "-c", help="The team's files; later ones win.")
+        list[Path] | None,
+        typer.Option("--config", "-c", help="Parameter file of the team; later ones win."),
     ] = None,
     duration: Annotated[
-        float, typer.Option("--duration", "-d", min=0.1, help="Look for so long, live [s].")
+        float,
+        typer.Option("--duration", "-d", min=0.1, help="Without a bag: look for this long [s]."),
     ] = 10.0,
+    own_config: OwnConfig = True,
 ) -> None:
     """Measure how high a stereo head sits, its pitch and its roll, by the floor that it sees.
 
@@ -49,7 +54,9 @@ def command(
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     files, names = config or [], robot or []
     if bag is not None:
-        made = from_bag(bag, files, names)
+        if own_config and (overridden := overridden_beside(bag, files)):
+            console.print(plain(overridden), style="yellow", markup=False)
+        made = from_bag(bag, files, names, beside=own_config)
     elif len(names) == 1:
         console.print(f"looking at /{names[0]} for {duration:g} s ...")
         made = {names[0]: live(names[0], files, duration)}

@@ -22,7 +22,7 @@ app = typer.Typer(
     help="Write foreign recordings as bags.",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode=None,
+    rich_markup_mode="markdown",
 )
 Robot = Annotated[str, typer.Option(help="Name of the robot, the first part of its topics.")]
 Reduce = Annotated[int, typer.Option(help="Scale images down by this: 1, 2, 4, ...", min=1)]

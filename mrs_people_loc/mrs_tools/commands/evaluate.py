@@ -12,10 +12,12 @@ import typer
 
 from mrs_people_loc import timing
 from mrs_tools.bags.labels import labels_at
+from mrs_tools.bags.sources import overridden_beside
 from mrs_tools.common import progress_bar, write_json
 from mrs_tools.evaluation.results import Result, as_json, evaluate_bag, names_of
 from mrs_tools.evaluation.tables import show
 from mrs_tools.options import OwnConfig
+from mrs_tools.plain import plain
 
 
 def command(
@@ -25,11 +27,11 @@ def command(
         typer.Option(
             "--config",
             "-c",
-            help="Parameter file: parameters and mounting of each robot; later win.",
+            help="Parameter file of the team, with each robot's mounting; later ones win.",
         ),
     ] = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures to this file.")
+        Path | None, typer.Option("--json", help="Write the results to this file, as JSON.")
     ] = None,
     recorded: Annotated[
         bool, typer.Option("--recorded", help="Score the people that the bag has recorded.")
@@ -65,9 +67,13 @@ def command(
     `{"bags": {name: object}, "total": object}`.
     """
     from rich.console import Console
+    from rich.text import Text
 
     console = Console(highlight=False, soft_wrap=True)
     names = names_of(bags)
+    for bag in bags if own_config and not recorded else ():
+        if overridden := overridden_beside(bag, config or []):
+            console.print(Text(plain(overridden)), style="yellow")
     options = {
         "configs": config or [],
         "recorded": recorded,

@@ -17,7 +17,7 @@ from mrs_tools.options import JsonFile
 
 def command(
     seed: Annotated[
-        int | None, typer.Option(help="Of the first draw; not given: the scenes' own.", min=0)
+        int | None, typer.Option(help="Seed of the first draw. Default: the scenes' own.", min=0)
     ] = None,
     draws: Annotated[int, typer.Option(help="Recordings of each scene.", min=1)] = 20,
     frames: Annotated[int, typer.Option(help="Frames of each recording.", min=1)] = 2,

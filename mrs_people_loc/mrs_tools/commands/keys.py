@@ -20,7 +20,7 @@ app = typer.Typer(
     help="Make hosts members of a team, and revoke them.",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode=None,
+    rich_markup_mode="markdown",
 )
 Keys = Annotated[Path, typer.Option("--keys", "-k", help="Folder with the keys of the team.")]
 _HERE = Path("keys")
@@ -29,7 +29,9 @@ _HERE = Path("keys")
 @app.command("init")
 def init_command(
     address: Annotated[str, typer.Argument(help="Where robots reach the planner's host.")],
-    port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port there.")] = DEFAULT_PORT,
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="TCP port of the tunnel there.")
+    ] = DEFAULT_PORT,
     keys: Keys = _HERE,
 ) -> None:
     """Begin a team: the authority that signs, and the planner's folder."""
@@ -40,7 +42,9 @@ def init_command(
 
 @app.command("make")
 def make_command(
-    names: Annotated[list[str], typer.Argument(help="Of robots or laptops, such as robot_a.")],
+    names: Annotated[
+        list[str], typer.Argument(help="Names of robots or laptops, such as robot_a.")
+    ],
     keys: Keys = _HERE,
 ) -> None:
     """Make hosts members: a key, a certificate and a tunnel for each."""
@@ -68,7 +72,7 @@ def _say(made: dict[str, Path]) -> None:
 
 @app.command("revoke")
 def revoke_command(
-    name: Annotated[str, typer.Argument(help="Of the robot that is one no more.")],
+    name: Annotated[str, typer.Argument(help="Name of the host that leaves the team.")],
     keys: Keys = _HERE,
 ) -> None:
     """Shut a host out: it is cut off a minute after the planner has the new list."""

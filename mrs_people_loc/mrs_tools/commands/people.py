@@ -17,7 +17,7 @@ def command(
         str, typer.Option("--namespace", "-n", help="Namespace of the planner.")
     ] = "",
     duration: Annotated[
-        float, typer.Option("--duration", min=0.0, help="End after so long [s]; 0: at Ctrl-C.")
+        float, typer.Option("--duration", min=0.0, help="End after this time [s]; 0: at Ctrl-C.")
     ] = 0.0,
 ) -> None:
     """Show people, groups, events, robots and rates of a running team, live in the terminal.

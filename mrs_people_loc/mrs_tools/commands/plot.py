@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mrs_tools.bags.sources import overridden_beside
 from mrs_tools.common import progress_bar
 from mrs_tools.figures.animation import animate, check_is_gif
 from mrs_tools.figures.bag_figures import Ran, figures_of, run_bag
@@ -38,7 +39,11 @@ def command(
     ] = None,
     at: Annotated[
         float | None,
-        typer.Option("--at", min=0.0, help="Which interval [s since the bag's start]: the middle."),
+        typer.Option(
+            "--at",
+            min=0.0,
+            help="Draw the interval at this time since the bag's start [s]. Default: the middle.",
+        ),
     ] = None,
     own_config: OwnConfig = True,
 ) -> None:
@@ -56,6 +61,8 @@ def command(
     if animation is not None:
         check_is_gif(animation)
     console = Console(highlight=False, soft_wrap=True)
+    if own_config and (overridden := overridden_beside(bag, config or [])):
+        console.print(Text(plain(overridden)), style="yellow")
     with progress_bar() as progress:
         task = progress.add_task(bag.name, total=1.0)
         ran = run_bag(

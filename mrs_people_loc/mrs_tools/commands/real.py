@@ -27,10 +27,10 @@ def command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Replace the results in this file: all from its `## Results` on."),
+        typer.Option(help="Replace all from the heading `## Results` on in this file."),
     ] = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures to this file.")
+        Path | None, typer.Option("--json", help="Write the results to this file, as JSON.")
     ] = None,
 ) -> None:
     """Run recordings of real rooms with the default and the paper's method, and score both.

@@ -32,11 +32,11 @@ def command(
         ),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option("--duration", "-d", min=0.0, help="End after so many seconds.")
+        float | None, typer.Option("--duration", "-d", min=0.0, help="End after this time [s].")
     ] = None,
     recover: Annotated[
         bool,
-        typer.Option("--recover", help="Make the bag of what a recorder left that was killed."),
+        typer.Option("--recover", help="Make a bag from what a killed recorder left."),
     ] = False,
 ) -> None:
     """Record topics into a bag, until Ctrl-C.

@@ -33,7 +33,7 @@ def command(
         typer.Option("--topics", "-t", help="Only these; names or patterns, several with commas."),
     ] = None,
     wait: Annotated[
-        float, typer.Option("--wait", min=0.0, help="At most so many seconds for subscribers.")
+        float, typer.Option("--wait", min=0.0, help="Wait for subscribers at most this long [s].")
     ] = 5.0,
 ) -> None:
     """Publish a bag's messages over ROS, in their timing.

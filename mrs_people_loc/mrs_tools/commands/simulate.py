@@ -40,8 +40,10 @@ def command(
         Path, typer.Argument(help="Scene file; with --suite: the folder for the bags.")
     ],
     out: Annotated[Path | None, typer.Argument(help="The new bag: a folder, or NAME.mcap.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Instead of the scene's.", min=0)] = None,
-    frames: Annotated[int | None, typer.Option(help="Instead of the scene's.", min=1)] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed in place of the scene's.", min=0)] = None,
+    frames: Annotated[
+        int | None, typer.Option(help="Number of frames in place of the scene's.", min=1)
+    ] = None,
     tracks: Annotated[
         Path | None,
         typer.Option(
@@ -67,13 +69,13 @@ def command(
         int,
         typer.Option(
             "--variants",
-            help="With --suite: not its scenes but so many variants of each, of two frames, to fit "
-            "the body model to.",
+            help="With --suite: instead of its scenes this many variants of each, of two frames, "
+            "for fitting the body model.",
             min=0,
         ),
     ] = 0,
     live: Annotated[
-        bool, typer.Option("--live", help="Publish over ROS when it is rendered.")
+        bool, typer.Option("--live", help="Publish over ROS once the scene is rendered.")
     ] = False,
     rate: Annotated[
         float, typer.Option(help="With --live: times as fast as in the scene.", min=0.01)

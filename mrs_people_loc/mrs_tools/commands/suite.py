@@ -34,7 +34,7 @@ def command(
         typer.Option(help="Folder with meshes and assets.yaml (docs/assets.md) to draw from."),
     ] = None,
     every_step: Annotated[
-        bool, typer.Option("--steps", help="Every step from the paper's method to ours.")
+        bool, typer.Option("--steps", help="Score every step from the paper's method to ours.")
     ] = False,
     out: Annotated[
         Path | None,

@@ -38,7 +38,9 @@ def command(
     scene: Annotated[
         str, typer.Option(help="With --simulate: a scene file, or the name of one of ours.")
     ] = "guided_corridor",
-    seed: Annotated[int, typer.Option(help="With --simulate: of all chance.", min=0)] = 1,
+    seed: Annotated[
+        int, typer.Option(help="With --simulate: seed of all random numbers.", min=0)
+    ] = 1,
     poses: Annotated[
         str,
         typer.Option(
@@ -61,7 +63,7 @@ def command(
         bool, typer.Option("--images", help="With --record: with the images, too.")
     ] = False,
     duration: Annotated[
-        float, typer.Option(help="With --simulate: cancel the tour after so long [s].", min=1.0)
+        float, typer.Option(help="With --simulate: cancel the tour after this time [s].", min=1.0)
     ] = 600.0,
 ) -> None:
     """Guide a group along a tour, by a running guide_node; Ctrl-C cancels the tour.

@@ -13,7 +13,9 @@ from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 
 
 def command(
-    files: Annotated[list[Path], typer.Argument(help="Parameter files of the team; later win.")],
+    files: Annotated[
+        list[Path], typer.Argument(help="Parameter files of the team; later ones win.")
+    ],
     sim_time: Annotated[
         bool, typer.Option("--sim-time", help="Take the time from /clock (mrs replay --clock).")
     ] = False,

@@ -21,7 +21,10 @@ def command(
     config: Annotated[
         list[Path] | None,
         typer.Option(
-            "--config", "-c", help="Of a bag: parameter file of its team; later ones win."
+            "--config",
+            "-c",
+            help="Of a bag: parameter file of its team; later ones win. BAG.yaml beside it "
+            "overrides them.",
         ),
     ] = None,
     namespace: Annotated[
@@ -48,7 +51,7 @@ def command(
         typer.Option(metavar="TOUR.yaml", help="With --control: a tour to choose; repeat it."),
     ] = None,
     rate: Annotated[
-        float, typer.Option(help="The page is updated at most so often [Hz].", min=0.5, max=60.0)
+        float, typer.Option(help="Highest rate of updates of the page [Hz].", min=0.5, max=60.0)
     ] = 30.0,
     open_: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")

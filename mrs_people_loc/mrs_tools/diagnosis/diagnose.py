@@ -30,8 +30,8 @@ _NO_ANSWER = (
 
 #: Advice on what the nodes report, by its code, where their sentence does not contain it.
 _ADVICE = {
-    Code.NO_PUBLISHER: "start what publishes it, or remap it: `ros2 topic list` shows what there "
-    "is",
+    Code.NO_PUBLISHER: "start what publishes it, or remap it (where ros2 is installed, `ros2 topic "
+    "list` shows what there is)",
     Code.NO_DATA: "it is announced, but nothing comes: its program hangs, or the network "
     "lets only discovery pass (firewall, Wi-Fi): docs/network.md",
     Code.WRONG_TYPE: "two programs mean different things by this name: remap one",

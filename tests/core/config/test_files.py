@@ -5,7 +5,14 @@ from hypothesis import strategies as st
 
 from core.config.strategies import names, plain, values
 from mrs_people_loc import config as cfg
-from mrs_people_loc.config import GuideConfig, PlannerConfig, RobotConfig, load_team, robots_named
+from mrs_people_loc.config import (
+    GuideConfig,
+    PlannerConfig,
+    RobotConfig,
+    load_team,
+    overridden,
+    robots_named,
+)
 from mrs_people_loc.errors import ConfigError, PeopleLocError
 
 TEAM = """
@@ -96,6 +103,23 @@ def test_values_given_by_the_caller_yield_to_the_file(file_with):
     assert robots["robot_a"].images.top  # the file says so
     assert robots["robot_a"].mounting.height == 1.5
     assert robots["robot_b"].mounting.height == 1.0
+
+
+def test_overridden_parameters_are_named(file_with):
+    """The height of robot_b is the same in both files, and only the first one sets the roll."""
+    own = file_with(
+        "/robot_a/robot_node: {ros__parameters: {mounting: {height: 1.5, pitch: 0.1}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_a, robot_b]}}\n",
+        "own.yaml",
+    )
+    given = file_with(
+        "/**/robot_node: {ros__parameters: {mounting: {height: 1.2, pitch: 0.1, roll: 0.2}}}\n"
+        "/**/planner_node: {ros__parameters: {robots: [robot_a]}}\n",
+        "given.yaml",
+    )
+    assert overridden([given], own, ["robot_a", "robot_b"]) == ("robots", "mounting.height")
+    assert overridden([given], own, ["robot_b"]) == ("robots",)
+    assert overridden([own], own, ["robot_a", "robot_b"]) == ()
 
 
 def test_robots_named_in_files_are_listed(file_with):

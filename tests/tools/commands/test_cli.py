@@ -37,6 +37,21 @@ def test_help_has_examples_and_fits_80_columns(name: str) -> None:
                 assert f"mrs {command} {arguments_of}".rstrip() + ":" in shown
 
 
+@pytest.mark.parametrize("name", ["", "keys", "convert"])
+def test_group_without_arguments_prints_its_help(name: str) -> None:
+    result = CliRunner().invoke(cli.app, name.split(), prog_name="mrs")
+    assert f"Usage: mrs {name}".rstrip() in result.output
+    assert "Commands" in result.output
+
+
+def test_flags_show_no_type() -> None:
+    """`--loop <bool>` would invite `--loop true`; `--rate` does take a value."""
+    help_ = CliRunner().invoke(cli.app, ["replay", "--help"], env={"COLUMNS": "80"}).output
+    lines = {line.split()[1]: line for line in help_.splitlines() if "--" in line and "│" in line}
+    assert "bool" not in lines["--loop"].lower()
+    assert "float" in lines["--rate"].lower()
+
+
 def test_each_command_has_examples() -> None:
     assert set(names_of_commands()) == EXAMPLES.keys()
     assert all(EXAMPLES.values())

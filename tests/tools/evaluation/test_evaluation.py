@@ -28,7 +28,7 @@ from mrs_tools.bags import truth as truth_module
 from mrs_tools.bags.estimates import estimate_of, read_recorded
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore, require_types
-from mrs_tools.bags.sources import file_beside
+from mrs_tools.bags.sources import file_beside, overridden_beside
 from mrs_tools.bags.truth import read_truth
 from mrs_tools.cli import app
 from mrs_tools.evaluation import tables
@@ -708,6 +708,10 @@ def test_odometry_in_a_frame_of_its_own_needs_map_from_odom(tmp_path, formation)
     where.rename(tmp_path / "moved.yaml")
     astray = tmp_path / "astray.yaml"
     astray.write_text("/**/robot_node: {ros__parameters: {pose: {map_from_odom: [9, 9, 0]}}}\n")
+    assert overridden_beside(path, [PAPER, astray]) == (
+        "moved.yaml beside the bag goes before paper.yaml, astray.yaml for pose.map_from_odom; "
+        "--no-own-config ignores it"
+    )
     result = evaluate_bag(path, [PAPER, astray])
     assert people_of(result)["matched"] == 75
     assert any("moved.yaml, which lies beside the bag" in note for note in result.notes)
