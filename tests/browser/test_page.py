@@ -200,6 +200,16 @@ def test_old_people_are_said_to_be_old(server: PageServer, look_at: Open) -> Non
 # ------------------------------------------------------------------------------ panels
 
 
+def test_nobody_yet_is_something_else_than_nobody(server: PageServer, look_at: Open) -> None:
+    page = look_at(server)
+    empty = page.locator("#people .empty")
+    for t, text in ((None, "Waiting for people."), (scene.T0, "Nobody is on the map.")):
+        state = scene.state(scene.T0)
+        state["t"], state["people"], state["groups"] = t, [], []
+        server.show(state)
+        expect(empty).to_have_text(text)
+
+
 def test_images_are_asked_for_only_while_their_panel_is_open(
     server: PageServer, look_at: Open
 ) -> None:
