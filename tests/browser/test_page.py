@@ -113,6 +113,45 @@ def test_wheel_zooms_where_the_pointer_is(server: PageServer, look_at: Open) -> 
     assert place_of(page, 14, 2) == pytest.approx(place, abs=1)  # places of events are rounded
 
 
+def test_fitted_signs_are_not_below_the_buttons(server: PageServer, look_at: Open) -> None:
+    page = look_at(server, 375, 667)
+    tools = page.locator("#tools").bounding_box()
+    assert tools is not None
+    for x in np.arange(18.0, 27.0, 0.4):  # the last robot goes to the right
+        state = scene.state(scene.T0, with_tour=True)
+        state["robots"][3]["x"] = x
+        server.show(state)
+        wait_until(page, f"scene.robot('robot_d').x === {x} && !map._frame")
+        column, _ = place_of(page, x, 3.0)
+        size = page.evaluate(
+            "import('./draw.js').then(async (draw) => "
+            "draw.robotSize((await import('./main.js')).map.view.scale))"
+        )
+        assert column + size <= tools["x"]
+
+
+def test_map_says_the_same_of_a_straggler_as_the_text(server: PageServer, look_at: Open) -> None:
+    page = look_at(server)
+    page.evaluate(
+        """() => {
+            window.said = [];
+            const { fillText } = CanvasRenderingContext2D.prototype;
+            CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+                const chip = document.querySelector("#summary li").textContent;
+                if (text.includes("behind")) window.said.push([text, chip]);
+                fillText.call(this, text, ...place);
+            };
+        }"""
+    )
+    for step in range(1, 21):
+        server.show(scene.state(scene.T0 + 0.1 * step, with_tour=True))
+        page.wait_for_timeout(20)
+    expect(page.locator("#summary li").first).to_have_text("6 behind 14 s")
+    expect(page.locator("tr.straggler .seen")).to_have_text("behind 14 s")
+    wait_until(page, "window.said.at(-1)[0] === '6 behind 14 s'")
+    assert [(text, chip) for text, chip in page.evaluate("window.said") if text != chip] == []
+
+
 # ------------------------------------------------------------------------------ connection
 
 
@@ -137,18 +176,38 @@ def test_connects_again_when_the_server_is_back(server: PageServer, look_at: Ope
 
 
 def test_old_people_are_said_to_be_old(server: PageServer, look_at: Open) -> None:
-    page = look_at(server)
-    old = scene.state(scene.T0)
-    old["age"] = 75.0
-    server.show(old)
-    expect(page.locator("#connection")).to_have_text("No data for 75 s")
-    expect(page.locator("#notice")).to_be_visible()
+    page = look_at(server, 375, 667)
+    for age, text in (
+        (75.0, "75 s"),
+        (119 * 60.0, "119 min"),
+        (5 * 3600.0, "5 h"),
+        (2.6e5, "3 days"),
+    ):
+        old = scene.state(scene.T0)
+        old["age"] = age
+        server.show(old)
+        expect(page.locator("#connection")).to_have_text(f"No data for {text}")
+        assert page.evaluate(_TOO_WIDE) == []
+    notice, area = page.locator("#notice").bounding_box(), page.locator("#map").bounding_box()
+    assert notice is not None
+    assert area is not None
+    assert notice["height"] < 0.2 * area["height"]
 
     server.show(scene.state(scene.T0 + 80))
     expect(page.locator("#connection")).to_have_text("Live")
 
 
 # ------------------------------------------------------------------------------ panels
+
+
+def test_nobody_yet_is_something_else_than_nobody(server: PageServer, look_at: Open) -> None:
+    page = look_at(server)
+    empty = page.locator("#people .empty")
+    for t, text in ((None, "Waiting for people."), (scene.T0, "Nobody is on the map.")):
+        state = scene.state(scene.T0)
+        state["t"], state["people"], state["groups"] = t, [], []
+        server.show(state)
+        expect(empty).to_have_text(text)
 
 
 def test_images_are_asked_for_only_while_their_panel_is_open(

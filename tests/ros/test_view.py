@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mrs_people_msgs.msg import People
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
@@ -62,6 +63,22 @@ def test_people_and_robots_are_shown_as_they_are_published(
     np.testing.assert_allclose(shown, PEOPLE, atol=1e-3)
     assert abs(state["age"]) < 3.0
     assert [robot["name"] for robot in state["robots"]] == ["robot_a", "robot_b"]
+
+
+def test_people_of_a_simulation_whose_clock_has_ended_are_as_old_as_they_came(peer: Peer) -> None:
+    people = peer.publisher(People, "/simulated/tracked_people", 10)
+    message = People(header=Header(stamp=convert.time(5_000_000_000), frame_id="map"))
+    with served(LiveSource("simulated")) as address:
+        looker = Looker(address)
+
+        def come() -> bool:
+            people.publish(message)
+            peer.spin(0.05)
+            return looker.last("state").get("t") == 5.0
+
+        peer.until(come, lambda: looker.last("state"))
+        assert 0.0 <= looker.last("state")["age"] < 3.0
+        looker.leave()
 
 
 def test_images_are_subscribed_to_only_while_somebody_looks(

@@ -148,6 +148,15 @@ def overridden(
     return tuple(dict.fromkeys(found))
 
 
+def has_parameters(path: str | Path) -> bool:
+    """Whether a YAML file has parameters of our nodes; a scene or a tour has none.
+
+    Raises:
+        ConfigError: It cannot be read, or holds a bad value.
+    """
+    return bool(_read_sections(path))
+
+
 class _Loader(yaml.SafeLoader):
     """YAML without aliases, which ROS 2 refuses in parameter files, too.
 

@@ -51,6 +51,7 @@ def command(
     """
     from rich.console import Console
 
+    from mrs_tools.bags.rosbag import BagReader
     from mrs_tools.figures.files import check_pictures
     from mrs_tools.installing import default_file
 
@@ -58,6 +59,7 @@ def command(
     console = Console(highlight=False, soft_wrap=True)
     check_pictures(out)
     bag = bag or default_file("bags", "walking_group")
+    BagReader(bag).close()  # whether it is one
     with ExitStack() as stack:
         page = _open_page(bag, console, open_, stack, began_s)  # before anything that takes long
         _replay(bag, team, rate, out, page, console)

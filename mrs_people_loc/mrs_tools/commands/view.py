@@ -70,6 +70,7 @@ def command(
     from mrs_tools.signals import stop_on_signals
     from mrs_tools.view.server import Address, serve
 
+    _check_options(bag, config=config, namespace=namespace, control=control, tour=tour)
     console = Console(soft_wrap=True, highlight=False)
     source = _played(bag, config or []) if bag else _live(namespace, control, tour or [])
     with stop_on_signals() as stop:
@@ -82,6 +83,27 @@ def command(
                 ready=lambda url: _say(url, console, open_),
             )
         )
+
+
+def _check_options(bag: Path | None, **given: object) -> None:
+    """Checks that each option given is one for a bag, or for a running team.
+
+    Raises:
+        typer.BadParameter: One is not.
+    """
+    others = "--host, --port, --token, --rate, --open"
+    if bag is None:
+        if given["config"]:
+            raise typer.BadParameter(
+                f"--config is for a bag: mrs view BAG --config TEAM.yaml; a running team takes "
+                f"--namespace, --control, --tour, {others}"
+            )
+        return
+    for name in ("namespace", "control", "tour"):
+        if given[name]:
+            raise typer.BadParameter(
+                f"--{name} is for a running team, not for a bag; a bag takes --config, {others}"
+            )
 
 
 def _live(namespace: str, control: bool, files: list[Path]) -> Source:
@@ -111,8 +133,15 @@ def _played(bag: Path, files: list[Path]) -> Source:
     Raises:
         PeopleLocError: It is none, has nothing to show, or a file is wrong.
     """
+    from mrs_people_loc.config import has_parameters
     from mrs_tools.view.playback import Playback
 
+    for file in files:
+        if not has_parameters(file):
+            raise PeopleLocError(
+                f"--config {file}: has no parameters of planner_node or robot_node; wanted: a "
+                "parameter file of the team"
+            )
     return Playback(bag, files)
 
 

@@ -250,7 +250,7 @@ class _Team:
 
     def _on_people(self, message: Any) -> None:
         with _Refusing(self.refused, "people"):
-            self._state.take_people(message)
+            self._state.take_people(message, time.monotonic())
             self._send_state()
             self.views.cells(
                 messages.stamp_ns_of(message.header.stamp), messages.read_people_scans(message)
@@ -261,7 +261,7 @@ class _Team:
         self._publish(protocol.Event(type="event", t=round(self.now_s(), 3), text=text))
 
     def _on_status(self, message: Any) -> None:
-        self._state.take_status(message, self.now_s())
+        self._state.take_status(message, time.monotonic())
 
     def _on_info(self, robot: str, message: Any) -> None:
         subscription = self._infos.pop(robot, None)
@@ -300,7 +300,7 @@ class _Team:
     def _send_state(self) -> None:
         self._stated_s = time.monotonic()
         self._decode_poses()
-        self._publish(self._state.state(self.now_s()))
+        self._publish(self._state.state(time.monotonic()))
 
     def _decode_poses(self) -> None:
         from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -309,7 +309,8 @@ class _Team:
         while self._raw_poses:
             robot, data = self._raw_poses.popitem()
             with _Refusing(self.refused, f"{robot}/pose"):
-                self._state.take_pose(robot, deserialize_message(data, PoseWithCovarianceStamped))
+                pose = deserialize_message(data, PoseWithCovarianceStamped)
+                self._state.take_pose(robot, pose, time.monotonic())
 
     def _send_map(self, now_s: float) -> None:
         self._walls = {

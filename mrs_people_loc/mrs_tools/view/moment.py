@@ -71,8 +71,6 @@ class Moment:
         self._team = TeamState(dict(heads))
         self._trails: defaultdict[int, deque[tuple[int, Float]]] = defaultdict(deque)
         self._people_ns: int | None = None
-        #: Stamps minus times of the record [ns]: a record of a simulation has other times.
-        self._ahead_ns = 0
         self._truth: Float | None = None
         self._scanned: Sequence[str] = ()
         self._cells: tuple[int, MapCells] | None = None
@@ -84,8 +82,8 @@ class Moment:
     def take_people(self, time_ns: int, found: Found) -> None:
         """Takes the people of an interval."""
         self.changes += 1
-        self._people_ns, self._ahead_ns = time_ns, found.stamp_ns - time_ns
-        self._team.show(found.stamp_ns, found.persons, found.groups, found.poses)
+        self._people_ns = time_ns
+        self._team.show(found.stamp_ns, found.persons, found.groups, found.poses, time_ns / 1e9)
         self._scanned = list(found.poses)
         if found.cells is not None:
             self._cells = time_ns, found.cells
@@ -99,13 +97,13 @@ class Moment:
                 while trail[0][0] < time_ns - TRAIL_NS:
                     trail.popleft()
 
-    def take_pose(self, _time_ns: int, robot: str, message: Any) -> None:
+    def take_pose(self, time_ns: int, robot: str, message: Any) -> None:
         """Takes a robot's PoseWithCovarianceStamped.
 
         Raises:
             PeopleLocError: It cannot be used.
         """
-        self._team.take_pose(robot, message)
+        self._team.take_pose(robot, message, time_ns / 1e9)
         self.changes += 1
 
     def take_truth(self, _time_ns: int, places: Float) -> None:
@@ -116,7 +114,7 @@ class Moment:
     def take_status(self, time_ns: int, message: Any) -> None:
         """Takes a mrs_people_msgs/GuideStatus."""
         self.changes += 1
-        self._team.take_status(message, self._stamp_s(time_ns))
+        self._team.take_status(message, time_ns / 1e9)
 
     def take_cells(self, time_ns: int, cells: MapCells) -> None:
         """Takes the cells of the robots of the last interval."""
@@ -136,7 +134,7 @@ class Moment:
             now_ns: The moment [ns].
             with_trails: Whether the page is told where people have been.
         """
-        state = self._team.state(self._stamp_s(now_ns))
+        state = self._team.state(now_ns / 1e9)
         state["t"] = None if self._people_ns is None else seconds(self._people_ns)
         if self._truth is not None:
             state["truth"] = np.round(self._truth, 3).tolist()
@@ -161,10 +159,6 @@ class Moment:
         if self._reported_ns is None or now_ns - self._reported_ns > _REPORT_NS:
             return None
         return causes_in(self._reports.reports)
-
-    def _stamp_s(self, time_ns: int) -> float:
-        """The time of stamps at a time of the record [s]."""
-        return (time_ns + self._ahead_ns) / 1e9
 
 
 def seconds(time_ns: int) -> float:

@@ -127,8 +127,8 @@ class Robot(TypedDict):
 
     `cov`: of the position, [xx, xy, yy]; `yaw_sigma`: of the heading. `reach`: how far it sees;
     `view`: its horizontal field of view; `view_yaw`: the direction of its middle in the robot's
-    frame (pi: it looks back); all null: unknown. `age`: of its last pose. `ok`: false when it is
-    silent or its node reports an error; `note`: that in words, else empty.
+    frame (pi: it looks back); all null: unknown. `age`: since its last pose came. `ok`: false when
+    it is silent or its node reports an error; `note`: that in words, else empty.
     """
 
     name: str
@@ -192,7 +192,7 @@ class OfBag(TypedDict, total=False):
 class State(OfBag):
     """Everybody and every robot at one moment.
 
-    `t`: stamp of the last people, null before the first. `age`: how long ago that is, by ROS time.
+    `t`: stamp of the last people, null before the first. `age`: since they came, by any clock.
     While no people come, a state is sent about twice a second, for the ages.
     """
 

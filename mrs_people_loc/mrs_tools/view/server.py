@@ -7,14 +7,14 @@ import errno
 import hmac
 import ipaddress
 import secrets
+import socket
 import threading
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from socket import gethostname
 from typing import Final
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
@@ -87,9 +87,27 @@ class Address:
     def url(self) -> str:
         """What to open in a browser."""
         everywhere = self.host in ("0.0.0.0", "::")
-        host = gethostname() if everywhere else self.host
+        host = _own_address(self.host) if everywhere else self.host
         shown = f"[{host}]" if ":" in host else host
-        return f"http://{shown}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+        query = f"?token={quote(self.token, safe='')}" if self.token else ""
+        return f"http://{shown}:{self.port}/{query}"
+
+
+def _own_address(host: str) -> str:
+    """This machine's address on the network by which it reaches others; its name if there is none.
+
+    Args:
+        host: 0.0.0.0 or ::, for the version of IP.
+    """
+    # Addresses of documentation: nobody has them, and a datagram socket sends nothing to connect.
+    v4, v6 = (socket.AF_INET, "192.0.2.1"), (socket.AF_INET6, "2001:db8::1")
+    family, other = v6 if ":" in host else v4
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect((other, 9))
+            return str(probe.getsockname()[0])
+    except OSError:
+        return socket.gethostname()
 
 
 def is_loopback(host: str) -> bool:
@@ -153,6 +171,12 @@ async def _listen(runner: web.AppRunner, address: Address) -> int:
             raise PeopleLocError(
                 f"{where} is in use (by another `mrs view`?); end what uses it, or take another: "
                 f"--port {address.port + 1}"
+            ) from err
+        # asyncio gives no errno where it could bind to none of a name's addresses.
+        if isinstance(err, socket.gaierror) or err.errno in (None, errno.EADDRNOTAVAIL):
+            raise PeopleLocError(
+                f"--host {address.host} is no address or name of this machine; allowed: 127.0.0.1 "
+                "(this machine only), 0.0.0.0 (all its networks), or one address of its own"
             ) from err
         raise PeopleLocError(f"{where} cannot be used: {err.strerror or err}") from err
     return int(runner.addresses[0][1])
@@ -314,10 +338,10 @@ class _Server:
         viewer.offer(("answer", ""), Encoded(answer))
 
     async def _say_goodbye(self, _app: web.Application) -> None:
-        for socket in list(self._sockets):
+        for one in list(self._sockets):
             with suppress(asyncio.TimeoutError, TimeoutError, ConnectionError):
                 await asyncio.wait_for(
-                    socket.close(code=WSCloseCode.GOING_AWAY, message=b"mrs view has ended"), _END_S
+                    one.close(code=WSCloseCode.GOING_AWAY, message=b"mrs view has ended"), _END_S
                 )
 
 

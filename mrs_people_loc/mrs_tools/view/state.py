@@ -60,6 +60,8 @@ class HeadView:
 class TeamState:
     """What is known of a team.
 
+    Ages are those since something came, not those of stamps: `now_s` may be of any clock [s].
+
     Attributes:
         heads: By robot, where it is known.
         notes: By robot that is not well: why, in words.
@@ -70,6 +72,8 @@ class TeamState:
     notes: Mapping[str, str] = field(default_factory=dict)
     poses: dict[str, Pose] = field(default_factory=dict)
     _stamp_ns: int = 0
+    _people_s: float = 0.0
+    _poses_s: dict[str, float] = field(default_factory=dict)
     _frame: str = ""
     _people: list[protocol.Person] = field(default_factory=list)
     _groups: list[protocol.Group] = field(default_factory=list)
@@ -77,8 +81,8 @@ class TeamState:
     _tour: protocol.Tour | None = None
     _tour_s: float = 0.0
 
-    def take_people(self, message: Any) -> None:
-        """Takes a mrs_people_msgs/People.
+    def take_people(self, message: Any, now_s: float) -> None:
+        """Takes a mrs_people_msgs/People that comes now.
 
         Raises:
             PeopleLocError: A value cannot be used; nothing of the message is taken.
@@ -86,7 +90,7 @@ class TeamState:
         frame = message.header.frame_id.lstrip("/")
         persons, groups = messages.read_people(message, frame)
         poses = messages.read_people_scans(message)
-        self.show(messages.read_stamp(message), persons, groups, poses)
+        self.show(messages.read_stamp(message), persons, groups, poses, now_s)
         self._frame = frame
 
     def show(
@@ -95,6 +99,7 @@ class TeamState:
         persons: Sequence[Person],
         groups: Sequence[Group],
         poses: Mapping[str, Pose],
+        now_s: float,
     ) -> None:
         """Takes the people of an interval, and where its robots were.
 
@@ -103,12 +108,13 @@ class TeamState:
             persons: The people.
             groups: Their groups.
             poses: By robot, its pose in the common frame.
+            now_s: When they come [s].
         """
         if stamp_ns < self._stamp_ns - RESET_NS:
             self.begin_anew()
-        self._stamp_ns = stamp_ns
+        self._stamp_ns, self._people_s = stamp_ns, now_s
         for robot, pose in poses.items():
-            self._take(plain(robot), pose)
+            self._take(plain(robot), pose, now_s)
         for person in persons:
             if not person.coasting:
                 self._seen_ns[person.id] = stamp_ns
@@ -117,8 +123,8 @@ class TeamState:
         self._people = [self._person(person, groups) for person in persons]
         self._groups = [_group(group) for group in groups]
 
-    def take_pose(self, robot: str, message: Any) -> None:
-        """Takes a PoseWithCovarianceStamped in the common frame.
+    def take_pose(self, robot: str, message: Any, now_s: float) -> None:
+        """Takes a PoseWithCovarianceStamped in the common frame that comes now.
 
         Raises:
             PeopleLocError: It cannot be used, or is in another frame than the people.
@@ -126,10 +132,10 @@ class TeamState:
         frame = message.header.frame_id.lstrip("/")
         if self._frame and frame != self._frame:
             raise PoseError(f"frame_id is {frame!r}; wanted: {self._frame!r}")
-        self._take(robot, messages.read_pose(message))
+        self._take(robot, messages.read_pose(message), now_s)
 
     def take_status(self, message: Any, now_s: float) -> None:
-        """Takes a mrs_people_msgs/GuideStatus, at a ROS time [s]."""
+        """Takes a mrs_people_msgs/GuideStatus that comes now."""
         self._tour, self._tour_s = _tour(message), now_s
 
     def begin_anew(self) -> None:
@@ -139,22 +145,22 @@ class TeamState:
         self.poses.clear()
 
     def state(self, now_s: float) -> protocol.State:
-        """The state at a ROS time [s]."""
+        """The state now."""
         t = round(self._stamp_ns / 1e9, 3) if self._stamp_ns else None
         return protocol.State(
             type="state",
             t=t,
-            age=None if t is None else rounded(now_s - t),
+            age=None if t is None else rounded(now_s - self._people_s),
             people=self._people,
             groups=self._groups,
             robots=[self._robot(name, now_s) for name in sorted(self.poses)],
             tour=self._shown_tour(now_s),
         )
 
-    def _take(self, robot: str, pose: Pose) -> None:
+    def _take(self, robot: str, pose: Pose, now_s: float) -> None:
         before = self.poses.get(robot)
         if before is None or not -RESET_NS < pose.stamp_ns - before.stamp_ns <= 0:
-            self.poses[robot] = pose
+            self.poses[robot], self._poses_s[robot] = pose, now_s
 
     def _person(self, person: Person, groups: Sequence[Group]) -> protocol.Person:
         vx, vy = (math.nan, math.nan) if person.velocity is None else person.velocity
@@ -179,7 +185,7 @@ class TeamState:
 
     def _robot(self, name: str, now_s: float) -> protocol.Robot:
         pose, head = self.poses[name], self.heads.get(name)
-        age = round(now_s - pose.stamp_ns / 1e9, 3)
+        age = round(now_s - self._poses_s[name], 3)
         note = "sends no pose" if age > SILENT_S else self.notes.get(name, "")
         return protocol.Robot(
             name=name,

@@ -159,6 +159,13 @@ def test_unwritable_target_is_reported_before_anything_runs(tmp_path, name, mess
     assert re.search(message, done.stderr.strip()), done.stderr
 
 
+def test_bag_that_is_none_is_reported_before_the_page_is_served(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["demo", "nope"])
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert "nope: there is no such bag" in done.stderr
+
+
 def test_forbidden_target_is_reported(tmp_path, monkeypatch):
     check_pictures(tmp_path / "picture.png")
     assert not list(tmp_path.iterdir())

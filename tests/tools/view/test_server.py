@@ -9,6 +9,7 @@ import threading
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -386,10 +387,13 @@ def test_pages_of_other_sites_are_turned_away(page: Path) -> None:
         run(test)
 
 
-def test_token_is_asked_for_by_everything(page: Path) -> None:
+@pytest.mark.parametrize(
+    ("token", "encoded"), [("sesame", "sesame"), ("a b;&é+", "a%20b%3B%26%C3%A9%2B")]
+)
+def test_token_is_asked_for_by_everything(page: Path, token: str, encoded: str) -> None:
     async def test(session: Any) -> None:
-        assert url.endswith("/?token=sesame")
-        base = url.removesuffix("?token=sesame")
+        assert url.endswith(f"/?token={encoded}")
+        base = url.removesuffix(f"?token={encoded}")
         for query in ("", "?token=", "?token=sesam", "?token=sesame2", "?token=s%C3%A9same"):
             for path in ("", "map.js", "live"):
                 async with session.get(f"{base}{path}{query}") as answer:
@@ -403,10 +407,10 @@ def test_token_is_asked_for_by_everything(page: Path) -> None:
             assert answer.status == 200
         async with session.ws_connect(f"{base}live", headers={"Cookie": cookie}) as viewer:
             await until(viewer, lambda m: m["type"] == "hello")
-        async with session.ws_connect(f"{base}live?token=sesame") as viewer:
+        async with session.ws_connect(f"{base}live?token={encoded}") as viewer:
             await until(viewer, lambda m: m["type"] == "hello")
 
-    with served(Source(), page, token="sesame") as url:
+    with served(Source(), page, token=token) as url:
         run(test)
 
 
@@ -427,6 +431,36 @@ def test_other_addresses_than_loopback_have_a_token(host: str, needs_token: bool
     assert bool(one.token) is needs_token
     assert (one.token != other.token) is needs_token
     assert Address.of(host, 8765, "own").token == "own"
+
+
+def test_address_of_all_networks_is_one_that_others_can_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    url = Address("0.0.0.0", 8765, "a b&c#ü/+").url()
+    host = urlsplit(url).hostname
+    assert host not in ("", "0.0.0.0", None)
+    assert url == f"http://{host}:8765/?token=a%20b%26c%23%C3%BC%2F%2B"
+
+    def refuse(*_: object) -> None:
+        raise OSError(101, "Network is unreachable")
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    assert Address("::", 80, "").url() == f"http://{socket.gethostname()}:80/"
+
+
+@pytest.mark.parametrize("host", ["300.1.1.1", "203.0.113.7"])
+def test_host_that_is_not_of_this_machine_is_named(
+    host: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def look_up(*_: object, **__: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    if host.startswith("300"):  # nobody is asked for it
+        monkeypatch.setattr(socket, "getaddrinfo", look_up)
+    stop = threading.Event()
+    working = serve(Source(), Address(host, 0), rate=30.0, stop=stop, ready=lambda _: stop.set())
+    with pytest.raises(PeopleLocError, match=rf"^--host {host} is no .*allowed: 127\.0\.0\.1"):
+        asyncio.run(working)
 
 
 def test_port_in_use_is_named() -> None:

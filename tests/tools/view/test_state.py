@@ -65,8 +65,8 @@ def message_of(
 
 def test_people_groups_and_robots() -> None:
     team = TeamState()
-    team.take_people(message_of(5 * SECOND, WALKS, NEW, groups=(GROUP,)))
-    state = team.state(5.25)
+    team.take_people(message_of(5 * SECOND, WALKS, NEW, groups=(GROUP,)), 1000.0)
+    state = team.state(1000.25)  # of another clock than the stamps
     assert (state["t"], state["age"]) == (5.0, 0.25)
     walks, new = state["people"]
     assert walks == {
@@ -89,17 +89,17 @@ def test_people_groups_and_robots() -> None:
 def test_who_is_predicted_was_last_seen_some_time_ago() -> None:
     team = TeamState()
     hidden = dataclasses.replace(WALKS, coasting=True, robots=())
-    team.take_people(message_of(5 * SECOND, hidden))
+    team.take_people(message_of(5 * SECOND, hidden), 5.0)
     assert team.state(5.0)["people"][0]["seen_s"] is None  # nobody here has seen them
-    team.take_people(message_of(6 * SECOND, WALKS))
-    team.take_people(message_of(8 * SECOND, hidden))
+    team.take_people(message_of(6 * SECOND, WALKS), 6.0)
+    team.take_people(message_of(8 * SECOND, hidden), 8.0)
     (person,) = team.state(8.0)["people"]
     assert (person["seen_s"], person["predicted"]) == (2.0, True)
 
 
 def test_robot_that_says_nothing_is_silent_and_one_with_an_error_is_not_well() -> None:
     team = TeamState()
-    team.take_people(message_of(5 * SECOND, WALKS))
+    team.take_people(message_of(5 * SECOND, WALKS), 5.0)
     (robot,) = team.state(8.0)["robots"]
     assert (robot["age"], robot["ok"], robot["note"]) == (3.0, False, "sends no pose")
     team.notes = {"robot_a": "no images"}
@@ -110,22 +110,23 @@ def test_robot_that_says_nothing_is_silent_and_one_with_an_error_is_not_well() -
 def test_newest_pose_counts_whichever_topic_it_comes_by() -> None:
     team = TeamState()
     later = dataclasses.replace(POSE, stamp_ns=5_500_000_000, x=3.0)
-    team.take_pose("robot_a", convert.pose_stamped(later, "map"))
-    team.take_people(message_of(5 * SECOND, WALKS))
+    team.take_pose("robot_a", convert.pose_stamped(later, "map"), 5.0)
+    team.take_people(message_of(5 * SECOND, WALKS), 5.0)
     assert team.state(6.0)["robots"][0]["x"] == 3.0
     # After a jump back of the time, what is older is newer.
-    team.take_people(message_of(1 * SECOND, WALKS, pose=dataclasses.replace(POSE, stamp_ns=SECOND)))
-    assert team.state(1.0)["robots"][0]["x"] == 1.0
+    earlier = dataclasses.replace(POSE, stamp_ns=SECOND)
+    team.take_people(message_of(1 * SECOND, WALKS, pose=earlier), 6.0)
+    assert team.state(6.0)["robots"][0]["x"] == 1.0
     with pytest.raises(PeopleLocError, match="frame_id is 'odom'; wanted: 'map'"):
-        team.take_pose("robot_a", convert.pose_stamped(later, "odom"))
+        team.take_pose("robot_a", convert.pose_stamped(later, "odom"), 6.0)
 
 
 def test_message_that_cannot_be_used_changes_nothing() -> None:
     team = TeamState()
-    team.take_people(message_of(5 * SECOND, WALKS))
+    team.take_people(message_of(5 * SECOND, WALKS), 5.0)
     twice = message_of(6 * SECOND, WALKS, WALKS)
     with pytest.raises(PeopleLocError, match="the id 3"):
-        team.take_people(twice)
+        team.take_people(twice, 6.0)
     assert team.state(6.0)["t"] == 5.0
 
 

@@ -1,7 +1,6 @@
 /** Drawing on the map's canvas. Lengths in pixels of the page; places in metres, through the view. */
 
 import { groupColour } from "./colours.js";
-import { duration } from "./format.js";
 
 /** Of a normal distribution in two dimensions, 95 % are within this many sigmas. */
 const SIGMAS_95 = Math.sqrt(5.991);
@@ -9,6 +8,7 @@ const PERSON_RADIUS_M = 0.16;
 /** Signs are no smaller than this, however far the map is zoomed out. */
 const PERSON_PX = 5.5;
 const ROBOT_PX = 12;
+const ROBOT_M = 0.3;
 const TRUTH_PX = 4;
 const LONGEST_ELLIPSE_M = 20;
 const OUTDATED_S = 2;
@@ -82,7 +82,7 @@ export function drawCells(context, view, colours, robots, selected) {
   }
 }
 
-/** Add the ellipse in which a place is with 95 % to the path; false if that is not known. */
+/** Add the ellipse in which a place is 95 % likely to be to the path; false if that is not known. */
 function ellipse(context, view, { x, y, cov }) {
   const [xx, xy, yy] = cov;
   if (xx === null || xy === null || yy === null) return false;
@@ -115,6 +115,9 @@ export function drawView(context, view, colours, robot) {
   context.globalAlpha = 1;
 }
 
+/** Return how far the sign of a robot reaches from its place, the largest of all signs, in pixels. */
+export const robotSize = (scale) => Math.max(ROBOT_PX, ROBOT_M * scale);
+
 /** Draw a robot: a triangle that points forward; hollow and dashed when its pose is old or it is not well. */
 export function drawRobot(context, view, colours, robot, selected) {
   const colour = selected ? colours.select : colours.robot;
@@ -128,7 +131,7 @@ export function drawRobot(context, view, colours, robot, selected) {
     context.globalAlpha = 1;
   }
   const [column, row] = at(view, robot.x, robot.y);
-  const size = Math.max(ROBOT_PX, 0.3 * view.scale);
+  const size = robotSize(view.scale);
   context.save();
   context.translate(column, row);
   context.rotate(-robot.yaw);
@@ -284,27 +287,26 @@ export function drawPerson(context, view, colours, person, selected) {
   if (selected) ring(context, column, row, radius + (person.straggler ? 11 : 6), colours.select, []);
 }
 
-/** Return what is written beside a person. */
-function personLabel(person) {
+/** Return what is written beside a person; `behind`: what is said of stragglers, by id. */
+function personLabel(person, behind) {
   const id = person.id === 0 ? "" : String(person.id);
-  if (!person.straggler) return id;
-  return `${id} behind${person.straggling_s === null ? "" : ` ${duration(person.straggling_s)}`}`;
+  return person.straggler ? `${id} ${behind.get(person.id) ?? "behind"}` : id;
 }
 
 /**
  * Names beside people and robots, where they cover each other least, left of the column `right`; they
- * keep their side.
+ * keep their side. `behind`: see `Scene`.
  */
 export class Labels {
   constructor() {
     this._sides = new Map();
   }
 
-  draw(context, view, colours, { people, robots }, right) {
+  draw(context, view, colours, { people, robots }, behind, right) {
     const items = [
       ...people.map((person) => ({
         key: `p${person.id}`,
-        text: personLabel(person),
+        text: personLabel(person, behind),
         place: at(view, person.x, person.y),
         radius: Math.max(PERSON_PX, PERSON_RADIUS_M * view.scale) + (person.straggler ? 8 : 3),
         colour: colours[person.straggler ? "straggler" : "label"],
@@ -314,7 +316,7 @@ export class Labels {
         key: `r${robot.name}`,
         text: robot.ok ? robot.name : `${robot.name} (!)`,
         place: at(view, robot.x, robot.y),
-        radius: Math.max(ROBOT_PX, 0.3 * view.scale) + 2,
+        radius: robotSize(view.scale) + 2,
         colour: colours.robot,
         font: `12px ${FONT}`,
       })),

@@ -9,11 +9,20 @@ export function fixed(value, decimals) {
   return value < 0 && Number(text) !== 0 ? MINUS + text : text;
 }
 
-/** Return a duration in seconds as "0.4 s", "12 s", "3 min". */
+/** Return a duration in seconds as "0.4 s", "12 s", "3 min", "5 h", "3 days". */
 export function duration(seconds) {
   if (!Number.isFinite(seconds)) return "–";
   if (seconds < 9.95) return `${fixed(seconds, 1)} s`;
-  return seconds < 119.5 ? `${Math.round(seconds)} s` : `${Math.round(seconds / 60)} min`;
+  if (seconds < 119.5) return `${Math.round(seconds)} s`;
+  const minutes = seconds / 60;
+  if (minutes < 119.5) return `${Math.round(minutes)} min`;
+  const hours = minutes / 60;
+  return hours < 47.5 ? `${Math.round(hours)} h` : `${Math.round(hours / 24)} days`;
+}
+
+/** Return that a straggler is behind, and for how long. */
+export function behind({ straggling_s: seconds }) {
+  return `behind${seconds === null ? "" : ` ${duration(seconds)}`}`;
 }
 
 /** Return seconds since the start of a recording as "1:02.3". */

@@ -4,11 +4,11 @@ import { byId, make, setText } from "./dom.js";
 
 const STORED = "mrs-view-shortcuts";
 const LEGEND = [
-  ["person", "Person with id; the ellipse holds them with 95 %, the arrow ends where they are in one second"],
+  ["person", "Person with id; they are 95 % likely to be inside the ellipse; the arrow ends where they will be in one second"],
   ["predicted", "Not seen just now: position predicted"],
   ["straggler", "Straggler: has fallen behind the group, with the time since"],
   ["group", "Centre of a group, linked to its people"],
-  ["robot", "Robot with the 95 % ellipse of its pose and its field of view"],
+  ["robot", "Robot and its field of view; it is 95 % likely to be inside the ellipse"],
   ["unwell", "Hollow and dashed: robot without a recent pose, or not well"],
   ["post", "Post of a robot in the tour"],
   ["truth", "True position of a person, where a recording has it"],

@@ -168,6 +168,7 @@ function textsSoon() {
 }
 
 function showTexts() {
+  if (scene.renewBehind()) map.invalidate();
   tabs.setHidden("tour", !tour.useful);
   setText(byId("tab-people").querySelector(".count"), String(scene.state?.people.length ?? ""));
   setText(byId("tab-robots").querySelector(".count"), String(scene.state?.robots.length ?? ""));
@@ -203,9 +204,9 @@ function behindChips(everybody) {
   if (behind.length > 2) {
     return [{ key: "behind", text: `${behind.length} have fallen behind`, level: "error", open: "people" }];
   }
-  return behind.map(({ id, straggling_s: since }) => ({
+  return behind.map(({ id }) => ({
     key: `behind ${id}`,
-    text: `${id} behind${since === null ? "" : ` ${duration(since)}`}`,
+    text: `${id} ${scene.behind.get(id)}`,
     level: "error",
     person: id,
   }));

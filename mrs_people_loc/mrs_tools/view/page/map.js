@@ -9,7 +9,7 @@ const LARGEST_SCALE = 400;
 /** Fitting shows at least this many metres, so that one person does not fill the map. */
 const SMALLEST_FIT_M = 7;
 const MARGIN_M = 0.5;
-/** Of what is fitted to the edges of the map: there are buttons, and the scale. */
+/** Of the signs of what is fitted to the edges of the map: there are buttons, and the scale. */
 const INSET_PX = { right: 58, bottom: 32, left: 12 };
 /** Walls and grids are fitted whole where a metre has this many pixels then; else people and robots. */
 const SMALLEST_MAP_SCALE = 20;
@@ -197,7 +197,9 @@ export class MapView {
       draw.drawPerson(context, view, colours, person, person.id !== 0 && person.id === selected.person);
     }
     draw.drawTruth(context, view, colours, scene.state?.truth ?? []);
-    this._labels.draw(context, view, colours, { people, robots }, view.width - INSET_PX.right);
+    this._labels.draw(
+      context, view, colours, { people, robots }, scene.behind, view.width - INSET_PX.right,
+    );
     draw.drawScale(context, view, colours);
   }
 
@@ -247,17 +249,24 @@ export class MapView {
       Math.max(length, SMALLEST_FIT_M),
     );
     const { width, height } = this.view;
-    const free = [width - INSET_PX.left - INSET_PX.right, height - this.insetTop - INSET_PX.bottom];
+    const signs = 2 * draw.robotSize(SMALLEST_SCALE);
+    const free = [
+      width - INSET_PX.left - INSET_PX.right - signs, height - this.insetTop - INSET_PX.bottom - signs,
+    ];
     return Math.max(SMALLEST_SCALE, Math.min(LARGEST_SCALE, free[0] / needed[0], free[1] / needed[1]));
   }
 
-  /** Return whether a box is in view with that goal, and is not small there; `scale` would fit it best. */
+  /** Return whether a box is free in view with that goal, and is not small there; `scale` would fit it best. */
   _keeps(goal, box, scale) {
-    const half = [this.view.width / 2 / goal.scale, this.view.height / 2 / goal.scale];
+    const { width, height } = this.view;
+    const sign = draw.robotSize(goal.scale);
+    const [right, up] = [width, height].map((length) => (length / 2 - sign) / goal.scale);
     return (
       goal.scale >= 0.6 * scale && goal.scale <= 1.1 * scale &&
-      box[0] >= goal.x - half[0] && box[2] <= goal.x + half[0] &&
-      box[1] >= goal.y - half[1] && box[3] <= goal.y + half[1]
+      box[0] >= goal.x - right + INSET_PX.left / goal.scale &&
+      box[2] <= goal.x + right - INSET_PX.right / goal.scale &&
+      box[1] >= goal.y - up + INSET_PX.bottom / goal.scale &&
+      box[3] <= goal.y + up - this.insetTop / goal.scale
     );
   }
 

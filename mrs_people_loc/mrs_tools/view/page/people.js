@@ -16,6 +16,8 @@ export class PeoplePanel {
 
   update(selected) {
     const people = this._scene.state?.people ?? [];
+    const waits = this._scene.hello?.mode !== "bag" && (this._scene.state?.t ?? null) === null;
+    setText(this._empty, waits ? "Waiting for people." : "Nobody is on the map.");
     this._empty.hidden = people.length > 0;
     this._body.parentElement.hidden = people.length === 0;
     const rows = people
@@ -27,8 +29,8 @@ export class PeoplePanel {
       this._body, rows, ({ key }) => key,
       ({ person, key }) => (key === DETAILS ? createDetails() : this._createRow(person.id)),
       (row, { person, key }) => {
-        if (key === DETAILS) updateDetails(row, person);
-        else updateRow(row, person, person.id !== 0 && person.id === selected.person);
+        if (key === DETAILS) updateDetails(row, person, this._seen(person));
+        else updateRow(row, person, this._seen(person), person.id !== 0 && person.id === selected.person);
       },
     );
   }
@@ -37,6 +39,15 @@ export class PeoplePanel {
   reveal(id) {
     reveal(this._body.querySelector(`[data-key="${DETAILS}"]`));
     reveal(this._body.querySelector(`[data-key="${Number(id)}"]`));
+  }
+
+  /** Return whether a person fell behind and when they were last seen, in words. */
+  _seen(person) {
+    const before = person.seen_s === null ? "before" : `${duration(person.seen_s)} ago`;
+    const seen = person.predicted ? before : "now";
+    if (!person.straggler) return seen;
+    const behind = this._scene.behind.get(person.id) ?? "behind";
+    return person.predicted ? `${behind}, seen ${seen}` : behind;
   }
 
   _createRow(id) {
@@ -56,24 +67,15 @@ function createDetails() {
   return make("tr", { class: "details" }, make("td", { colspan: "6" }, make("dl")));
 }
 
-function updateDetails(row, person) {
+function updateDetails(row, person, seen) {
   keepChildren(
-    row.querySelector("dl"), factsOf(person), ([name]) => name,
+    row.querySelector("dl"), factsOf(person, seen), ([name]) => name,
     ([name]) => make("div", {}, make("dt", {}, name), make("dd")),
     (entry, [, value]) => setText(entry.lastChild, value),
   );
 }
 
-/** Return whether a person fell behind and when they were last seen, in words. */
-function seenText(person) {
-  const before = person.seen_s === null ? "before" : `${duration(person.seen_s)} ago`;
-  const seen = person.predicted ? before : "now";
-  if (!person.straggler) return seen;
-  const behind = `behind${person.straggling_s === null ? "" : ` ${duration(person.straggling_s)}`}`;
-  return person.predicted ? `${behind}, seen ${seen}` : behind;
-}
-
-function updateRow(row, person, selected) {
+function updateRow(row, person, seenText, selected) {
   const [name, group, place, speed, height, seen] = row.children;
   setAttribute(row, "class", `${person.straggler ? "straggler" : ""} ${selected ? "selected" : ""}`.trim() || null);
   if (person.id) setAttribute(name.firstChild, "aria-pressed", selected);
@@ -82,10 +84,10 @@ function updateRow(row, person, selected) {
   setText(place, `${fixed(person.x, 1)}, ${fixed(person.y, 1)}`);
   setText(speed, person.vx === null ? "–" : fixed(Math.hypot(person.vx, person.vy), 1));
   setText(height, person.height === null ? "–" : fixed(person.height, 2));
-  setText(seen, seenText(person));
+  setText(seen, seenText);
 }
 
-function factsOf(person) {
+function factsOf(person, seen) {
   const [xx, , yy] = person.cov;
   const sigma = xx === null || yy === null ? "" : ` ± ${fixed(Math.sqrt((xx + yy) / 2), 2)} m`;
   const way = person.vx === null ? "–" : `${fixed(Math.hypot(person.vx, person.vy), 2)} m/s${heading(person)}`;
@@ -94,7 +96,7 @@ function factsOf(person) {
     ["Speed", way],
     ["Height", person.height === null ? "–" : `${fixed(person.height, 2)} m`],
     ["Group", person.group === null ? "none" : String(person.group)],
-    ["Seen", seenText(person)],
+    ["Seen", seen],
     ["Known for", duration(person.age)],
   ];
 }

@@ -1,5 +1,7 @@
 /** What the server has told, the trails of people, and where everything is between two states. */
 
+import { behind } from "./format.js";
+
 const TRAIL_S = 8;
 const TRAIL_STEP_M = 0.05;
 /** A step of time backwards, or forwards by more than this, is a jump: nothing is drawn between. */
@@ -42,6 +44,8 @@ export class Scene {
     this.time = null;
     /** Person's id -> points [t, x, y], oldest first. */
     this.trails = new Map();
+    /** Straggler's id -> "behind 12 s", the same everywhere: renewed with the texts of the page. */
+    this.behind = new Map();
     /** When the last state came, in ms of performance.now(). */
     this.stateAt = -Infinity;
     /** Whether positions are drawn between two states; otherwise they step. */
@@ -82,6 +86,14 @@ export class Scene {
 
   robot(name) {
     return this.state?.robots.find((robot) => robot.name === name);
+  }
+
+  /** Renew what is said of stragglers; returns whether it has changed. */
+  renewBehind() {
+    const stragglers = (this.state?.people ?? []).filter(({ straggler }) => straggler);
+    const before = JSON.stringify([...this.behind]);
+    this.behind = new Map(stragglers.map((person) => [person.id, behind(person)]));
+    return JSON.stringify([...this.behind]) !== before;
   }
 
   /** Return the events, the oldest first: of a recording, those that have happened at its time. */
