@@ -25,7 +25,7 @@ TEAM_TAKES = "--namespace, --control, --tour"
         ("walk.mcap --namespace a", "--namespace is for a running team, .* takes --config, --host"),
         ("walk.mcap --tour t.yaml", "--tour is for a running team, .* takes --config, --host"),
         ("-c nope.yaml", f"--config is for a bag.* a running team takes {TEAM_TAKES}, --host"),
-        ("walk.mcap -c nope.yaml", "nope.yaml: cannot be read as a YAML file"),
+        ("walk.mcap -c nope.yaml", "nope.yaml: there is no such file"),
         ("walk.mcap -c scene.yaml", "--config scene.yaml: has no parameters of planner_node"),
     ],
 )
