@@ -407,6 +407,7 @@ class _Run:
         group, team, speed = self._group, self._team, self._pace.speed
         there = [one for one in group.guests if not one.lost and not one.is_behind]
         there += [one for one in group.behind if one.followed]
+        there = there or group.behind  # nobody is seen: robots look where they were last
         if not there:
             return {}
         fetched = self._who_is_fetched()
@@ -424,7 +425,7 @@ class _Run:
                 leader_speed=speed,
                 robots=team.robots,
                 moving=self._pace.speed > 0.0,
-                overtakes=self._overtakes,
+                overtakes=self._overtakes and bool(group.together),
                 now_s=self._now_ns / 1e9,
                 unseen_s=np.array([one.unseen_s for one in there]),
             )

@@ -287,6 +287,26 @@ def test_person_who_is_not_seen_any_more_is_waited_for_where_no_robot_looks():
     assert world.last().stragglers == ()
 
 
+def test_robots_look_for_a_group_of_whom_nobody_is_seen_any_more():
+    """No robot looks where people were last: the fetcher goes there, the leader turns to them."""
+    world = leading(formation=Formation(nearest=1.0, reach=1.1), pace=Pace(patience=30.0))
+    last = {walker.id: np.array([walker.way_m, walker.left]) for walker in world.walkers}
+    for walker in world.walkers:
+        walker.id, walker.stands = 0, True
+    world.run(12.0)
+    assert world.last().state == State.WAITING
+    posts = world.last().posts
+    assert set(posts) == {"robot_a", "robot_b", "robot_c"}
+    (fetcher,) = (post for post in posts.values() if post.role == Role.FETCHER)
+    assert min(np.linalg.norm(fetcher.xy - xy) for xy in last.values()) < 2.0
+    assert abs(posts["robot_a"].yaw) == pytest.approx(math.pi, abs=0.3)
+    for number, walker in zip(last, world.walkers, strict=True):
+        walker.id, walker.stands = number, False
+    world.run(4.0)
+    assert world.last().state == State.LEADING
+    assert world.last().people == (1, 2, 3, 4, 5)
+
+
 def test_new_planner_with_other_ids_goes_on_with_the_same_people():
     world = leading()
     world.said.append((world.time_s, world.guide.halt("people are outdated")))
