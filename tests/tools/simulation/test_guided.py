@@ -70,7 +70,7 @@ def test_scenes_without_what_a_tour_needs_are_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"scene.yaml: has no tour; wanted: tour, robots, people"):
         guided_scene(file, 1)
     file.write_text(text.replace("room", "tour: {points: [[0.0, 0.0]]}, room"))
-    with pytest.raises(ConfigError, match="tour: points"):
+    with pytest.raises(ConfigError, match="at least two points; this one has one"):
         GuidedWorld(guided_scene(file, 1))
     file.write_text("{robots: {robot_a: {}}, layout: {people: 3, activity: guided}}")
     with pytest.raises(ConfigError, match="wanted with it: a tour"):

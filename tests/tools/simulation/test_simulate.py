@@ -117,7 +117,7 @@ def test_common_head_is_the_default_of_each_robot() -> None:
 
 
 def test_missing_scenes_and_invalid_yaml_are_errors(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read"):
+    with pytest.raises(ConfigError, match="there is no such file"):
         load_scene(tmp_path / "none.yaml")
     (tmp_path / "bad.yaml").write_text("a: [")
     with pytest.raises(ConfigError, match=r"bad\.yaml"):
