@@ -15,7 +15,7 @@ from mrs_people_loc.team.occlusion import (
     hidden_by_people,
     hidden_by_robots,
 )
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.poses import Pose, places_of
 
 #: Bearings around a robot are told apart by this [rad].
 _STEP = np.radians(5.0)
@@ -77,7 +77,7 @@ class FieldsOfView:
             Shape (k,).
         """
         seen = np.zeros(len(xy), dtype=bool)
-        mates = _places(robots)
+        mates = places_of(robots.values())
         for name, pose in looking.items():
             if name not in self._ranges:
                 continue
@@ -115,10 +115,6 @@ def _behind_walls(place: Float, xy: Float, walls: Walls) -> Bool:
     steps = np.arange(ROBOT_RADIUS, last.max(initial=0.0), _RAY_STEP)[:, np.newaxis]
     line = place + steps[..., np.newaxis] * (off / np.maximum(away, 1e-9)[:, np.newaxis])
     return np.asarray(((walls.distance(line) <= 0.5 * _RAY_STEP) & (steps < last)).any(axis=0))
-
-
-def _places(poses: Mapping[str, Pose]) -> Float:
-    return np.array([(pose.x, pose.y) for pose in poses.values()]).reshape(-1, 2)
 
 
 def _seen_from(xy: Float, pose: Pose) -> tuple[Int, Float]:

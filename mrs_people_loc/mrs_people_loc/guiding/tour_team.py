@@ -14,7 +14,7 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.geometry import wrap_angle
 from mrs_people_loc.guiding.guidance import Post, Role
 from mrs_people_loc.guiding.way import Way
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.poses import Pose, places_of
 
 #: A robot whose place on the way is not known yet is sought this far from the group [m]: ...
 _REACH = 12.0
@@ -219,7 +219,7 @@ class TourTeam:
         """
         there = self._place(way, group_m, now_ns)
         names, ways = list(there), np.array(list(there.values()))
-        xy = np.array([(pose.x, pose.y) for pose in self.robots.values()])
+        xy = places_of(self.robots.values())
         before = self.leader
         if before not in there:
             off = -ways if not before else np.hypot(*(xy - way.at(front_m)).T)

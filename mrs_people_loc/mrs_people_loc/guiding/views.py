@@ -13,7 +13,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.geometry import wrap_angles
 from mrs_people_loc.team.occlusion import hidden_by_people, hidden_by_robots
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.poses import Pose, places_of
 
 if TYPE_CHECKING:
     from mrs_people_loc.guiding.free_space import FreeSpace
@@ -74,7 +74,7 @@ def are_in_view(
     """
     if not robots:
         return np.zeros(len(xy), dtype=bool)
-    places = np.array([(pose.x, pose.y) for pose in robots.values()])
+    places = places_of(robots.values())
     back = [math.pi * (name in config.looks_back) for name in robots]
     gaze = np.array([pose.yaw for pose in robots.values()]) + back
     rates = detection_rates(places, gaze, np.concatenate([xy, people]), config.formation, space)

@@ -25,7 +25,7 @@ from mrs_people_loc.team.fusion import (
     covariance_of_places,
     unit_vectors,
 )
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.poses import Pose, places_of
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def are_robots(
     masked = np.zeros(len(xy), dtype=bool)
     if not len(xy) or radius <= 0:
         return masked
-    place, index = _places(poses), {name: k for k, name in enumerate(poses)}
+    place, index = places_of(poses.values()), {name: k for k, name in enumerate(poses)}
     own = np.array([index[name] for name in names], dtype=np.intp)[robot]
     what, which, away = pairs_between(xy, place, _farthest(radius, tuning))
     others = which != own[what]
@@ -140,10 +140,6 @@ def bodies_of_robots(
         score=bodies.score,
         tuning=tuning,
     )
-
-
-def _places(poses: Mapping[str, Pose]) -> Float:
-    return np.array([(pose.x, pose.y) for pose in poses.values()]).reshape(-1, 2)
 
 
 def _farthest(radius: float, tuning: MaskingTuning) -> float:
@@ -377,10 +373,10 @@ def are_masked(
     if not len(xy) or (walls is None and radius <= 0):
         return masked
     seen_from = [poses[name] for name in fused.robots]
-    away = xy - _places(dict(zip(fused.robots, seen_from, strict=True)))[robot]
+    away = xy - places_of(seen_from)[robot]
     with np.errstate(over="ignore"):
         sigma = config.cell_range_sigma * (away**2).sum(axis=1)
-    places, at_once = _places(poses), max(1, _PAIRS_AT_ONCE // len(poses))
+    places, at_once = places_of(poses.values()), max(1, _PAIRS_AT_ONCE // len(poses))
     farthest = _farthest(radius, tuning)
     for start in range(0, len(xy), at_once):
         near = start + np.unique(pairs_between(xy[start : start + at_once], places, farthest)[0])

@@ -404,10 +404,15 @@ class PoseIntake:
         return Pose(pose.stamp_ns, x, y, yaw) @ pose
 
 
+def places_of(poses: Iterable[Pose]) -> Float:
+    """Places of poses [m], shape (n, 2)."""
+    return np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
+
+
 def stack(poses: Iterable[Pose]) -> tuple[Float, Float]:
     """Places [m], shape (n, 2), and covariances of poses, shape (n, 3, 3)."""
     all_of_them = list(poses)
-    places = np.array([(pose.x, pose.y) for pose in all_of_them]).reshape(-1, 2)
+    places = places_of(all_of_them)
     return places, np.array([pose.covariance for pose in all_of_them]).reshape(-1, 3, 3)
 
 
