@@ -80,7 +80,7 @@ def second_guide(topic: str, guides: Sequence[str]) -> str:
     return (
         f"{len(guides)} publishers on {topic}: {', '.join(guides)}; another guide_node, or a "
         "replay of one, is at work: end it, or give it a namespace or a ROS_DOMAIN_ID of its own; "
-        "or one was killed some seconds ago"
+        "or one was killed in the last 20 s"
     )
 
 
