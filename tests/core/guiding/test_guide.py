@@ -278,10 +278,16 @@ def test_person_who_is_hidden_for_long_is_not_waited_for_where_nobody_is():
 
 def test_person_who_is_not_seen_any_more_is_waited_for_where_no_robot_looks():
     world = leading(formation=Formation(nearest=1.0, reach=1.1))
+    last = world.people()[-1].position
     world.walkers[-1].id = 0
     world.run(9.0)
     assert world.last().state == State.WAITING
     assert world.last().stragglers == (5,)
+    (fetcher,) = (post for post in world.last().posts.values() if post.role == Role.FETCHER)
+    ahead = world.config.formation.distance * np.array(
+        [math.cos(fetcher.yaw), math.sin(fetcher.yaw)]
+    )
+    assert fetcher.xy + ahead == pytest.approx(last, abs=0.2)  # it looks where they were last
     world.walkers[-1].id = 5
     world.run(3.0)
     assert world.last().state == State.LEADING
