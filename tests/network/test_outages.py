@@ -159,7 +159,8 @@ def test_planner_recovers_after_3_s_without_network(
     team.full_rate()
 
 
-def test_restarted_robot_is_used_again(team: TeamOnHosts, show: Show) -> None:
+@FEW_OR_TEN
+def test_restarted_robot_is_used_again(team: TeamOnHosts, show: Show, tries: int) -> None:
     def back() -> float:
         team.nodes[FAR].kill()
         team.nodes[FAR].wait()
@@ -169,11 +170,12 @@ def test_restarted_robot_is_used_again(team: TeamOnHosts, show: Show) -> None:
         return team.back(FAR, moment)
 
     what = "robot_node killed: its people after its new start"
-    nine_of_ten(back, ROBOT_STARTS_S, what, show=show)
+    nine_of_ten(back, ROBOT_STARTS_S, what, tries=tries, show=show)
     team.full_rate()
 
 
-def test_restarted_planner_finds_people_again(team: TeamOnHosts, show: Show) -> None:
+@FEW_OR_TEN
+def test_restarted_planner_finds_people_again(team: TeamOnHosts, show: Show, tries: int) -> None:
     def back() -> float:
         team.nodes[PLANNER].kill()
         team.nodes[PLANNER].wait()
@@ -182,5 +184,5 @@ def test_restarted_planner_finds_people_again(team: TeamOnHosts, show: Show) -> 
         return team.all_back(ROBOTS, moment)
 
     what = "planner_node killed: people of all robots after its new start"
-    nine_of_ten(back, PLANNER_STARTS_S, what, show=show)
+    nine_of_ten(back, PLANNER_STARTS_S, what, tries=tries, show=show)
     team.full_rate()
