@@ -169,8 +169,8 @@ class Planner:
         looking = {name: poses[name] for name in fused.robots}
         persons, groups, events = self._follow(found.persons, looking, poses, time_ns, times)
         used = {scan.robot: given[scan.robot] for scan in scans}
-        persons = tuple(_in_map(person, person.position, used) for person in persons)
-        groups = tuple(_in_map(group, group.centre, used) for group in groups)
+        persons = _in_map(persons, [person.position for person in persons], used)
+        groups = _in_map(groups, [group.centre for group in groups], used)
         return People(
             time_ns, used, persons, groups, fused, found.clusters, found.too_wide, events, times.ms
         )
@@ -197,12 +197,15 @@ class Planner:
         return persons, groups, events
 
 
-def _in_map(found: _Found, place: Float, poses: Mapping[str, Pose]) -> _Found:
-    """With the covariance in the map: that in the team's frame, and that of the team in the map."""
-    shared = shared_effect(poses.values(), place[np.newaxis])[0]
-    if not shared.any():
-        return found
-    return dataclasses.replace(found, covariance=found.covariance + shared)
+def _in_map(
+    found: Sequence[_Found], places: Sequence[Float], poses: Mapping[str, Pose]
+) -> tuple[_Found, ...]:
+    """With covariances in the map: those in the team's frame, and those of the team in the map."""
+    shared = shared_effect(poses.values(), np.reshape(places, (-1, 2)))
+    return tuple(
+        dataclasses.replace(one, covariance=one.covariance + more) if more.any() else one
+        for one, more in zip(found, shared, strict=True)
+    )
 
 
 def _by_robot(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> list[Scan]:

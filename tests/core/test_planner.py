@@ -252,3 +252,22 @@ def test_robots_that_are_unsure_together_tell_two_people_apart(make_cells):
     (group,) = people.groups
     assert (np.linalg.eigvalsh(group.covariance) > 1.0 - 1e-4).all()
     assert people.poses == together
+
+
+def test_shared_heading_error_moves_far_people_more(scene):
+    """The team is turned by 0.01 rad (sigma) about robot_a, the surest: across, 1 cm per metre."""
+    exact = {name: Pose(0, p.x, p.y, p.yaw) for name, p in POSES.items()}
+    turned = {
+        name: dataclasses.replace(
+            p, covariance=np.diag([0.0, 0.0, 1e-4 if name == "robot_a" else 1.0]),
+            in_team=np.zeros((3, 3)),
+        )
+        for name, p in exact.items()
+    }  # fmt: skip
+    pairs = zip(step(scene, turned).persons, step(scene, exact).persons, strict=True)
+    more = [one.covariance - other.covariance for one, other in pairs]
+    # Seen from robot_a at (6, 3.5), the people are at (-3, -0.5), (-3, 0.5) and (-1.5, 0).
+    wanted = 1e-4 * np.array(
+        [[[0.25, -1.5], [-1.5, 9.0]], [[0.25, 1.5], [1.5, 9.0]], [[0.0, 0.0], [0.0, 2.25]]]
+    )
+    np.testing.assert_allclose(more, wanted, atol=1e-9)

@@ -1,7 +1,8 @@
 """Robots that localize each other, where packets are lost and robots are cut off for a while.
 
 Three robots drive side by side, each on its host, with odometry that drifts. One knows where it is;
-the others know it by where they are to it, which a planner's host tells.
+the others know it by where they are to it, which a planner's host tells. The robots' nodes have the
+shipped profile for discovery, the programs that play bases and the planner have none, as drivers.
 """
 
 from __future__ import annotations

@@ -265,7 +265,7 @@ def test_late_pose_is_not_used(node: Stepped) -> None:
     assert node._underway.running.poses()["robot_a"].x == 1.0
 
 
-def test_walls_that_come_on_a_tour_are_kept_off(node: Stepped) -> None:
+def test_walls_that_come_on_a_tour_are_avoided(node: Stepped) -> None:
     assert node._underway is not None
     running = node._underway.running
     node._on_map(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]))

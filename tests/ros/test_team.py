@@ -563,7 +563,7 @@ def test_two_robots_of_one_name_are_reported(run: Run, team: Team) -> None:
     finding = run.peer.until_finding(PLANNER, "robot robot_b", lambda f: f.level == ERROR)
     assert finding.message == (
         "2 publishers on /robot_b/points: two robots share a name, rename one; "
-        "or one was killed some seconds ago"
+        "or one was killed in the last 20 s"
     )
     assert run.peer.findings(PLANNER)["robot robot_a"].level != ERROR
     other.stop()

@@ -72,7 +72,7 @@ class Formation(Section):
 
 @dataclass(frozen=True)
 class Safety(Section):
-    """When robots stand, and what they keep off."""
+    """When robots stand, and what they avoid."""
 
     people_timeout: float = field(
         0.5, "robots stand when no people have come for this time: they are never faster than "

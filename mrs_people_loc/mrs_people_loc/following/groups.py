@@ -263,13 +263,12 @@ class Groups:
     ) -> None:
         for number, component in zip(ids, components, strict=True):
             self._admit(number, component, group_of, dt_s, events)
-        now = {m: number for number, part in zip(ids, components, strict=True) for m in part}
-        sizes = {number: len(part) for number, part in zip(ids, components, strict=True)}
+        present = dict(zip(ids, components, strict=True))
+        size_of = {member: len(component) for component in components for member in component}
         for number, roster in list(self._rosters.items()):
-            for member in sorted(set(roster.joined_s) - {m for m in now if now[m] == number}):
-                size = sizes.get(now.get(member, 0), 0)
-                self._mark_absent(number, member, size, dt_s, events)
-            if not roster.joined_s and number not in ids:
+            for member in sorted(set(roster.joined_s).difference(present.get(number, ()))):
+                self._mark_absent(number, member, size_of.get(member, 0), dt_s, events)
+            if not roster.joined_s and number not in present:
                 del self._rosters[number]
 
     def _admit(

@@ -183,11 +183,20 @@ class _Motion(NamedTuple):
     @classmethod
     def _of(cls, t: float, reach: float, kept: float, noise: Float) -> _Motion:
         """From the noise of place, of place with velocity, and of velocity."""
-        place, both, velocity = noise
-        move = np.array([[1.0, reach], [0.0, kept]])
-        added = np.array([[place, both], [both, velocity]])
-        axes = np.eye(2)
-        return cls(np.kron(move, axes), np.kron(added, axes), (t - reach, 1.0 - kept))
+        place, both, velocity = noise.tolist()
+        move = [
+            [1.0, 0.0, reach, 0.0],
+            [0.0, 1.0, 0.0, reach],
+            [0.0, 0.0, kept, 0.0],
+            [0.0, 0.0, 0.0, kept],
+        ]
+        added = [
+            [place, 0.0, both, 0.0],
+            [0.0, place, 0.0, both],
+            [both, 0.0, velocity, 0.0],
+            [0.0, both, 0.0, velocity],
+        ]
+        return cls(np.array(move), np.array(added), (t - reach, 1.0 - kept))
 
 
 @dataclass(frozen=True)
@@ -292,14 +301,15 @@ class Tracker:
         return self._persons(late_s)
 
     def _predict(self, tracks: _Tracks, dt_s: float) -> None:
-        if dt_s <= 0:
+        if dt_s <= 0 or not len(tracks):
             return
         rows, velocity = self._company(tracks)
         alone = np.ones(len(tracks), dtype=bool)
         alone[rows] = False
         acceleration, tuning = self.config.acceleration, self.tuning
         tracks.move(alone, _Motion.alone(dt_s, acceleration))
-        tracks.move(rows, _Motion.in_company(dt_s, acceleration, tuning.adapt_s), velocity)
+        if len(rows):
+            tracks.move(rows, _Motion.in_company(dt_s, acceleration, tuning.adapt_s), velocity)
         tracks.bound(tuning.max_variance)
         tracks.age_s = tracks.age_s + dt_s
         tracks.unseen_s = tracks.unseen_s + dt_s
@@ -310,19 +320,23 @@ class Tracker:
         Returns:
             Rows of them; and the mean velocity of the others around, shape (k, 2) [m/s].
         """
-        others, tuning = self._tracks.select(self._tracks.seen), self.tuning
-        of_others, of_tracks = (
-            np.array([self.group_of.get(who, 0) for who in some.id.tolist()], dtype=np.intp)
-            for some in (others, tracks)
-        )
-        rows = np.flatnonzero((of_tracks > 0) & ~tracks.seen & tracks.travelled)
-        offset = tracks.state[rows, np.newaxis, :2] - others.state[:, :2]
-        away = np.linalg.norm(offset, axis=2)
+        rows = np.flatnonzero(~tracks.seen & tracks.travelled)
+        group = self._groups(tracks.id[rows])
+        rows, group = rows[group > 0], group[group > 0]
+        if not len(rows):
+            return rows, np.empty((0, 2))
+        tuning, seen = self.tuning, self._tracks.seen
+        others, of_others = self._tracks.state[seen], self._groups(self._tracks.id[seen])
+        away = np.linalg.norm(tracks.state[rows, np.newaxis, :2] - others[:, :2], axis=2)
         weight = np.exp(-0.5 * (away / tuning.company) ** 2)
-        weight *= (away <= tuning.company_reach) & (of_tracks[rows, np.newaxis] == of_others)
+        weight *= (away <= tuning.company_reach) & (group[:, np.newaxis] == of_others)
         total = weight.sum(axis=1)
         rows, weight, total = rows[total > 0.0], weight[total > 0.0], total[total > 0.0]
-        return rows, weight @ others.state[:, 2:] / total[:, np.newaxis]
+        return rows, weight @ others[:, 2:] / total[:, np.newaxis]
+
+    def _groups(self, ids: Int) -> Int:
+        """The group of each track; 0: none."""
+        return np.array([self.group_of.get(who, 0) for who in ids.tolist()], dtype=np.intp)
 
     def _since(self, time_ns: int) -> float:
         return 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / 1e9)
@@ -339,26 +353,36 @@ class Tracker:
         """Updates tracks with their detections, ends old ones and begins new ones."""
         config, tracks = self.config, self._tracks
         tracks.seen[:] = False
-        free = np.arange(len(found))
+        is_free = np.ones(len(found), dtype=bool)
         for confirmed in (True, False):  # people first, then tracks that may become some
-            rows = np.flatnonzero((tracks.id > 0) == confirmed)
+            rows, free = np.flatnonzero((tracks.id > 0) == confirmed), np.flatnonzero(is_free)
             one, other = _assign(tracks, rows, found, free, config, self.tuning)
             _update(tracks, one, found, other, config, self.tuning, dt_s)
-            free = np.setdiff1d(free, other)
+            is_free[other] = False
         ended = self._ended(dt_s, self._not_found(dt_s, sees))
-        gone = _Tracks.concatenate([self._lost, tracks.select(ended & (tracks.id > 0))])
-        gone = gone.select(gone.unseen_s <= np.minimum(config.memory, gone.seen_s))
-        self._lost = gone.select(np.argsort(gone.unseen_s, kind="stable")[: config.max_tracks])
-        tracks = tracks.select(~ended)
+        if ended.any():
+            gone = tracks.select(ended & (tracks.id > 0))
+            self._lost = _Tracks.concatenate([self._lost, gone])
+            tracks = tracks.select(~ended)
+        self._forget()
 
-        free = free[found.score[free] >= config.doubt_score]
+        free = np.flatnonzero(is_free & (found.score >= config.doubt_score))
         room = max(0, config.max_tracks - len(tracks))
         if len(free) > room:
             free = free[np.argsort(-found.score[free], kind="stable")]
             self.turned_away += len(free) - room
-        tracks = _Tracks.concatenate([tracks, _begun(found.select(free[:room]), config)])
+        if len(free):
+            tracks = _Tracks.concatenate([tracks, _begun(found.select(free[:room]), config)])
         self._tracks = tracks
         self._confirm(np.flatnonzero(tracks.id == 0))
+
+    def _forget(self) -> None:
+        """Forgets lost tracks: after a while, and those unseen for longest where there are many."""
+        config, lost = self.config, self._lost
+        if not len(lost):
+            return
+        lost = lost.select(lost.unseen_s <= np.minimum(config.memory, lost.seen_s))
+        self._lost = lost.select(np.argsort(lost.unseen_s, kind="stable")[: config.max_tracks])
 
     def _not_found(self, dt_s: float, sees: Sees) -> Float:
         """Updates unseen people who walk with their group: they are rather where nobody looks.
@@ -407,12 +431,14 @@ class Tracker:
         # In the beginning all people are new; later on, hardly any appear out of nowhere.
         old |= self._followed_s < config.start_time
         least = np.where(old, min(config.birth_score, config.sure_score), config.sure_score)
-        sure = tracks.evidence[rows] >= least
+        rows = rows[(tracks.evidence[rows] >= least) & tracks.seen[rows]]
+        if not len(rows):
+            return
         # Who is hidden may have come out elsewhere.
         hidden = (tracks.id > 0) & ~tracks.seen & (tracks.unseen_s > config.coast_time)
         lost = _Tracks.concatenate([self._lost, tracks.select(hidden)])
         again: list[int] = []
-        for row in rows[sure & tracks.seen[rows]].tolist():
+        for row in rows.tolist():
             found = self._match_lost(row, lost)
             if found is None:
                 tracks.id[row] = self._next_id

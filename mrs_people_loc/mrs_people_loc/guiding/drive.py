@@ -183,11 +183,11 @@ class Drive:
     """Drives one robot to its post.
 
     Args:
-        config: Limits of its base and what it keeps off; may be replaced at any time.
+        config: Limits of its base and what it avoids; may be replaced at any time.
         tuning: Constants.
 
     Attributes:
-        config: Limits of the base and what it keeps off.
+        config: Limits of the base and what it avoids.
     """
 
     def __init__(self, config: GuideConfig, *, tuning: DriveTuning = DRIVE_TUNING) -> None:
@@ -446,7 +446,7 @@ class Drive:
         others: _Others,
         space: FreeSpace,
     ) -> Bool:
-        """Which arcs keep off people, robots and walls until the robot stands, shape (n,)."""
+        """Which arcs avoid people, robots and walls until the robot stands, shape (n,)."""
         base, tuning = self.config.base, self._tuning
         fastest = max(abs(twist[0]), base.max_speed, base.max_reverse)
         brakes_s = max(fastest / base.deceleration, _STEP)

@@ -70,9 +70,9 @@ class RunningTour:
         return self._steering.robots
 
     @property
-    def kept_off(self) -> tuple[str, ...]:
-        """Names of the robots outside the tour that are kept off."""
-        return self._steering.kept_off
+    def avoided(self) -> tuple[str, ...]:
+        """Names of the robots outside the tour that are avoided."""
+        return self._steering.avoided
 
     @property
     def faults(self) -> Mapping[str, str]:
@@ -98,7 +98,7 @@ class RunningTour:
         return self._halt(self._misfit) if self._misfit not in ("", before) else None
 
     def take_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
-        """Takes a pose of any robot, also of one that is not driven: it is kept off."""
+        """Takes a pose of any robot, also of one that is not driven: it is avoided."""
         self._steering.take_pose(robot, pose, now_ns)
 
     def take_people(

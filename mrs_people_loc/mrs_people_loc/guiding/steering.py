@@ -24,7 +24,7 @@ _SHORTEST_S, _LONGEST_S = 0.01, 0.2
 _DETOUR_M = 0.2
 #: ... and those who are nearer to the post than this are no reason for a detour [m].
 _AT_POST_M = 0.1
-#: Somebody who is not followed any more is kept off for so long [s], ...
+#: Somebody who is not followed any more is avoided for so long [s], ...
 _KEPT_S = 4.0
 #: ... unless robots have seen that their place is empty for so long [s], or somebody is so near to
 #: it [m].
@@ -33,7 +33,7 @@ _EMPTY_S, _BESIDE_M = 0.6, 0.6
 _PEOPLE_NS = 200_000_000
 #: What comes from so far in the future [s] is of no use: the clock was set back.
 _FUTURE_S = 0.05
-#: A robot outside the tour is kept off for so long after its last pose [ns].
+#: A robot outside the tour is avoided for so long after its last pose [ns].
 _KEPT_OFF_NS = 120_000_000_000
 
 #: Speed ahead [m/s] and rate of turn [rad/s].
@@ -99,11 +99,11 @@ class Steering:
         self._stepped_ns: int | None = None
 
     def take_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
-        """Takes a pose of any robot, also of one that is not driven: it is kept off."""
+        """Takes a pose of any robot, also of one that is not driven: it is avoided."""
         self._heard[robot] = _Heard(pose, now_ns)
 
     def take_people(self, people: Sequence[Person], stamp_ns: int, now_ns: int) -> None:
-        """Takes the people of an interval; those who vanished are kept off for some seconds."""
+        """Takes the people of an interval; those who vanished are avoided for some seconds."""
         self._keep_vanished(people, stamp_ns)
         kept = [one.xy for one in self._vanished]
         still = np.zeros(2)
@@ -159,8 +159,8 @@ class Steering:
         return _age_s(now_ns, min(heard.pose.stamp_ns, heard.came_ns))
 
     @property
-    def kept_off(self) -> tuple[str, ...]:
-        """Names of the robots outside the tour that are kept off."""
+    def avoided(self) -> tuple[str, ...]:
+        """Names of the robots outside the tour that are avoided."""
         return tuple(sorted(set(self._heard) - set(self.robots)))
 
     def poses(self) -> dict[str, Pose]:
@@ -181,7 +181,7 @@ class Steering:
         """
         since_s = math.inf if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
         self._stepped_ns = now_ns
-        for robot in self.kept_off:
+        for robot in self.avoided:
             if now_ns - self._heard[robot].came_ns > _KEPT_OFF_NS:
                 del self._heard[robot]
         dt = min(max(since_s, _SHORTEST_S), _LONGEST_S)

@@ -19,7 +19,7 @@ _TEXTS = {
 
 
 def of_walls(topic: str, *, is_known: bool) -> Finding:
-    """Whether robots keep off walls.
+    """Whether robots avoid walls.
 
     Args:
         topic: Full name of the map's topic.
@@ -31,13 +31,13 @@ def of_walls(topic: str, *, is_known: bool) -> Finding:
     return Finding("walls", WARN, text, code=Code.NO_MAP)
 
 
-def of_tour(tour: str, guidance: Guidance, kept_off: Iterable[str] = ()) -> Finding:
+def of_tour(tour: str, guidance: Guidance, avoided: Iterable[str] = ()) -> Finding:
     """How the tour goes on.
 
     Args:
         tour: Its name.
         guidance: The last one.
-        kept_off: Names of the robots outside the tour that are kept off.
+        avoided: Names of the robots outside the tour that are avoided.
     """
     values: dict[str, object] = {"state": guidance.state.name.lower()}
     if guidance.state != State.IDLE:
@@ -49,7 +49,7 @@ def of_tour(tour: str, guidance: Guidance, kept_off: Iterable[str] = ()) -> Find
             "people": len(guidance.people),
             "stragglers": len(guidance.stragglers),
             "lost": len(guidance.lost),
-            "kept_off": ", ".join(kept_off),
+            "avoided": ", ".join(avoided),
         }
     text = guidance.reason or _TEXTS[guidance.state]
     if guidance.state == State.HALTED:
@@ -80,7 +80,7 @@ def second_guide(topic: str, guides: Sequence[str]) -> str:
     return (
         f"{len(guides)} publishers on {topic}: {', '.join(guides)}; another guide_node, or a "
         "replay of one, is at work: end it, or give it a namespace or a ROS_DOMAIN_ID of its own; "
-        "or one was killed some seconds ago"
+        "or one was killed in the last 20 s"
     )
 
 

@@ -90,7 +90,7 @@ def _judge(state: InputState) -> tuple[bytes, Code | None, str]:
         text = (
             f"{len(sources)} publishers on {state.topic}: {', '.join(sources)}; one is wanted, "
             "since all messages are taken for one source's: end or remap the others; or one was "
-            "killed some seconds ago"
+            "killed in the last 20 s"
         )
         return ERROR, Code.TWO_PUBLISHERS, text
     if state.refused_in_a_row >= _ALL:

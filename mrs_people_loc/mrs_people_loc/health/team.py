@@ -45,7 +45,7 @@ def of_people(topic: str, kind: str, publishers: Sequence[tuple[str, str]]) -> F
     text = (
         f"{len(publishers)} publishers on {topic}: {', '.join(names)}; another "
         "planner, or a replay of one, is at work in this ROS domain: end it, or give it "
-        "a namespace or a ROS_DOMAIN_ID of its own; or one was killed some seconds ago"
+        "a namespace or a ROS_DOMAIN_ID of its own; or one was killed in the last 20 s"
     )
     return Finding("people", ERROR, text, {}, Code.TWO_PUBLISHERS)
 
@@ -137,7 +137,7 @@ def _reception(state: MemberState) -> _Verdict:
     if state.points_publishers > 1:
         text = (
             f"{state.points_publishers} publishers on {state.points_topic}: two robots share a "
-            "name, rename one; or one was killed some seconds ago"
+            "name, rename one; or one was killed in the last 20 s"
         )
         return ERROR, Code.TWO_PUBLISHERS, text
     if state.age_s is None:

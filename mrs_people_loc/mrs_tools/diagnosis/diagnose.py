@@ -24,7 +24,7 @@ from mrs_tools.diagnosis.facts import (
 _NETWORK = "it hangs, or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
 
 _NO_ANSWER = (
-    "does not answer: it hangs (end it and start it again), or was killed some seconds ago, "
+    "does not answer: it hangs (end it and start it again), or was killed in the last 20 s, "
     "or the network lets only discovery pass (firewall, Wi-Fi): docs/network.md"
 )
 

@@ -76,6 +76,8 @@ class LivePeople:
         self.troubles_shown = True
         self._people: tuple[tuple[Person, ...], tuple[PeopleGroup, ...]] = (), ()
         self._events: deque[tuple[float, str]] = deque(maxlen=_EVENTS)
+        #: When the last message came, by ROS time [ns] and by the steady clock [s].
+        self._came = 0, 0.0
         self._rate = _Rate()
         self._robots: dict[str, _Rate] = {}
         self._scans: dict[str, Any] = {}
@@ -109,6 +111,7 @@ class LivePeople:
             self._reports[f"{_OWN}: node"] = (time.monotonic(), WARN, refused, {})
             return
         self.message = message
+        self._came = self._node.get_clock().now().nanoseconds, time.monotonic()
         self._rate.add()
         for scan in message.scans:
             self._robots.setdefault(scan.robot, _Rate()).add()
@@ -125,8 +128,12 @@ class LivePeople:
             self._reports[plain(status.name)] = entry
 
     def age_s(self, stamp: Any) -> float:
-        """Age of a stamp by ROS time [s]."""
-        return (self._node.get_clock().now().nanoseconds - stamp_ns_of(stamp)) / 1e9
+        """Age of a stamp [s]: by ROS time until the last message, and by the steady clock since.
+
+        So it goes on where `/clock` ends.
+        """
+        came_ns, came_s = self._came
+        return (came_ns - stamp_ns_of(stamp)) / 1e9 + time.monotonic() - came_s
 
     def __rich__(self) -> RenderableType:
         """The tables as they are now."""

@@ -448,7 +448,7 @@ class GuideNode(ManagedNode):
         return [
             guides,
             walls,
-            of_tour(running.tour.name, running.guidance, running.kept_off),
+            of_tour(running.tour.name, running.guidance, running.avoided),
             of_others(others),
             *of_tour_robots(running.guidance, running.off_posts()),
         ]

@@ -1,4 +1,4 @@
-"""Velocities between messages: ages, what is extrapolated, what is kept off."""
+"""Velocities between messages: ages, what is extrapolated, what is avoided."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_robot_outside_the_tour_is_forgotten_after_two_minutes() -> None:
     made = steering("robot_a")
     made.take_pose("ghost", Pose(T0, 3.0, 0.0, 0.0), T0)
     made.step(T0 + 119_000 * MS)
-    assert made.kept_off == ("ghost",)
+    assert made.avoided == ("ghost",)
     made.step(T0 + 121_000 * MS)
     assert set(made.poses()) == {"robot_a"}
 
@@ -126,7 +126,7 @@ def test_robot_without_a_pose_a_post_or_people_stands() -> None:
     assert without_post.step(T0) == {"robot_a": (0.0, 0.0)}
 
 
-def test_only_the_robots_of_the_tour_are_driven_and_others_are_kept_off() -> None:
+def test_only_the_robots_of_the_tour_are_driven_and_others_are_avoided() -> None:
     free, blocked = steering("robot_a"), steering("robot_a")
     gap = CONFIG.safety.robot_distance + 0.02
     for made in (free, blocked):
@@ -153,7 +153,7 @@ def test_poses_are_no_newer_than_their_arrival() -> None:
     ("x", "silent_ms", "is_kept"),
     [(0.65, 1000, True), (0.65, 5000, False), (2.0, 400, True), (2.0, 1000, False)],
 )
-def test_who_vanished_is_kept_off_unless_their_place_is_seen_empty(
+def test_who_vanished_is_avoided_unless_their_place_is_seen_empty(
     x: float, silent_ms: int, is_kept: bool
 ) -> None:
     """The robot sees people from 1 m on; nearer ones it cannot see to be gone."""

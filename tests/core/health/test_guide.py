@@ -48,7 +48,7 @@ def test_state_of_the_tour_tells_the_level(guidance, level, code, message):
 def test_figures_of_the_tour():
     assert dict(of_tour("hall", LEADING).values) == {
         "state": "leading", "tour": "hall", "way_m": "3.2", "length_m": "60.0", "stop": "Foyer",
-        "people": 3, "stragglers": 1, "lost": 0, "kept_off": "",
+        "people": 3, "stragglers": 1, "lost": 0, "avoided": "",
     }  # fmt: skip
 
 

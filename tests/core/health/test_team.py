@@ -60,7 +60,7 @@ CHANGES: list[tuple[dict[str, Any], bytes, Code, str]] = [
         ERROR,
         Code.TWO_PUBLISHERS,
         "2 publishers on /robot_a/points: two robots share a name, rename one; "
-        "or one was killed some seconds ago",
+        "or one was killed in the last 20 s",
     ),
     ({"age_s": None}, STALE, Code.NO_SCAN, "no scan used yet"),
     ({"poses_held": 0}, ERROR, Code.NO_POSE, "scans but no pose on robot_a/pose"),

@@ -155,7 +155,8 @@ def test_old_name_is_listened_to_only_while_a_planner_publishes_there():
     assert shown(live)[0] == ["1 people, - Hz"]
 
 
-def test_people_and_groups_are_shown(live):
+def test_people_and_groups_are_shown(live, monkeypatch):
+    monkeypatch.setattr("time.monotonic", lambda: 100.0)
     table, heard = live
     assert shown(table) == [
         ["waiting for people ... (is the planner running?)"],
@@ -167,6 +168,16 @@ def test_people_and_groups_are_shown(live):
     assert ["8", "4.00", "0.50", "-", "1.50", "1", "nobody (coasting)"] in rows
     assert ["2", "4", "2.00", "1.00", "0.25", "1.50", "3 (4 s), 8 (12 s)"] in rows
     assert ["robot_a", "-", "20", "1.00", "2.00", "90"] in rows
+
+
+def test_age_of_scans_grows_after_the_clock_has_ended(live, monkeypatch):
+    """The time of the node stays where it is; the scan was 20 ms old when it came."""
+    moment = 100.0
+    monkeypatch.setattr("time.monotonic", lambda: moment)
+    table, heard = live
+    heard["tracked_people"](message_of(WALKS))
+    moment = 100.5
+    assert ["robot_a", "-", "520", "1.00", "2.00", "90"] in shown(table)
 
 
 def test_untracked_people_have_no_id(live):
