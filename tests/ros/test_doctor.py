@@ -272,8 +272,12 @@ def test_inactive_and_surplus_nodes_are_reported(robot: RobotPeer, team: Team, d
         assert "/planner_node: robot_a/points" in str(ended.follows)
         assert "hang" not in str([waits.advice, ended.advice])
         assert people.text == "2 nodes publish it: /planner_node, /planner_two"
-        viewed = diagnose(look(peer.node, 0.5, lambda: peer.spin(0.1)))[-1]
-        assert viewed.text == "2 run: /mrs_people_11, /mrs_people_22"
+
+        def viewed() -> bool:
+            found = diagnose(look(peer.node, 0.5, lambda: peer.spin(0.1)))
+            return found[-1].text == "2 run: /mrs_people_11, /mrs_people_22"
+
+        peer.until(viewed, "the last check does not name the viewers")
     finally:
         for one in (second, *viewers):
             one.close()

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import math
-import subprocess
-import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +13,7 @@ from rcl_interfaces.msg import ParameterType
 
 from mrs_people_loc.config import PlannerConfig, RobotConfig, Section
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
+from ros.forked_starts import Start, ends_of
 from ros.harness import NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer
 from ros.recording import DEFAULTS, PARAMS, Recording, stages_of, stamp_of
@@ -219,18 +216,8 @@ def ends(
     folder = tmp_path_factory.mktemp("params")
     for name, text in FILES.items():
         (folder / name).write_text(text)
-    starts = [start[:2] for start in (*BAD_STARTS.values(), *HELP.values())]
-    done = subprocess.run(
-        [sys.executable, str(Path(__file__).with_name("forked_starts.py"))],
-        input=json.dumps(starts),
-        capture_output=True,
-        text=True,
-        timeout=110,
-        check=False,
-        cwd=folder,
-    )
-    assert done.returncode == 0, done.stderr
-    return dict(zip([*BAD_STARTS, *HELP], map(tuple, json.loads(done.stdout)), strict=True))
+    starts = [Start(*start[:2]) for start in (*BAD_STARTS.values(), *HELP.values())]
+    return dict(zip([*BAD_STARTS, *HELP], ends_of(starts, folder), strict=True))
 
 
 @pytest.mark.parametrize("case", BAD_STARTS)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from fnmatch import fnmatchcase
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 
 from mrs_people_loc.errors import ConfigError
 from mrs_ros import security
+from ros.forked_starts import Start, ends_of
 from ros.harness import DEADLINE_S, ROOT, Peer, Team
 from ros.interfaces import interfaces
 from ros.tf2 import tf2
@@ -40,42 +42,75 @@ def has_plugin() -> bool:
     return fast_dds is not None and b"DDS:Auth:PKI-DH" in fast_dds.read_bytes()
 
 
-@pytest.mark.parametrize("executable", ["robot_node", "planner_node", "planner_node.guide_node"])
-@pytest.mark.parametrize(
-    ("variables", "keystore", "reported"),
-    [
-        ({"ENABLE": "true", "STRATEGY": "Enforce"}, None, NO_KEYS),
-        ({"ENABLE": "true", "STRATEGY": "Enforce"}, "absent", NO_KEYS),
-        ({"ENABLE": "true", "STRATEGY": "Enforce"}, "made", NO_PLUGIN),
-        ({"ENABLE": "true", "STRATEGY": "Permissive"}, "made", NO_PLUGIN),
-        ({"ENABLE": "true"}, "made", NO_PLUGIN),
-        ({"ENABLE": "True"}, None, "ROS_SECURITY_ENABLE is 'True'; allowed: true or false"),
-        (
-            {"ENABLE": "true", "STRATEGY": "ENFORCE"},
-            None,
-            "ROS_SECURITY_STRATEGY is 'ENFORCE'; allowed: Enforce or Permissive",
-        ),
-        ({"STRATEGY": "Enforce"}, None, "ROS_SECURITY_ENABLE is not set, so nothing would be"),
-    ],
-)
+#: Variables without `ROS_SECURITY_`, the folder of keys and what is reported.
+REFUSED: list[tuple[dict[str, str], str | None, str]] = [
+    ({"ENABLE": "true", "STRATEGY": "Enforce"}, None, NO_KEYS),
+    ({"ENABLE": "true", "STRATEGY": "Enforce"}, "absent", NO_KEYS),
+    ({"ENABLE": "true", "STRATEGY": "Enforce"}, "made", NO_PLUGIN),
+    ({"ENABLE": "true", "STRATEGY": "Permissive"}, "made", NO_PLUGIN),
+    ({"ENABLE": "true"}, "made", NO_PLUGIN),
+    ({"ENABLE": "True"}, None, "ROS_SECURITY_ENABLE is 'True'; allowed: true or false"),
+    (
+        {"ENABLE": "true", "STRATEGY": "ENFORCE"},
+        None,
+        "ROS_SECURITY_STRATEGY is 'ENFORCE'; allowed: Enforce or Permissive",
+    ),
+    ({"STRATEGY": "Enforce"}, None, "ROS_SECURITY_ENABLE is not set, so nothing would be"),
+]
+EXECUTABLES = ("robot_node", "planner_node", "guide_node")
+NAMESPACE = ("--ros-args", "-r", "__ns:=/robot_a")
+
+
+@pytest.fixture(scope="module")
+def ends(
+    domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> dict[tuple[str, int], tuple[int, str]]:
+    """Exit code and output of each executable in each case of `REFUSED` that is one here."""
+    folder = tmp_path_factory.mktemp("keys")
+    (folder / "made" / "enclaves").mkdir(parents=True)
+    starts, left_out = {}, NO_PLUGIN if has_plugin() else None
+    for executable, (case, refused) in product(EXECUTABLES, enumerate(REFUSED)):
+        variables, keystore, reported = refused
+        if reported == left_out:  # it might start
+            continue
+        env = {f"ROS_SECURITY_{name}": value for name, value in variables.items()}
+        if keystore:
+            env["ROS_SECURITY_KEYSTORE"] = str(folder / keystore)
+        starts[executable, case] = Start(executable, NAMESPACE, env)
+    return dict(zip(starts, ends_of(list(starts.values()), folder), strict=True))
+
+
+@pytest.mark.parametrize("executable", EXECUTABLES)
+@pytest.mark.parametrize("case", range(len(REFUSED)))
 def test_node_does_not_start_without_required_security(
-    executable: str, variables: dict[str, str], keystore: str | None, reported: str,
-    domain: int, tmp_path: Path,
-) -> None:  # fmt: skip
-    if reported == NO_PLUGIN and has_plugin():
+    ends: dict[tuple[str, int], tuple[int, str]], executable: str, case: int
+) -> None:
+    if (executable, case) not in ends:
         pytest.skip("Fast DDS has its security plugin here")
-    env = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    env |= {f"ROS_SECURITY_{name}": value for name, value in variables.items()}
-    if keystore:
-        env["ROS_SECURITY_KEYSTORE"] = str(tmp_path / keystore)
-        (tmp_path / "made" / "enclaves").mkdir(parents=True)
+    code, output = ends[executable, case]
+    assert code == 2, output
+    assert re.search(REFUSED[case][-1], output), output
+    assert "Traceback" not in output
+
+
+def test_node_that_nobody_forked_ends_the_same(
+    ends: dict[tuple[str, int], tuple[int, str]], domain: int
+) -> None:
+    env = {**os.environ, **{f"ROS_SECURITY_{k}": value for k, value in REFUSED[0][0].items()}}
     ended = subprocess.run(
-        [sys.executable, "-m", executable, "--ros-args", "-r", "__ns:=/robot_a"],
+        [sys.executable, "-m", "robot_node", *NAMESPACE],
         env=env, capture_output=True, text=True, timeout=DEADLINE_S, check=False,
     )  # fmt: skip
-    assert ended.returncode == 2, ended.stderr
-    assert re.search(reported, ended.stderr), ended.stderr
-    assert "Traceback" not in ended.stderr
+    code, output = ends["robot_node", 0]
+    assert ended.returncode == code
+    assert refusal_in(ended.stderr) == refusal_in(output) != ""
+
+
+def refusal_in(output: str) -> str:
+    """The line that says why a node does not start, without its time."""
+    return next(
+        (re.sub(r"\d", "", line) for line in output.splitlines() if " cannot be " in line), ""
+    )
 
 
 def test_node_logs_that_it_may_be_unprotected(

@@ -169,7 +169,7 @@ def run(
     hz: float,
     pose_hz: float,
     seconds: float,
-    warm_up_s: float = 10.0,
+    warm_up_s: float,
 ) -> Load:
     """Feeds a team for some time; the environment says on which domain.
 

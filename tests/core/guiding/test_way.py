@@ -21,6 +21,8 @@ def test_places_along_a_straight_way_match_hand_computed_values() -> None:
     assert way.nearest(places, 2.6) == pytest.approx([3.0, 1.6], abs=0.06)
     assert way.nearest(places, np.array([3.6, -0.4])) == pytest.approx([3.0, -1.0], abs=0.01)
     assert way.nearest(places, 7.0, reach=3.0)[1] == pytest.approx(4.0, abs=0.06)
+    # Of a clock that has jumped ahead by days; no table of so many places.
+    assert way.nearest(places, 7.0, reach=1e12) == pytest.approx([3.0, -1.0], abs=0.01)
 
 
 def test_corners_are_cut_as_documented_and_ends_stay() -> None:

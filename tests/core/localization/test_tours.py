@@ -51,6 +51,7 @@ def test_covariances_are_true(where, request):
     assert above < 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("where", "limit"), [("in_l_corridor", 0.06), ("in_hall", 0.08)])
 def test_robots_know_where_they_are_to_each_other(where, limit, request):
     made = request.getfixturevalue(where)
