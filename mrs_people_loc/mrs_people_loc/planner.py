@@ -20,7 +20,7 @@ from mrs_people_loc.clusters import Clusters
 from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.following.groups import GROUPS_TUNING, Groups, GroupsTuning
-from mrs_people_loc.following.tracks import TRACKS_TUNING, Tracker, TracksTuning
+from mrs_people_loc.following.tracks import TRACKS_TUNING, Off, Tracker, TracksTuning, anywhere
 from mrs_people_loc.following.visibility import FieldsOfView
 from mrs_people_loc.people import NOBODY, Group, Person, combine, gather
 from mrs_people_loc.scan import Scan
@@ -189,7 +189,10 @@ class Planner:
             return persons, (everybody,) if everybody else (), ()
         self.views.learn(persons, looking)
         sees = partial(self.views.are_seen, looking=looking, robots=poses, walls=self._walls)
-        persons = self.tracker.step(persons, time_ns, sees)
+        off_walls: Off = anywhere
+        if self._walls is not None:
+            off_walls = partial(self._walls.off, least=self.config.masking.wall_margin)
+        persons = self.tracker.step(persons, time_ns, sees, off_walls)
         times.mark("tracking")
         groups, events = self.groups.step(persons, time_ns)
         self.tracker.group_of = self.groups.group_of()

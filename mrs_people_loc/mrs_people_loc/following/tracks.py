@@ -73,7 +73,7 @@ class TracksTuning:
     lead_speed: float = 0.4
     travelled: float = 0.4
     travelled_sigmas: float = 3.0
-    adapt_s: float = 0.5
+    adapt_s: float = 0.25
     company: float = 1.0
     company_reach: float = 2.5
     found_s: float = 1.0
@@ -90,6 +90,15 @@ Sees: TypeAlias = Callable[[Float, Float, Int], Bool]
 def everybody(places: Float, _people: Float, _own: Int) -> Bool:
     """A `Sees` where nobody is hidden."""
     return np.ones(len(places), dtype=bool)
+
+
+#: Moves places that nobody can be at, shape (k, 2) [m], to the nearest where somebody can be.
+Off: TypeAlias = Callable[[Float], Float]
+
+
+def anywhere(places: Float) -> Float:
+    """An `Off` without walls."""
+    return places
 
 
 @dataclass
@@ -277,6 +286,7 @@ class Tracker:
         persons: Sequence[Person],
         time_ns: int,
         sees: Sees = everybody,
+        off_walls: Off = anywhere,
     ) -> tuple[Person, ...]:
         """Takes the detections of an interval.
 
@@ -285,6 +295,7 @@ class Tracker:
             time_ns: Time of the interval [ns]; a little older than the last one: scans that came
                 late by themselves; older by more than `RESET_NS`: all tracks are new.
             sees: Tells who is in plain view of the robots of this interval.
+            off_walls: Moves those who walk unseen off walls.
 
         Returns:
             All people who are followed, seen or not, by id.
@@ -298,6 +309,10 @@ class Tracker:
         self._predict(self._tracks, dt_s)
         self._predict(self._lost, dt_s)
         self._associate(_Found.from_persons(persons, self._time_ns, self.tuning), dt_s, sees)
+        tracks = self._tracks
+        walks = np.flatnonzero((tracks.id > 0) & ~tracks.seen & tracks.travelled)
+        if len(walks):
+            tracks.state[walks, :2] = off_walls(tracks.state[walks, :2])
         return self._persons(late_s)
 
     def _predict(self, tracks: _Tracks, dt_s: float) -> None:

@@ -398,9 +398,10 @@ class _Run:
         self._events += self._team.events
 
     def _in_view(self, xy: Float) -> Bool:
-        """Which places the robots see, past people and walls, shape (n,)."""
+        """Where nobody is unnoticed, shape (n,): robots look there, or the floor is not free."""
         people = np.array([one.xy for one in self._group.guided if one.followed]).reshape(-1, 2)
-        return are_in_view(xy, people, self._team.robots, self.config, self._space)
+        in_view = are_in_view(xy, people, self._team.robots, self.config, self._space)
+        return np.asarray(in_view | (self._space.clearance(xy) < 0.0))
 
     def _posts(self) -> dict[str, Post]:
         """Where the robots are to go."""

@@ -466,6 +466,7 @@ class GuidedGroup:
         if guest.behind_s is None:
             if not self._is_hidden(guest) and guest.unseen_s >= tuning.missing_s:
                 guest.behind_s = guest.unseen_s
+                self._stayed(guest)
                 self.events.append(f"person {guest.id} is not seen any more")
         elif not guest.lost:
             if self._is_near(guest):
@@ -473,6 +474,12 @@ class GuidedGroup:
             elif guest.empty_s >= tuning.left_s and self.together:
                 guest.lost = True
                 self.events.append(f"person {guest.id} has left; goes on without them")
+
+    def _stayed(self, guest: Guest) -> None:
+        """Somebody has not gone on with the group: robots look for them where they were last."""
+        guest.xy = guest.place
+        (way_m,) = self.way.nearest(guest.xy[None], guest.way_m, self.tuning.start_reach)
+        guest.way_m = float(way_m)
 
     def _judge_followed(self, guest: Guest, away: float, at_home: bool, dt_s: float) -> None:
         tuning, was_behind = self.tuning, guest.behind_s is not None

@@ -151,6 +151,8 @@ def _farthest(radius: float, tuning: MaskingTuning) -> float:
 
 #: Limits of a grid's resolution [m].
 _FINEST, _COARSEST = 0.005, 1.0
+#: Distances so many cells ahead and behind tell the direction off a wall.
+_GRADIENT_CELLS = 2.0
 #: Distances are exact up to this: the largest `wall_margin` [m].
 _NEEDED = 1.0
 #: They are computed in tiles of so many cells a side, at least; of so many new cells in one call,
@@ -306,6 +308,31 @@ class Walls:
             on &= slot >= 0
         found = self._kept[np.where(on, slot, 0), row % side, column % side]
         return np.where(on, found, np.inf).astype(np.float64)
+
+    def off(self, xy: Float, least: float) -> Float:
+        """Places, those nearer to walls and furniture than some distance moved straight off them.
+
+        Deep inside, where all directions are alike, they stay.
+
+        Args:
+            xy: Places in the common frame [m], shape (n, 2).
+            least: The distance [m].
+
+        Returns:
+            Shape (n, 2).
+        """
+        away = self.distance(xy)
+        near = np.flatnonzero(away < least)
+        if not len(near):
+            return xy
+        step = _GRADIENT_CELLS * self._grid.resolution * np.eye(2)
+        ahead, behind = (self.distance(xy[near, np.newaxis] + way) for way in (step, -step))
+        gradient = ahead - behind
+        length = np.hypot(gradient[:, 0], gradient[:, 1])
+        unit = gradient / np.maximum(length, 1e-9)[:, np.newaxis]
+        moved = xy.copy()
+        moved[near] += (least - away[near])[:, np.newaxis] * unit
+        return moved
 
     def near(self, xy: Float, reach: Float, margin: float) -> Bool:
         """Whether any place from xy - reach to xy + reach is nearer to them than `margin`.

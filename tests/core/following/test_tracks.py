@@ -361,6 +361,23 @@ def test_hidden_member_is_where_no_robot_looks():
     assert beyond.position[0] == pytest.approx(anywhere.position[0], abs=0.02)
 
 
+def test_hidden_member_is_moved_off_walls():
+    """Last seen at y = 1 m, at a wall that comes to y = 1.3 m, they slide along it."""
+    follower = tracker(hidden_time=8.0, coast_share=10.0)
+    a_pair_walks(follower, hidden_s=0.1, sees=False)
+    for step in range(41, 60):
+        now = step * 100 * MS
+        found = [person(0.05 * step, 0.0, at_ns=now)]
+        people = follower.step(
+            found, now, lambda xy, _all, _own: np.zeros(len(xy), dtype=bool),
+            lambda xy: np.maximum(xy, (-np.inf, 1.3)),
+        )  # fmt: skip
+    assert ids(people) == [1, 2]
+    assert people[0].position[1] == pytest.approx(0.0, abs=0.1)  # who is seen is where they are
+    assert people[1].position[1] == pytest.approx(1.3, abs=0.01)
+    assert people[1].position[0] == pytest.approx(0.05 * 59, abs=0.1)
+
+
 @pytest.mark.parametrize("alone", ["another group", "far", "stands"])
 def test_who_does_not_walk_with_a_group_is_not_kept(alone):
     follower = tracker(hidden_time=8.0, coast_share=10.0)
@@ -384,11 +401,11 @@ def test_hidden_person_who_comes_out_elsewhere_keeps_their_id():
     assert ids(out[-1]) == [1, 2]
     for step in range(80, 84):
         now, there = step * 100 * MS, (0.05 * step, 0.0)
-        found = [person(*there, at_ns=now), person(place[0], place[1] + 1.4, at_ns=now)]
+        found = [person(*there, at_ns=now), person(place[0], place[1] + 1.0, at_ns=now)]
         out = follower.step(found, now, lambda xy, _all, _own: np.zeros(len(xy), dtype=bool))
     assert ids(out) == [1, 2]
     assert not out[1].coasting
-    assert out[1].position[1] == pytest.approx(place[1] + 1.4, abs=0.2)
+    assert out[1].position[1] == pytest.approx(place[1] + 1.0, abs=0.2)
 
 
 def test_motion_in_company_equals_small_steps_of_its_equation():

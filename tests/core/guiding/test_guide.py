@@ -17,6 +17,7 @@ from mrs_people_loc.guiding.guidance import Role, State
 from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.pace import PaceControl, falls
 from mrs_people_loc.guiding.tour import tour_from
+from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose
 
 FOYER = tour_from([[0.0, 0.0], [20.0, 0.0]], [("Foyer", (8.0, 0.0), 5.0)], name="hall", speed=0.5)
@@ -277,14 +278,35 @@ def test_person_who_is_hidden_for_long_is_not_waited_for_where_nobody_is():
 
 def test_person_who_is_not_seen_any_more_is_waited_for_where_no_robot_looks():
     world = leading(formation=Formation(nearest=1.0, reach=1.1))
+    last = world.people()[-1].position
     world.walkers[-1].id = 0
     world.run(9.0)
     assert world.last().state == State.WAITING
     assert world.last().stragglers == (5,)
+    (fetcher,) = (post for post in world.last().posts.values() if post.role == Role.FETCHER)
+    ahead = world.config.formation.distance * np.array(
+        [math.cos(fetcher.yaw), math.sin(fetcher.yaw)]
+    )
+    assert fetcher.xy + ahead == pytest.approx(last, abs=0.2)  # it looks where they were last
     world.walkers[-1].id = 5
     world.run(3.0)
     assert world.last().state == State.LEADING
     assert world.last().stragglers == ()
+
+
+@pytest.mark.parametrize(("wall_m", "waits"), [(3.2, True), (2.0, False)])
+def test_nobody_waits_for_a_person_whose_last_place_is_in_a_wall(wall_m, waits):
+    """No robot looks there, 2.6 m beside the way. On both sides of it are walls."""
+    world = leading(formation=Formation(nearest=1.0, reach=1.1))
+    floor = np.full((100, 500), 100, dtype=np.int8)
+    floor[round(50 - 10 * wall_m) : round(50 + 10 * wall_m)] = 0
+    world.guide.space = FreeSpace(OccupancyGrid(0.1, -20.0, -5.0, 0.0, floor))
+    drifted = world.walkers[-1]
+    drifted.left = 2.6
+    world.run(STEP_S)
+    drifted.id = 0
+    world.run(9.0)
+    assert (State.WAITING in world.states()) == waits
 
 
 def test_robots_look_for_a_group_of_whom_nobody_is_seen_any_more():

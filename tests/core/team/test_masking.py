@@ -285,6 +285,25 @@ def test_unknown_cells_behind_a_wall_are_its_interior():
     assert Walls(grid_of(unknown), occupied_from=65).distance(np.array((1.0, 1.0))) == np.inf
 
 
+def test_places_are_moved_straight_off_walls():
+    """To 0.45 m, from cells whose centres are 0.05 m from a wall of the room of 6 m x 4 m."""
+    walls = Walls(room(), occupied_from=65)
+    diagonal = 0.05 + 0.4 / math.sqrt(2.0)
+    moved = {
+        (3.05, 0.05): (3.05, 0.45),
+        (3.05, 3.95): (3.05, 3.55),
+        (0.05, 2.05): (0.45, 2.05),
+        (0.05, 0.05): (diagonal, diagonal),
+        (3.05, -0.05): (3.05, 0.4),  # in the wall, at 0 m from it
+        (3.05, 0.55): (3.05, 0.55),  # far enough
+        (3.05, -9.0): (3.05, -9.0),  # off the grid
+    }
+    np.testing.assert_allclose(walls.off(np.array([*moved]), 0.45), [*moved.values()], atol=1e-6)
+    deep = np.ones((20, 20)) * 100  # all directions are alike
+    inside = np.array([(1.05, 1.05)])
+    np.testing.assert_array_equal(Walls(grid_of(deep), occupied_from=65).off(inside, 0.45), inside)
+
+
 def large_floor(seed: int) -> np.ndarray:
     """Of several tiles, with things in it, unknown parts and a free floor."""
     rng = np.random.default_rng(seed)
