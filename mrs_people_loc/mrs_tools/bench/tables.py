@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -147,7 +148,8 @@ def _growth_tables(
             f"\nplanner, one interval as the team grows, {floor}: ten people and 56 m^2 for every "
             "four robots: median, and per robot [ms]"
         )
-        heads = [f"{name}{of}" for name in columns for of in (": cells", "", ", per robot")]
+        figures_of = ("cells", "whole", "per robot")
+        heads = [f"{Path(name).stem}\n{figure}" for name in columns for figure in figures_of]
         table = _table(title, "robots", "people", *heads)
         for rows in zip(*columns.values(), strict=True):
             figures = [
