@@ -208,7 +208,6 @@ class Drive:
         robots_velocity: Float | None = None,
         space: FreeSpace,
         path: Float | None = None,
-        goes_on: bool = False,
         stands_within: float = math.inf,
         dt: float = 0.05,
     ) -> tuple[float, float]:
@@ -225,8 +224,6 @@ class Drive:
             robots_velocity: [m/s], shape (m, 2); None: they stand.
             space: Free floor.
             path: To the post, from `FreeSpace.path`, shape (k, 2); None: straight on.
-            goes_on: Whether the post goes on along its heading: the robot behind it aims beyond it,
-                and so keeps that heading.
             stands_within: It goes no faster than it can stop in this time, once the next step is
                 due [s].
             dt: Until the next step [s].
@@ -239,7 +236,7 @@ class Drive:
         others = self._others(pose, people, people_velocity, people_age, robots, robots_velocity)
         still = np.zeros_like(robots)
         mates = _Mates(robots, still if robots_velocity is None else robots_velocity)
-        post, carrot = self._aim(pose, twist, post, path, goes_on, mates, space, dt)
+        post, carrot = self._aim(pose, twist, post, path, mates, space, dt)
         fastest = _Fastest.of(self.config.base, stands_within)
         wanted = self._wanted(pose, post, carrot, fastest)
         speeds, turns = self._candidates(post.speed, fastest, wanted)
@@ -257,14 +254,13 @@ class Drive:
         twist: tuple[float, float],
         post: Post,
         path: Float | None,
-        goes_on: bool,
         mates: _Mates,
         space: FreeSpace,
         dt: float,
     ) -> tuple[Post, Float]:
         """Where it goes, past team-mates, and the point that it drives to now [m], shape (2,)."""
         here = np.array([pose.x, pose.y])
-        carrot = self._carrot(here, post, path, goes_on, space)
+        carrot = self._carrot(here, post, path, space)
         mate = None if self._arrived else self._meeting(here, carrot, post, mates)
         if self._gives_way(here, mate, twist[0], dt) and mate is not None:
             post = self._room_made(here, post, mate, space)
@@ -314,19 +310,12 @@ class Drive:
         reach = others.keep + fastest * tuning.horizon + self.config.base.max_speed / others.gain
         return others.select(away < reach)
 
-    def _carrot(
-        self, here: Float, post: Post, path: Float | None, goes_on: bool, space: FreeSpace
-    ) -> Float:
+    def _carrot(self, here: Float, post: Post, path: Float | None, space: FreeSpace) -> Float:
         """The point that the robot drives to now, if nobody is in the way [m], shape (2,)."""
         end = np.asarray(post.xy, dtype=np.float64)
-        ahead = np.array([math.cos(post.yaw), math.sin(post.yaw)])
-        goes_on = goes_on and float((end - here) @ ahead) > 0.0
-        is_straight = path is None or len(path) < 2
-        if is_straight and not goes_on:
+        if path is None or len(path) < 2:
             return end
-        before = here[np.newaxis] if path is None or is_straight else path[:-1]
-        beyond = [end + self._tuning.near * ahead] if goes_on else []
-        return self._on_path(here, np.concatenate([before, [end, *beyond]]), space)
+        return self._on_path(here, np.concatenate([path[:-1], end[np.newaxis]]), space)
 
     def _past(self, here: Float, carrot: Float, mate: Float, space: FreeSpace) -> Float:
         """The point to drive to past a team-mate who comes: to the right, if there is room."""

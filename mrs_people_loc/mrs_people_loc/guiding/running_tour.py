@@ -168,5 +168,5 @@ class RunningTour:
 
     def _told(self, guidance: Guidance) -> Guidance:
         self.guidance = dataclasses.replace(guidance, events=())
-        self._steering.take_posts(guidance.posts, moving=guidance.speed > 0.0)
+        self._steering.take_posts(guidance.posts)
         return guidance

@@ -13,7 +13,7 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.guiding.drive import Drive
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.guidance import Post, Role
+from mrs_people_loc.guiding.guidance import Post
 from mrs_people_loc.guiding.views import are_in_view
 from mrs_people_loc.people import Person
 from mrs_people_loc.team.poses import Pose
@@ -89,7 +89,6 @@ class Steering:
         self._heard: dict[str, _Heard] = {}
         self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
         self._posts: Mapping[str, Post] = {}
-        self._moving = False
         self._paths: dict[str, Float | None] = {}
         self._followed: dict[int, Float] = {}
         self._vanished: list[_Vanished] = []
@@ -137,14 +136,9 @@ class Steering:
             and 0 <= stamp_ns - one.since_ns < _KEPT_S * 1e9
         ]
 
-    def take_posts(self, posts: Mapping[str, Post], *, moving: bool = False) -> None:
-        """Takes new posts, and plans the paths to them; robots without one stand.
-
-        Args:
-            posts: By robot.
-            moving: Whether those behind the group go on with it.
-        """
-        self._posts, self._moving = posts, moving
+    def take_posts(self, posts: Mapping[str, Post]) -> None:
+        """Takes new posts, and plans the paths to them; robots without one stand."""
+        self._posts = posts
         self._paths = {
             robot: self._path(robot, posts[robot])
             for robot in self.robots
@@ -219,16 +213,9 @@ class Steering:
             ),
             space=self.space,
             path=self._paths.get(robot),
-            goes_on=self._goes_on(robot),
             stands_within=left_s - dt,
             dt=dt,
         )
-
-    def _goes_on(self, robot: str) -> bool:
-        """Whether the post of a robot goes on along its heading, behind the group."""
-        post = self._posts.get(robot)
-        is_rear = post is not None and post.role == Role.REAR
-        return self._moving and is_rear and robot not in self.config.looks_back
 
     def _now(self, robot: str, now_ns: int) -> Pose:
         """Where a robot is by its last pose and its velocity since."""

@@ -37,7 +37,6 @@ class Robot:
     v: float = 0.0
     w: float = 0.0
     path: np.ndarray | None = None
-    goes_on: bool = False
     log: list = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -134,7 +133,7 @@ class World:
                     people_age=self.age + self.since,
                     robots=np.array([r.xy for r in others]).reshape(-1, 2),
                     robots_velocity=np.array([r.velocity for r in others]).reshape(-1, 2),
-                    space=self.space, path=robot.path, goes_on=robot.goes_on, dt=DT,
+                    space=self.space, path=robot.path, dt=DT,
                     stands_within=self.stands_within,
                 )
             )  # fmt: skip

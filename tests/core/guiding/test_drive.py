@@ -58,31 +58,6 @@ def test_moving_post_is_followed_closely_also_backwards(turned: float) -> None:
     assert (np.cos(robot.track[:, 2] - turned) > 0.99).all()
 
 
-def test_behind_a_post_that_goes_on_a_robot_looks_ahead() -> None:
-    """The post is 0.4 m ahead and 0.35 m aside, and goes on at the robot's speed.
-
-    The path to it is 0.53 m long; the rest of `near`, 0.27 m, goes on beyond it. So the robot aims
-    at atan(0.35 / 0.67) = 0.48 rad, in place of atan(0.35 / 0.4) = 0.72 rad.
-    """
-    turned = {}
-    for goes_on in (False, True):
-        robot = Robot(0.0, 0.0, 0.0, post(0.4, 0.35), v=0.5, goes_on=goes_on)
-        world = World([robot])
-        for k in range(25):
-            robot.post = post(0.4 + 0.1 * k, 0.35)
-            world.run(0.2)
-        assert robot.x == pytest.approx(0.4 + 0.1 * 24, abs=0.3)
-        assert robot.y == pytest.approx(0.35, abs=0.05)
-        turned[goes_on] = float(robot.track[:, 2].max())
-    assert turned[True] < 0.48 < turned[False] < 0.72
-
-
-def test_robot_ahead_of_a_post_that_goes_on_waits_for_it() -> None:
-    robot = Robot(0.5, 0.0, 0.0, post(0.0, 0.0), goes_on=True)
-    World([robot]).run(1.0)
-    assert robot.x < 0.5
-
-
 def test_robot_that_is_told_to_stop_brakes_at_once() -> None:
     robot = Robot(0.0, 0.0, 0.0, post(5.0, 0.0))
     world = World([robot])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -168,26 +166,3 @@ def test_who_vanished_is_avoided_unless_their_place_is_seen_empty(
     for _ in range(5):
         velocity, _ = made.step(now)["robot_a"]
     assert (velocity < 0.05) == is_kept
-
-
-@pytest.mark.parametrize(
-    ("role", "moving", "looks_back", "goes_on"),
-    [
-        (Role.REAR, True, (), True),
-        (Role.REAR, False, (), False),
-        (Role.LEADER, True, (), False),  # its post is far ahead
-        (Role.REAR, True, ("robot_a",), False),  # it drives backwards, against its heading
-    ],
-)
-def test_robots_behind_a_group_that_moves_keep_its_direction(role, moving, looks_back, goes_on):
-    """The post is 0.4 m ahead and 0.35 m aside: they turn less where it goes on."""
-    config = dataclasses.replace(CONFIG, looks_back=looks_back)
-    turns = []
-    for moves in (moving, False):
-        made = Steering(config, FreeSpace.unbounded(), ["robot_a"])
-        made.take_pose("robot_a", Pose(T0, 0.0, 0.0, 0.0), T0)
-        made.take_people([person(-2.0, 0.0)], T0, T0)
-        made.take_posts({"robot_a": Post(role, np.array([0.4, 0.35]), 0.0, 0.6)}, moving=moves)
-        run(made, T0 + 400 * MS)
-        turns.append(made.step(T0 + 400 * MS + TICK)["robot_a"][1])
-    assert (turns[0] < turns[1] - 0.05) == goes_on
