@@ -73,7 +73,7 @@ class TracksTuning:
     lead_speed: float = 0.4
     travelled: float = 0.4
     travelled_sigmas: float = 3.0
-    adapt_s: float = 0.25
+    adapt_s: float = 0.5
     company: float = 1.0
     company_reach: float = 2.5
     found_s: float = 1.0
