@@ -3,6 +3,7 @@ FROM ros:jazzy-ros-base
 
 # The dependencies first: a change to the code does not install them again.
 WORKDIR /ws
+COPY config/package.xml src/config/
 COPY msgs/package.xml src/msgs/
 COPY mrs_people_loc/package.xml src/mrs_people_loc/
 COPY planner_node/package.xml src/planner_node/
@@ -16,6 +17,7 @@ RUN apt-get update \
 # For bags; Ubuntu does not package it.
 RUN python3 -m pip install --break-system-packages --no-cache-dir rosbags==0.11.9
 
+COPY config src/config
 COPY msgs src/msgs
 COPY mrs_people_loc src/mrs_people_loc
 COPY planner_node src/planner_node

@@ -7,6 +7,8 @@ PYTHON ?=
 PYTEST_ARGS ?=
 # Folder of bags of real rooms (docs/real_rooms.md).
 RECORDINGS ?= .recordings
+# Tests at the same time: those of nodes mostly wait, so more than there are processors.
+WORKERS ?= $(shell n=$$(nproc); echo $$((n < 4 ? 2 * n : 8)))
 # Fuzzing time per target [s].
 FUZZ_SECONDS ?= 60
 
@@ -19,19 +21,22 @@ OLDEST_VERSIONS := 3.12 3.11 3.10
 COLCON := .colcon
 BIN := $(VENV)/bin
 LOCK := requirements/lock.txt
+GROUPS := sim test lint fuzz
 
 # setup/step.sh LOG "Description" COMMAND: one line on the terminal, the output in the log.
 STEP := setup/step.sh
-PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
+UV := $(BIN)/uv pip install --python $(BIN)/python
 
 # Variables of a sourced ROS or another environment that would interfere with ours.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+# As bytecode each module is compiled once, and not by every process.
+unexport PYTHONDONTWRITEBYTECODE
 # pip's configuration may contain `user = true`, which fails in a virtual environment.
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo tour test soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock release-check clean FORCE
+.PHONY: help setup demo tour test test-all soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock release-check clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -43,70 +48,84 @@ help: ## List these targets
 # --- set-up ---------------------------------------------------------------------------------------
 # Each step leaves a stamp in .venv and is repeated when one of its dependencies has changed.
 
-setup: $(VENV)/.project ## Make .venv with everything in it (at once if up to date)
+setup: $(VENV)/.lint $(VENV)/.fuzz ## Make .venv with everything in it (at once if up to date)
 
 # Checked every time; changes only when the environment is created again.
 $(VENV)/.made: FORCE
 	@setup/venv.sh $(VENV) "$(VERSIONS)" $(PYTHON)
 
-$(VENV)/.wheels: $(VENV)/.made $(LOCK)
-	@$(STEP) $(VENV)/log/build-tools.log "Installing the build tools" \
-	    $(PIP) install --constraint $(LOCK) setuptools hatchling
-	@$(STEP) $(VENV)/log/wheels.log "Installing the pinned wheels (about 300 MB; 1 to 3 minutes)" \
-	    $(PIP) install --no-deps --no-build-isolation --requirement $(LOCK)
+$(VENV)/.wheels: $(VENV)/.made $(LOCK) setup/install.sh
+	@$(STEP) $(VENV)/log/wheels.log "Installing the pinned wheels (about 200 MB)" \
+	    setup/install.sh $(VENV)
 	@touch $@
 
 # Folders are listed, too: their time changes when a file in them is added or removed.
-$(VENV)/.messages: $(VENV)/.wheels $(shell find msgs) setup/messages.sh setup/wheels.cmake
+$(VENV)/.messages: $(VENV)/.wheels $(shell find msgs) $(wildcard setup/*.cmake) setup/messages.sh
 	@$(STEP) $(VENV)/log/messages.log "Building the messages" setup/messages.sh $(VENV)
 	@touch $@
 
 # An editable install links to the Python code but copies the files of share/ and lib/.
-COPIED := $(shell find $(addprefix mrs_people_loc/,config scenes bags) */launch */resource */scripts */package.xml -not -name '__pycache__*')
+COPIED := $(shell find config bags simulation/pyproject.toml */launch */resource */scripts */package.xml -not -name '__pycache__*')
 $(VENV)/.project: $(VENV)/.messages pyproject.toml $(COPIED)
 	@$(STEP) $(VENV)/log/project.log "Installing this project" \
-	    $(PIP) install --no-deps --no-build-isolation --editable .
+	    $(UV) --no-cache --no-deps --no-build-isolation --editable . --editable simulation
+	@touch $@
+
+# What only simulations, tests, checks and fuzzing need: groups of the lock.
+$(VENV)/.test: $(VENV)/.sim
+$(VENV)/.lint $(VENV)/.fuzz: $(VENV)/.test
+$(GROUPS:%=$(VENV)/.%): $(VENV)/.%: $(VENV)/.project
+	@$(STEP) $(VENV)/log/$*.log "Installing the pinned wheels of group $*" \
+	    setup/install.sh $(VENV) $*
 	@touch $@
 
 # --- use ------------------------------------------------------------------------------------------
 
-demo: setup ## Run the whole system: robots follow a walking group
+demo: $(VENV)/.project ## Run the whole system: robots follow a walking group
 	$(BIN)/mrs demo
 
-tour: setup ## Guide a simulated group: rendered heads, real processes
+tour: $(VENV)/.sim ## Guide a simulated group: rendered heads, real processes
 	$(BIN)/mrs tour --simulate
 
-bench: setup ## Compare with tests/oracle, then measure speed
+bench: $(VENV)/.sim ## Compare with tests/oracle, then measure speed
 	$(BIN)/mrs bench
 
-experiment: setup ## Repeat the paper's experiment in simulation
+experiment: $(VENV)/.sim ## Repeat the paper's experiment in simulation
 	$(BIN)/mrs experiment
 
-suite: setup ## Score the suite step by step, into docs/suite.md (30 min)
+suite: $(VENV)/.sim ## Score the suite step by step, into docs/suite.md (30 min)
 	$(BIN)/mrs suite .suite/test --steps --out docs/suite.md
 
-localization: setup ## Score poses on simulated tours, into docs/
+localization: $(VENV)/.sim ## Score poses on simulated tours, into docs/
 	$(BIN)/mrs localization --out docs/localization_results.md
 
-guiding: setup ## Score simulated guided tours, into docs/ (30 min)
+guiding: $(VENV)/.sim ## Score simulated guided tours, into docs/ (30 min)
 	$(BIN)/mrs guiding --out docs/guiding_results.md
 
-real: setup ## Score real rooms in RECORDINGS=DIR, into docs/real_rooms.md
+real: $(VENV)/.sim ## Score real rooms in RECORDINGS=DIR, into docs/real_rooms.md
 	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
 
-fit: setup ## Fit the body model to suite and variants, and RECORDINGS=DIR
-	$(BIN)/mrs simulate --suite train .suite/train
-	$(BIN)/mrs simulate --suite train --variants 12 .suite/more
+fit: $(VENV)/.sim ## Fit the body model to suite and variants, and RECORDINGS=DIR
+	$(BIN)/mrs render-suite train .suite/train
+	$(BIN)/mrs render-suite train .suite/more --variants 12
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
 	    $(if $(wildcard $(RECORDINGS)),--real "$(RECORDINGS)") \
 	    --out mrs_people_loc/mrs_people_loc/bodies/body_model.json
 
 # --- checks ---------------------------------------------------------------------------------------
 
-test: setup ## Run the tests
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+# A file is one worker's. Threads of linear algebra would only wait for those of the other workers.
+PARALLEL := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) \
+    --dist loadfile --no-loadscope-reorder
 
-lint: setup ## Check style, types, layers (import-linter), workflows, Docker
+test: $(VENV)/.test ## Run the quick tests, of every layer (5 min)
+	$(PARALLEL) -m "not slow and not alone" $(PYTEST_ARGS)
+
+test-all: $(VENV)/.test ## Run all tests but those of `make soak` (15 min)
+	$(PARALLEL) -m "not alone" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m alone $(PYTEST_ARGS)
+
+lint: $(VENV)/.lint ## Check style, types, layers (import-linter), workflows, Docker
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
@@ -117,18 +136,18 @@ lint: setup ## Check style, types, layers (import-linter), workflows, Docker
 	$(BIN)/zizmor --offline --quiet --no-progress .github
 	$(BIN)/hadolint Dockerfile
 
-format: setup ## Fix the style as far as ruff can
+format: $(VENV)/.lint ## Fix the style as far as ruff can
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-soak: setup ## Run the long tests, of ten minutes and more
+soak: $(VENV)/.test ## Run the long tests, of ten minutes and more
 	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
 
-fuzz: setup ## Fuzz all inputs (27 targets, FUZZ_SECONDS=60 for each)
+fuzz: $(VENV)/.fuzz ## Fuzz all inputs (27 targets, FUZZ_SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
 test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported dependencies
-	$(OLDEST)/bin/python -m pytest tests/core tests/tools/scoring $(PYTEST_ARGS)
+	$(OLDEST)/bin/python -m pytest tests/core tests/simulation/scoring $(PYTEST_ARGS)
 
 # Not with Python 3.13, which is newer than those versions.
 $(OLDEST)/.made: FORCE
@@ -154,16 +173,16 @@ $(DOCS)/.installed: $(DOCS)/.made requirements/docs.txt
 	    install --no-deps --requirement requirements/docs.txt
 	@touch $@
 
-colcon: setup ## Build with colcon, as with an installed ROS, into .colcon
+colcon: $(VENV)/.test ## Build with colcon, as with an installed ROS, into .colcon
 	setup/colcon.sh $(VENV) $(COLCON) --symlink-install
 	@echo "Now:  . $(COLCON)/install/local_setup.sh"
 
 # --- upkeep ---------------------------------------------------------------------------------------
 
-lock: setup ## Pin the newest compatible versions (needs all four Pythons)
+lock: $(VENV)/.project ## Pin the newest compatible versions (needs all four Pythons)
 	$(BIN)/python setup/lock.py
 
-release-check: setup ## Say what a release still lacks
+release-check: $(VENV)/.project ## Say what a release still lacks
 	$(BIN)/python setup/release_check.py
 
 clean: ## Remove everything that these targets made

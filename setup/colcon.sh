@@ -1,5 +1,5 @@
 #!/bin/sh
-# Builds the four packages with colcon on the ROS wheels of the virtual environment.
+# Builds all packages with colcon on the ROS wheels of the virtual environment.
 # (With ROS from Ubuntu's packages a plain `colcon build` does.)
 # Usage: setup/colcon.sh VENV FOLDER [OPTION of colcon build...]
 set -eu

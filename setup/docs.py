@@ -10,6 +10,7 @@ loaded from another host is an error.
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -32,7 +33,8 @@ CODE_OR_LINK = re.compile(
     r"^```.*?^```$|`[^`\n]*`|(?P<text>\[[^][]*\]\()(?P<link>[^()\s:]+)\)", re.DOTALL | re.MULTILINE
 )
 
-#: Pages of the API reference, in the order of the data: title, introduction, modules.
+#: Pages of the API reference, in the order of the data: title, introduction, modules (of
+#: `mrs_people_loc` unless they begin with the name of another package).
 API: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "images": (
         "Images",
@@ -72,18 +74,30 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "A tour, the posts of the robots around the group, and how they drive there: "
         "start at `Guide.step`.",
         ("guiding.guide", "guiding.tour", "guiding.way", "guiding.guidance", "guiding.formation")
-        + ("guiding.pace", "guiding.steering", "guiding.drive", "guiding.free_space"),
+        + (
+            "guiding.tour_control",
+            "guiding.pace",
+            "guiding.steering",
+            "guiding.drive",
+            "guiding.free_space",
+        ),
     ),
     "localization": (
         "Localization",
         "Where the robots are.",
         ("localization.robot_localization", "localization.localizer", "localization.odometry")
-        + ("localization.shared", "localization.walls.walls"),
+        + ("localization.shared", "localization.walls.walls", "localization.walls.ranges"),
+    ),
+    "bags": (
+        "Bags",
+        "Recordings, and what the method makes of them: start at `BagRun`.",
+        ("mrs_tools.bags.offline", "mrs_tools.bags.sources", "mrs_tools.bags.records")
+        + ("mrs_tools.bags.truth", "mrs_tools.bags.reader", "mrs_tools.bags.writer"),
     ),
     "shared": (
         "Shared",
         "Configuration, errors, geometry, and the codes of `/diagnostics`. Every parameter, with "
-        "its meaning and default, is in [default.yaml](../mrs_people_loc/config/default.yaml.md).",
+        "its meaning and default, is in [default.yaml](../config/default.yaml.md).",
         ("config.robot", "config.planner", "config.guide", "config.files")
         + ("config.parameters", "errors", "geometry", "health.findings"),
     ),
@@ -111,6 +125,20 @@ def copy_page(page: Path) -> set[Path]:
     return linked
 
 
+def notebook_page(path: Path) -> str:
+    """Return a Markdown page that shows a notebook: its texts, code, and what that gave."""
+    parts = []
+    for cell in json.loads((ROOT / path).read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            if output["output_type"] == "stream":
+                parts.append("```text\n" + "".join(output["text"]).rstrip() + "\n```")
+            else:
+                parts.append(f"![](data:image/png;base64,{output['data']['image/png']})")
+    return "\n\n".join(parts) + "\n"
+
+
 def write(page: Path, text: str) -> None:
     """Write a page of SOURCE."""
     target = SOURCE / page
@@ -130,6 +158,8 @@ def copy_pages() -> set[str]:
         elif path.suffix in ASSETS:
             write(path, "")
             shutil.copy(ROOT / path, SOURCE / path)
+        elif path.suffix == ".ipynb":
+            write(path.with_name(f"{path.name}.md"), notebook_page(path))
         else:
             text = (ROOT / path).read_text(encoding="utf-8").rstrip()
             language = path.suffix.lstrip(".") or "text"
@@ -140,10 +170,15 @@ def copy_pages() -> set[str]:
     return {str(path) for path in copied if path.suffix == ".md"}
 
 
+def full_name(module: str) -> str:
+    """Return the name by which a module of `API` is imported."""
+    return module if module.startswith("mrs_tools.") else f"mrs_people_loc.{module}"
+
+
 def write_api() -> set[str]:
     """Write the pages of the API reference, and return them."""
     for name, (title, introduction, modules) in API.items():
-        parts = [f"# {title}", introduction, *(f"::: mrs_people_loc.{m}" for m in modules)]
+        parts = [f"# {title}", introduction, *(f"::: {full_name(m)}" for m in modules)]
         write(Path("api", f"{name}.md"), "\n\n".join(parts) + "\n")
     return {f"api/{name}.md" for name in API}
 

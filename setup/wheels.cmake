@@ -1,4 +1,4 @@
-# For building on the ROS wheels (CMAKE_PROJECT_INCLUDE of setup/messages.sh and `make colcon`).
+# For building on the ROS wheels (setup/messages.cmake and `make colcon`).
 # Their CMake targets carry the include paths of the machine they were made on, which CMake
 # refuses as "non-existent path". Drop those paths once the project's targets are known.
 function(drop_missing_include_directories)

@@ -1,4 +1,4 @@
-"""The documentation: its links resolve, and the README stays short."""
+"""The documentation: its links resolve, fields of messages are ours, lines are short."""
 
 import re
 import runpy
@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = (".", "docs", "docs/tutorials", "recordings", "mrs_people_loc/scenes")
+FOLDERS = (".", "docs", "docs/tutorials", "studies/labels", "config/scenes")
 PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 LINK = re.compile(r"\[[^][]*\]\(([^()\s]+)\)")
 FILE = re.compile(
-    r"`(?:pytest )?((?:bags|config|scenes|docs|mrs_people_loc|msgs|requirements|setup|tests)/"
+    r"`(?:pytest )?((?:bags|config|docs|mrs_people_loc|msgs|planner_node|requirements|robot_node|"
+    r"setup|simulation|studies|tests)/"
     r"[\w./-]+\.(?:json|msg|py|rviz|sh|txt|xml|yaml))`"
 )
 CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
@@ -83,8 +84,49 @@ def test_broken_links_are_detected(tmp_path: Path) -> None:
     assert broken_links(page) == ["none.md", "other.md#not-a-heading", "#nowhere"]
 
 
+def long_lines(text: str) -> list[str]:
+    """Return the lines over 100 characters, without those of code, tables, links and results.
+
+    Commands write the results, below a heading that begins with this word.
+    """
+    text = re.sub(r"(?ms)^ *```.*?^ *```$", "", text.partition("\n## Results")[0])
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith("|")]
+    return [line for line in lines if len(line) > 100 and len(LINK.sub("", line)) > 80]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_lines_are_short(page: Path) -> None:
+    assert long_lines(page.read_text(encoding="utf-8")) == []
+
+
+def test_long_lines_are_detected() -> None:
+    long, link = "x " * 51, f"[a]({'b' * 120})"
+    text = f"{long}\n| {long}|\n```\n{long}\n```\nsee {link}\n{link}\n## Results\n{long}\n"
+    assert long_lines(text) == [long]
+
+
+DEFINITIONS = sorted([*(ROOT / "msgs").glob("msg/*.msg"), *(ROOT / "msgs").glob("action/*.action")])
+TYPE = re.compile(r"^ *([\w/]+(?:\[\d*\])?) +(\w+) *(?:= *(\d+))?", re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", DEFINITIONS, ids=lambda path: path.stem)
+def test_fields_of_messages_are_documented(path: Path) -> None:
+    """Names, types and order of the fields in docs/topics.md, and the names of constants."""
+    definition = re.sub(r"#.*", "", path.read_text(encoding="utf-8"))
+    defined = TYPE.findall(definition)
+    page = (ROOT / "docs" / "topics.md").read_text(encoding="utf-8")
+    section = page.partition(f"\n### {path.stem}\n")[2].partition("\n### ")[0]
+    documented = []
+    for names, kind in re.findall(r"^\| (`.*?) \| (\S+) \|", section, re.MULTILINE):
+        documented += [(kind, name) for name in re.findall(r"`(\w+)`", names)]
+    fields = [(kind, name) for kind, name, value in defined if not value]
+    assert sorted(documented) == sorted(fields)
+    for _, name, value in defined:
+        assert not value or f"{value} {name}" in section
+
+
 def test_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 200
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
 
 
 def test_every_page_is_reachable_from_the_readme() -> None:
@@ -97,6 +139,16 @@ def test_every_page_is_reachable_from_the_readme() -> None:
         links = LINK.findall(page.read_text(encoding="utf-8"))
         unread += [page.parent / link.partition("#")[0] for link in links if ":" not in link]
     assert not set(PAGES) - reached
+
+
+def test_site_shows_notebooks_as_pages() -> None:
+    pytest.importorskip("tomllib", reason="make docs needs Python 3.11")
+    show = runpy.run_path(str(ROOT / "setup" / "docs.py"))["notebook_page"]
+    page = show(Path("docs/people_from_a_bag.ipynb"))
+    assert page.startswith("# People from a bag\n")
+    assert "```python\nfrom mrs_tools.bags import BagRun\n" in page
+    assert "```text\n14.4 s of robot_a, robot_b, robot_c\n```" in page
+    assert page.count("![](data:image/png;base64,") == 1
 
 
 def test_check_of_the_site_names_what_is_broken(tmp_path: Path) -> None:

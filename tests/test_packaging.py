@@ -1,4 +1,4 @@
-"""The four packages are found and start, from wherever and however they were installed."""
+"""The packages are found and start, from wherever and however they were installed."""
 
 import ast
 import os
@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+import zipfile
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -20,10 +21,18 @@ import mrs_people_loc
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "mrs_people_loc" / "mrs_people_loc"
 PACKAGES = {  # ROS package -> its folder
+    "mrs_people_bags": "bags",
+    "mrs_people_config": "config",
     "mrs_people_loc": "mrs_people_loc",
     "mrs_people_msgs": "msgs",
+    "mrs_people_sim": "simulation",
     "planner_node": "planner_node",
     "robot_node": "robot_node",
+}
+#: Data packages: what of them is installed.
+DATA = {
+    "config": ("*.yaml", "*.rviz", "*.json", "*/*.xml", "*/*.yaml", "scenes/*"),
+    "bags": ("*.yaml", "*_*/*"),
 }
 EXECUTABLES = [
     ("mrs_people_loc", "mrs"),
@@ -32,6 +41,13 @@ EXECUTABLES = [
     ("robot_node", "robot_node"),
 ]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+#: Groups of the lock, and their extras (setup/lock.py); the other extras are always installed.
+GROUPS = {
+    "sim": {"plots", "sim", "convert"},
+    "test": {"test"},
+    "lint": {"lint"},
+    "fuzz": {"fuzz"},
+}
 
 
 def package_prefix(package: str, prefixes: str) -> Path:
@@ -56,19 +72,19 @@ def shared_files() -> Iterator[tuple[str, str, Path]]:
         yield package, "package.xml", ROOT / folder / "package.xml"
         for path in sorted((ROOT / folder / "launch").glob("*.launch.py")):
             yield package, f"launch/{path.name}", path
-    copied = ("config/*.*", "config/*/*.xml", "config/*/*.yaml")
-    for pattern in (*copied, "scenes/*", "bags/*.yaml", "bags/*/*"):
-        for path in sorted(ROOT.glob(f"mrs_people_loc/{pattern}")):
-            yield "mrs_people_loc", str(path.relative_to(ROOT / "mrs_people_loc")), path
+    for folder, patterns in DATA.items():
+        for path in sorted(path for each in patterns for path in (ROOT / folder).glob(each)):
+            package = f"mrs_people_{folder}"
+            yield package, str(path.relative_to(ROOT / folder)), path
 
 
 def python_files() -> Iterator[tuple[str, Path]]:
     """Yield every file of the Python packages: ROS package, path under its folder."""
-    for package in PACKAGES:
-        for init in (ROOT / package).glob("*/__init__.py"):
+    for package, folder in PACKAGES.items():
+        for init in (ROOT / folder).glob("*/__init__.py"):
             for path in init.parent.rglob("*"):
                 if path.is_file() and "__pycache__" not in path.parts:
-                    yield package, path.relative_to(ROOT / package)
+                    yield package, path.relative_to(ROOT / folder)
 
 
 def extras_of(lock: str) -> set[str]:
@@ -163,9 +179,10 @@ def test_manifests_agree() -> None:
         text = ROOT / folder / str(licence.get("file"))
         assert not text.is_symlink()  # bloom would find nothing behind it
         assert text.read_bytes() == (ROOT / "LICENSE").read_bytes()
-        setup = ROOT / folder / "setup.py"
-        if setup.exists():
-            assert re.findall(r'version="(.*)"', setup.read_text()) == [version], folder
+        for build in (ROOT / folder / "setup.py", ROOT / folder / "pyproject.toml"):
+            if build.exists():
+                found = re.findall(r'^ *version ?= ?"(.*)"', build.read_text(), re.MULTILINE)
+                assert found == [version], build
 
 
 @pytest.mark.parametrize("package", sorted({*PACKAGES} - {"mrs_people_msgs"}))
@@ -174,8 +191,18 @@ def test_package_folder_is_complete_alone(package: str, tmp_path: Path) -> None:
     alone, installed = tmp_path / "alone", tmp_path / "installed"
     made = shutil.ignore_patterns("__pycache__", "*.egg-info", "build")
     shutil.copytree(ROOT / PACKAGES[package], alone, symlinks=True, ignore=made)
-    steps = ["install_data", f"--install-dir={installed}", "build_py", f"--build-lib={installed}"]
-    subprocess.run([sys.executable, "setup.py", "--quiet", *steps], cwd=alone, check=True)
+    if (alone / "setup.py").exists():
+        steps = ["install_data", f"--install-dir={installed}"]
+        steps += ["build_py", f"--build-lib={installed}"]
+        subprocess.run([sys.executable, "setup.py", "--quiet", *steps], cwd=alone, check=True)
+    else:  # data
+        build = ["hatchling", "build", "--target=wheel", f"--directory={tmp_path}"]
+        subprocess.run([sys.executable, "-m", *build], cwd=alone, check=True)
+        (wheel,) = tmp_path.glob("*.whl")
+        with zipfile.ZipFile(wheel) as archive:
+            archive.extractall(tmp_path)
+        (data,) = tmp_path.glob("*.data/data")
+        data.rename(installed)
     for owner, name, source in shared_files():
         if owner == package:
             file = installed / "share" / package / name
@@ -208,21 +235,50 @@ def test_lock_satisfies_every_requirement(lock: str, python: str) -> None:
     environment = {"python_version": python, "python_full_version": f"{python}.0", "extra": "all"}
     pins = {}
     for line in (ROOT / "requirements" / lock).read_text().splitlines():
+        text, _, groups = line.partition("  #")
         if line and not line.startswith("#"):
-            pin = Requirement(line)
+            pin = Requirement(text)
             if pin.marker is None or pin.marker.evaluate(environment):
                 assert pin.name not in pins, f"{pin.name} is pinned twice for {python}"
-                pins[pin.name] = pin.specifier
+                pins[pin.name] = pin.specifier, groups.split()
     for requirement in map(Requirement, metadata.requires("mrs-people-loc") or []):
         name = canonicalize_name(requirement.name)
         marker = requirement.marker
         if marker is None:  # of the project itself, which the site does not import
-            wanted = lock == "lock.txt"
+            extras = {""} if lock == "lock.txt" else set()
         else:
-            wanted = any(marker.evaluate({**environment, "extra": e}) for e in extras_of(lock))
-        if name != "mrs-people-loc" and wanted:
-            (pinned,) = pins[name]
+            marked = {e for e in extras_of(lock) if marker.evaluate({**environment, "extra": e})}
+            extras = marked - {"all"}
+        if name != "mrs-people-loc" and extras:
+            (pinned,), marks = pins[name]
             assert requirement.specifier.contains(pinned.version, prereleases=True), requirement
+            for extra in extras:  # of a group: marked with it, or installed for every target
+                of = [group for group, held in GROUPS.items() if extra in held]
+                assert set(of) <= set(marks) if of and marks else not marks, requirement
+
+
+def test_wheels_are_installed_by_group(tmp_path: Path) -> None:
+    """Pins without a group always; pip takes what uv cannot."""
+    files = {
+        "requirements/lock.txt": "# pins\na==1\nb==2 ; c == 'd'  # sim\nc==3  # lint test\n",
+        "venv/bin/uv": "#!/bin/sh\nexit 1\n",
+        "venv/bin/python": '#!/bin/sh\necho "$@"\n',
+    }
+    for name, text in files.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def installed(*groups: str) -> list[str]:
+        command = [f"{ROOT}/setup/install.sh", "venv", *groups]
+        run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert " install --no-deps --no-build-isolation --requirement venv/lock.txt\n" in run.stdout
+        return re.findall(r"^\w", (tmp_path / "venv/lock.txt").read_text(), re.MULTILINE)
+
+    assert installed() == ["a"]
+    assert installed("sim") == ["a", "b"]
+    assert installed("lint", "sim") == ["a", "b", "c"]
 
 
 @pytest.mark.parametrize(
@@ -409,13 +465,18 @@ def test_colcon_workspace(options: tuple[str, ...], tmp_path: Path) -> None:
         for package, name in python_files():
             (site_packages,) = (tmp_path / "install" / package).glob("lib/python*/site-packages")
             assert (site_packages / name).is_file()
-    for what in ("bags/walking_group", "scenes/suite.yaml"):  # for who is not in the repository
-        program = f"from mrs_tools.installing import default_file; print(default_file({what!r}))"
+    # For who is not in the repository.
+    for folder, what in (("bags", "walking_group"), ("config", "scenes/suite.yaml")):
+        program = (
+            "from mrs_tools.installing import default_file; "
+            f"print(default_file({folder!r}, {what!r}))"
+        )
         command = [f"{sys.prefix}/bin/python", "-c", program]
         run = subprocess.run(
             command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
         )
-        installed = tmp_path / "install" / "mrs_people_loc" / "share" / "mrs_people_loc" / what
+        package = f"mrs_people_{folder}"
+        installed = tmp_path / "install" / package / "share" / package / what
         assert options or run.stdout.strip() == str(installed), run.stderr
     for package, executable in EXECUTABLES:
         path = executable_path(package, executable, prefixes)

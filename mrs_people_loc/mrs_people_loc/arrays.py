@@ -49,7 +49,7 @@ class StructOfArrays:
         return _made(kind, {name: _select(values[name], index) for name in _names(kind)})
 
     @classmethod
-    def concatenate(cls: type[_Self], parts: Sequence[_Self]) -> _Self:
+    def joined(cls: type[_Self], parts: Sequence[_Self]) -> _Self:
         """All of several, in their order.
 
         Args:
@@ -84,5 +84,5 @@ def _select(value: Any, index: Int | Bool | slice) -> Any:
 
 def _concatenate(values: Sequence[Any]) -> Any:
     if isinstance(values[0], StructOfArrays):
-        return type(values[0]).concatenate(values)
+        return type(values[0]).joined(values)
     return np.concatenate(values)

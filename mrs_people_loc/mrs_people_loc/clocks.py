@@ -18,7 +18,7 @@ class Order(Enum):
 
     NEWER = "newer"
     LATE = "late"
-    ANEW = "anew"
+    RESTART = "restart"
 
 
 @dataclass
@@ -27,7 +27,7 @@ class StampOrder:
 
     One message that comes late, however late, changes nothing. Where several in succession are
     older than the newest by more than `RESET_NS`, and go forward among themselves, time has jumped
-    back: the stream begins anew.
+    back: the stream begins again.
 
     Attributes:
         newest_ns: The newest stamp [ns]; None before the first.
@@ -52,9 +52,9 @@ class StampOrder:
             return Order.LATE
         self.newest_ns, self._back = stamp_ns, 0
         self.resets += 1
-        return Order.ANEW
+        return Order.RESTART
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets the newest stamp."""
         self.newest_ns, self._back = None, 0
 
@@ -70,7 +70,7 @@ class RateLimit:
 
         A tenth of the period is allowed for jitter, so 100 Hz stay 100 Hz; the next one is due a
         period after this one was, so that the rate holds in the long run. Where stamps jump back by
-        more than a period, it begins anew.
+        more than a period, it begins again.
 
         Args:
             stamp_ns: Its stamp [ns].
@@ -84,7 +84,7 @@ class RateLimit:
         self._due_ns = period_ns + (stamp_ns if stamp_ns - due_ns >= period_ns else due_ns)
         return True
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Lets the next one through, whatever its stamp."""
         self._due_ns = None
 
@@ -111,10 +111,10 @@ class ClockOffset:
     #: beginning [ns].
     _SETTLE_NS = 2_000_000_000
 
-    def add(self, stamp_ns: int, now_ns: int, *, anew: bool = False) -> None:
-        """Takes a message with this stamp that arrives now [ns]; if anew, as the first one."""
-        if anew:
-            self.begin_anew()
+    def add(self, stamp_ns: int, now_ns: int, *, restarted: bool = False) -> None:
+        """Takes a message with this stamp that arrives now [ns]; if restarted, as the first one."""
+        if restarted:
+            self.reset()
         self.heard_ns = now_ns
         offset_ns, span = stamp_ns - now_ns, now_ns // self._SPAN_NS
         if self._greatest and self._greatest[-1][0] > span:
@@ -136,7 +136,7 @@ class ClockOffset:
         """Whether the sender has been heard for long enough to find that its clock is behind."""
         return bool(self._greatest) and now_ns - self._first_ns >= self._SETTLE_NS
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets what arrived."""
         self._greatest.clear()
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,16 +46,6 @@ class Clusters:
         """Number of clusters."""
         return len(self.cells)
 
-    @classmethod
-    def none(cls, robots: int) -> Clusters:
-        """No clusters of no cells, on a map of so many robots."""
-        number, value = np.empty(0, dtype=np.intp), np.empty(0)
-        return cls(
-            label=number, centroid=np.empty((0, 2)), scatter=np.empty((0, 2, 2)), sigma=value,
-            width=value, depth=value, height=value, bottom=value, cells=number, points=number,
-            seen_by=np.empty((0, robots), dtype=bool),
-        )  # fmt: skip
-
     def followed_by(self, others: Clusters, label: Int) -> Clusters:
         """These clusters, then others.
 
@@ -68,10 +56,6 @@ class Clusters:
         one, other = vars(self), vars(others)
         both = {name: np.concatenate([one[name], other[name]]) for name in one}
         return Clusters(**{**both, "label": label})
-
-    def seen_from(self, robots: Sequence[str], number: int) -> tuple[str, ...]:
-        """Names of the robots that saw a cluster, of all robots of the map."""
-        return tuple(itertools.compress(robots, self.seen_by[number]))
 
 
 def measure(fused: ShortTermMap, label: Int, of: Int | slice = slice(None)) -> Clusters:
@@ -131,14 +115,3 @@ def _reduce(function: np.ufunc, values: NDArray[np.floating], first: Int) -> Flo
 
 def _extent(values: Float, first: Int) -> Float:
     return _reduce(np.maximum, values, first) - _reduce(np.minimum, values, first)
-
-
-def mean_stamp(fused: ShortTermMap, seen_by: Bool) -> int:
-    """Mean stamp of the scans of some robots of a map [ns].
-
-    Args:
-        fused: The map.
-        seen_by: Which of its robots, shape (robots,).
-    """
-    stamps = list(itertools.compress(fused.stamps_ns, seen_by))
-    return sum(stamps) // len(stamps)

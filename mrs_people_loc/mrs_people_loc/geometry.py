@@ -38,6 +38,14 @@ def rotation_2d(yaw: float) -> Float:
     return np.array([[c, -s], [s, c]])
 
 
+def unit_vectors(vectors: Float) -> Float:
+    """Unit vectors in the same directions; (1, 0) for vectors of length 0, shape (n, 2)."""
+    length = np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
+    ahead = np.zeros_like(vectors)
+    ahead[:, 0] = 1.0
+    return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), ahead)
+
+
 def wrap_angle(angle: float) -> float:
     """The same angle in (-pi, pi]."""
     wrapped = math.remainder(angle, 2.0 * math.pi)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -51,6 +52,42 @@ class Person:
     velocity_covariance: Float | None = None
     age_s: float = 0.0
     coasting: bool = False
+
+
+def persons_of(
+    fused: ShortTermMap,
+    clusters: Clusters,
+    labels: Int,
+    positions: Float,
+    covariances: Float,
+    scores: Float | None = None,
+) -> tuple[Person, ...]:
+    """Clusters that are people, as persons.
+
+    Args:
+        fused: The map.
+        clusters: Measures of its clusters.
+        labels: Which of them are people, shape (p,).
+        positions: Where these are [m], shape (p, 2).
+        covariances: Of the positions [m^2], shape (p, 2, 2).
+        scores: Log-odds of each; None: the paper's test gives none.
+    """
+    persons = []
+    for i, label in enumerate(labels.tolist()):
+        seen_by = clusters.seen_by[label]
+        stamps_ns = list(itertools.compress(fused.stamps_ns, seen_by))
+        person = Person(
+            position=positions[i],
+            covariance=covariances[i],
+            height=float(clusters.height[label]),
+            sigma=float(clusters.sigma[label]),
+            robots=tuple(itertools.compress(fused.robots, seen_by)),
+            label=label,
+            score=PLAIN_SCORE if scores is None else float(scores[i]),
+            stamp_ns=sum(stamps_ns) // len(stamps_ns),
+        )
+        persons.append(person)
+    return tuple(persons)
 
 
 @dataclass(frozen=True)
@@ -174,7 +211,13 @@ class Detections:
     @classmethod
     def nothing(cls, fused: ShortTermMap) -> Detections:
         """Nothing, in no cell."""
-        return cls(np.empty(0, dtype=np.intp), Clusters.none(len(fused.robots)), ())
+        number, value = np.empty(0, dtype=np.intp), np.empty(0)
+        clusters = Clusters(
+            label=number, centroid=np.empty((0, 2)), scatter=np.empty((0, 2, 2)), sigma=value,
+            width=value, depth=value, height=value, bottom=value, cells=number, points=number,
+            seen_by=np.empty((0, len(fused.robots)), dtype=bool),
+        )  # fmt: skip
+        return cls(number, clusters, ())
 
 
 def combine(detections: Detections, preferred: Detections, *, min_distance: float) -> Detections:

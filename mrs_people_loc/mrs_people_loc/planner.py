@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import starmap
 from typing import TypeVar
 
 import numpy as np
@@ -111,11 +112,11 @@ class Planner:
         self.views = FieldsOfView()
         self._walls: Walls | None = None
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets all people and places: the time jumped back. Ids of people and groups go on."""
-        self.places.begin_anew()
-        self.tracker.begin_anew()
-        self.groups.begin_anew()
+        self.places.reset()
+        self.tracker.reset()
+        self.groups.reset()
 
     def take_grid(self, grid: OccupancyGrid | None) -> None:
         """Takes a map of walls and furniture, for the intervals that follow.
@@ -169,8 +170,7 @@ class Planner:
         looking = {name: poses[name] for name in fused.robots}
         persons, groups, events = self._follow(found.persons, looking, poses, time_ns, times)
         used = {scan.robot: given[scan.robot] for scan in scans}
-        persons = _in_map(persons, [person.position for person in persons], used)
-        groups = _in_map(groups, [group.centre for group in groups], used)
+        persons, groups = _in_map(persons, groups, used)
         return People(
             time_ns, used, persons, groups, fused, found.clusters, found.too_wide, events, times.ms
         )
@@ -201,14 +201,20 @@ class Planner:
 
 
 def _in_map(
-    found: Sequence[_Found], places: Sequence[Float], poses: Mapping[str, Pose]
-) -> tuple[_Found, ...]:
+    persons: Sequence[Person], groups: Sequence[Group], poses: Mapping[str, Pose]
+) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
     """With covariances in the map: those in the team's frame, and those of the team in the map."""
+    places = [*(person.position for person in persons), *(group.centre for group in groups)]
     shared = shared_effect(poses.values(), np.reshape(places, (-1, 2)))
-    return tuple(
-        dataclasses.replace(one, covariance=one.covariance + more) if more.any() else one
-        for one, more in zip(found, shared, strict=True)
+    return (
+        tuple(starmap(_with, zip(persons, shared, strict=False))),
+        tuple(starmap(_with, zip(groups, shared[len(persons) :], strict=True))),
     )
+
+
+def _with(one: _Found, more: Float) -> _Found:
+    """A person or a group with more covariance [m^2], shape (2, 2)."""
+    return dataclasses.replace(one, covariance=one.covariance + more) if more.any() else one
 
 
 def _by_robot(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> list[Scan]:

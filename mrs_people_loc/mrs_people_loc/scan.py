@@ -98,9 +98,9 @@ class Cells(StructOfArrays):
         )
 
     @classmethod
-    def concatenate(cls, parts: Sequence[Cells]) -> Cells:
+    def union(cls, parts: Sequence[Cells]) -> Cells:
         """All cells of several scans, in their order."""
-        return super().concatenate(parts) if parts else cls.empty()
+        return cls.joined(parts) if parts else cls.empty()
 
     def to_records(self) -> NDArray[np.void]:
         """The cells as a structured array, shape (n,), of `BODY_DTYPE` if any is of a body."""

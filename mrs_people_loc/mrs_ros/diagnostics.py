@@ -6,7 +6,7 @@ import contextlib
 import resource
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from rclpy.qos import QoSPolicyKind, QoSProfile
 
 from mrs_people_loc.clocks import Order
 from mrs_people_loc.errors import PeopleLocError
-from mrs_people_loc.health.findings import ERROR, SILENCE_S, Finding
+from mrs_people_loc.health.findings import ERROR, SILENCE_S, Code, Finding
 from mrs_people_loc.health.inputs import InputState, of_input
 from mrs_people_loc.health.reception import Reception
 from mrs_people_loc.messages import stamp_ns_of
@@ -27,6 +27,8 @@ from mrs_ros.network import node_of
 
 #: The same problem is logged at most this often [s].
 LOG_PERIOD_S = 5.0
+#: Codes of inputs that deliver nothing.
+_WAITING = (Code.NO_PUBLISHER, Code.NO_DATA)
 #: Drops are a warning for this long [s].
 RECENT_S = 10.0
 
@@ -248,6 +250,7 @@ class Reporter:
         self._hardware_id = hardware_id
         self._collect = collect
         self._log = Throttle(2 * LOG_PERIOD_S)
+        self._waiting: set[str] = set()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self.report, clock=steady)
@@ -261,7 +264,8 @@ class Reporter:
         """Publishes now; new errors are logged, too."""
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        for finding in self._collect():
+        findings = self._collect()
+        for finding in findings:
             values = dict(finding.values)
             if finding.code is not None:
                 values["code"] = finding.code
@@ -274,9 +278,19 @@ class Reporter:
                     values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
                 )
             )
-            if finding.level == ERROR and self._log.lets_through(finding.name):
+            waits = finding.code in _WAITING
+            if finding.level == ERROR and not waits and self._log.lets_through(finding.name):
                 self._node.get_logger().warning(finding.message)
+        self._log_waiting({finding.name: finding for finding in findings})
         self._publisher.publish(message)
+
+    def _log_waiting(self, findings: Mapping[str, Finding]) -> None:
+        """Logs inputs without data when there are more of them than before, all in one line."""
+        waiting = {name: one.message for name, one in findings.items() if one.code in _WAITING}
+        self._waiting &= waiting.keys()
+        if waiting.keys() - self._waiting and self._log.lets_through("waiting"):
+            self._node.get_logger().warning("; ".join(waiting.values()))
+            self._waiting = {*waiting}
 
 
 def recording_hint(node: Node) -> str:

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -16,6 +15,7 @@ from launch_ros.actions import Node
 from mrs_people_loc.errors import ConfigError
 from mrs_ros.discovery import discovery_environment
 from mrs_ros.network import given_domain
+from mrs_ros.shipped import shipped_file
 
 #: Arguments of `ros2 launch` itself.
 _OF_LAUNCH = ("launch-prefix", "launch-prefix-filter", "sigterm_timeout", "sigkill_timeout")
@@ -23,10 +23,12 @@ _OF_LAUNCH = ("launch-prefix", "launch-prefix-filter", "sigterm_timeout", "sigki
 
 def arguments() -> list[DeclareLaunchArgument]:
     """The team's file, how the nodes start, the time, and the network."""
-    example = get_package_share_directory("mrs_people_loc") + "/config/team.yaml"
+    example = shipped_file("config", "team.yaml") or "team.yaml of mrs_people_config"
     return [
         DeclareLaunchArgument(
-            "team", description=f"parameter file of the team; an example to copy: {example}"
+            "team",
+            default_value="",
+            description=f"required; parameter file of the team; an example to copy: {example}",
         ),
         DeclareLaunchArgument(
             "autostart",
@@ -74,7 +76,7 @@ def team_file(context: Any, *, further: tuple[str, ...] = ()) -> str:
             alike = difflib.get_close_matches(name, known, 1)
             hint = f"did you mean {alike[0]}?" if alike else f"allowed: {', '.join(known)}"
             raise ConfigError(f"unknown launch argument {name}; {hint}")
-    return os.path.expanduser(value(context, "team"))
+    return os.path.expanduser(required(context, "team", "FILE"))
 
 
 def _is_ours(context: Any) -> bool:
@@ -89,6 +91,18 @@ def _is_ours(context: Any) -> bool:
         or (Path(word).exists() and own.samefile(word))
         for before, word in words
     )
+
+
+def required(context: Any, name: str, what: str) -> str:
+    """The value of an argument that has no default: launch itself would name no misspelt ones.
+
+    Raises:
+        ConfigError: It was not given.
+    """
+    if given := value(context, name):
+        return given
+    (about,) = [str(one.description) for one in arguments() if one.name == name] or [""]
+    raise ConfigError(f"missing required argument {name}:={what}; {about}".rstrip("; "))
 
 
 def value(context: Any, name: str) -> str:

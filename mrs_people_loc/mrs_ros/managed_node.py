@@ -274,7 +274,7 @@ class ManagedNode(LifecycleNode):
     def _on_jump(self, jump: Any) -> None:
         self._ended_ns = self._now_ns() - jump.delta.nanoseconds
         if self._active:
-            self.get_logger().warning("the time jumped back; starting anew")
+            self.get_logger().warning("the time jumped back; starting over")
             self.jumped_back()
 
     def _check_is_of_now(self, message: Any) -> None:

@@ -25,10 +25,20 @@ from mrs_ros.convert import floor_pose, header, pose_with_covariance, post_pose
 if TYPE_CHECKING:
     from mrs_people_loc.guiding.tour import Tour  # which loads OpenCV
 
-_PERSON = ColorRGBA(r=0.1, g=0.6, b=0.2, a=0.5)
-_COASTING = ColorRGBA(r=0.6, g=0.85, b=0.65, a=0.35)
+#: Of people without a group, and by id of those with one; they differ for people who see few
+#: colours, too, and are those of the page (`mrs view`) in the dark.
+_PERSON = (0.66, 0.71, 0.76)
+_GROUPS = (
+    (0.0, 0.45, 0.7),
+    (0.61, 0.42, 1.0),
+    (0.9, 0.62, 0.0),
+    (0.2, 0.73, 0.93),
+    (0.54, 0.43, 0.12),
+    (0.78, 0.94, 0.85),
+)
+#: Opacity of people who are seen, and of those who are predicted.
+_SEEN, _COASTING = 0.5, 0.25
 _TEXT = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
-_CENTRE = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.9)
 _ROBOT = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.9)
 _ELLIPSE = ColorRGBA(r=0.2, g=0.4, b=0.9, a=0.3)
 _WAY = ColorRGBA(r=0.6, g=0.3, b=0.8, a=0.6)
@@ -90,14 +100,22 @@ def markers(
     """
     made = _Markers(result.stamp_ns, frame_id)
     away_s = {member: s for group in result.groups for member, s in group.stragglers.items()}
+    colors = {
+        member: _GROUPS[group.id % len(_GROUPS)]
+        for group in result.groups
+        for member in (*group.members, *group.stragglers)
+        if member and group.id
+    }
     for index, person in enumerate(result.persons):
         label = f"{person.id or index + 1}: {person.height:.2f} m"
         if person.id in away_s:
             label += f", {away_s[person.id]:.0f} s behind"
-        made.add_person(person, label, circle_sigmas, (trails or {}).get(person.id, ()))
+        color = _color(colors.get(person.id, _PERSON), _COASTING if person.coasting else _SEEN)
+        made.add_person(person, label, circle_sigmas, (trails or {}).get(person.id, ()), color)
     for group in result.groups:
         size = {"x": 0.2, "y": 0.2, "z": 0.2}
-        made.add("centre", Marker.SPHERE, floor_pose(group.centre), size, _CENTRE)
+        color = _color(_GROUPS[group.id % len(_GROUPS)] if group.id else _PERSON, 0.9)
+        made.add("centre", Marker.SPHERE, floor_pose(group.centre), size, color)
     for robot, robot_pose in result.poses.items():
         pose = pose_with_covariance(robot_pose).pose
         made.add("robots", Marker.ARROW, pose, {"x": 0.5, "y": 0.08, "z": 0.08}, _ROBOT)
@@ -201,9 +219,10 @@ class _Markers:
         label: str,
         circle_sigmas: float,
         trail: Sequence[tuple[float, float]],
+        color: ColorRGBA,
     ) -> None:
         """A circle, a label, an arrow to where they will be in a second, and their trail."""
-        size, color = 2.0 * circle_sigmas * person.sigma, _COASTING if person.coasting else _PERSON
+        size = 2.0 * circle_sigmas * person.sigma
         circle = {"x": size, "y": size, "z": 0.02}
         self.add("people", Marker.CYLINDER, floor_pose(person.position), circle, color)
         above = floor_pose(person.position)
@@ -216,6 +235,10 @@ class _Markers:
         if len(trail) > 1:
             line = self.add("trails", Marker.LINE_STRIP, RosPose(), {"x": 0.03}, color)
             line.points = [_point(x, y) for x, y in trail]
+
+
+def _color(rgb: tuple[float, float, float], opacity: float) -> ColorRGBA:
+    return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)
 
 
 def _point(x: float, y: float) -> Point:

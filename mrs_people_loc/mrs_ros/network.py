@@ -6,7 +6,6 @@ images, and everything else, by UDP and not by shared memory: docs/network.md ha
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mrs_people_loc.errors import ConfigError
+from mrs_ros.shipped import shipped_file
 
 #: Where Fast DDS looks for its profiles: the version of ROS 2 Jazzy, and Fast DDS 3.
 PROFILES_FILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -64,9 +64,9 @@ def use_shipped_profile() -> str:
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)  # a pip install sets nothing
     if "fastrtps" not in get_rmw_implementation_identifier():
         return ""
-    folder = _profiles()
+    folder = shipped_file("config", "fastdds")
     if folder is None:
-        return "no config/fastdds in share/mrs_people_loc: install it again (make setup)"
+        return "fastdds/ of mrs_people_config is not installed: install it again (make setup)"
     before = environment()
     added, why_not = _settings(before, folder)
     _added.update({name: (value, before.get(name)) for name, value in added.items()})
@@ -104,14 +104,3 @@ def _settings(environ: Mapping[str, str], folder: Path) -> tuple[dict[str, str],
     else:
         profile = {PROFILES_FILE: environ.get(PROFILES_FILE, str(folder / "team.xml"))}
     return {TRANSPORTS: "UDPv4", **profile}, ""
-
-
-def _profiles() -> Path | None:
-    """The installed folder of the profiles."""
-    from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-
-    shares = [Path(sys.prefix, "share", "mrs_people_loc")]  # another ROS may be sourced
-    with contextlib.suppress(PackageNotFoundError):
-        shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
-    folders = [share / "config" / "fastdds" for share in shares]
-    return next((folder for folder in folders if (folder / "team.xml").is_file()), None)

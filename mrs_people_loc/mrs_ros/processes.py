@@ -10,7 +10,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import IO
 
 from mrs_people_loc.config import (
@@ -21,6 +20,7 @@ from mrs_people_loc.config import (
     robots_named,
 )
 from mrs_people_loc.errors import ConfigError
+from mrs_ros.closing import Closing
 from mrs_ros.ending import LIFELINE
 from mrs_ros.network import environment
 
@@ -88,7 +88,7 @@ def team_processes(
     return [*robots, NodeProcess(PLANNER_NODE, "", paths, sim_time), *guides]
 
 
-class RunningTeam:
+class RunningTeam(Closing):
     """The started processes of a team; use it as a context manager, which ends them.
 
     Args:
@@ -134,25 +134,12 @@ class RunningTeam:
             stderr=self._log,
         )
 
-    def __enter__(self) -> RunningTeam:
-        """Returns the team."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Ends the processes."""
-        self.end()
-
     def ended(self) -> dict[NodeProcess, int]:
         """Exit codes of the processes that have ended."""
         codes = {node: process.poll() for node, process in self.processes.items()}
         return {node: code for node, code in codes.items() if code is not None}
 
-    def end(self) -> dict[NodeProcess, int]:
+    def close(self) -> dict[NodeProcess, int]:
         """Ends every process: asked first, then forced.
 
         Returns:

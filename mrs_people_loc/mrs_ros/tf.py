@@ -66,7 +66,7 @@ class FramePublisher:
 
 
 class FrameListener:
-    """Receives frames until it is destroyed.
+    """Looks frames up; it receives them from the first look-up on, until it is destroyed.
 
     Args:
         node: The node that subscribes.
@@ -74,20 +74,27 @@ class FrameListener:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._tf2_ros: Any = importlib.import_module("tf2_ros")
-        self._buffer = self._tf2_ros.Buffer(node=node)
+        self._tf2_ros: Any = None
+        self._buffer: Any = None
+
+    def _start(self) -> None:
+        self._tf2_ros = importlib.import_module("tf2_ros")
+        self._buffer = self._tf2_ros.Buffer(node=self._node)
         # Its own way to forget when time jumps back fails in some releases; `clear` does that.
         self._buffer.jump_handle.unregister()
-        self._listener = self._tf2_ros.TransformListener(self._buffer, node)
+        self._listener = self._tf2_ros.TransformListener(self._buffer, self._node)
 
     def destroy(self) -> None:
-        """Ends the subscriptions."""
-        self._listener.unregister()
-        self._node.destroy_service(self._buffer.srv)
+        """Ends the subscriptions; the next look-up begins again."""
+        if self._buffer is not None:
+            self._listener.unregister()
+            self._node.destroy_service(self._buffer.srv)
+            self._buffer = None
 
     def clear(self) -> None:
         """Forgets all frames: the time was set back."""
-        self._buffer.clear()
+        if self._buffer is not None:
+            self._buffer.clear()
 
     def pose(self, parent: str, child: str, sigmas: tuple[float, ...] = ()) -> Pose:
         """The newest pose of a frame in another one.
@@ -103,6 +110,8 @@ class FrameListener:
         Raises:
             PoseError: TF does not have it, or it is no pose on the floor.
         """
+        if self._buffer is None:
+            self._start()
         try:
             found = self._buffer.lookup_transform(parent, child, Time())
         except self._tf2_ros.TransformException as err:

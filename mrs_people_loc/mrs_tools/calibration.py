@@ -20,10 +20,12 @@ from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import StereoMatcher
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_tools.bags.offline import BagRun
-from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.reader import BagReader
 
 #: So many views are kept, at least, of those that were seen: evenly over all of them.
 _VIEWS = 40
+#: Publishers that are there have been discovered after this time [s].
+_DISCOVERY_S = 5.0
 #: The floor is known well with standard deviations below these: angles [rad], height over itself.
 _WELL_ANGLE, _WELL_HEIGHT = math.radians(1.2), 0.03
 
@@ -54,6 +56,7 @@ class Calibration:
 
     Attributes:
         config: Its configuration.
+        came: Whether any message has come.
         views: How many views there were.
         dropped: What was wrong with the last message that could not be used; empty if none was.
         handlers: What takes the messages, by topic.
@@ -61,6 +64,7 @@ class Calibration:
 
     def __init__(self, robot: str, config: RobotConfig) -> None:
         self.config = config
+        self.came = False
         self.views = 0
         self.dropped = ""
         self.handlers: dict[str, Callable[[Any], None]] = {}
@@ -76,6 +80,7 @@ class Calibration:
 
     def _taking(self, take: Callable[[str, Any], Any], camera: str) -> Callable[[Any], None]:
         def handle(message: Any) -> None:
+            self.came = True
             try:
                 view = take(camera, message)
             except PeopleLocError as err:
@@ -186,11 +191,23 @@ def from_bag(
     return made
 
 
-def live(robot: str, configs: Sequence[Path], duration_s: float) -> Calibration:
-    """A head that is running, with its views of some seconds.
+def head_of(robot: str, configs: Sequence[Path]) -> Calibration:
+    """The head of a robot of a team, with no views yet.
 
     Raises:
         ConfigError: A parameter file is wrong, or knows no such robot.
+    """
+    team = load_team(*configs, robots=(robot,))
+    if robot not in team.robots:
+        raise ConfigError(f"{robot} is not in the team: {', '.join(team.robots)}")
+    return Calibration(robot, team.robots[robot])
+
+
+def live(made: Calibration, duration_s: float) -> Calibration:
+    """Gives a head that is running its views of some seconds.
+
+    Raises:
+        PeopleLocError: Nobody publishes its images.
     """
     from rclpy.executors import SingleThreadedExecutor
     from sensor_msgs.msg import CameraInfo, Image
@@ -199,10 +216,6 @@ def live(robot: str, configs: Sequence[Path], duration_s: float) -> Calibration:
     from mrs_tools.signals import stop_on_signals
     from mrs_tools.tool_node import node
 
-    team = load_team(*configs, robots=(robot,))
-    if robot not in team.robots:
-        raise ConfigError(f"{robot} is not in the team: {', '.join(team.robots)}")
-    made = Calibration(robot, team.robots[robot])
     with stop_on_signals() as stop, node("mrs_calibrate") as listener:
         for topic, handle in made.handlers.items():
             kind = CameraInfo if topic.endswith("/camera_info") else Image
@@ -210,9 +223,16 @@ def live(robot: str, configs: Sequence[Path], duration_s: float) -> Calibration:
         executor = SingleThreadedExecutor(context=listener.context)
         executor.add_node(listener)
         try:
-            end = time.monotonic() + duration_s
-            while not stop.is_set() and time.monotonic() < end:
+            begin = time.monotonic()
+            while not stop.is_set() and (passed := time.monotonic() - begin) < duration_s:
                 executor.spin_once(timeout_sec=0.1)
+                if made.came or passed <= _DISCOVERY_S:
+                    continue
+                if not any(map(listener.count_publishers, made.handlers)):
+                    raise PeopleLocError(
+                        f"nobody publishes {', '.join(made.handlers)}: is the head running, in "
+                        "this ROS_DOMAIN_ID, under this name?"
+                    )
         finally:
             executor.shutdown()
     return made

@@ -1,9 +1,10 @@
 """The `mrs` command.
 
 To add a subcommand, write a function with Typer annotations in a module of `mrs_tools.commands`,
-which reads options, calls and prints; add one line to `COMMANDS`, and what one may write to
-`examples.EXAMPLES`. Its module is imported when the subcommand runs, so `mrs --help` stays fast and
-works without ROS; import ROS inside functions, so that `mrs NAME --help` does, too.
+which reads options, calls and prints; add one line to `HEADINGS`, and what one may write to
+`examples.EXAMPLES`. The simulator and the studies have the same in their `commands`. Its module is
+imported when the subcommand runs, so `mrs --help` stays fast and works without ROS; import ROS
+inside functions, so that `mrs NAME --help` does, too.
 
 An error of this project (`PeopleLocError`) is printed as one line and ends with exit code 1, wrong
 usage with 2, Ctrl-C with 130, a closed terminal with 129. Everything else is a bug and shows its
@@ -13,6 +14,7 @@ traceback.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import sys
 import types
 import typing
@@ -20,7 +22,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, NoReturn
 
 from mrs_people_loc.errors import PeopleLocError
-from mrs_tools.examples import epilog
+from mrs_tools.examples import EXAMPLES, epilog
 from mrs_tools.installing import how_to_install
 
 try:
@@ -32,76 +34,64 @@ except ModuleNotFoundError as err:
 
 from mrs_tools.plain import plain
 
-# name: (module:function, what it does). The function may also be a typer.Typer of its own.
-COMMANDS = {
-    "demo": (
-        "mrs_tools.commands.demo:command",
-        "Replay a recorded team and compare with the truth.",
-    ),
-    "simulate": (
-        "mrs_tools.commands.simulate:command",
-        "Draw what a team would see, with ground truth.",
-    ),
-    "evaluate": ("mrs_tools.commands.evaluate:command", "Score bags against their ground truth."),
-    "experiment": (
-        "mrs_tools.commands.experiment:command",
-        "Repeat the paper's experiment, simulated.",
-    ),
-    "real": (
-        "mrs_tools.commands.real:command",
-        "Score the labelled recordings of real rooms.",
-    ),
-    "localization": (
-        "mrs_tools.commands.localization:command",
-        "Score a team's poses on simulated tours of 100 m.",
-    ),
-    "guiding": (
-        "mrs_tools.commands.guiding:command",
-        "Score guided tours of 60 m, simulated without rendering.",
-    ),
-    "suite": ("mrs_tools.commands.suite:command", "Score the published suite, step by step."),
-    "fit": ("mrs_tools.commands.fit:command", "Fit the body model to bags with ground truth."),
-    "calibrate": (
-        "mrs_tools.commands.calibrate:command",
-        "Measure a head's mounting by the floor.",
-    ),
-    "plot": (
-        "mrs_tools.commands.plot:command",
-        "Draw the paper's figures from a bag, or an animation.",
-    ),
-    "bench": (
-        "mrs_tools.commands.bench:command",
-        "Measure speed, after comparing with plain loops.",
-    ),
-    "up": ("mrs_tools.commands.up:command", "Start every node of a team on this machine."),
-    "tour": ("mrs_tools.commands.tour:command", "Guide a group along a tour."),
-    "discovery-server": (
-        "mrs_tools.commands.discovery_server:command",
-        "Let a team find each other without multicast.",
-    ),
-    "people": ("mrs_tools.commands.people:command", "Show a running team live in the terminal."),
-    "view": (
-        "mrs_tools.commands.view:command",
-        "Show a running team in the browser.",
-    ),
-    "doctor": (
-        "mrs_tools.commands.doctor:command",
-        "Say what is wrong with a running team, and what to do.",
-    ),
-    "replay": (
-        "mrs_tools.commands.replay:command",
-        "Publish a bag's messages over ROS, in their timing.",
-    ),
-    "record": ("mrs_tools.commands.record:command", "Record topics into a bag."),
-    "keys": ("mrs_tools.commands.keys:app", "Make hosts members of a team, and revoke them."),
-    "convert": ("mrs_tools.commands.convert:app", "Write foreign recordings as bags."),
+#: By heading of the help: name: (module:function, what it does). The function may also be a
+#: typer.Typer of its own.
+HEADINGS = {
+    "A team": {
+        "up": ("mrs_tools.commands.up:command", "Start every node of a team on this machine."),
+        "tour": ("mrs_tools.commands.tour:command", "Guide a group along a tour."),
+        "calibrate": (
+            "mrs_tools.commands.calibrate:command",
+            "Measure a head's mounting by the floor.",
+        ),
+        "discovery-server": (
+            "mrs_tools.commands.discovery_server:command",
+            "Let a team find each other without multicast.",
+        ),
+        "keys": ("mrs_tools.commands.keys:app", "Make hosts members of a team, and revoke them."),
+    },
+    "What it sees": {
+        "view": ("mrs_tools.commands.view:command", "Show a running team in the browser."),
+        "people": (
+            "mrs_tools.commands.people:command",
+            "Show a running team live in the terminal.",
+        ),
+        "doctor": (
+            "mrs_tools.commands.doctor:command",
+            "Say what is wrong with a running team, and what to do.",
+        ),
+    },
+    "Recordings": {
+        "record": ("mrs_tools.commands.record:command", "Record topics into a bag."),
+        "replay": (
+            "mrs_tools.commands.replay:command",
+            "Publish a bag's messages over ROS, in their timing.",
+        ),
+    },
 }
+#: Packages that bring further commands where they are, the same tables in PACKAGE.commands; and
+#: the names of these, for who has only heard of them.
+FURTHER = {
+    "mrs_people_sim": "demo evaluate plot simulate",
+    "mrs_studies": "bench convert experiment fit guiding localization real render-suite suite",
+}
+for _package in FURTHER:
+    if importlib.util.find_spec(_package) is not None:
+        _table = importlib.import_module(f"{_package}.commands")
+        HEADINGS |= _table.HEADINGS
+        EXAMPLES |= _table.EXAMPLES
+COMMANDS = {name: entry for commands in HEADINGS.values() for name, entry in commands.items()}
+
+_MISSING = "which is not installed"
 
 
 class _LazyGroup(TyperGroup):
     """Imports a subcommand when it runs, and turns errors into one line and an exit code."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        for package, names in FURTHER.items():
+            if args[0] in names.split() and args[0] not in COMMANDS:
+                fail(f"mrs {args[0]} needs {package}, {_MISSING}: {how_to_install(package)}")
         name, command, rest = super().resolve_command(ctx, args)
         return name, _load(name) if name in COMMANDS else command, rest
 
@@ -116,7 +106,7 @@ class _LazyGroup(TyperGroup):
             module = (err.name or "").partition(".")[0]
             if (how := how_to_install(module)) is None:
                 raise
-            fail(f"this needs {module}, which is not installed: {how}")
+            fail(f"this needs {module}, {_MISSING}: {how}")
 
 
 def _load(name: str) -> Any:
@@ -199,9 +189,10 @@ def _options(
 
 
 _prepare(_options)
-for _name, (_path, _summary) in COMMANDS.items():
-    # A stand-in for the list of subcommands; _LazyGroup puts the real one in its place.
-    app.command(_name, help=_summary)(lambda: None)
+for _heading, _commands in HEADINGS.items():
+    for _name, (_path, _summary) in _commands.items():
+        # A stand-in for the list of subcommands; _LazyGroup puts the real one in its place.
+        app.command(_name, help=_summary, rich_help_panel=_heading)(lambda: None)
 
 
 def main() -> None:

@@ -4,41 +4,13 @@ from __future__ import annotations
 
 #: By command, without `mrs`: what to write behind it, and what that does.
 EXAMPLES: dict[str, dict[str, str]] = {
-    "demo": {
-        "": "three robots follow a walking group",
-        "mrs_people_loc/bags/paper_formation --out paper.png": "the formation of the paper",
-    },
-    "simulate": {
-        "mrs_people_loc/scenes/hall.yaml hall.mcap --frames 20": "20 frames of 8 robots in a hall",
-        "mrs_people_loc/scenes/walking_group.yaml --live --loop": "over ROS, until Ctrl-C",
-    },
-    "evaluate": {
-        "mrs_people_loc/bags/walking_group": "by the default method",
-        "walk.mcap -c team.yaml --json scores.json": "as this team, the figures also as JSON",
-    },
-    "experiment": {"--draws 5 --json figures.json": "five recordings of each scene"},
-    "real": {"recordings --out docs/real_rooms.md": "score them all into this file"},
-    "localization": {"--seeds 3 --only hall": "three tours of each kind in the hall"},
-    "guiding": {"--seeds 3 --only corridor": "three tours of each kind in the corridor"},
-    "suite": {".suite/test --steps": "render it there if need be, and score each step"},
-    "fit": {
-        ".suite/train/* --out model.json --jobs 2": "a model from the suite's train half",
-    },
     "calibrate": {
         "--robot robot_a -c team.yaml": "a running robot that stands on free floor",
         "walk.mcap -c team.yaml": "every robot of a bag",
     },
-    "plot": {
-        "mrs_people_loc/bags/walking_group --out figures": "the paper's figures",
-        "walk.mcap -c team.yaml --animation walk.gif": "all of it, from above",
-    },
-    "bench": {
-        "": "everything, also real processes over DDS",
-        "--no-live --frames 100": "the computation only, sooner",
-    },
     "up": {
-        "mrs_people_loc/config/team.yaml": "the robots of that file, and the planner",
-        "mrs_people_loc/config/team.yaml --guide": "the guide, too",
+        "config/team.yaml": "the robots of that file, and the planner",
+        "config/team.yaml --guide": "the guide, too",
     },
     "tour": {
         "museum.yaml": "guide a group by the running guide_node",
@@ -68,8 +40,6 @@ EXAMPLES: dict[str, dict[str, str]] = {
     "keys make": {"robot_a robot_b laptop": "a key, a certificate and a tunnel for each"},
     "keys revoke": {"robot_b": "the computer of robot_b was stolen"},
     "keys list": {"": "of the folder keys"},
-    "convert oak": {"overhead overhead.mcap --frames 0:600:3": "every third of 600 frames"},
-    "convert pcl": {"five_people.pcd five.mcap": "PCL's frame of five people"},
 }
 
 

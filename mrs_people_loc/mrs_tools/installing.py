@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import sys
 import sysconfig
-from contextlib import suppress
 from pathlib import Path
 
 from mrs_people_loc.errors import ConfigError
+from mrs_ros.shipped import PACKAGES, shipped_file
 
 #: The extra of this project that brings a module that may be missing.
 _EXTRAS = {
@@ -19,13 +19,11 @@ _EXTRAS = {
     **dict.fromkeys(["matplotlib", "PIL"], "[plots]"),
     "pypcd4": "[convert]",
     "aiohttp": "[view]",
-    **dict.fromkeys(["embreex", "trimesh", "collada"], "[sim]"),
+    "embreex": "[sim]",
     **dict.fromkeys(["rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "nav_msgs"], "[ros]"),
     **dict.fromkeys(["diagnostic_msgs", "stereo_msgs", "visualization_msgs"], "[ros]"),
     **dict.fromkeys(["builtin_interfaces", "lifecycle_msgs", "rosgraph_msgs"], "[ros]"),
 }
-#: Names on PyPI that are not those of the modules.
-_PYPI = {"collada": "pycollada"}
 #: Ubuntu's packages; what is not among them is on PyPI alone.
 _UBUNTU = {
     "typer": "python3-typer",
@@ -36,25 +34,21 @@ _UBUNTU = {
 }
 
 
-def default_file(*parts: str) -> Path:
-    """A file that comes with the project: of the source tree, or installed into `share/`.
+def default_file(folder: str, *parts: str) -> Path:
+    """A file that comes with the project, of its source tree or installed into `share/`.
 
-    Of the source tree in the current folder, or of that which this package was installed from.
+    Args:
+        folder: `config` or `bags`.
+        parts: The path below it.
 
     Raises:
         ConfigError: It is nowhere.
     """
-    shares = [Path(sys.prefix, "share", "mrs_people_loc")]
-    with suppress(ImportError, LookupError, OSError):  # no ROS, or none is sourced
-        from ament_index_python.packages import get_package_share_directory
-
-        shares.insert(0, Path(get_package_share_directory("mrs_people_loc")))
-    for root in (Path("mrs_people_loc").absolute(), Path(__file__).resolve().parents[1], *shares):
-        if root.joinpath(*parts).exists():
-            return root.joinpath(*parts)
+    if (path := shipped_file(folder, *parts)) is not None:
+        return path
     raise ConfigError(
-        f"{Path(*parts)} is not here: run this in the folder of the repository, or build the "
-        "workspace again (colcon build) and source it"
+        f"{Path(folder, *parts)} is not installed: it belongs to {PACKAGES[folder]}; run `make "
+        "setup`, or build the workspace again (colcon build) and source it"
     )
 
 
@@ -62,6 +56,10 @@ def how_to_install(module: str) -> str | None:
     """What to do about a module that is missing; None: it is none that this project needs."""
     if module == "mrs_people_msgs":
         return "run `make setup`, or source the workspace that has it"
+    if module == "mrs_people_sim":
+        return "install the folder simulation/ of the repository, or build it with colcon"
+    if module == "mrs_studies":
+        return "it is in the repository, where `make setup` makes an `mrs` that has it"
     if module not in _EXTRAS:
         return None
     extra = _EXTRAS[module]
@@ -74,7 +72,7 @@ def how_to_install(module: str) -> str | None:
         return f"sudo apt install {_UBUNTU[module]}"
     return (
         "python3 -m venv --system-site-packages ~/mrs && ~/mrs/bin/pip install "
-        f"{_PYPI.get(module, module)}, then `~/mrs/bin/python -m mrs_tools` in place of `mrs`"
+        f"{module}, then `~/mrs/bin/python -m mrs_tools` in place of `mrs`"
     )
 
 

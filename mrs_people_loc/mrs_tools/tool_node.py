@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,8 @@ NO_NAME = (
     "no ROS 2 name; allowed: / before each part, and parts of letters, digits and _ that do not "
     "begin with a digit"
 )
+#: Others are looked for until none has come for so long, or at most for so long [s].
+_ALONE_S, _LOOK_S = 1.0, 5.0
 
 
 @contextmanager
@@ -72,3 +75,15 @@ def message_class(msgtype: str) -> Any:
         return getattr(importlib.import_module(f"{package}.msg"), name, None)
     except ImportError:
         return None
+
+
+def wait_for_discovery(node: Node) -> None:
+    """Waits until a new node has discovered the other publishers of its domain."""
+    end = time.monotonic() + _LOOK_S
+    before, changed = -1, time.monotonic()
+    while (now := time.monotonic()) < min(end, changed + _ALONE_S):
+        names = [name for name, _ in node.get_topic_names_and_types()]
+        count = sum(map(node.count_publishers, names))
+        if count != before:
+            before, changed = count, now
+        time.sleep(0.02)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -36,6 +35,7 @@ from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint, 
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, TEAM
+from planner_node.loading import load_scipy
 from planner_node.others.publishing import Others
 from planner_node.outputs import Outputs
 from planner_node.roster import Roster
@@ -48,15 +48,6 @@ _TEAM_RATE_HZ = 10.0
 _JUMPS = "jumps"
 
 
-def _load() -> None:
-    """Loads what the method uses of SciPy, which takes as long as all else before the start.
-
-    The method would do so itself with the first interval, and that would be late.
-    """
-    import scipy.optimize
-    import scipy.spatial  # noqa: F401
-
-
 class PlannerNode(ManagedNode):
     """Scans and poses of all robots in, people out."""
 
@@ -64,8 +55,7 @@ class PlannerNode(ManagedNode):
         super().__init__("planner_node", PlannerConfig)
         # Kept from one configuration of the node to the next: ids never repeat.
         self._planner = Planner(self.config)
-        # The node is on the network now, and discovers the robots meanwhile.
-        threading.Thread(target=_load, name="load").start()
+        load_scipy()  # the node is on the network now, and discovers the robots meanwhile
 
     # ---- parameters and life cycle ----
 
@@ -126,17 +116,17 @@ class PlannerNode(ManagedNode):
         return f"`points` and `pose` of {', '.join(self.config.robots)}"
 
     def jumped_back(self) -> None:
-        """Begins anew: everybody gets a new id."""
-        self._collector.begin_anew()
-        self._begin_anew()
+        """Begins again: everybody gets a new id."""
+        self._collector.reset()
+        self._reset()
 
-    def _begin_anew(self) -> None:
+    def _reset(self) -> None:
         """Forgets what was found: the time, or the stamps of all robots, jumped back."""
-        self._planner.begin_anew()
+        self._planner.reset()
         self._agreement = Agreement()
-        self._relative_poses.begin_anew()
+        self._relative_poses.reset()
         self._result = None
-        self._outputs.begin_anew()
+        self._outputs.reset()
 
     # ---- inputs ----
 
@@ -203,8 +193,8 @@ class PlannerNode(ManagedNode):
         back_ns = 0 if self._result is None else self._result.stamp_ns - closed.time_ns
         if back_ns > RESET_NS:
             back = f"the stamps of all robots jumped back by {back_ns / 1e9:.1f} s"
-            self.get_logger().warning(f"{back}; starting anew: everybody is new")
-            self._begin_anew()
+            self.get_logger().warning(f"{back}; starting over: everybody is new")
+            self._reset()
 
     # ---- diagnostics ----
 

@@ -50,7 +50,7 @@ class Outputs:
         message = convert.relative_poses(stamp_ns, config.map_frame, measured)
         self._relative_poses.publish(message)
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets the trails; publishes on `events` that everybody is new."""
         self._trails = Trails()
         self._events.publish(String(data="the time jumped back: everybody is new"))

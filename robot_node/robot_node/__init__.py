@@ -1,1 +1,1 @@
-"""One robot on ROS: images in, `points` and `pose` out. Images never leave the robot."""
+"""One robot on ROS: images in, `points` and `pose` out; a disparity image while it is asked for."""

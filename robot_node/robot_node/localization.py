@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -26,10 +25,7 @@ from mrs_people_loc.localization.robot_localization import (
     localizes,
     may_localize,
 )
-from mrs_people_loc.robot import Stages
-from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.team.poses import Pose
-from mrs_ros import convert
+from mrs_ros import convert, tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.markers import wall_markers
 from mrs_ros.qos import POSES, TEAM
@@ -45,19 +41,24 @@ class LocalizationTopics:
     Args:
         node: The robot's node.
         base_frame: Its base_link.
-        look_up: Says where a frame (the second) is in another one, by TF.
+        frames: Looks frames up in TF.
+        localization: Takes what comes.
     """
 
     def __init__(
-        self, node: ManagedNode, base_frame: str, look_up: Callable[[str, str], Pose]
+        self,
+        node: ManagedNode,
+        base_frame: str,
+        frames: tf.FrameListener,
+        localization: RobotLocalization,
     ) -> None:
         self._node = node
         self._config: RobotConfig = node.config
+        self._own = localization
         self._parent, _, self._robot = str(node.get_namespace()).rstrip("/").rpartition("/")
-        self._own = RobotLocalization(self._robot, self._config)
         self._state: LocalizationState | None = None
         self._refusals = RefusalWatch()
-        self._walls = WallTopics(node, base_frame, look_up, self._own)
+        self._walls = WallTopics(node, base_frame, frames, localization)
         self._listens = False
         self._told: Any = None
         self._drawn: Any = None
@@ -71,9 +72,9 @@ class LocalizationTopics:
         if localizes(self._config, self._config.pose.map_frame):
             self._listen()
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets where the robot is: the time was set back, or its start was changed."""
-        self._own.begin_anew()
+        self._own.reset()
         self._state = None
         self._refusals = RefusalWatch()
 
@@ -82,25 +83,15 @@ class LocalizationTopics:
         old, self._config = self._config, config
         self._own.configure(config)
         if old.pose.map_from_odom != config.pose.map_from_odom:
-            self.begin_anew()
+            self.reset()
 
-    def take_view(self, stages: Stages, camera: StereoCamera) -> None:
-        """Takes a view of the head, after its people were found."""
-        self._own.take_view(stages.scan, stages.disparity, camera)
-
-    def take_odometry(self, pose: Pose) -> Pose:
-        """The robot's pose in the map, from its pose in the odometry's frame.
-
-        Raises:
-            PoseError: Its stamp is not newer than the one before.
-        """
+    def tell_team(self) -> None:
+        """Publishes what the team is to hear after an odometry; subscribes after the first one."""
         if not self._listens:
             self._listen()
-        placed = self._own.take_odometry(pose)
         told = None if self._told is None else self._own.share()
         if told is not None:
             self._told.publish(convert.team_pose(told, self._config.pose.map_frame))
-        return placed
 
     def _listen(self) -> None:
         """Subscribes to absolute poses and to the team."""
@@ -121,29 +112,24 @@ class LocalizationTopics:
         wanted = self._config.pose.map_frame
         if message.header.frame_id.lstrip("/") != wanted:
             raise PoseError(f"frame_id is {message.header.frame_id!r}; wanted: {wanted!r}")
-        pose = messages.read_pose(message)
-        if self._own.localizer is not None:
-            self._own.localizer.take_absolute(pose)
+        self._own.take_absolute(messages.read_pose(message))
 
     def _on_team_pose(self, message: TeamPoseMessage) -> None:
-        localizer = self._own.localizer
-        if message.robot == self._robot or localizer is None:
-            return
-        told = messages.read_team_pose(message, self._config.pose.map_frame)
-        localizer.take_teammate(told)
+        if message.robot != self._robot:
+            told = messages.read_team_pose(message, self._config.pose.map_frame)
+            self._own.take_teammate(told)
 
     def _on_relative_poses(self, message: RelativePoses) -> None:
         for relative in messages.read_relative_poses(message):
-            if self._own.localizer is not None:
-                self._own.localizer.take_relative(relative)
+            self._own.take_relative(relative)
 
     # ---- what is told of it ----
 
     def observe(self) -> None:
         """Updates what `findings` reports; publishes the walls, for display, if anybody asks."""
-        if self._own.localizer is None:
+        if not self._own.has_begun:
             return
-        state = self._state = self._own.localizer.state
+        state = self._state = self._own.state
         now_ns, frame = self._now_ns(), self._config.pose.map_frame
         self._refusals.update(own_sources(self._robot, state), now_ns)
         if self._drawn is not None and self._drawn.get_subscription_count():

@@ -24,16 +24,18 @@ from mrs_people_loc.health.robot import (
     of_scan,
 )
 from mrs_people_loc.health.sight import SightWatch
+from mrs_people_loc.localization.robot_localization import RobotLocalization
 from mrs_people_loc.robot import Stages
-from mrs_ros import convert
+from mrs_ros import convert, tf
 from mrs_ros.diagnostics import Growth, Input, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import STREAM
 from robot_node import pose_source
+from robot_node.localization import LocalizationTopics
 from robot_node.pose_source import PoseSource
 
 #: By stage, what the number of its points is called on `/diagnostics`.
-_COUNTED = {"cloud": "points", "zones": "points_in_zone", "noise": "points_after_noise"}
+_COUNTED = {"cloud": "points", "cropped": "points_cropped", "foreground": "points_foreground"}
 
 
 class RobotNode(ManagedNode):
@@ -55,7 +57,7 @@ class RobotNode(ManagedNode):
         self.base_frame = "/".join(filter(None, (self.name_in_team, "base_link")))
         self._head = Head(self.name_in_team, self.config)
         self._stages: Stages | None = None
-        self._frames = 0
+        self._views = 0
         self._unpaired = Growth()
         self._scan_at_s = self._ahead_s = 0.0
         self._publish_ms = 0.0
@@ -63,11 +65,16 @@ class RobotNode(ManagedNode):
         self._floor: FloorWatch | None = None
 
         self._points = self.offer(PointCloud2, "points", STREAM)
-        self._pose = PoseSource(self, self.base_frame)
+        frames = self._frames = tf.FrameListener(self)
+        map_frame = self.config.pose.map_frame
+        in_map = partial(frames.pose, map_frame) if tf.installed("tf2_ros") else None
+        name = self.name_in_team.rpartition("/")[2]
+        self._localization = RobotLocalization(name, self.config, in_map)
+        self._team = LocalizationTopics(self, self.base_frame, frames, self._localization)
+        self._pose = PoseSource(self, self.base_frame, frames, self._localization, self._team)
         self._debug_disparity = self.offer(DisparityImage, "debug/disparity", 2)
         self._debug_clouds = {
-            stage: self.offer(PointCloud2, f"debug/{stage}", 2)
-            for stage in ("cloud", "zones", "noise")
+            stage: self.offer(PointCloud2, f"debug/{stage}", 2) for stage in _COUNTED
         }
 
     def start(self) -> None:
@@ -98,7 +105,9 @@ class RobotNode(ManagedNode):
     def jumped_back(self) -> None:
         """Forgets what waits, and what was seen."""
         self._head.reset()
-        self._pose.begin_anew()
+        self._pose.reset()
+        self._team.reset()
+        self._frames.clear()
         self._forget_views()
 
     def _forget_views(self) -> None:
@@ -115,6 +124,7 @@ class RobotNode(ManagedNode):
                 self._head.configure(config)
             except CameraError as err:
                 raise ConfigError(str(err)) from err
+            self._team.changed(config)
             self._pose.changed(config)
             self._sight.config = config.sight
 
@@ -134,7 +144,7 @@ class RobotNode(ManagedNode):
         resets = self._head.pairer.resets
         view = self._head.take_image(camera, message)
         if self._head.pairer.resets > resets:
-            self.get_logger().warning(f"{camera} images: stamps jumped back; starting anew")
+            self.get_logger().warning(f"{camera} images: stamps jumped back; starting over")
             self._forget_views()
         self._step(view)
 
@@ -145,9 +155,9 @@ class RobotNode(ManagedNode):
         if view is None:
             return
         self._publish(view)
-        self._pose.localization.take_view(view.stages, self._head.pipeline.camera)
-        self._stages = view.stages
-        self._frames += 1
+        stages = self._stages = view.stages
+        self._localization.take_view(stages.scan, stages.disparity, self._head.pipeline.camera)
+        self._views += 1
         self._scan_at_s = time.monotonic()
         self._ahead_s = (view.stages.scan.stamp_ns - self._now_ns()) / 1e9
         self._sight.step(view.images, view.stages.disparity)
@@ -178,7 +188,7 @@ class RobotNode(ManagedNode):
 
     def observe(self) -> None:
         """Counts images without a pair, and what localization refuses."""
-        self._pose.localization.observe()
+        self._team.observe()
         self._unpaired.update(self._head.pairer.unpaired)
 
     def findings(self) -> list[Finding]:
@@ -189,10 +199,10 @@ class RobotNode(ManagedNode):
             unpaired_lately=self._unpaired.lately,
             why_unpaired=pairer.why_unpaired(),
             stamp_resets=pairer.resets,
-            frames=self._frames,
+            frames=self._views,
         )
         scan = ScanState(
-            frames=self._frames,
+            frames=self._views,
             silent_s=time.monotonic() - self._scan_at_s,
             ahead_s=self._ahead_s,
             remedy=recording_hint(self),
@@ -204,7 +214,7 @@ class RobotNode(ManagedNode):
             of_mounting(self._mounting(), watched=self.config.floor.watch),
             of_scan(scan),
             self._pose.finding(),
-            *self._pose.localization.findings(),
+            *self._team.findings(),
         ]
 
     def _mounting(self) -> MountingState | None:

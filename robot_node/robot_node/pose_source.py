@@ -16,9 +16,9 @@ from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.robot import PoseState, of_pose
-from mrs_people_loc.localization.robot_localization import localizes
+from mrs_people_loc.localization.robot_localization import RobotLocalization, localizes
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.team.poses import Pose, PoseIntake, frame_of, static_pose
+from mrs_people_loc.team.poses import Pose, frame_of, static_pose
 from mrs_ros import convert, tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import POSES
@@ -60,17 +60,23 @@ class PoseSource:
         node: The robot's node.
         base_frame: Its base_link.
 
-    Attributes:
-        localization: Corrects odometry.
+        frames: Looks frames up in TF.
+        localization: Places its poses in the map.
+        topics: Those of the localization.
     """
 
-    def __init__(self, node: ManagedNode, base_frame: str) -> None:
+    def __init__(
+        self,
+        node: ManagedNode,
+        base_frame: str,
+        frames: tf.FrameListener,
+        localization: RobotLocalization,
+        topics: LocalizationTopics,
+    ) -> None:
         self._node = node
         self._base_frame = base_frame
         self._config: RobotConfig = node.config
-        in_map = self._frame_in_map if tf.installed("tf2_ros") else None
-        self._intake = PoseIntake(self._config.pose, in_map)
-        self._listener: tf.FrameListener | None = None
+        self._frames, self._localization, self._topics = frames, localization, topics
         self._timer: Any = None
         self._standing: Pose | None = None  # from TF
         self._last: Pose | None = None
@@ -79,7 +85,6 @@ class PoseSource:
         self._scan_at_s = 0.0
         self._error = ""
         self._pose = node.offer(PoseWithCovarianceStamped, "pose", POSES)
-        self.localization = LocalizationTopics(node, base_frame, self._look_up)
         tells = self._config.pose.publish_tf != "never" and tf.installed("tf2_msgs")
         self._frames_out = tf.FramePublisher(node.offer) if tells else None
         self._odom_frame = ""
@@ -91,12 +96,11 @@ class PoseSource:
         if source == "static":
             self._timer = self._node.create_timer(STANDING_PERIOD_S, self._stand, clock=steady)
         elif source == "tf":
-            self._listener = tf.FrameListener(self._node)
             self._timer = self._node.create_timer(TF_PERIOD_S, self._ask_tf, clock=steady)
         else:
             kind = Odometry if source == "odom" else PoseWithCovarianceStamped
             self._node.listen(kind, source, self._on_pose, POSES)
-            self.localization.start()
+            self._topics.start()
         self._tell_fixed_frames()
 
     def stop(self) -> None:
@@ -104,24 +108,16 @@ class PoseSource:
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None
-        if self._listener is not None:
-            self._listener.destroy()
-            self._listener = None
+        self._frames.destroy()
         self._standing, self._error, self._heard_s = None, "", None
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets what came last: the time was set back."""
-        self._intake.begin_anew()
         self._last, self._asked_ns = None, 0
-        self.localization.begin_anew()
-        if self._listener is not None:
-            self._listener.clear()
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters, which `check` let pass."""
         self._config = config
-        self._intake.config = config.pose
-        self.localization.changed(config)
         if self._node.is_active:
             self._tell_fixed_frames()
 
@@ -153,22 +149,19 @@ class PoseSource:
     def _on_pose(self, message: Any) -> None:
         pose, frame_id = messages.read_pose(message, self._base_frame), message.header.frame_id
         came_in = frame_id.lstrip("/")
-        if localizes(self._config, came_in):
-            placed = self._intake(
-                self.localization.take_odometry(pose), self._config.pose.map_frame
-            )
-            if placed is not None:
-                self._send_corrected(placed, pose, came_in)
-            return
-        in_map = self._intake(pose, frame_id)
-        if in_map is not None:
-            self._send(in_map, came_in)
+        placed = self._localization.place(pose, came_in)
+        corrected = localizes(self._config, came_in)
+        if corrected:
+            self._topics.tell_team()
+        if placed is not None and corrected:
+            self._send_corrected(placed, pose, came_in)
+        elif placed is not None:
+            self._send(placed, came_in)
 
     def _ask_tf(self) -> None:
         config = self._config.pose
-        assert self._listener is not None
         try:
-            pose = self._listener.pose(config.map_frame, self._base_frame, config.sigmas)
+            pose = self._frames.pose(config.map_frame, self._base_frame, config.sigmas)
             self._standing = None
             if pose.stamp_ns == 0:
                 self._standing = pose
@@ -176,22 +169,12 @@ class PoseSource:
                 self._heard_s = time.monotonic()
             elif pose.stamp_ns != self._asked_ns:
                 self._asked_ns, self._heard_s = pose.stamp_ns, time.monotonic()
-                taken = self._intake(pose, config.map_frame)
-                if taken is not None:
-                    self._send(taken)
+                placed = self._localization.place(pose, config.map_frame)
+                if placed is not None:
+                    self._send(placed)
             self._error = ""
         except PoseError as err:
             self._standing, self._error = None, str(err)
-
-    def _frame_in_map(self, frame_id: str) -> Pose:
-        """Where TF has the odometry's frame in the map."""
-        return self._look_up(self._config.pose.map_frame, frame_id)
-
-    def _look_up(self, parent: str, child: str) -> Pose:
-        """Where a frame is in another one, by TF; subscribes to TF the first time."""
-        if self._listener is None:
-            self._listener = tf.FrameListener(self._node)
-        return self._listener.pose(parent, child)
 
     def _standing_at(self, stamp_ns: int) -> Pose | None:
         """The pose of a static robot with a stamp [ns]; None: it is not static."""

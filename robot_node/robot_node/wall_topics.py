@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 from nav_msgs.msg import OccupancyGrid
@@ -10,9 +9,9 @@ from sensor_msgs.msg import LaserScan, Range
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import WallSensors
-from mrs_people_loc.localization.robot_localization import Mounting, RobotLocalization
+from mrs_people_loc.localization.robot_localization import RobotLocalization
+from mrs_people_loc.localization.walls.finder import Mounting
 from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
-from mrs_people_loc.team.poses import Pose
 from mrs_ros import tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import MAP, STREAM, TEAM
@@ -38,7 +37,7 @@ class WallTopics:
     Args:
         node: The robot's node.
         base_frame: Its base_link.
-        look_up: Says where a frame (the second) is in another one, by TF.
+        frames: Looks frames up in TF.
         localization: Takes what comes.
     """
 
@@ -46,12 +45,12 @@ class WallTopics:
         self,
         node: ManagedNode,
         base_frame: str,
-        look_up: Callable[[str, str], Pose],
+        frames: tf.FrameListener,
         localization: RobotLocalization,
     ) -> None:
         self._node = node
         self._base_frame = base_frame
-        self._look_up = look_up
+        self._frames = frames
         self._localization = localization
         self._mountings: dict[str, Mounting] = {}
         self._has_map = False
@@ -76,12 +75,12 @@ class WallTopics:
 
     def _on_laser(self, message: LaserScan) -> None:
         scan, given = messages.read_laser_scan(message), self._node.config.walls.laser_mounting
-        if self._localization.localizer is not None:
+        if self._localization.has_begun:
             self._localization.take_laser(scan, self._mounting(scan.frame_id, given))
 
     def _on_range(self, given: tuple[float, ...], message: Range) -> None:
         measured = messages.read_range(message)
-        if self._localization.localizer is not None:
+        if self._localization.has_begun:
             mounting = self._mounting(measured.frame_id, given)
             self._localization.take_range(measured, mounting)
 
@@ -95,7 +94,7 @@ class WallTopics:
             x, y, yaw = given
             return x, y, yaw
         if frame_id not in self._mountings:
-            pose = self._look_up(self._base_frame, frame_id)
+            pose = self._frames.pose(self._base_frame, frame_id)
             self._mountings[frame_id] = pose.x, pose.y, pose.yaw
         return self._mountings[frame_id]
 

@@ -1,4 +1,4 @@
-"""Pictures of the page with the made-up scene: `python tests/browser/pictures.py` makes them anew.
+"""Pictures of the page with the made-up scene: `python tests/browser/pictures.py` makes them again.
 
 Those in `tests/browser/pictures/` are what the tests compare with; `docs/view.png` shows the page.
 """

@@ -7,13 +7,22 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from browser import synthetic_scene as scene
 from browser.chromium import wait_until
 from browser.page_server import PageServer
 from browser.pictures import REFERENCES, difference, map_picture
-from mrs_tools.view.protocol import CancelTour, Look, Play, Seek, Speed, StartTour, Time
+from mrs_tools.view.protocol import (
+    CancelTour,
+    Look,
+    Play,
+    Seek,
+    Speed,
+    StartTour,
+    Time,
+    starting,
+)
 
 Open = Callable[..., Page]
 PANELS = ("people", "robots", "tour", "events", "health")
@@ -197,6 +206,39 @@ def test_old_people_are_said_to_be_old(server: PageServer, look_at: Open) -> Non
     expect(page.locator("#connection")).to_have_text("Live")
 
 
+def test_old_people_are_not_said_to_be_seen_now(server: PageServer, look_at: Open) -> None:
+    page = look_at(server)
+    seen = page.locator("#people .seen")
+    expect(seen.filter(has_text="now")).not_to_have_count(0)
+    old = scene.state(scene.T0)
+    old["age"] = 75.0
+    server.show(old)
+    expect(page.locator("#notice")).to_contain_text(re.compile("Last heard 7. s ago"))
+    expect(seen.filter(has_text="now")).to_have_count(0)
+    expect(seen.filter(has_text=re.compile(r"^7. s ago"))).not_to_have_count(0)
+
+    server.show(scene.state(scene.T0 + 80))
+    expect(seen.filter(has_text="now")).not_to_have_count(0)
+    server.end()  # nothing comes any more, and the page itself counts on
+    expect(seen.filter(has_text="now")).to_have_count(0)
+    expect(page.locator("#people .seen").last).to_have_text(re.compile(r"s ago$"))
+    open_tab(page, "robots")
+    expect(page.locator("#robots .state").first).to_have_text(re.compile("No pose for"))
+    server.listen()
+
+
+def test_a_team_that_starts_has_no_troubles_yet(
+    make_server: Callable[..., PageServer], browser: Browser
+) -> None:
+    server = make_server(scene.hello(), starting("Starting robot_a and the planner."))
+    page = browser.new_page()
+    page.goto(server.url)
+    expect(page.locator("#notice-text")).to_have_text("Starting robot_a and the planner.")
+    expect(page.locator("#tab-health")).to_have_text("Health")
+    expect(page.locator("#summary li")).to_have_count(0)
+    page.close()
+
+
 # ------------------------------------------------------------------------------ panels
 
 
@@ -311,6 +353,25 @@ def test_time_line_controls_the_recording(recording: PageServer, look_at: Open) 
     expect(page.locator("#connection")).to_have_text("Paused")
     page.locator("#map").press("k")
     recording.wait_for(lambda: recording.commands[4:] == [Play(True)])
+
+
+def test_space_plays_and_pauses_but_presses_the_button_that_has_the_focus(
+    recording: PageServer, look_at: Open
+) -> None:
+    page = look_at(recording)
+    expect(page.locator("#title")).to_have_text(f"Recording: {scene.hello('bag')['title']}")
+    page.locator("#map").press("Space")
+    recording.wait_for(lambda: recording.commands == [Play(False)])
+    recording.show(bag(113.0, playing=False))
+    expect(page.locator("#connection")).to_have_text("Paused")
+    page.locator("#seek").press("Space")  # a slider does nothing of its own
+    recording.wait_for(lambda: recording.commands[1:] == [Play(True)])
+
+    page.get_by_role("button", name="Person 1", exact=True).press("Space")
+    expect(page.locator("tr.details")).to_have_count(1)
+    page.locator("#play").press("Space")
+    recording.wait_for(lambda: len(recording.commands) == 3)
+    assert recording.commands[2:] == [Play(True)]  # once, by the button
 
 
 def test_after_a_seek_there_are_the_trails_and_events_of_that_time(

@@ -11,18 +11,13 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import settings
 
 from mrs_people_loc.config import Mounting, RobotConfig, load_team
 from mrs_people_loc.scan import Cells
 from mrs_people_loc.sensing.camera import CameraModel, StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
 
-PAPER = Path(__file__).resolve().parents[2] / "mrs_people_loc" / "config" / "paper.yaml"
-
-# The same examples in every run: a failure is that of the change, and can be repeated.
-settings.register_profile("core", deadline=None, derandomize=True, database=None)
-settings.load_profile("core")
+PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 
 
 def _cells(xy, *, z=1.3, z_min=0.3, top=1.7, count=100) -> Cells:

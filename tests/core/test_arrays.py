@@ -51,8 +51,8 @@ def test_selection_is_of_all_fields(index, selected):
 
 
 def test_parts_are_joined_in_their_order():
-    check(Outer.concatenate([outer(1), outer(), outer(4, 2)]), 1, 4, 2)
-    check(Outer.concatenate([outer(3, 1)]), 3, 1)
+    check(Outer.joined([outer(1), outer(), outer(4, 2)]), 1, 4, 2)
+    check(Outer.joined([outer(3, 1)]), 3, 1)
 
 
 @pytest.mark.parametrize(

@@ -29,15 +29,15 @@ def test_one_or_two_very_late_stamps_change_nothing():
 
 
 def test_three_consecutive_early_stamps_reset_the_clock():
-    assert orders(5000, 1000, 1001, 1002, 1003) == ["newer", "late", "late", "anew", "newer"]
+    assert orders(5000, 1000, 1001, 1002, 1003) == ["newer", "late", "late", "restart", "newer"]
     assert orders(5000, 1000, 1000, 1000, 1000) == ["newer", *["late"] * 4]
-    assert orders(5000, 1000, 1001, 900, 901, 902) == ["newer", *["late"] * 4, "anew"]
+    assert orders(5000, 1000, 1001, 900, 901, 902) == ["newer", *["late"] * 4, "restart"]
 
 
 def test_after_a_reset_any_stamp_is_accepted():
     order = StampOrder()
     order.take(5 * SECOND)
-    order.begin_anew()
+    order.reset()
     assert (order.newest_ns, order.resets) == (None, 0)
     assert order.take(0) is Order.NEWER
 
@@ -47,7 +47,7 @@ def test_accepted_stamps_increase_between_resets(given_ns):
     order, taken, resets = StampOrder(), [], 0
     for stamp in given_ns:
         was = order.take(stamp)
-        if was is Order.ANEW:
+        if was is Order.RESTART:
             taken, resets = [], resets + 1
         if was is not Order.LATE:
             taken.append(stamp)
@@ -93,11 +93,11 @@ def test_a_sender_is_settled_after_two_seconds():
     clock.add(0, 700 * MS)
     assert not clock.is_settled(2699 * MS)
     assert clock.is_settled(2700 * MS)
-    clock.begin_anew()
+    clock.reset()
     assert not clock.is_settled(2700 * MS)
     clock.add(0, 3000 * MS)
     assert not clock.is_settled(3000 * MS)
-    # Silence for ten seconds, and it begins anew.
+    # Silence for ten seconds, and it begins again.
     clock.add(0, 20_000 * MS)
     assert not clock.is_settled(20_000 * MS)
 

@@ -1,13 +1,13 @@
 """The same pipeline on real recordings, with only its configuration changed.
 
 An OAK-D stereo video that looks down on people who walk by, and PCL's RGB-D frame of five people.
-Both are converted to bags with `mrs_tools.recordings`, read back, rectified, matched with
+Both are converted to bags with `mrs_studies.recordings`, read back, rectified, matched with
 StereoBM, filtered, clustered and judged by the project's own code. Nobody shipped ground truth:
 which frames show a person was read from the left video by eye, the torsos from the Kinect's depth.
 And four stereo pairs of the Middlebury sets: shelves, a bust, a bear, a mask, a plant; nobody.
 
 The recordings are not part of the repository. The labelled recordings of docs/real_rooms.md are
-scored in tests/tools/experiment/test_real_rooms.py.
+scored in tests/studies/experiment/test_real_rooms.py.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from mrs_people_loc.robot import RobotPipeline, Stages
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import ImagePreparer, StereoImages
 from mrs_people_loc.team.poses import Pose
-from mrs_tools.scoring.positions import match
+from mrs_people_sim.scoring.positions import match
 
 pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 pytest.importorskip("typer", reason="the converter is part of the mrs command, which needs typer")
 
-from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.recordings.frames import EPOCH_NS
-from mrs_tools.recordings.oak import convert_oak
-from mrs_tools.recordings.pcl import convert_pcl, torsos_in_map
+from mrs_studies.recordings.frames import EPOCH_NS
+from mrs_studies.recordings.oak import convert_oak
+from mrs_studies.recordings.pcl import convert_pcl, torsos_in_map
+from mrs_tools.bags.reader import BagReader
 from shared_data import shared_data
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,7 +74,7 @@ class View:
 
 def views(bag: Path, *configs: str | Path) -> Iterator[View]:
     """Every stereo pair of a bag through the pipeline, with the robot's pose at its stamp."""
-    team = load_team(*(ROOT / "mrs_people_loc" / "config" / config for config in configs))
+    team = load_team(*(ROOT / "config" / config for config in configs))
     robot = team.robots[ROBOT]
     image = "image_rect" if robot.images.rectified else "image_raw"
     models, images, poses = {}, {}, {}
@@ -138,6 +138,7 @@ def overhead(tmp_path_factory: pytest.TempPathFactory) -> dict[int, View]:
     return {view.frame: view for view in views(bag, "oak_overhead.yaml")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "last", "direction"), PASSES)
 def test_overhead_sees_one_person_in_every_frame_of_a_pass(
     overhead: dict[int, View], first: int, last: int, direction: int
@@ -290,7 +291,7 @@ def test_five_people_at_the_papers_160_px_are_five(five_bag: Path, tmp_path: Pat
         "/**/robot_node: {ros__parameters: {mounting: {height: 1.259, pitch: 0.0738}}}\n"
         "/**/planner_node: {ros__parameters: {robots: [robot_a], splitting: {max_width: 0.75}}}\n"
     )
-    for view in views(five_bag, ROOT / "mrs_people_loc" / "config" / "paper.yaml", changes):
+    for view in views(five_bag, ROOT / "config" / "paper.yaml", changes):
         positions = np.array([person.position for person in view.people.persons])
         rows, _, away = match(positions, torsos_in_map(), distance=0.35)
         assert len(rows) == len(positions) == 5

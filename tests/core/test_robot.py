@@ -84,8 +84,8 @@ def test_stages_equal_those_of_the_paper(view, paper):
     assert (top > cells.z).any()
     np.testing.assert_array_equal(got.disparity, disparity)
     np.testing.assert_array_equal(got.cloud, cloud)
-    np.testing.assert_array_equal(got.zones, zones)
-    np.testing.assert_array_equal(got.noise, noise)
+    np.testing.assert_array_equal(got.cropped, zones)
+    np.testing.assert_array_equal(got.foreground, noise)
     expected = dataclasses.replace(cells, top=top)
     np.testing.assert_array_equal(got.scan.cells.to_records(), expected.to_records())
     assert list(got.times_ms) == STAGES
@@ -121,11 +121,11 @@ def test_stages_of_the_body_scanner_are_complete(view, switches):
     find = bodies.BodyFinder(camera, config.bodies, min_range=0.7)
     found = find(disparity, images, StageTimes())
     assert len(found)
-    assert vars(got).keys().isdisjoint({"cloud", "zones", "noise"})  # made when asked for
+    assert vars(got).keys().isdisjoint({"cloud", "cropped", "foreground"})  # made when asked for
     np.testing.assert_array_equal(got.disparity, disparity)
     np.testing.assert_array_equal(got.cloud, cloud)
-    np.testing.assert_array_equal(got.zones, zones)
-    np.testing.assert_array_equal(got.noise, bodies.points_of(found))
+    np.testing.assert_array_equal(got.cropped, zones)
+    np.testing.assert_array_equal(got.foreground, bodies.points_of(found))
     cells = got.scan.cells
     expected = bodies.cells_of(found).to_records()
     assert expected.dtype == BODY_DTYPE
@@ -177,7 +177,7 @@ def test_empty_view_gives_an_empty_scan(make_head, grey, search_bodies):
     stages = RobotPipeline("robot_a", make_head().camera(), config).stages(
         StereoImages(5, flat, flat)
     )
-    assert len(stages.cloud) == len(stages.zones) == len(stages.noise) == 0
+    assert len(stages.cloud) == len(stages.cropped) == len(stages.foreground) == 0
     assert (len(stages.scan.cells), stages.scan.stamp_ns) == (0, 5)
 
 
@@ -214,8 +214,8 @@ class Bag:
 
     def __init__(self, infos, file: str) -> None:
         path, top = (
-            ROOT / "mrs_people_loc" / "config" / file,
-            ROOT / "mrs_people_loc" / "config" / "team.yaml",
+            ROOT / "config" / file,
+            ROOT / "config" / "team.yaml",
         )
         self.team = load_team(path, top, robots=self.ROBOTS)
         self.prepare: dict[str, dict[str, ImagePreparer]] = {}
@@ -277,7 +277,7 @@ def bag(request) -> Bag:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    with Reader(ROOT / "mrs_people_loc" / "bags" / "paper_formation") as reader:
+    with Reader(ROOT / "bags" / "paper_formation") as reader:
         recorded = [
             (connection.topic, now_ns, store.deserialize_cdr(data, connection.msgtype))
             for connection, now_ns, data in reader.messages()

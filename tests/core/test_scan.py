@@ -90,15 +90,15 @@ def test_records_may_have_more_fields_and_other_types():
 
 def test_no_cells_are_valid():
     assert len(Cells.empty()) == 0
-    assert len(Cells.concatenate([])) == 0
-    assert len(Cells.concatenate([Cells.empty(), Cells.empty()])) == 0
+    assert len(Cells.union([])) == 0
+    assert len(Cells.union([Cells.empty(), Cells.empty()])) == 0
     assert Cells.empty().to_records().shape == (0,)
 
 
 def test_concatenation_keeps_the_order(make_cells):
     parts = [make_cells([(1, 1), (2, 2)], count=[1, 2]), Cells.empty(), make_cells([(0, 9)], top=1)]
     parts[0] = of_bodies(parts[0])
-    cells = Cells.concatenate(parts)
+    cells = Cells.union(parts)
     np.testing.assert_array_equal(cells.body, [0, 1, 0])
     np.testing.assert_array_equal(cells.score, [-2, 3, 0])
     np.testing.assert_array_equal(cells.x, [1, 2, 0])

@@ -29,6 +29,7 @@ from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.tour import check_tour, read_tour
 from mrs_people_loc.head import Head
 from mrs_people_loc.localization.odometry import Odometry
+from mrs_people_loc.localization.robot_localization import PoseIntake
 from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
 from mrs_people_loc.localization.walls.sonar import SonarTuning, SonarWalls
 from mrs_people_loc.messages import read_people, read_tour_path
@@ -36,19 +37,21 @@ from mrs_people_loc.messages.scans import MAX_CELLS
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.team.intervals import IntervalCollector
-from mrs_people_loc.team.poses import Pose, PoseBuffer, PoseIntake
-from mrs_tools.bags.estimates import read_estimate
-from mrs_tools.bags.labels import read_labels
-from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore
+from mrs_people_loc.team.poses import Pose, PoseBuffer
+from mrs_people_sim.estimates import read_estimate
+from mrs_people_sim.evaluation.labels import read_labels
+from mrs_people_sim.layouts import expand
+from mrs_people_sim.scene import load_scene
+from mrs_studies.recordings.oak import read_oak_calibration
+from mrs_studies.recordings.pcd import read_rgbd
+from mrs_tools.bags.message_types import default_typestore
+from mrs_tools.bags.reader import BagReader
 from mrs_tools.bags.sources import robots_of
 from mrs_tools.bags.truth import read_truth
+from mrs_tools.bags.writer import BagWriter
 from mrs_tools.diagnosis.diagnose import diagnose
 from mrs_tools.diagnosis.facts import Facts, figures
 from mrs_tools.live.people_table import LivePeople
-from mrs_tools.recordings.oak import read_oak_calibration
-from mrs_tools.recordings.pcd import read_rgbd
-from mrs_tools.simulation.layouts import expand
-from mrs_tools.simulation.scene import load_scene
 from mrs_tools.view import protocol
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -47,6 +47,7 @@ def test_targets_raise_only_our_errors(tmp_path: Path) -> None:
         assert f"Done {target.runs} runs" in done.stdout.partition(f"---- {name}\n")[2]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_fuzzer_finds_planted_exception(tmp_path: Path) -> None:
     """Three consecutive bytes: 16 million random tries, some thousand with coverage."""

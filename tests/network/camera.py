@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 from mrs_people_loc.config import load_team
-from mrs_tools.bench.live import Feeder, read_recorded
+from mrs_studies.bench.live import Feeder, read_recorded
 from mrs_tools.signals import stop_on_signals
 from mrs_tools.tool_node import node
 

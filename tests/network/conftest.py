@@ -38,7 +38,7 @@ def _needs_hosts() -> None:
         pytest.skip(reason)
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def _plain_ros() -> Iterator[None]:
     """Nothing of what the user's shell says about ROS. Domain 0: the hosts are for themselves."""
     with pytest.MonkeyPatch.context() as patch:

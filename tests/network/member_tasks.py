@@ -22,8 +22,8 @@ from typing import Any
 CONTEXT = ssl.create_default_context()
 CONTEXT.check_hostname, CONTEXT.verify_mode = False, ssl.CERT_NONE
 ROOT = Path(__file__).resolve().parents[2]
-BAG = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
-TEAM = ROOT / "mrs_people_loc" / "config" / "team.yaml"
+BAG = ROOT / "bags" / "paper_formation"
+TEAM = ROOT / "config" / "team.yaml"
 
 
 def say(**what: object) -> None:
@@ -35,7 +35,7 @@ def feed(robot: str, frame_hz: str) -> None:
     import rclpy
 
     from mrs_people_loc.config import load_team
-    from mrs_tools.bench.live import Feeder, read_recorded
+    from mrs_studies.bench.live import Feeder, read_recorded
 
     team = load_team(TEAM)
     one = dataclasses.replace(team, robots={robot: team.robots[robot]})

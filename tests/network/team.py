@@ -30,8 +30,8 @@ ROBOTS = ("robot_a", "robot_b", "robot_c")
 REAL, PLAYED = ROBOTS[0], ROBOTS[1:]
 PLANNER = "planner"
 TEAM_FILE, BAG = (
-    ROOT / "mrs_people_loc" / "config" / "team.yaml",
-    ROOT / "mrs_people_loc" / "bags" / "paper_formation",
+    ROOT / "config" / "team.yaml",
+    ROOT / "bags" / "paper_formation",
 )
 #: Frames and poses per second of each robot: low, for this machine runs all hosts.
 FRAME_HZ, POSE_HZ = 5.0, 20.0

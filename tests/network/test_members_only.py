@@ -31,7 +31,7 @@ from network import hosts as network
 from network.hosts import Hosts
 
 TASKS = Path(__file__).with_name("member_tasks.py")
-CONFIG = Path(__file__).resolve().parents[2] / "mrs_people_loc" / "config"
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 #: The paper's method takes little of the processor, which this machine has to share.
 TEAM, PAPER = CONFIG / "team.yaml", CONFIG / "paper.yaml"
 #: What is late because this machine is busy is used all the same [s].
@@ -47,7 +47,7 @@ OUTSIDERS = ("no_certificate", "foreign", "revoked")
 #: What the tunnel checks again so often is checked more often here [s].
 OFTEN_S = 4
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 
 def until(condition: Callable[[], Any], what: Callable[[], str]) -> Any:

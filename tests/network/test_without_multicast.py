@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from mrs_ros.discovery import discovery_environment
-from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.reader import BagReader
 from network.team import PLANNER, PLAYED, REAL, ROBOTS, TeamOnHosts, team_on_hosts
 
-pytestmark = pytest.mark.timeout(300)  # 20 s each where nothing else runs
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # 20 s each where nothing else runs
 Show = Callable[[str], None]
 FAR, NEAR = PLAYED
 

@@ -3,7 +3,7 @@
 `mrs bench` and the tests compare with it; it is not shipped. From the shipped packages its modules
 import data types and configuration, and no function (`tests/oracle/test_imports.py` holds that). Of
 the types they read attributes; what a type computes (`StereoCamera.robot_from_optical`, say) is
-computed here anew. Numbers that are no parameters stand in `numbers`, a second time on purpose: one
+computed here again. Numbers that are no parameters stand in `numbers`, twice on purpose: one
 that changes in the packages is noticed. What both take from elsewhere: block matching (StereoBM) is
 OpenCV's, eigenvectors and inverse matrices are NumPy's, and the numbers of the fitted model are
 read from its file.

@@ -47,7 +47,7 @@ from mrs_people_loc.team.fusion import BodiesOnMap, ShortTermMap
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
-from mrs_tools.bench.differs import TOLERANCE, DiffersError, near, same
+from mrs_studies.bench.differs import TOLERANCE, DiffersError, near, same
 from oracle.arrays import Float, Float32
 from oracle.bodies import Body, BodyCell, Candidate, bodies_of, cells_of, points_of
 from oracle.cells import Cell, noise_of, zones_of
@@ -103,8 +103,8 @@ def check_view(
         _check_bodies(name, images, stages, camera, config)
         return
     zones = zones_of(stages.cloud, config)
-    same(f"{name}: zones", stages.zones, np.reshape(zones, (-1, 3)))
-    same(f"{name}: noise", stages.noise, np.reshape(noise_of(zones, config), (-1, 3)))
+    same(f"{name}: zones", stages.cropped, np.reshape(zones, (-1, 3)))
+    same(f"{name}: noise", stages.foreground, np.reshape(noise_of(zones, config), (-1, 3)))
     check_cells(name, stages.scan.cells, plain_cells_of(stages.cloud, config))
 
 
@@ -134,8 +134,8 @@ def _check_bodies(
     name: str, images: StereoImages, stages: BodyStages, camera: StereoCamera, config: RobotConfig
 ) -> None:
     low, high = np.float32(LOWEST_M), np.float32(HIGHEST_M)
-    zones = [point for point in stages.cloud if low <= point[2] <= high]
-    same(f"{name}: zones", stages.zones, np.reshape(zones, (-1, 3)).astype(np.float32))
+    cropped = [point for point in stages.cloud if low <= point[2] <= high]
+    same(f"{name}: cropped", stages.cropped, np.reshape(cropped, (-1, 3)).astype(np.float32))
     # What a finder keeps to itself; that it came to the same is seen from what it found.
     find = BodyFinder(camera, config.bodies, min_range=config.disparity.min_range)
     view = find.look(stages.disparity, images, StageTimes())
@@ -153,7 +153,7 @@ def _check_bodies(
         tolerance = _APPEARANCE if field == "score" else _SUMS
         near(f"{name}: bodies.{field}", getattr(stages.bodies, field), values, tolerance)
     points = np.reshape(points_of(wanted, candidates), (-1, 3))
-    near(f"{name}: noise", stages.noise, points, _FLOAT32)
+    near(f"{name}: foreground", stages.foreground, points, _FLOAT32)
     cells = cells_of(wanted, candidates)
     for field in [field.name for field in fields(BodyCell)]:
         values = [getattr(cell, field) for cell in cells]

@@ -186,7 +186,7 @@ def model() -> dict[str, dict[str, Any]]:
     return {
         name: {k: np.array(v) for k, v in part.items()}
         for name, part in parts.items()
-        if name not in ("assets", "fitted_to")
+        if name != "fitted_to"
     }
 
 

@@ -18,10 +18,10 @@ from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose
 
 ROOT = Path(__file__).resolve().parents[2]
-PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
-DEFAULT = ROOT / "mrs_people_loc" / "config" / "default.yaml"
-TEAM = ROOT / "mrs_people_loc" / "config" / "team.yaml"
-BAG = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
+PAPER = ROOT / "config" / "paper.yaml"
+DEFAULT = ROOT / "config" / "default.yaml"
+TEAM = ROOT / "config" / "team.yaml"
+BAG = ROOT / "bags" / "paper_formation"
 #: The paper's method, and the default one; this with a cap that StereoBM repeats itself with.
 CELLS = load_team(PAPER, robots=("robot_a",)).robots["robot_a"]
 BODIES = RobotConfig.from_mapping({"disparity.pre_filter_cap": 31})

@@ -10,8 +10,8 @@ from mrs_people_loc.config import PlannerConfig, RobotConfig
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.timing import StageTimes
+from mrs_studies.bench.differs import DiffersError
 from mrs_tools.bags.offline import BagRun
-from mrs_tools.bench.differs import DiffersError
 from oracle.cells import cells_of
 from oracle.comparison import check_cells, check_people, check_places, check_view
 from oracle.disparity import is_repeatable
@@ -31,6 +31,7 @@ from oracle.scenes import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("files", [[PAPER], [DEFAULT], [PAPER, TEAM]], ids=lambda f: f[-1].stem)
 def test_papers_formation_equals_the_oracle(files):
     run = BagRun(BAG, files, planner=lambda c: Planner(c.memoryless()))
@@ -179,6 +180,7 @@ def test_places_of_a_furnished_room_equal_the_oracle(seed):
     assert max(of.max() for of in lost) > 2.0
 
 
+@pytest.mark.slow
 def test_only_the_known_share_of_nondeterministic_pixels_is_allowed():
     run = BagRun(BAG, [DEFAULT])
     view = next(iter(next(run.intervals()).views.values()))

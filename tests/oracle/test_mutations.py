@@ -30,10 +30,10 @@ from mrs_people_loc.planner import Planner
 from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.sensing import camera, cloud, disparity
 from mrs_people_loc.team import fusion, masking
+from mrs_studies.bench.differs import DiffersError
+from mrs_studies.bench.scenes import INTERVAL_NS, drawn_scans
+from mrs_studies.bench.tracking import found_people
 from mrs_tools.bags.offline import BagRun
-from mrs_tools.bench.differs import DiffersError
-from mrs_tools.bench.scenes import INTERVAL_NS, drawn_scans
-from mrs_tools.bench.tracking import found_people
 from oracle import comparison
 from oracle.cells import cells_of
 from oracle.comparison import check_cells, check_people, check_places, check_tracks, check_view
@@ -159,7 +159,7 @@ OF_CELLS = {
     "tops": (filters, "measure_tops", then(lambda top: top + F32(0.001)), r"cells\.top"),
 }  # fmt: skip
 OF_BODIES = {
-    "zones": (scanner, "discriminate_zones", then(lambda points: points[1:]), "zones"),
+    "cropped": (scanner, "discriminate_zones", then(lambda points: points[1:]), "cropped"),
     "histogram": (search.BodySearch, "histogram", then(lambda h: h * 1.001), "histogram"),
     "candidates": (
         search.BodySearch, "__call__", then(lambda found: found.select(slice(1, None))),
@@ -221,7 +221,7 @@ OF_BODIES = {
         instead(lambda self, bodies: np.argsort(-bodies.score, kind="stable")), "number of bodies",
     ),
     "tops": (finder, "_tops", then(lambda top: top + 0.075), r"bodies\.top"),
-    "points": (scanner, "points_of", then(lambda points: points + F32(0.001)), "noise"),
+    "points": (scanner, "points_of", then(lambda points: points + F32(0.001)), "foreground"),
     **{
         f"cells, {name}": (scanner, "cells_of", change(**{name: by}), rf"cells\.{name}")
         for name, by in {

@@ -24,7 +24,7 @@ else:
 @pytest.fixture(scope="session")
 def recording() -> Recording:
     """The formation of the paper: three robots, five people."""
-    return read_recording(ROOT / "mrs_people_loc" / "bags" / "paper_formation")
+    return read_recording(ROOT / "bags" / "paper_formation")
 
 
 @pytest.fixture(scope="module")

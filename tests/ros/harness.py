@@ -31,7 +31,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from mrs_tools.domain import own_domain as own_domain
+from mrs_people_sim.domain import own_domain as own_domain
 
 ROOT = Path(__file__).resolve().parents[2]
 #: What a condition is waited for, at most, on a machine that is busy with other things [s].

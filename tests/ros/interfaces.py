@@ -139,7 +139,7 @@ def _build(folder: Path, packages: tuple[str, ...]) -> None:
         f"-DCMAKE_INSTALL_PREFIX={prefix}",
         f"-DCMAKE_INSTALL_RPATH={prefix}/lib",
         f"-DCMAKE_PREFIX_PATH={sys.prefix}",
-        f"-DCMAKE_PROJECT_INCLUDE={ROOT}/setup/wheels.cmake",
+        f"-DCMAKE_PROJECT_INCLUDE={ROOT}/setup/messages.cmake",
         f"-DPython3_EXECUTABLE={sys.executable}",
     ]  # fmt: skip
     for command in (configure, ["cmake", "--build", build], ["cmake", "--install", build]):

@@ -32,7 +32,7 @@ class Life:
 
     def start(self, robot: str) -> None:
         """Starts a robot_node."""
-        files = [ROOT / "mrs_people_loc" / "config" / "team.yaml"]
+        files = [ROOT / "config" / "team.yaml"]
         self.robots[robot] = self.team.start("robot_node", namespace=f"/{robot}", files=files)
 
     def feed(self) -> None:

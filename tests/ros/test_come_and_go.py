@@ -21,6 +21,8 @@ from ros.life import ROBOTS, Life, kill
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, pose_of, robots_in
 from ros.recording import Recording, stamp_of
 
+pytestmark = pytest.mark.slow
+
 SECOND = 1_000_000_000
 
 
@@ -91,11 +93,22 @@ def _message(life: Life, name: str) -> str:
     return finding.message if finding and finding.level == ERROR else ""
 
 
-def test_planner_is_on_the_network_before_its_libraries_are_loaded() -> None:
-    """The slowest libraries are loaded during discovery, or not at all."""
-    code = "import sys, planner_node.node; print({'cv2', 'scipy'} & set(sys.modules))"
+@pytest.mark.parametrize(
+    ("node", "loaded"),
+    [
+        ("planner_node.node", set()),
+        ("planner_node.guide_node.node", {"cv2"}),
+        ("robot_node.node", {"cv2"}),
+    ],
+)
+def test_node_is_on_the_network_before_its_libraries_are_loaded(
+    node: str, loaded: set[str]
+) -> None:
+    """The slowest libraries are loaded during discovery, or not at all; no tool ever is."""
+    slow = "{'cv2', 'matplotlib', 'mrs_tools', 'rich', 'rosbags', 'scipy', 'typer'}"
+    code = f"import sys, {node}; print(*{slow} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "set()\n"
+    assert set(done.stdout.split()) == loaded
 
 
 def test_planner_that_was_killed_works_again_after_a_restart(life: Life) -> None:

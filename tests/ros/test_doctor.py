@@ -26,6 +26,8 @@ from ros.harness import ERROR as ERROR_LEVEL
 from ros.recording import Recording, set_stamp
 from ros.robot_peer import MutableView, RobotPeer
 
+pytestmark = pytest.mark.slow
+
 ROBOT, PLANNER = "/robot_a/robot_node", "/planner_node"
 
 

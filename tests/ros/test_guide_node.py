@@ -17,6 +17,8 @@ from mrs_people_msgs.msg import GuideStatus
 from ros.guide_peer import GuideWorld, goal_of, map_of, path_of
 from ros.harness import ERROR, OK, NodeProcess, Peer, Team
 
+pytestmark = pytest.mark.slow
+
 #: A tour in seconds: fast robots, which may find each other's way quickly.
 FAST = {
     "pace.speed": "1.5",

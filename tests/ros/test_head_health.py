@@ -16,6 +16,8 @@ from ros.harness import OK, WARN, Peer, Team
 from ros.recording import PARAMS, Recording, stamp_of
 from ros.robot_peer import MutableView, RobotPeer
 
+pytestmark = pytest.mark.slow
+
 SECOND = 1_000_000_000
 TILTED = 0.0524  # 3 degrees
 

@@ -49,9 +49,9 @@ class Heard:
 
 
 @pytest.fixture
-def heard() -> Iterator[Heard]:
+def heard(domain: int) -> Iterator[Heard]:
     context = Context()
-    rclpy.init(context=context)
+    rclpy.init(context=context, domain_id=domain)
     node = Node("hearing", context=context)
     yield Heard(node)
     node.destroy_node()

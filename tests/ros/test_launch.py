@@ -78,15 +78,19 @@ def ask(ros2: str, *arguments: str) -> str:
 WRONG = {
     "no team": (
         ("planner_node", "team.launch.py"),
-        r"missing required argument 'team' .*an example to copy: .*/config/team\.yaml'\)",
+        r"missing required argument team:=FILE; .*an example to copy: .*/config/team\.yaml",
     ),
     "no team for a robot": (
         ("robot_node", "robot.launch.py", "robot:=robot_a"),
-        r"missing required argument 'team'",
+        r"missing required argument team:=FILE",
+    ),
+    "no robot": (
+        ("robot_node", "robot.launch.py", "team:=TEAM"),
+        r"missing required argument robot:=NAME",
     ),
     "misspelt team": (
         ("planner_node", "team.launch.py", "taem:=x.yaml"),
-        r"missing required argument 'team' .*given: \[taem\]",
+        r"unknown launch argument taem; did you mean team\?",
     ),
     "no such file": (
         ("planner_node", "team.launch.py", "team:=~/none.yaml"),
@@ -173,6 +177,7 @@ def included(ros2: str, home: Path) -> Iterator[Launched]:
     made.end()
 
 
+@pytest.mark.slow
 def test_team_with_autostart_false_waits_unconfigured(
     ros2: str, team: Launched, included: Launched, peer: Peer
 ) -> None:
@@ -194,6 +199,7 @@ def test_team_with_autostart_false_waits_unconfigured(
     assert peer.change_state("/robot_a/robot_node", "activate")
 
 
+@pytest.mark.slow
 def test_launch_file_can_be_included_by_one_with_more_arguments(
     included: Launched, peer: Peer
 ) -> None:
@@ -201,6 +207,7 @@ def test_launch_file_can_be_included_by_one_with_more_arguments(
     peer.until_active("/robot_b/robot_node")
 
 
+@pytest.mark.slow
 def test_launch_ends_its_nodes_in_order(team: Launched, included: Launched) -> None:
     for one, count in ((team, 3), (included, 1)):
         reported = one.end()
@@ -209,6 +216,7 @@ def test_launch_ends_its_nodes_in_order(team: Launched, included: Launched) -> N
         assert not re.search("Traceback|ERROR|escalating", reported), reported
 
 
+@pytest.mark.slow
 def test_executables_run(ros2: str, home: Path) -> None:
     files = ("--ros-args", "--params-file", str(home / "team.yaml"))
     command = [ros2, "run", "planner_node", "planner_node", *files]

@@ -12,10 +12,13 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, PointCloud2
 
 from mrs_people_loc.config import RobotConfig
+from mrs_ros import tf
 from ros.harness import STALE, NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
 from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
+
+pytestmark = pytest.mark.slow
 
 SOMEBODY = (2.0, 1.0)
 #: "A few seconds", on a machine that is busy with other things [s].
@@ -76,7 +79,8 @@ ROBOT_TOPICS = {
     "/robot_a/pose",
     "/team_poses",
     "/walls",
-    *(f"/robot_a/debug/{stage}" for stage in ("disparity", "cloud", "zones", "noise")),
+    *(f"/robot_a/debug/{stage}" for stage in ("disparity", "cloud", "cropped", "foreground")),
+    *(("/tf", "/tf_static") if tf.installed("tf2_msgs") else ()),
 }
 ROBOT_INPUTS = {
     "/robot_a/odom",

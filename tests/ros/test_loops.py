@@ -1,4 +1,4 @@
-"""A bag that is replayed in a loop: each pass begins anew."""
+"""A bag that is replayed in a loop: each pass begins again."""
 
 from __future__ import annotations
 
@@ -18,10 +18,13 @@ from mrs_people_msgs.msg import People
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from mrs_tools.bags.rosbag import BagReader, BagWriter
+from mrs_tools.bags.reader import BagReader
+from mrs_tools.bags.writer import BagWriter
 from ros.harness import DEADLINE_S, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, pose_of
 from ros.recording import stamp_of
+
+pytestmark = pytest.mark.slow
 
 START_NS = 1_700_000_000_000_000_000
 STEP_NS, STEPS = 200_000_000, 12
@@ -115,7 +118,7 @@ def test_each_of_ten_loops_begins_with_new_ids(
     # What was under way, or refused until the jump was believed, blames no sender.
     reported = [status.message for report in reports for status in report.status]
     assert not [text for text in reported if "dropped; last:" in text or "refused; last:" in text]
-    assert planner.process.log.count("starting anew") == len(passes(planner.people)) - 1
+    assert planner.process.log.count("starting over") == len(passes(planner.people)) - 1
 
 
 def test_recording_of_a_team_replays_onto_live_nodes_without_duplicates(

@@ -8,7 +8,7 @@ import yaml
 
 from ros.harness import ROOT
 
-FOLDER = ROOT / "mrs_people_loc" / "config" / "nav2"
+FOLDER = ROOT / "config" / "nav2"
 #: Nodes of nav2_behavior_tree and BehaviorTree.CPP 4, with their ports, as Jazzy has them.
 NODES = {
     "RecoveryNode": {"number_of_retries"},
@@ -49,7 +49,7 @@ def test_parameters_name_the_installed_tree() -> None:
     parameters = yaml.safe_load((FOLDER / "guide_robot.yaml").read_text())
     path = parameters["/**/bt_navigator"]["ros__parameters"]["default_nav_to_pose_bt_xml"]
     package, _, name = path.removeprefix("$(find-pkg-share ").partition(")/")
-    assert (package, (ROOT / "mrs_people_loc" / name).resolve()) == (
-        "mrs_people_loc",
+    assert (package, (ROOT / "config" / name).resolve()) == (
+        "mrs_people_config",
         FOLDER / "guide_robot.xml",
     )

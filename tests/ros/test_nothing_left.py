@@ -38,7 +38,7 @@ TEAM = """
 """
 TIMES = [1, pytest.param(10, marks=[pytest.mark.soak, pytest.mark.timeout(1800)])]
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
 
 
 class Trial:
@@ -164,7 +164,7 @@ def test_closed_terminal_ends_the_demo(
     domain: int, tmp_path: Path, times: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID")
-    bag = str(ROOT / "mrs_people_loc" / "bags" / "paper_formation")
+    bag = str(ROOT / "bags" / "paper_formation")
     for moment in moments(times):
         trial = Trial(mrs("demo", bag, "--out", str(tmp_path / "demo.png")), terminal=True)
         trial.until_nodes(4)
@@ -208,7 +208,7 @@ def test_nodes_restart_in_any_order(domain: int, tmp_path: Path, peer: Peer, tim
     chance = random.Random(times)
     signals = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
     started = {"/robot_a": "robot_node", "/robot_b": "robot_node", "/": "planner_node"}
-    bag = ROOT / "mrs_people_loc" / "bags" / "walking_group"
+    bag = ROOT / "bags" / "walking_group"
     how = {"params": {"use_sim_time": "true"}, "files": [bag.with_suffix(".yaml")]}
     people = peer.hear(People, "/tracked_people")
     replay = Trial(mrs("replay", str(bag), "--loop", "--clock"), terminal=False)

@@ -27,6 +27,8 @@ from ros.harness import Peer, Team
 from ros.interfaces import INSTALLED, interfaces
 from ros.planner_peer import PATIENT, PlannerPeer, PlayedRobot
 
+pytestmark = pytest.mark.slow
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 HEADER = Header(frame_id="map")
 COVARIANCE = np.array([[0.04, 0.01], [0.01, 0.09]])

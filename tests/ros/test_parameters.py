@@ -167,11 +167,6 @@ NO_TF = {
         ["pose.source is tf; needs tf2_ros, which is not installed: sudo apt install "
          "ros-jazzy-tf2-ros; allowed here: odom, pose_in, static"],
     ),
-    "tf2_msgs": (
-        "robot_node", _p("pose.publish_tf:=always"),
-        ["pose.publish_tf is always; needs tf2_msgs, which is not installed: sudo apt install "
-         "ros-jazzy-tf2-msgs; allowed here: auto, never"],
-    ),
 }  # fmt: skip
 BAD_STARTS |= {
     f"no {package}": start

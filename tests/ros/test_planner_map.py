@@ -14,6 +14,8 @@ from ros.harness import ERROR, OK, WARN, Peer, Team, holds
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
 from ros.recording import stamp_of
 
+pytestmark = pytest.mark.slow
+
 NAMES = ["robot_a", "robot_b"]
 PLACES = [(3.0, 3.5, -math.pi / 2), (1.0, 1.0, 0.0)]
 #: In the wall along x, which the scans take for somebody; in the open; where robot_b stands.
@@ -109,7 +111,7 @@ def test_unusable_map_is_reported_and_the_last_one_kept(
     finding = planner.until_finding("map", lambda f: holds(f.message, [text]), text)
     assert finding.level == WARN
     assert _people(planner, robots) == [SOMEBODY]
-    # Another margin: the same map, looked at anew.
+    # Another margin: the same map, looked at again.
     planner.peer.must_set(planner.node, masking__occupied_from=100)
     assert _people(planner, robots) == [SOMEBODY]
 

@@ -19,7 +19,7 @@ from mrs_ros.processes import NodeProcess, RunningTeam
 from mrs_tools import cli
 
 ROOT = Path(__file__).parents[2]
-TEAM = ROOT / "mrs_people_loc" / "config" / "team.yaml"
+TEAM = ROOT / "config" / "team.yaml"
 
 
 @pytest.fixture(autouse=True)
@@ -125,7 +125,7 @@ def test_discovery_server_needs_the_program(monkeypatch):
 
 # --- the profiles ---------------------------------------------------------------------------------
 
-FAST_DDS = ROOT / "mrs_people_loc" / "config" / "fastdds"
+FAST_DDS = ROOT / "config" / "fastdds"
 PROFILE, TRANSPORTS, RANGE = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_BUILTIN_TRANSPORTS",

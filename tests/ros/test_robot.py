@@ -468,7 +468,7 @@ def test_debug_topics_show_the_stages(robot: RobotPeer) -> None:
     disparity = robot.peer.hear(DisparityImage, f"{base}/disparity")
     clouds = {
         stage: robot.peer.hear(PointCloud2, f"{base}/{stage}")
-        for stage in ("cloud", "zones", "noise")
+        for stage in ("cloud", "cropped", "foreground")
     }
     view: MutableView = {}
 
@@ -533,7 +533,7 @@ def test_debug_topics_are_published_only_while_subscribed(
         def counted() -> set[str]:
             """Figures of what is made for debug topics only."""
             assert node._stages is not None
-            return {"points", "points_in_zone", "points_after_noise"} & set(
+            return {"points", "points_cropped", "points_foreground"} & set(
                 node._figures(node._stages)
             )
 
@@ -541,13 +541,15 @@ def test_debug_topics_are_published_only_while_subscribed(
         assert frame() == {"points"}
         assert counted() == set()
         subscription = peer.node.create_subscription(
-            PointCloud2, "/spied/debug/zones", lambda message: None, 1
+            PointCloud2, "/spied/debug/cropped", lambda message: None, 1
         )
-        peer.until(node._debug_clouds["zones"].get_subscription_count, "subscribed")
-        assert frame() == {"points", "debug/zones"}
-        assert counted() == {"points", "points_in_zone"}
+        peer.until(node._debug_clouds["cropped"].get_subscription_count, "subscribed")
+        assert frame() == {"points", "debug/cropped"}
+        assert counted() == {"points", "points_cropped"}
         peer.node.destroy_subscription(subscription)
-        peer.until(lambda: not node._debug_clouds["zones"].get_subscription_count(), "unsubscribed")
+        peer.until(
+            lambda: not node._debug_clouds["cropped"].get_subscription_count(), "unsubscribed"
+        )
         assert frame() == {"points"}
     finally:
         node.destroy_node()

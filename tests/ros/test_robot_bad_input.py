@@ -81,6 +81,10 @@ def test_silence_wrong_types_and_missing_calibration_are_reported(
             assert finding.level == ERROR
             # Each of them is in the log: one does not keep the others out.
             assert holds(silent.log, [text]), silent.log
+        # All that is missing is one line, and not repeated while nothing else goes missing.
+        missing = [line for line in silent.log.splitlines() if "/left/camera_info for" in line]
+        assert len(missing) == 1
+        assert "/right/camera_info for" in missing[0]
         pose = peer.findings(node)["pose"]
         assert (pose.level, pose.message) == (ERROR, "no usable pose on odom yet")
         assert peer.findings(node)["scan"].message == "no scan yet"
@@ -387,7 +391,7 @@ def test_bad_message_counts_only_against_its_topic(
         assert dropped - {"dropped.UncalibratedError"} == wanted, topic
 
 
-# --- time that starts anew ------------------------------------------------------------------------
+# --- time that starts again -----------------------------------------------------------------------
 
 
 def test_robot_begins_anew_when_image_stamps_jump_back(robot: RobotPeer) -> None:
@@ -401,7 +405,7 @@ def test_robot_begins_anew_when_image_stamps_jump_back(robot: RobotPeer) -> None
     robot.check(DEFAULTS, old)
     after = robot.until_finding("pairs", lambda f: f.count("stamp_resets") > 0)
     assert after.count("stamp_resets") == before.count("stamp_resets") + 1
-    assert "left images: stamps jumped back; starting anew" in robot.log
+    assert "left images: stamps jumped back; starting over" in robot.log
     robot.check(DEFAULTS, robot.view(stamp_of(old["left"][0]) + SECOND // 5))
     _still_works(robot)
 
@@ -423,7 +427,7 @@ def test_robot_begins_anew_when_pose_stamps_jump_back(robot: RobotPeer) -> None:
 
 def test_images_that_never_pair_are_reported_with_their_difference(robot: RobotPeer) -> None:
     """The observed difference is reported, so that the parameter can be set."""
-    robot.peer.must_set(robot.node, images__queue_size=2)  # which also starts to count anew
+    robot.peer.must_set(robot.node, images__queue_size=2)  # which also starts to count again
     began_ns = robot.now()
     for frame in range(4):  # at 30 Hz, and half a frame apart
         view = robot.view(began_ns + frame * 33_000_000)

@@ -27,7 +27,7 @@ from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.markers import markers, tour_markers
-from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.reader import BagReader
 from planner_node.guide_node.node import GuideNode
 from planner_node.node import PlannerNode
 from robot_node.node import RobotNode
@@ -50,9 +50,7 @@ OTHERS = {
 }
 
 
-@pytest.fixture(
-    params=sorted(ROOT.glob("mrs_people_loc/config/*.rviz")), ids=lambda path: path.name
-)
+@pytest.fixture(params=sorted(ROOT.glob("config/*.rviz")), ids=lambda path: path.name)
 def config(request: pytest.FixtureRequest) -> Any:
     return yaml.safe_load(request.param.read_text())
 
@@ -208,12 +206,12 @@ def panels_of(layout: Any) -> list[str]:
 
 
 def test_foxglove_layout_shows_published_topics(published: dict[str, tuple[str, bool]]) -> None:
-    layout = json.loads((ROOT / "mrs_people_loc/config/foxglove_layout.json").read_text())
+    layout = json.loads((ROOT / "config/foxglove_layout.json").read_text())
     panels = layout["configById"]
     assert sorted(panels_of(layout["layout"])) == sorted(panels)
     types = {topic.replace("/r/", "/robot_a/", 1): kind for topic, (kind, _) in published.items()}
     types["/diagnostics"] = "diagnostic_msgs/msg/DiagnosticArray"  # once the node is active
-    with BagReader(ROOT / "mrs_people_loc" / "bags" / "walking_group") as bag:
+    with BagReader(ROOT / "bags" / "walking_group") as bag:
         types |= {topic.name: topic.type for topic in bag.topics.values()}
     for name, panel in panels.items():
         kind = name.partition("!")[0]

@@ -23,7 +23,7 @@ from ros.interfaces import interfaces
 from ros.tf2 import tf2
 
 ROBOTS = ("robot_a", "robot_b", "robot_c")
-POLICY = ROOT / "mrs_people_loc" / "config" / "sros2" / "policy.xml"
+POLICY = ROOT / "config" / "sros2" / "policy.xml"
 XINCLUDE = "{http://www.w3.org/2001/XInclude}include"
 #: In this Fast DDS there is none of DDS Security.
 NO_PLUGIN = r"cannot be had: the Fast DDS of this installation is built without its security plugin"

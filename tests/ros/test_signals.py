@@ -12,6 +12,8 @@ import pytest
 from mrs_ros.ending import LIFELINE
 from ros.harness import DEADLINE_S
 
+pytestmark = pytest.mark.slow
+
 #: A node that tells itself to end where it is told to, and goes on for longer than rclpy's own
 #: signal handler takes to shut the context down.
 PROGRAM = """

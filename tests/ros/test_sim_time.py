@@ -14,6 +14,8 @@ from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
 from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
+pytestmark = pytest.mark.slow
+
 SECOND = 1_000_000_000
 #: When the recording was made; the machine's clock is years ahead of it.
 START = 1_700_000_000 * SECOND

@@ -13,10 +13,12 @@ pytest.importorskip("embreex", reason="the simulator needs embreex")
 from typer.testing import CliRunner
 
 from mrs_people_loc.guiding.guidance import State
-from mrs_tools.bags.guided_tours import read_statuses
-from mrs_tools.bags.rosbag import BagReader
+from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_sim.evaluation.guided_tours import read_statuses
+from mrs_tools.bags.reader import BagReader
 from mrs_tools.cli import app
 
+_TRUTH = "/ground_truth/people_poses"
 SCENE = """
 room: {length: 15.0, width: 5.0, posters: 10}
 layout: {people: 4, activity: guided}
@@ -41,9 +43,12 @@ def test_group_is_guided_through_the_whole_loop_and_an_outage_of_the_planner(
     assert re.search(r"short +1 of 1 .* 4 +0 ", result.output), result.output  # nobody is lost
     with BagReader(bag) as reader:
         statuses = read_statuses(reader)
-        assert {"/tracked_people", "/map", "/ground_truth/people_poses"} <= {
+        assert {"/tracked_people", "/map", _TRUTH} <= {
             topic.name for topic in reader.topics.values() if topic.count
         }
+        # Bag times are those of the world, however slow it is.
+        late_ns = [ns - stamp_ns_of(one.header.stamp) for _, ns, one in reader.decoded([_TRUTH])]
+        assert -0.1e9 < min(late_ns) <= max(late_ns) < 1e9
     states = [status.state for status in statuses]
     halted = states.index(State.HALTED, states.index(State.LEADING))
     assert State.LEADING in states[halted:]

@@ -16,6 +16,8 @@ from ros.harness import ERROR, OK, Peer, Team
 from ros.recording import PARAMS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
+pytestmark = pytest.mark.slow
+
 SECOND = 1_000_000_000
 PLACE = (1.5, -2.0, math.pi / 2)
 PARAMETERS = {

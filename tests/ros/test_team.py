@@ -30,7 +30,7 @@ from mrs_people_loc.planner import People as CorePeople
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.poses import Pose, PoseBuffer
-from mrs_tools.scoring.positions import match
+from mrs_people_sim.scoring.positions import match
 from ros.harness import ERROR, OK, ROOT, NodeProcess, Peer, Team
 from ros.recording import (
     DEFAULTS,
@@ -41,9 +41,11 @@ from ros.recording import (
     stamped,
 )
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 PLANNER = "/planner_node"
-CONFIG = ROOT / "mrs_people_loc" / "config"
+CONFIG = ROOT / "config"
 #: With what is said for StereoBM's sake in `ros.recording`.
 REPEATABLE = Path(__file__).with_name("repeatable.yaml")
 CONFIGS = {

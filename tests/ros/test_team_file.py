@@ -23,8 +23,8 @@ from mrs_tools.cli import app
 from ros.harness import own_domain
 
 ROOT = Path(__file__).parents[2]
-TEAM = ROOT / "mrs_people_loc" / "config" / "team.yaml"
-FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
+TEAM = ROOT / "config" / "team.yaml"
+FORMATION = ROOT / "bags" / "paper_formation"
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def test_robots_may_be_named_by_their_sections(tmp_path):
 
 def test_team_without_robots_is_refused():
     with pytest.raises(ConfigError, match=r"paper\.yaml: no robot is named; wanted: the list"):
-        team_processes([ROOT / "mrs_people_loc" / "config" / "paper.yaml"])
+        team_processes([ROOT / "config" / "paper.yaml"])
 
 
 def test_launch_files_need_no_command_line_library():
@@ -136,7 +136,8 @@ def test_demo_finds_all_people(tmp_path, environment):
     del environment["ROS_DOMAIN_ID"]
     for rate in (0.5, 0.2, 0.1):
         done = run_mrs(
-            environment, "demo", FORMATION, "--team", TEAM, "--rate", rate, "--out", picture
+            environment,
+            *("demo", FORMATION, "--team", TEAM, "--rate", rate, "--gif", "--out", picture),
         )
         assert done.returncode == 0, done.stderr
         assert re.search(
@@ -164,7 +165,7 @@ def test_demo_tracks_a_walking_group(tmp_path, environment):
     """One of them falls behind, and one joins."""
     picture = tmp_path / "demo.png"
     for rate in (0.5, 0.2, 0.1):
-        done = run_mrs(environment, "demo", "--rate", rate, "--out", picture)
+        done = run_mrs(environment, "demo", "--rate", rate, "--gif", "--out", picture)
         assert done.returncode == 0, done.stderr
         if "the machine was too busy" not in done.stdout:
             break
@@ -215,6 +216,7 @@ with node("driver") as driver:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("topic", "kind"),
     [
@@ -262,6 +264,7 @@ def test_wrong_domain_is_an_error_before_anything_runs(arguments, monkeypatch, t
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_demo_reports_what_the_bag_lacks(tmp_path, environment):
     file = write(
         tmp_path / "team.yaml",

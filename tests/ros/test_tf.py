@@ -14,8 +14,10 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from mrs_people_loc.config import Mounting
+from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.messages import read_camera_info
 from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
+from mrs_ros import tf as frames
 from ros.harness import ERROR, OK, Peer, Team
 from ros.planner_peer import pose_of
 from ros.recording import PARAMS, Recording, set_stamp, stamp_of
@@ -35,6 +37,16 @@ def tf_message(tmp_path_factory: pytest.TempPathFactory, domain: int) -> Iterato
         from tf2_msgs.msg import TFMessage
 
         yield TFMessage
+
+
+def test_missing_package_is_named_with_the_way_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frames, "installed", lambda _: False)
+    text = (
+        r"pose\.publish_tf is always; needs tf2_msgs, which is not installed: sudo apt install "
+        r"ros-jazzy-tf2-msgs; allowed here: auto, never"
+    )
+    with pytest.raises(ConfigError, match=text):
+        frames.require("tf2_msgs", "pose.publish_tf is always; allowed here: auto, never")
 
 
 class Tf:
@@ -309,7 +321,7 @@ def test_pose_can_come_from_tf(robots: Callable[..., RobotPeer], tf: Tf) -> None
         {stamp_of(t) for t in tf.moving("robot_e/base_link")}
     )
     assert tf.fixed("robot_e/left_camera_optical") is not None
-    # Nor is a pose: it comes anew with what is new.
+    # Nor is a pose: it comes again with what is new.
     count = len(robot.poses)
     robot.peer.next_findings(robot.node)
     robot.peer.next_findings(robot.node)

@@ -19,6 +19,8 @@ from ros.harness import Peer, Team
 from ros.planner_peer import PATIENT, PlannerPeer, PlayedRobot, pose_of
 from ros.recording import stamp_of
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("robot_a", "robot_b")
 PLACES = ((0.0, 0.0, 0.0), (6.0, 0.0, math.pi))
 STEP_NS = 100_000_000

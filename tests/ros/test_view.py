@@ -26,6 +26,8 @@ from ros.guide_peer import GuideWorld
 from ros.harness import Peer, Team
 from tools.view.serving import Looker, served
 
+pytestmark = pytest.mark.slow
+
 PLACES = {"robot_a": (0.0, 0.0, 0.0), "robot_b": (-3.5, 0.0, 0.0)}
 PEOPLE = [(-1.2, 0.0), (-1.1, 0.4)]  # near enough to stand
 TOUR = tour_from([(0.0, 0.0), (3.0, 0.0)], name="hall")
@@ -78,6 +80,19 @@ def test_people_of_a_simulation_whose_clock_has_ended_are_as_old_as_they_came(pe
 
         peer.until(come, lambda: looker.last("state"))
         assert 0.0 <= looker.last("state")["age"] < 3.0
+        looker.leave()
+
+
+def test_team_that_starts_is_not_said_to_lack_anything(world: GuideWorld) -> None:
+    """Nobody plans, which is an error of a team that runs."""
+    with served(LiveSource(starting=True)) as address:
+        looker = Looker(address)
+        world.peer.until(lambda: looker.last("state").get("people"), "no people are shown")
+        world.peer.until(
+            lambda: looker.last("health").get("level") == "error", "it is well all the time"
+        )
+        levels = [message["level"] for message in looker.got if message["type"] == "health"]
+        assert levels[0] == "waiting"
         looker.leave()
 
 

@@ -18,8 +18,8 @@ else:
         # rclpy imports this with the first message; the parser behind it uses deprecated modules.
         warnings.simplefilter("ignore", DeprecationWarning)
         importlib.import_module("rosidl_generator_py")
-    from mrs_tools.simulation.render_scene import simulate, team_file
-    from mrs_tools.simulation.scene import load_scene
+    from mrs_people_sim.render_scene import simulate, team_file
+    from mrs_people_sim.scene import load_scene
     from ros.harness import ROOT, own_domain
 
 
@@ -42,12 +42,12 @@ def _domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def hall(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], tuple[Path, Path]]:
-    """Draws so many frames of scenes/hall.yaml: the bag, and its team's parameter file."""
+    """Draws so many frames of config/scenes/hall.yaml: the bag, and its team's parameter file."""
     drawn: dict[int, Path] = {}
 
     def draw(frames: int) -> tuple[Path, Path]:
         if frames not in drawn:
-            scene = load_scene(ROOT / "mrs_people_loc" / "scenes" / "hall.yaml")
+            scene = load_scene(ROOT / "config" / "scenes" / "hall.yaml")
             timing = dataclasses.replace(scene.timing, frames=frames)
             bag = tmp_path_factory.mktemp("hall") / "hall"
             simulate(dataclasses.replace(scene, timing=timing), bag, jobs=2)

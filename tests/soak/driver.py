@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
 from mrs_people_loc.config import load_team
-from mrs_tools.bench.live import Feeder, Recorded, read_recorded
+from mrs_studies.bench.live import Feeder, Recorded, read_recorded
 from mrs_tools.signals import stop_on_signals
 
 

@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.processes import NodeProcess, RunningTeam
-from mrs_tools.bench.live import Feeder, Recorded, Usage
+from mrs_studies.bench.live import Feeder, Recorded, Usage
 from mrs_tools.tool_node import node as rclpy_node
 
 #: Processes get this long to start and to find each other [s].

@@ -20,15 +20,15 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from mrs_people_loc.config import load_team
 from mrs_ros.processes import team_processes
-from mrs_tools.bench.live import read_recorded
+from mrs_studies.bench.live import read_recorded
 from ros.harness import ROOT
 from soak.kills import Kill, Kills, Victims, driver, kill_at_random, watching
 
 BAG, TEAM = (
-    ROOT / "mrs_people_loc" / "bags" / "paper_formation",
-    ROOT / "mrs_people_loc" / "config" / "team.yaml",
+    ROOT / "bags" / "paper_formation",
+    ROOT / "config" / "team.yaml",
 )
-PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
+PAPER = ROOT / "config" / "paper.yaml"
 #: A robot that was not killed is held up for less than this [s], at 5 frames a second; but for this
 #: share of the kills, in which the machine had no time.
 HELD_S, HELD_LONGER = 1.0, 0.01

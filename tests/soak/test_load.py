@@ -19,13 +19,13 @@ from machine import QUIET, Used, too_busy
 from mrs_people_loc.config import load_team
 from mrs_ros import convert
 from mrs_ros.processes import NodeProcess, team_processes
+from mrs_studies.bench.live import Recorded, read_recorded
 from mrs_tools.bags.offline import BagRun
-from mrs_tools.bench.live import Recorded, read_recorded
 from ros.harness import ROOT
 from soak.team import Load, run
 
-DEFAULT = ROOT / "mrs_people_loc" / "config" / "default.yaml"
-PAPER = ROOT / "mrs_people_loc" / "config" / "paper.yaml"
+DEFAULT = ROOT / "config" / "default.yaml"
+PAPER = ROOT / "config" / "paper.yaml"
 #: Memory may settle by this in a short run and in a long one [kB]; from its first third to its last
 #: the short one takes 11 s, in which one image of 160 x 120 kept of each frame is 3000 kB.
 SHORT_SETTLES_KB, LONG_SETTLES_KB = 2560, 4096

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc.scan import CELL_DTYPE
-from mrs_tools.bags.rosbag import BagWriter, default_typestore
+from mrs_tools.bags.message_types import default_typestore
+from mrs_tools.bags.writer import BagWriter
 
 START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000

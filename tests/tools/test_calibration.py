@@ -22,7 +22,7 @@ from mrs_tools.cli import app
 from shared_data import shared_data
 
 ROOT = Path(__file__).resolve().parents[2]
-FORMATION = ROOT / "mrs_people_loc" / "bags" / "paper_formation"
+FORMATION = ROOT / "bags" / "paper_formation"
 
 #: Nobody in a room with a carpet; the heads look at it from different heights.
 SCENE = """
@@ -46,8 +46,8 @@ def run(*args: object) -> tuple[int, str, str]:
 def carpet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated bag, and its team's file beside it."""
     pytest.importorskip("embreex", reason="drawing scenes needs embreex")
-    from mrs_tools.simulation.render_scene import simulate
-    from mrs_tools.simulation.scene import load_scene
+    from mrs_people_sim.render_scene import simulate
+    from mrs_people_sim.scene import load_scene
 
     folder = tmp_path_factory.mktemp("carpet")
     folder.joinpath("scene.yaml").write_text(SCENE, "utf-8")
@@ -177,11 +177,7 @@ def test_real_head_looking_down_is_calibrated(tmp_path: Path) -> None:
         "/**/robot_node: {ros__parameters: {mounting: {height: 2.0, pitch: 1.4}}}", "utf-8"
     )
     found = from_bag(tmp_path / "oak.mcap", [file], [])["robot_a"].floor()
-    known = (
-        load_team(ROOT / "mrs_people_loc" / "config" / "oak_overhead.yaml")
-        .robots["robot_a"]
-        .mounting
-    )
+    known = load_team(ROOT / "config" / "oak_overhead.yaml").robots["robot_a"].mounting
     assert found.height == pytest.approx(known.height, abs=0.06)
     assert math.degrees(_angle(found, known)) < 2.0
 

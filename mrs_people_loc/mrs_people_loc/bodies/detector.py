@@ -7,17 +7,10 @@ import dataclasses
 import numpy as np
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.arrays import Bool
-from mrs_people_loc.bodies.joining import (
-    JOINING_TUNING,
-    Joined,
-    JoiningTuning,
-    are_people,
-    join,
-)
+from mrs_people_loc.bodies.joining import JOINING_TUNING, JoiningTuning, are_people, join
 from mrs_people_loc.bodies.places import PlaceMemory
-from mrs_people_loc.clusters import Clusters, mean_stamp, measure
-from mrs_people_loc.people import Detections, Expected, Person
+from mrs_people_loc.clusters import measure
+from mrs_people_loc.people import Detections, Expected, persons_of
 from mrs_people_loc.team.fusion import BodiesOnMap, ShortTermMap
 from mrs_people_loc.team.masking import Known, Walls
 
@@ -51,7 +44,7 @@ def detect(
         Clusters of the bodies' cells. Those of robots, and of bodies that did not take part, come
         last.
     """
-    if not len(bodies):
+    if not len(bodies.xy):
         return Detections.nothing(fused)
     tracking = config.tracking
     joined = join(bodies, ~known.bodies, config.joining, tuning)
@@ -71,23 +64,8 @@ def detect(
     left_out = joined.of_body < 0
     label = np.where(left_out, len(joined) + np.cumsum(left_out) - 1, joined.of_body)
     clusters = measure(fused, label[bodies.of_cell[cells]], cells)
-    return Detections(cells, clusters, _people(fused, clusters, joined, people))
-
-
-def _people(
-    fused: ShortTermMap, clusters: Clusters, joined: Joined, people: Bool
-) -> tuple[Person, ...]:
-    """The people: place and covariance of the joined bodies, sizes of their clusters."""
-    return tuple(
-        Person(
-            position=joined.xy[i],
-            covariance=joined.covariance[i],
-            height=float(clusters.height[i]),
-            sigma=float(clusters.sigma[i]),
-            robots=clusters.seen_from(fused.robots, int(i)),
-            label=int(i),
-            score=float(joined.score[i]),
-            stamp_ns=mean_stamp(fused, clusters.seen_by[i]),
-        )
-        for i in np.flatnonzero(people)
+    found = np.flatnonzero(people)
+    persons = persons_of(
+        fused, clusters, found, joined.xy[found], joined.covariance[found], joined.score[found]
     )
+    return Detections(cells, clusters, persons)

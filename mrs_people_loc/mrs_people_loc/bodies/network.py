@@ -2,8 +2,8 @@
 
 At each place where a body may be, the grey values of an upright window that faces the lens are
 sampled in metres, so that bodies have one size at any range. The network sees them with a mask of
-what is in the image. `setup/train_network.py` trains it on simulated rooms only; its weights are in
-`person_network.onnx`.
+what is in the image. `train_network.py` of the studies trains it on simulated rooms only; its
+weights are in `person_network.onnx`.
 """
 
 from __future__ import annotations

@@ -105,13 +105,13 @@ class PlaceMemory:
 
     def __init__(self, tuning: PlacesTuning = PLACES_TUNING) -> None:
         self.tuning = tuning
-        self.begin_anew()
+        self.reset()
 
     def __len__(self) -> int:
         """How many places are remembered."""
         return len(self._places)
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets all places: the time jumped back."""
         self._time_ns: int | None = None
         self._places = _begun(np.empty((0, 2)), 0, self.tuning)
@@ -137,7 +137,7 @@ class PlaceMemory:
             Log-odds that each joined body loses, shape (m,).
         """
         if self._time_ns is not None and self._time_ns - time_ns > RESET_NS:
-            self.begin_anew()
+            self.reset()
         self._time_ns = time_ns if self._time_ns is None else max(self._time_ns, time_ns)
         tuning, places = self.tuning, self._places
         forgotten = self._time_ns - places.last_ns > tuning.forget_s * 1e9
@@ -147,7 +147,7 @@ class PlaceMemory:
         new = np.flatnonzero(of_body < 0)
         of_body[new] = len(places) + np.arange(len(new))
         if len(new):
-            places = _Places.concatenate([places, _begun(joined.xy[new], self._time_ns, tuning)])
+            places = _Places.joined([places, _begun(joined.xy[new], self._time_ns, tuning)])
         _update_visitors(places, expected, tuning)
         look = _best_look(joined, bodies)
         _add_looks(places, of_body, joined.xy, look, self._time_ns, tuning)

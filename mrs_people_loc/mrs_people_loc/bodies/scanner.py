@@ -42,13 +42,13 @@ class BodyStages(ScanStages):
         return self.make_cloud(self.disparity)
 
     @cached_property
-    def zones(self) -> Float32:
+    def cropped(self) -> Float32:
         """Those at the heights where bodies are searched for, shape (n, 3)."""
         return discriminate_zones(self.cloud, low=LOWEST, high=HIGHEST)
 
     @cached_property
-    def noise(self) -> Float32:
-        """The samples of the bodies, moved to their axes, shape (n, 3)."""
+    def foreground(self) -> Float32:
+        """The samples of the bodies, which become cells, moved to their axes, shape (n, 3)."""
         return points_of(self.bodies)
 
 

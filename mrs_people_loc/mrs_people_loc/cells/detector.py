@@ -11,7 +11,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Int
 from mrs_people_loc.cells.clustering import cluster
 from mrs_people_loc.cells.human import is_human, locate
-from mrs_people_loc.cells.splitting import SPLITTING_TUNING, SplittingTuning, split, split_at
+from mrs_people_loc.cells.splitting import SPLITTING_TUNING, SplittingTuning, split
 from mrs_people_loc.clusters import Clusters, measure
 from mrs_people_loc.people import Detections, Expected
 from mrs_people_loc.team.fusion import ShortTermMap
@@ -51,7 +51,7 @@ def detect(
     clusters = measure(fused, label, known.plain)
 
     human, certain = _are_people(clusters, expected, config)
-    human &= np.arange(len(clusters)) < count
+    human[count:] = False
     persons = tuple(
         person if certain[person.label] else dataclasses.replace(person, score=0.0)
         for person in locate(fused, clusters, human, poses)
@@ -77,7 +77,6 @@ def _segment(
     xy, distance = fused.xy[known.plain], config.clustering.distance
     possible = known.plain[~known.cells]
     pieces = cluster(xy[~known.cells], distance=distance)
-    pieces = split_at(expected.xy, fused, possible, pieces, config.human, tuning=tuning)
     pieces, too_wide = split(
         fused,
         possible,
@@ -85,6 +84,7 @@ def _segment(
         poses,
         config.splitting,
         config.human,
+        expected=expected.xy,
         cell_range_sigma=config.masking.cell_range_sigma,
         tuning=tuning,
     )
@@ -100,7 +100,7 @@ def _are_people(
 ) -> tuple[Bool, Bool]:
     """Which clusters are people, and which of them also are without being expected."""
     certain = is_human(clusters, config.human)
-    if not len(expected):
+    if not len(expected.xy):
         return certain.copy(), certain
     tracking = config.tracking
     fewer = round(config.human.min_points * tracking.expected_points)

@@ -8,10 +8,11 @@ import numpy as np
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool
-from mrs_people_loc.clusters import Clusters, mean_stamp
-from mrs_people_loc.people import Person
+from mrs_people_loc.clusters import Clusters
+from mrs_people_loc.people import Person, persons_of
 from mrs_people_loc.team.fusion import ShortTermMap
-from mrs_people_loc.team.poses import Pose, pose_effect, stack
+from mrs_people_loc.team.poses import Pose, places_and_covariances
+from mrs_people_loc.uncertainty import pose_effect
 
 
 def is_human(clusters: Clusters, config: cfg.Human) -> Bool:
@@ -49,22 +50,11 @@ def locate(
     """
     labels = np.flatnonzero(human)
     positions, seen_by = clusters.centroid[labels], clusters.seen_by[labels]
-    places, of_pose = stack(poses[name] for name in fused.robots)
+    places, of_pose = places_and_covariances(poses[name] for name in fused.robots)
     person, robot = np.nonzero(seen_by)
     of_poses = np.zeros((len(labels), 2, 2))
     effect = pose_effect(places[robot], of_pose[robot], positions[person])
     np.add.at(of_poses, person, effect)
     robots = seen_by.sum(axis=1)[:, np.newaxis, np.newaxis]
     covariances = (clusters.scatter[labels] + of_poses / robots) / robots
-    return tuple(
-        Person(
-            position=positions[i],
-            covariance=covariances[i],
-            height=float(clusters.height[label]),
-            sigma=float(clusters.sigma[label]),
-            robots=clusters.seen_from(fused.robots, int(label)),
-            label=int(label),
-            stamp_ns=mean_stamp(fused, seen_by[i]),
-        )
-        for i, label in enumerate(labels)
-    )
+    return persons_of(fused, clusters, labels, positions, covariances)

@@ -20,13 +20,13 @@ class CellStages(ScanStages):
 
     Attributes:
         cloud: All points in base_link [m] (RAW), shape (n, 3).
-        zones: Those between knees and shoulders (V), shape (n, 3).
-        noise: Those in windows with many points (H), shape (n, 3).
+        cropped: Those between knees and shoulders (V), shape (n, 3).
+        foreground: Those in windows with many points, which become cells (H), shape (n, 3).
     """
 
     cloud: Float32
-    zones: Float32
-    noise: Float32
+    cropped: Float32
+    foreground: Float32
 
 
 class CellScanner:
@@ -57,9 +57,9 @@ class CellScanner:
         """
         cloud = self._make_cloud(disparity)
         times.mark("cloud")
-        zones, noise, cells = filter_cloud(cloud, self._config, times)
+        cropped, foreground, cells = filter_cloud(cloud, self._config, times)
         scan = Scan(self._robot, images.stamp_ns, cells)
-        return CellStages(disparity, scan, times.ms, cloud, zones, noise)
+        return CellStages(disparity, scan, times.ms, cloud, cropped, foreground)
 
 
 def filter_cloud(
@@ -75,17 +75,17 @@ def filter_cloud(
     Returns:
         V and H, shape (m, 3) each, and W with its tops.
     """
-    zones = filters.discriminate_zones(cloud, low=config.zones.low, high=config.zones.high)
+    cropped = filters.discriminate_zones(cloud, low=config.zones.low, high=config.zones.high)
     times.mark("zones")
-    noise = filters.reduce_noise(
-        zones, window=config.noise.window, min_points=config.noise.min_points
+    foreground = filters.reduce_noise(
+        cropped, window=config.noise.window, min_points=config.noise.min_points
     )
     times.mark("noise")
-    cells = filters.quantize(noise, cell=config.quantization.cell)
+    cells = filters.quantize(foreground, cell=config.quantization.cell)
     times.mark("cells")
     top = filters.measure_tops(
         cells,
-        noise,
+        foreground,
         cloud,
         zone_high=config.zones.high,
         window=config.noise.window,
@@ -94,4 +94,4 @@ def filter_cloud(
     )
     cells = Cells(cells.x, cells.y, cells.z, cells.z_min, top, cells.count)
     times.mark("tops")
-    return zones, noise, cells
+    return cropped, foreground, cells

@@ -17,8 +17,9 @@ import numpy as np
 from mrs_people_loc import config as cfg
 from mrs_people_loc.anthropometry import CLOSEST
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
+from mrs_people_loc.geometry import unit_vectors
 from mrs_people_loc.neighbours import pairs_between, pairs_within
-from mrs_people_loc.team.fusion import ShortTermMap, unit_vectors
+from mrs_people_loc.team.fusion import ShortTermMap
 from mrs_people_loc.team.poses import Pose
 
 #: Standard deviation of what is spread evenly over a width of 1.
@@ -45,6 +46,8 @@ class SplittingTuning:
 
 SPLITTING_TUNING = SplittingTuning()
 
+_NOWHERE: Float = np.empty((0, 2))
+
 
 def split(
     fused: ShortTermMap,
@@ -54,10 +57,11 @@ def split(
     config: cfg.Splitting,
     human: cfg.Human,
     *,
+    expected: Float = _NOWHERE,
     cell_range_sigma: float = cfg.Masking.cell_range_sigma,
     tuning: SplittingTuning = SPLITTING_TUNING,
 ) -> tuple[Int, int]:
-    """Cuts clusters that are wider than a body into parts that are not.
+    """Cuts clusters of several expected people, and those that are wider than a body.
 
     Each cell is weighted with the area that its points cover, so that the nearer of two people has
     no more weight than the farther one. Widths are standard deviations along the line of sight and
@@ -70,6 +74,7 @@ def split(
         poses: By robot, the pose that its cells were placed with.
         config: Parameters.
         human: Of these, the height and the points of a person.
+        expected: Where people are expected [m], shape (k, 2); see `split_at`.
         cell_range_sigma: See `config.Masking` [1/m].
         tuning: Constants.
 
@@ -77,6 +82,7 @@ def split(
         New labels, shape (n,): the first part keeps the cluster's, the others follow all clusters,
         without gaps; and how many clusters are too wide but stay whole.
     """
+    label = split_at(expected, fused, cells, label, human, tuning=tuning)
     if not len(cells) or config.max_width <= 0:
         return label, 0
     seen = _SeenCells.of(fused, cells, poses, cell_range_sigma)

@@ -31,6 +31,7 @@ from mrs_people_loc.config.parameters import (
     Parameter,
     Section,
     Value,
+    suggestion,
 )
 from mrs_people_loc.config.planner import (
     PEOPLE_TOPICS,
@@ -104,4 +105,5 @@ __all__ = [
     "load_yaml",
     "overridden",
     "robots_named",
+    "suggestion",
 ]

@@ -180,7 +180,8 @@ def load_yaml(path: Path) -> Any:
         ConfigError: It cannot be read, or has aliases.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), _Loader)
+        with path.open(encoding="utf-8") as stream:  # whose name PyYAML gives with a line's number
+            return yaml.load(stream, _Loader)
     except FileNotFoundError as err:
         raise ConfigError(f"{path}: there is no such file") from err
     except (OSError, yaml.YAMLError, *_YAML_SLIPS) as err:

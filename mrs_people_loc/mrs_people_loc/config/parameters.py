@@ -6,7 +6,7 @@ import dataclasses
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -73,40 +73,10 @@ class Parameter:
         Raises:
             ConfigError: Naming the field, the value and what is allowed.
         """
-        checked = self._convert(value)
+        checked = _CONVERTERS[self.kind](self, value)
         if checked is None:
             raise ConfigError(f"{self.name} is {value!r}; allowed: {self.allowed()}")
         return checked
-
-    def _convert(self, value: object) -> Value | None:
-        if self.kind == "bool":
-            return value if isinstance(value, bool) else None
-        if self.kind == "str":
-            ok = isinstance(value, str) and (not self.choices or value in self.choices)
-            return value if ok else None
-        if self.kind in ("floats", "strs"):
-            if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
-                return None
-            items = tuple(value)
-            if self.length is not None and len(items) not in (0, self.length):
-                return None
-            if self.kind == "strs":
-                return items if all(isinstance(item, str) and item for item in items) else None
-            return tuple(float(i) for i in items) if all(map(_is_number, items)) else None
-        if not _is_number(value):
-            return None
-        assert isinstance(value, (int, float))
-        if self.kind == "int":
-            if value != int(value) or (self.odd and value % 2 == 0):
-                return None
-            value = int(value)
-        else:
-            value = float(value)
-        if self.low is not None and value < self.low:
-            return None
-        if self.high is not None and value > self.high:
-            return None
-        return value
 
 
 def _is_number(value: object) -> bool:
@@ -116,6 +86,54 @@ def _is_number(value: object) -> bool:
         return math.isfinite(value)
     except OverflowError:  # a whole number that no float holds
         return False
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and value != ""
+
+
+def _within(limits: Parameter, value: float) -> Value | None:
+    below = limits.low is not None and value < limits.low
+    return None if below or (limits.high is not None and value > limits.high) else value
+
+
+def _as_text(limits: Parameter, value: Any) -> Value | None:
+    ok = isinstance(value, str) and (not limits.choices or value in limits.choices)
+    return value if ok else None
+
+
+def _as_int(limits: Parameter, value: Any) -> Value | None:
+    if not _is_number(value) or value != int(value) or (limits.odd and value % 2 == 0):
+        return None
+    return _within(limits, int(value))
+
+
+def _as_float(limits: Parameter, value: Any) -> Value | None:
+    return _within(limits, float(value)) if _is_number(value) else None
+
+
+def _as_items(limits: Parameter, value: Any, is_one: Callable[[object], bool]) -> Value | None:
+    if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
+        return None
+    items = tuple(value)
+    fits = limits.length is None or len(items) in (0, limits.length)
+    return items if fits and all(map(is_one, items)) else None
+
+
+def _as_floats(limits: Parameter, value: Any) -> Value | None:
+    items = _as_items(limits, value, _is_number)
+    return items and tuple(map(float, items))
+
+
+#: By kind: a value in this type; None: it is not allowed.
+_CONVERTERS: dict[str, Callable[[Parameter, Any], Value | None]] = {
+    "bool": lambda _, value: value if isinstance(value, bool) else None,
+    "int": _as_int,
+    "float": _as_float,
+    "str": _as_text,
+    "floats": _as_floats,
+    "strs": lambda limits, value: _as_items(limits, value, _is_text),
+}
 
 
 def field(default: Value, doc: str, **limits: Any) -> Any:
@@ -169,9 +187,7 @@ class Section:
         flat = flatten(values)
         for name in flat:
             if name not in known:
-                near = difflib.get_close_matches(name, known, 1, 0.5)
-                hint = f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
-                raise ConfigError(f"unknown parameter {name}{hint}")
+                raise ConfigError(f"unknown parameter {name}; {suggestion(name, known)}")
         checked = {name: known[name].check(value) for name, value in flat.items()}
         return (base or cls())._replace(checked)
 
@@ -210,6 +226,12 @@ def check_robots(parameter: str, names: tuple[str, ...]) -> None:
     if len(set(names)) < len(names):
         name = next(name for name in names if names.count(name) > 1)
         raise ConfigError(f"{parameter} names {name} more than once; allowed: each robot once")
+
+
+def suggestion(name: str, known: Collection[str]) -> str:
+    """The nearest of the known names, in words; all of them if none is near."""
+    near = difflib.get_close_matches(name, known, 1, 0.5)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

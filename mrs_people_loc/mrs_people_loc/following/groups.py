@@ -62,10 +62,27 @@ class _Roster:
         """All three mappings."""
         return self.joined_s, self.unseen_s, self.away_s
 
+    def present(self) -> set[int]:
+        """The members who are no stragglers."""
+        return set(self.joined_s) - set(self.away_s)
+
     def drop(self, member: int) -> None:
         """Forgets a member."""
         for each in self.all():
             each.pop(member, None)
+
+    def enter(self, member: int, dt_s: float) -> None:
+        """A new or former member is there: neither unseen nor away any more."""
+        joined_s = self.joined_s.get(member, -dt_s) + dt_s
+        self.drop(member)
+        self.joined_s[member] = joined_s
+
+    def absorb(self, other: _Roster) -> None:
+        """Stragglers, and members who are not followed at the moment, come along."""
+        own = set(self.joined_s)
+        for mine, theirs in zip(self.all(), other.all(), strict=True):
+            mine.update({member: s for member, s in theirs.items() if member not in own})
+            theirs.clear()
 
 
 class Groups:
@@ -83,9 +100,9 @@ class Groups:
         self.config = config
         self.tuning = tuning
         self._next_id = 1
-        self.begin_anew()
+        self.reset()
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets all groups: the time jumped back. Ids go on, so that none means two groups."""
         self._time_ns: int | None = None
         self._rosters: dict[int, _Roster] = {}
@@ -108,7 +125,7 @@ class Groups:
             The groups, the largest first, and what has happened, in sentences.
         """
         if self._time_ns is not None and self._time_ns - time_ns > RESET_NS:
-            self.begin_anew()
+            self.reset()
         since_ns = 0 if self._time_ns is None else time_ns - self._time_ns
         # Scans that came late by themselves are no other time.
         if self._time_ns is None or since_ns >= 0:
@@ -282,31 +299,22 @@ class Groups:
         """Enters the people of a component in the roster of its group."""
         roster = self._rosters[number]
         founded = not roster.joined_s
-        merged: dict[int, list[int]] = {}
+        newcomers: dict[int, list[int]] = {}  # by the group that they come from; 0: none
         for member in component:
+            former = group_of.get(member, 0)
             if member in roster.away_s:
                 away_s = roster.away_s[member]
                 text = f"{_people([member])} is back with group {number} after {away_s:.1f} s"
                 events.append(text)
             elif member not in roster.joined_s and not founded:
-                merged.setdefault(group_of.get(member, 0), []).append(member)
-            former = group_of.get(member, number)
-            if former != number and not founded:
+                newcomers.setdefault(former, []).append(member)
+            if former not in (0, number) and not founded:
                 self._rosters[former].drop(member)
-            joined_s = roster.joined_s.get(member, -dt_s) + dt_s
-            roster.drop(member)
-            roster.joined_s[member] = joined_s
-        for former, members in merged.items():
-            left = self._rosters.get(former, _Roster())
-            stay = set(left.joined_s) - set(left.away_s)
-            if former and stay.isdisjoint(self._ids.tolist()):
-                # Its stragglers, and members who are not followed at the moment, come along.
-                for each in set(left.joined_s) - set(roster.joined_s):
-                    for mine, theirs in zip(roster.all(), left.all(), strict=True):
-                        if each in theirs:
-                            mine[each] = theirs[each]
-                for of in left.all():
-                    of.clear()
+            roster.enter(member, dt_s)
+        followed = self._ids.tolist()
+        for former, members in newcomers.items():
+            if former and self._rosters[former].present().isdisjoint(followed):
+                roster.absorb(self._rosters[former])
             if former and len(members) > 1:
                 events.append(f"group {former} ({_people(members)}) merges into group {number}")
             else:

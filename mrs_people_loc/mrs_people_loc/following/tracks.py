@@ -46,8 +46,9 @@ class TracksTuning:
         max_delay_s: Upper bound of a detection's age [s].
         max_variance: Upper bound of the variance of a place [m^2] and a velocity [m^2/s^2].
         published: Standard deviations of published positions over those of the filter; with `lead`,
-            90 to 98 % of the true positions lie in 95 % ellipses of the training suite, of
-            textured meshes and of recordings of real people.
+            90 to 98 % of the true positions lie in 95 % ellipses of the training suite, of the
+            suite with people rendered from textured meshes of other projects, and of recordings of
+            real people.
         lead: Standard deviation along the velocity [m] that is added to published positions: of
             a person who walks, the head leads the trunk. It is proportional to the speed up to ...
         lead_speed: ... this speed [m/s].
@@ -261,7 +262,7 @@ class Tracker:
         self._tracks = _begun(_Found.from_persons((), 0, tuning), config)
         self._lost = self._tracks
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets all tracks: the time jumped back. Ids go on, so that none means two people."""
         self.jumps_back += 1
         self._time_ns = None
@@ -301,7 +302,7 @@ class Tracker:
             All people who are followed, seen or not, by id.
         """
         if self._is_another(time_ns):
-            self.begin_anew()
+            self.reset()
         dt_s, late_s = self._since(time_ns), self._late(time_ns)
         if self._time_ns is None or not late_s:
             self._time_ns = time_ns
@@ -377,7 +378,7 @@ class Tracker:
         ended = self._ended(dt_s, self._not_found(dt_s, sees))
         if ended.any():
             gone = tracks.select(ended & (tracks.id > 0))
-            self._lost = _Tracks.concatenate([self._lost, gone])
+            self._lost = _Tracks.joined([self._lost, gone])
             tracks = tracks.select(~ended)
         self._forget()
 
@@ -387,7 +388,7 @@ class Tracker:
             free = free[np.argsort(-found.score[free], kind="stable")]
             self.turned_away += len(free) - room
         if len(free):
-            tracks = _Tracks.concatenate([tracks, _begun(found.select(free[:room]), config)])
+            tracks = _Tracks.joined([tracks, _begun(found.select(free[:room]), config)])
         self._tracks = tracks
         self._confirm(np.flatnonzero(tracks.id == 0))
 
@@ -451,7 +452,7 @@ class Tracker:
             return
         # Who is hidden may have come out elsewhere.
         hidden = (tracks.id > 0) & ~tracks.seen & (tracks.unseen_s > config.coast_time)
-        lost = _Tracks.concatenate([self._lost, tracks.select(hidden)])
+        lost = _Tracks.joined([self._lost, tracks.select(hidden)])
         again: list[int] = []
         for row in rows.tolist():
             found = self._match_lost(row, lost)

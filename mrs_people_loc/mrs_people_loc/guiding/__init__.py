@@ -11,8 +11,9 @@
 | `formation` | posts around the group, chosen by what would be seen from them |
 | `guided_group` | who is guided, how far along the way they are, who falls behind |
 | `pace` | how fast the leader goes |
-| `guide` | `Guide.step`: people and poses in, posts and pace out |
+| `tour_states` | the table of what the guide finds, and what that makes of a tour |
+| `guide` | `Guide`, which owns a tour under way: people and poses in, posts and velocities out |
 | `drive` | velocity of a differential drive on its way to a post |
 | `steering` | velocities of all robots, from posts, people and poses that come now and then |
-| `running_tour` | `RunningTour`: guide and steering of a tour under way; what `guide_node` calls |
+| `tour_control` | when a tour may begin and why it ends: what `guide_node` calls |
 """

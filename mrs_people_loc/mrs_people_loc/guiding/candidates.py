@@ -34,6 +34,7 @@ class LayoutTuning:
         travel: What it costs to go there from where the nearest robot is, likewise: robots that
             drive to a side see nobody.
         longest: ... up to this distance [m].
+        first_here: Numbers of posts where robots stand begin with this.
     """
 
     margin: tuple[float, float] = (0.3, 0.1)
@@ -49,11 +50,10 @@ class LayoutTuning:
     farther: float = 0.02
     travel: float = 0.1
     longest: float = 3.0
+    first_here: int = 1000
 
 
 LAYOUT_TUNING = LayoutTuning()
-#: Numbers of posts where robots stand begin with this.
-_WHERE_THEY_ARE = 1000
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class Layout:
             left = np.append(left, aside)
         xy, free = self._narrowed(along, frame.left + left, (0.0,))
         here = np.array(list(robots.values())).reshape(-1, 2)
-        number = np.append(np.arange(len(xy)), _WHERE_THEY_ARE + np.array([*robots], dtype=int))
+        number = np.append(np.arange(len(xy)), tuning.first_here + np.array([*robots], dtype=int))
         clear = self.space.clearance(here) >= self.config.safety.wall_distance
         xy, free = np.concatenate([xy, here]), np.append(free, clear)
         cost = np.append(cost, np.zeros(sides + len(here))) + self._travel(xy, robots)

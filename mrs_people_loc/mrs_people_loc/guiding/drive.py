@@ -56,9 +56,41 @@ class DriveTuning:
         pass_within: It looks for a way past team-mates ahead that are nearer than this [m] ...
         pass_left: ... on their left if they are so far to its right [m], else on their right ...
         pass_by: ... with so much more than the smallest distance [m].
-        blocked: One of two robots that block each other for this time [s] makes room for the other
-            one ...
+        meets: A team-mate within this cone ahead (the cosine of its half angle) is met ...
+        comes: ... unless it moves ahead by more than this [m/s].
+        stands: A slower team-mate stands [m/s]: the path leads past it, unless it is in the way.
+        blocked: One of two robots that block each other, slower than `stands` for this time [s],
+            makes room for the other one ...
         gives_way: ... for this time [s].
+        order: Of the two it is the one that comes first in this direction, in the common frame: ...
+        making_room: ... at most at this speed [m/s],
+        room: ... away from the other one by no more than this angle [rad],
+        room_tried: ... so many of which are tried,
+        room_wanted: ... where there is up to this clearance, looked at so far away [m], ...
+        room_away: ... traded for the cosine of the angle at this rate [m].
+        path_step: Distance of the points of a path that are tried [m] ...
+        path_samples: ... and number of places on the line to each that have to be free.
+        step: Steps in which braking is looked at [s] ...
+        most_steps: ... longer ones where braking would take more than so many,
+        later_step: ... and in which what comes later is [s].
+        speed_gain: Wanted speed by distance [1/s] ...
+        turn_gain: ... and rate of turn by the error of the heading [1/s].
+        slows: The wanted speed falls with the cosine of so many times the error of the heading.
+        passed: A post that is near and farther aside than this has been passed [rad].
+        across: Distances to the post across its heading count by this share.
+        turn_now: Ahead or backwards: weight of turning now against turning on the post, ...
+        gear: ... and of keeping to the gear;
+        far: ... farther off than this [m] it rather drives ahead.
+        shares: Of the wanted speed, which are tried, too.
+        speed_cost: Cost of missing the wanted speed, by the square of its share of the highest, ...
+        turn_cost: ... and likewise of missing the wanted turn;
+        way_cost: ... of a metre of way to go [1/m],
+        way_far: ... that counts in full from this distance on [m];
+        near_cost: ... of nearness to people and robots,
+        wall_cost: ... and to walls, by the square of what is missing of `clear`, ...
+        near_most: ... of which no more counts than this.
+        creep: The time to the post is that at this speed, if the wanted one is less [m/s].
+        rounding: Clearance in a place that is too near to a wall may get less by this only [m].
     """
 
     speeds: int = 9
@@ -79,31 +111,87 @@ class DriveTuning:
     pass_within: float = 2.0
     pass_left: float = 0.3
     pass_by: float = 0.3
+    meets: float = 0.5
+    comes: float = 0.1
+    stands: float = 0.05
     blocked: float = 1.5
     gives_way: float = 6.0
+    order: tuple[float, float] = (0.8, 0.6)
+    making_room: float = 0.4
+    room: float = 1.6
+    room_tried: int = 9
+    room_wanted: float = 1.0
+    room_away: float = 0.5
+    path_step: float = 0.05
+    path_samples: int = 10
+    step: float = 0.1
+    most_steps: int = 12
+    later_step: float = 0.15
+    speed_gain: float = 3.0
+    turn_gain: float = 2.5
+    slows: float = 1.5
+    passed: float = 1.0
+    across: float = 0.5
+    turn_now: float = 0.4
+    gear: float = 0.4
+    far: float = 3.0
+    shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
+    speed_cost: float = 1.0
+    turn_cost: float = 0.4
+    way_cost: float = 0.3
+    way_far: float = 1.0
+    near_cost: float = 0.6
+    wall_cost: float = 0.15
+    near_most: float = 3.0
+    creep: float = 0.1
+    rounding: float = 0.002
 
 
 DRIVE_TUNING = DriveTuning()
-#: Steps in which braking, and what comes later, is looked at [s]; longer ones where braking would
-#: take more than so many.
-_STEP, _LATER_STEP, _MOST_STEPS = 0.1, 0.15, 12
-#: Cost of: missing the wanted speed, and turn; a metre of way to go; nearness to people and robots,
-#: and to walls.
-_SPEED_COST, _TURN_COST, _WAY_COST, _NEAR_COST, _WALL_COST = 1.0, 0.4, 0.3, 0.6, 0.15
-#: Wanted speed and turn, by distance and by error of the heading [1/s].
-_SPEED_GAIN, _TURN_GAIN = 3.0, 2.5
-#: Two robots that block each other: the one that comes first in this direction makes room, at most
-#: at this speed [m/s].
-_ORDER, _MAKING_ROOM = np.array([0.8, 0.6]), 0.4
-#: Ahead or backwards: weights of turning now against turning on the post, and of keeping to the
-#: gear; farther off than this [m] it rather drives ahead.
-_TURN_NOW, _GEAR, _FAR = 0.4, 0.4, 3.0
-#: Distances to the post across its heading count by this share.
-_ACROSS = 0.5
-#: A slower team-mate stands [m/s]: the path leads past it, unless it is in the way.
-_STANDS = 0.05
-#: Clearance in a place that is too near to a wall may get less by rounding only [m].
-_ROUNDING = 0.002
+
+#: Speed ahead [m/s] and rate of turn [rad/s].
+Velocity = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the next velocity of a robot is chosen by.
+
+    Attributes:
+        config: Limits of its base, and what it avoids.
+        pose: Of its base_link in the common frame, now.
+        twist: Its velocity now: measured, or as commanded last.
+        post: Where it goes; None: it stops.
+        people: Where they were seen last, in the common frame [m], shape (n, 2).
+        people_velocity: [m/s], 0 where unknown, shape (n, 2).
+        people_age: Time since then [s].
+        robots: Where its team-mates are now [m], shape (m, 2).
+        robots_velocity: [m/s], shape (m, 2).
+        space: Free floor.
+        path: To the post, from `FreeSpace.path`, shape (k, 2); None: straight on.
+        stands_within: It goes no faster than it can stop in this time, once the next step is due
+            [s].
+        dt: Until the next step [s].
+    """
+
+    config: GuideConfig
+    pose: Pose
+    twist: Velocity
+    post: Post | None
+    people: Float
+    people_velocity: Float
+    robots: Float
+    robots_velocity: Float
+    space: FreeSpace
+    people_age: float = 0.0
+    path: Float | None = None
+    stands_within: float = math.inf
+    dt: float = 0.05
+
+    @property
+    def here(self) -> Float:
+        """Where the robot is [m], shape (2,)."""
+        return np.array([self.pose.x, self.pose.y])
 
 
 @dataclass(frozen=True)
@@ -152,19 +240,6 @@ class _Others(StructOfArrays):
 
 
 @dataclass(frozen=True)
-class _Mates(StructOfArrays):
-    """Team-mates now.
-
-    Attributes:
-        xy: [m], shape (m, 2).
-        velocity: [m/s], shape (m, 2).
-    """
-
-    xy: Float
-    velocity: Float
-
-
-@dataclass(frozen=True)
 class _Arcs(StructOfArrays):
     """Where arcs lead, at times from now on.
 
@@ -183,343 +258,285 @@ class Drive:
     """Drives one robot to its post.
 
     Args:
-        config: Limits of its base and what it avoids; may be replaced at any time.
         tuning: Constants.
-
-    Attributes:
-        config: Limits of the base and what it avoids.
     """
 
-    def __init__(self, config: GuideConfig, *, tuning: DriveTuning = DRIVE_TUNING) -> None:
-        self.config, self._tuning = config, tuning
+    def __init__(self, tuning: DriveTuning = DRIVE_TUNING) -> None:
+        self._tuning = tuning
         self._arrived = self._aligned = self._backwards = False
         self._blocked_s = self._giving_way_s = 0.0
 
-    def step(
-        self,
-        pose: Pose,
-        twist: tuple[float, float],
-        post: Post | None,
-        *,
-        people: Float,
-        people_velocity: Float,
-        people_age: float = 0.0,
-        robots: Float,
-        robots_velocity: Float | None = None,
-        space: FreeSpace,
-        path: Float | None = None,
-        stands_within: float = math.inf,
-        dt: float = 0.05,
-    ) -> tuple[float, float]:
-        """The velocity to drive with.
+    def step(self, now: Situation) -> Velocity:
+        """The velocity to drive with until the next step."""
+        if now.post is None or now.stands_within <= 0.0:
+            return _ramped(now, (0.0, 0.0))
+        tuning = self._tuning
+        others = _others(now, tuning)
+        post, carrot = self._aim(now, now.post)
+        fastest = _Fastest.of(now.config.base, now.stands_within)
+        wanted = self._wanted(now, post, carrot, fastest)
+        tried = _tried(post.speed, fastest, wanted, tuning)
+        allowed = tried[_are_allowed(now, tried, others, tuning)]
+        if not len(allowed):
+            return _ramped(now, (0.0, 0.0))
+        goal = now.here if self._arrived else carrot
+        best = int(_costs(now, allowed, wanted, goal, others, tuning).argmin())
+        return _ramped(now, (float(allowed[best, 0]), float(allowed[best, 1])))
 
-        Args:
-            pose: Of base_link in the common frame, now.
-            twist: Speed ahead [m/s] and rate of turn [rad/s], now: measured, or as commanded last.
-            post: Where it goes; None: it stops.
-            people: Where they were seen last, in the common frame [m], shape (n, 2).
-            people_velocity: [m/s], 0 where unknown, shape (n, 2).
-            people_age: Time since then [s].
-            robots: Where its team-mates are now [m], shape (m, 2).
-            robots_velocity: [m/s], shape (m, 2); None: they stand.
-            space: Free floor.
-            path: To the post, from `FreeSpace.path`, shape (k, 2); None: straight on.
-            stands_within: It goes no faster than it can stop in this time, once the next step is
-                due [s].
-            dt: Until the next step [s].
-
-        Returns:
-            Speed ahead [m/s] and rate of turn [rad/s].
-        """
-        if post is None or stands_within <= 0.0:
-            return self._ramped(twist, (0.0, 0.0), dt)
-        others = self._others(pose, people, people_velocity, people_age, robots, robots_velocity)
-        still = np.zeros_like(robots)
-        mates = _Mates(robots, still if robots_velocity is None else robots_velocity)
-        post, carrot = self._aim(pose, twist, post, path, mates, space, dt)
-        fastest = _Fastest.of(self.config.base, stands_within)
-        wanted = self._wanted(pose, post, carrot, fastest)
-        speeds, turns = self._candidates(post.speed, fastest, wanted)
-        allowed = self._are_allowed(pose, twist, speeds, turns, others, space)
-        if not allowed.any():
-            return self._ramped(twist, (0.0, 0.0), dt)
-        speeds, turns = speeds[allowed], turns[allowed]
-        costs = self._costs(pose, twist, speeds, turns, wanted, carrot, others, space)
-        best = int(costs.argmin())
-        return self._ramped(twist, (float(speeds[best]), float(turns[best])), dt)
-
-    def _aim(
-        self,
-        pose: Pose,
-        twist: tuple[float, float],
-        post: Post,
-        path: Float | None,
-        mates: _Mates,
-        space: FreeSpace,
-        dt: float,
-    ) -> tuple[Post, Float]:
+    def _aim(self, now: Situation, post: Post) -> tuple[Post, Float]:
         """Where it goes, past team-mates, and the point that it drives to now [m], shape (2,)."""
-        here = np.array([pose.x, pose.y])
-        carrot = self._carrot(here, post, path, space)
-        mate = None if self._arrived else self._meeting(here, carrot, post, mates)
-        if self._gives_way(here, mate, twist[0], dt) and mate is not None:
-            post = self._room_made(here, post, mate, space)
+        carrot = _carrot(now, post, self._tuning)
+        mate = None if self._arrived else _met(now, post, carrot, self._tuning)
+        if self._gives_way(now, mate) and mate is not None:
+            post = _room_made(now, post, mate, self._tuning)
             return post, post.xy
-        return post, carrot if mate is None else self._past(here, carrot, mate, space)
+        return post, carrot if mate is None else _past(now, carrot, mate, self._tuning)
 
-    def _ramped(
-        self, twist: tuple[float, float], wanted: tuple[float, float], dt: float
-    ) -> tuple[float, float]:
-        """What of the wanted velocity can be reached by then."""
-        base, after = self.config.base, np.array([dt])
-        v = _ramp(twist[0], np.array([[wanted[0]]]), after, base.acceleration, base.deceleration)
-        turn = base.turn_acceleration
-        w = _ramp(twist[1], np.array([[wanted[1]]]), after, turn, turn)
-        return float(v[0, 0]), float(w[0, 0])
-
-    def _others(
-        self,
-        pose: Pose,
-        people: Float,
-        people_velocity: Float,
-        people_age: float,
-        robots: Float,
-        robots_velocity: Float | None,
-    ) -> _Others:
-        """Everybody near: people as they go on and as they stop, team-mates likewise."""
-        safety, tuning = self.config.safety, self._tuning
-        clear, clear_of_robot, _ = tuning.clear
-        still = safety.person_distance, tuning.gain_still, tuning.aside, clear
-        walking = safety.person_distance, tuning.gain_walking, tuning.aside, clear
-        mate = safety.robot_distance, tuning.gain_robot, 0.0, clear_of_robot
-        kinds = [
-            (people, np.zeros_like(people), still),
-            (people + people_velocity * people_age, people_velocity, walking),
-            (robots, np.zeros_like(robots), mate),
-        ]
-        if robots_velocity is not None:
-            kinds.append((robots, robots_velocity, mate))
-        others = _Others.concatenate(
-            [
-                _Others(xy, velocity, *np.broadcast_to(np.array([how]).T, (4, len(xy))))
-                for xy, velocity, how in kinds
-            ]
-        )
-        away = np.linalg.norm(others.xy - (pose.x, pose.y), axis=1)
-        fastest = np.linalg.norm(others.velocity, axis=1) + self.config.base.max_speed
-        reach = others.keep + fastest * tuning.horizon + self.config.base.max_speed / others.gain
-        return others.select(away < reach)
-
-    def _carrot(self, here: Float, post: Post, path: Float | None, space: FreeSpace) -> Float:
-        """The point that the robot drives to now, if nobody is in the way [m], shape (2,)."""
-        end = np.asarray(post.xy, dtype=np.float64)
-        if path is None or len(path) < 2:
-            return end
-        return self._on_path(here, np.concatenate([path[:-1], end[np.newaxis]]), space)
-
-    def _past(self, here: Float, carrot: Float, mate: Float, space: FreeSpace) -> Float:
-        """The point to drive to past a team-mate who comes: to the right, if there is room."""
-        ahead = (carrot - here) / np.linalg.norm(carrot - here)
-        right = np.array([ahead[1], -ahead[0]])
-        if (mate - here) @ right > self._tuning.pass_left:
-            right = -right
-        beside = mate + (self.config.safety.robot_distance + self._tuning.pass_by) * right
-        if space.clearance(beside) < self.config.safety.wall_distance:
-            return carrot
-        return np.asarray(beside)
-
-    def _meeting(self, here: Float, carrot: Float, post: Post, mates: _Mates) -> Float | None:
-        """The nearest team-mate that stands in the way or comes, and is not behind the post."""
-        ahead = (carrot - here) / max(float(np.linalg.norm(carrot - here)), 1e-6)
-        offset, keep = mates.xy - here, self.config.safety.robot_distance
-        distance = np.linalg.norm(offset, axis=1)
-        left = float(np.linalg.norm(post.xy - here)) + keep
-        meets = distance < min(self._tuning.pass_within, left)
-        meets &= (offset @ ahead > 0.5 * distance) & (mates.velocity @ ahead < 0.1)
-        stands = np.linalg.norm(mates.velocity, axis=1) < _STANDS
-        meets &= ~stands | (np.abs(offset @ [-ahead[1], ahead[0]]) < keep)
-        if not meets.any():
-            return None
-        nearest: Float = mates.xy[int(np.where(meets, distance, np.inf).argmin())]
-        return nearest
-
-    def _gives_way(self, here: Float, mate: Float | None, speed: float, dt: float) -> bool:
+    def _gives_way(self, now: Situation, mate: Float | None) -> bool:
         """Whether the robot makes room for a team-mate: one of two that block each other does."""
         tuning = self._tuning
         if mate is None:
             self._blocked_s = self._giving_way_s = 0.0
             return False
         if self._giving_way_s > 0.0:
-            self._giving_way_s -= dt
+            self._giving_way_s -= now.dt
             return True
-        self._blocked_s = self._blocked_s + dt if abs(speed) < 0.05 else 0.0
+        self._blocked_s = self._blocked_s + now.dt if abs(now.twist[0]) < tuning.stands else 0.0
         # Both robots know both places: one of them comes first in this order.
-        if self._blocked_s > tuning.blocked and float((here - mate) @ _ORDER) < 0.0:
+        if self._blocked_s > tuning.blocked and float((now.here - mate) @ tuning.order) < 0.0:
             self._blocked_s, self._giving_way_s = 0.0, tuning.gives_way
             return True
         return False
 
-    def _room_made(self, here: Float, post: Post, mate: Float, space: FreeSpace) -> Post:
-        """Where to go to make room for a team-mate: away from it, rather where there is space."""
-        offset = here - mate
-        angles = math.atan2(offset[1], offset[0]) + np.linspace(-1.6, 1.6, 9)
-        away = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        step = max(self._tuning.pass_within - float(np.linalg.norm(offset)), 0.0)
-        clearance = np.minimum(space.clearance(here + 0.5 * away), space.clearance(here + away))
-        value = np.minimum(clearance, 1.0) + 0.5 * np.cos(np.linspace(-1.6, 1.6, 9))
-        best = away[int(value.argmax())]
-        return replace(post, xy=here + step * best, speed=min(post.speed, _MAKING_ROOM))
-
-    def _on_path(self, here: Float, path: Float, space: FreeSpace) -> Float:
-        """The farthest point of a path, up to `near` ahead, that the robot can go to straight."""
-        steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        ways = np.concatenate([[0.0], np.cumsum(steps)])
-        every = np.arange(0.0, ways[-1] + 0.05, 0.05)
-        points = np.stack([np.interp(every, ways, path[:, k]) for k in (0, 1)], axis=1)
-        nearest = int(((points - here) ** 2).sum(axis=1).argmin())
-        ahead = points[nearest : nearest + 1 + round(self._tuning.near / 0.05)][::-2]
-        part = np.linspace(0.1, 1.0, 10)[:, np.newaxis, np.newaxis]
-        clearance = space.clearance(here + part * (ahead - here)).min(axis=0)
-        good = clearance >= min(self.config.safety.wall_distance, clearance.max())
-        found: Float = ahead[int(good.argmax())]
-        return found
-
-    def _wanted(
-        self, pose: Pose, post: Post, carrot: Float, fastest: _Fastest
-    ) -> tuple[float, float]:
-        """Speed and rate of turn with which nothing is in the way."""
-        base, tuning = self.config.base, self._tuning
-        here = np.array([pose.x, pose.y])
+    def _wanted(self, now: Situation, post: Post, carrot: Float, fastest: _Fastest) -> Velocity:
+        """The velocity with which nothing is in the way."""
+        base, tuning, here, yaw = now.config.base, self._tuning, now.here, now.pose.yaw
         left, off = float(np.linalg.norm(post.xy - here)), carrot - here
         bearing = math.atan2(off[1], off[0])
-        self._backwards = self._goes_backwards(pose, post, bearing, left)
-        error = wrap_angle(bearing - pose.yaw + (math.pi if self._backwards else 0.0))
-        passed = left < tuning.left and abs(error) > 1.0
+        self._backwards = self._goes_backwards(now, post, bearing, left)
+        error = wrap_angle(bearing - yaw + (math.pi if self._backwards else 0.0))
+        passed = left < tuning.left and abs(error) > tuning.passed
         along, across = (post.xy - here) @ rotation_2d(post.yaw)
-        near = math.hypot(along, _ACROSS * across)
+        near = math.hypot(along, tuning.across * across)
         self._arrived = near < (tuning.left if self._arrived else tuning.arrived) or passed
         if self._arrived:
-            error = wrap_angle(post.yaw - pose.yaw)
+            error = wrap_angle(post.yaw - yaw)
             self._aligned = abs(error) < (tuning.turned if self._aligned else tuning.aligned)
-            return 0.0, 0.0 if self._aligned else self._turn(error, fastest)
+            return 0.0, 0.0 if self._aligned else _turn(base, error, fastest, tuning)
         self._aligned = False
         brakes = math.sqrt(base.deceleration * left)
-        slows = _SPEED_GAIN * max(left - 0.5 * tuning.arrived, 0.0)
+        slows = tuning.speed_gain * max(left - 0.5 * tuning.arrived, 0.0)
         most = fastest.back if self._backwards else fastest.ahead
         speed = min(most, post.speed, brakes, slows)
-        speed *= max(math.cos(min(1.5 * abs(error), math.pi)), 0.0)
-        return -speed if self._backwards else speed, self._turn(error, fastest)
+        speed *= max(math.cos(min(tuning.slows * abs(error), math.pi)), 0.0)
+        return -speed if self._backwards else speed, _turn(base, error, fastest, tuning)
 
-    def _goes_backwards(self, pose: Pose, post: Post, bearing: float, left: float) -> bool:
+    def _goes_backwards(self, now: Situation, post: Post, bearing: float, left: float) -> bool:
         """Whether it drives backwards: as it turns least now and on the post."""
-        if self.config.base.max_reverse <= 0.0:
-            return False
-        ahead = math.cos(post.yaw - bearing) + _TURN_NOW * math.cos(pose.yaw - bearing)
-        ahead += -_GEAR if self._backwards else _GEAR
-        return ahead + min(max(left / _FAR - 1.0, 0.0), 1.0) < 0.0
-
-    def _turn(self, error: float, fastest: _Fastest) -> float:
-        """Rate of turn that takes away an error of the heading."""
-        brakes = math.sqrt(self.config.base.turn_acceleration * abs(error))
-        most = min(fastest.turn, brakes)
-        return max(-most, min(most, _TURN_GAIN * error))
-
-    def _candidates(
-        self, speed: float, fastest: _Fastest, wanted: tuple[float, float]
-    ) -> tuple[Float, Float]:
-        """Speeds and rates of turn that are tried, shapes (n,)."""
         tuning = self._tuning
-        ahead, back = min(speed, fastest.ahead), min(speed, fastest.back)
-        likely = wanted[0] * np.array([1.0, 0.5, 0.25, 0.0])
-        speeds = np.concatenate([likely, np.linspace(-back, ahead, tuning.speeds)])
-        turns = np.linspace(-fastest.turn, fastest.turn, tuning.turns)
-        turns = np.concatenate([[wanted[1]], turns])
-        both = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
-        return both[:, 0], both[:, 1]
+        if now.config.base.max_reverse <= 0.0:
+            return False
+        ahead = math.cos(post.yaw - bearing) + tuning.turn_now * math.cos(now.pose.yaw - bearing)
+        ahead += -tuning.gear if self._backwards else tuning.gear
+        return ahead + min(max(left / tuning.far - 1.0, 0.0), 1.0) < 0.0
 
-    def _are_allowed(
-        self,
-        pose: Pose,
-        twist: tuple[float, float],
-        speeds: Float,
-        turns: Float,
-        others: _Others,
-        space: FreeSpace,
-    ) -> Bool:
-        """Which arcs avoid people, robots and walls until the robot stands, shape (n,)."""
-        base, tuning = self.config.base, self._tuning
-        fastest = max(abs(twist[0]), base.max_speed, base.max_reverse)
-        brakes_s = max(fastest / base.deceleration, _STEP)
-        steps = min(math.ceil(brakes_s / _STEP), _MOST_STEPS)
-        reacts: Float = _STEP * np.arange(1.0, round(tuning.reaction / _STEP) + 1)
-        times = np.concatenate([reacts, reacts[-1] + np.linspace(0.0, brakes_s, steps + 1)[1:]])
-        arcs = self._arcs(pose, twist, speeds, turns, times, brakes_at=tuning.reaction)
-        allowed = np.ones(len(speeds), dtype=bool)
-        if len(others):
-            offset, distance = _offsets(arcs, others, times)
-            ahead = np.stack([np.cos(arcs.yaw), np.sin(arcs.yaw)], axis=-1)
-            moves = ahead * arcs.speed[..., np.newaxis]
-            towards = np.einsum("ktnd,ktd->ktn", offset, moves) / np.maximum(distance, 1e-6)
-            towards += others.aside * np.abs(arcs.speed)[..., np.newaxis]
-            most = np.maximum(others.gain * (distance - others.keep), tuning.tolerance)
-            allowed &= (towards <= most).all(axis=(1, 2))
-        clearance = space.clearance(arcs.xy)
-        now = float(space.clearance(np.array([pose.x, pose.y])))
-        wall = self.config.safety.wall_distance
-        return np.asarray(allowed & (clearance >= min(wall, now - _ROUNDING)).all(axis=1))
 
-    def _costs(
-        self,
-        pose: Pose,
-        twist: tuple[float, float],
-        speeds: Float,
-        turns: Float,
-        wanted: tuple[float, float],
-        carrot: Float,
-        others: _Others,
-        space: FreeSpace,
-    ) -> Float:
-        """What is against each arc, shape (n,)."""
-        base, tuning = self.config.base, self._tuning
-        goal = np.array([pose.x, pose.y]) if self._arrived else carrot
-        left = min(float(np.linalg.norm(goal - (pose.x, pose.y))), 1.0)
-        until = min(max(left / max(abs(wanted[0]), 0.1), 3 * _LATER_STEP), tuning.horizon)
-        times: Float = _LATER_STEP * np.arange(1.0, round(until / _LATER_STEP) + 1)
-        arcs = self._arcs(pose, twist, speeds, turns, times)
-        cost = _SPEED_COST * ((speeds - wanted[0]) / base.max_speed) ** 2
-        cost += _TURN_COST * ((turns - wanted[1]) / base.max_turn) ** 2
-        cost += _WAY_COST * left * np.linalg.norm(arcs.xy[:, -1] - goal, axis=1)
-        if len(others):
-            free = (_offsets(arcs, others, times)[1] - others.keep) / others.clear
-            cost += _NEAR_COST * np.clip(1.0 - free.min(axis=(1, 2)), 0.0, 3.0) ** 2
-        free = space.clearance(arcs.xy).min(axis=1) - self.config.safety.wall_distance
-        return np.asarray(cost + _WALL_COST * np.clip(1.0 - free / tuning.clear[2], 0.0, 3.0) ** 2)
+# ---- where to ----
 
-    def _arcs(
-        self,
-        pose: Pose,
-        twist: tuple[float, float],
-        speeds: Float,
-        turns: Float,
-        times: Float,
-        brakes_at: float | None = None,
-    ) -> _Arcs:
-        """Where the robot gets with wanted speeds and rates of turn, within its limits."""
-        base = self.config.base
-        up, down, turn = base.acceleration, base.deceleration, base.turn_acceleration
-        v = _ramp(twist[0], speeds[:, np.newaxis], times, up, down)
-        w = _ramp(twist[1], turns[:, np.newaxis], times, turn, turn)
-        if brakes_at is not None:
-            last = int(np.flatnonzero(times <= brakes_at + 1e-9)[-1])
-            since = times[last + 1 :] - times[last]
-            v[:, last + 1 :] = _shrunk(v[:, last, np.newaxis], since * down)
-            w[:, last + 1 :] = _shrunk(w[:, last, np.newaxis], since * turn)
-        step = np.diff(times, prepend=0.0)
-        turned = _means(w, twist[1]) * step
-        yaw = pose.yaw + np.cumsum(turned, axis=1)
-        middle, way = yaw - 0.5 * turned, _means(v, twist[0]) * step
-        moves = way[..., np.newaxis] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
-        return _Arcs(np.cumsum(moves, axis=1) + (pose.x, pose.y), yaw, v)
+
+def _carrot(now: Situation, post: Post, tuning: DriveTuning) -> Float:
+    """The point to drive to if nobody is in the way [m], shape (2,).
+
+    The farthest one of the path, up to `near` ahead, to which it is free straight on.
+    """
+    end = np.asarray(post.xy, dtype=np.float64)
+    if now.path is None or len(now.path) < 2:
+        return end
+    here, path = now.here, np.concatenate([now.path[:-1], end[np.newaxis]])
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    ways = np.concatenate([[0.0], np.cumsum(steps)])
+    every = np.arange(0.0, ways[-1] + tuning.path_step, tuning.path_step)
+    points = np.stack([np.interp(every, ways, path[:, k]) for k in (0, 1)], axis=1)
+    nearest = int(((points - here) ** 2).sum(axis=1).argmin())
+    ahead = points[nearest : nearest + 1 + round(tuning.near / tuning.path_step)][::-2]
+    samples = tuning.path_samples
+    part = np.linspace(1.0 / samples, 1.0, samples)[:, np.newaxis, np.newaxis]
+    clearance = now.space.clearance(here + part * (ahead - here)).min(axis=0)
+    good = clearance >= min(now.config.safety.wall_distance, clearance.max())
+    found: Float = ahead[int(good.argmax())]
+    return found
+
+
+def _met(now: Situation, post: Post, carrot: Float, tuning: DriveTuning) -> Float | None:
+    """The nearest team-mate that stands in the way or comes, and is not behind the post."""
+    here, velocity = now.here, now.robots_velocity
+    ahead = (carrot - here) / max(float(np.linalg.norm(carrot - here)), 1e-6)
+    offset, keep = now.robots - here, now.config.safety.robot_distance
+    distance = np.linalg.norm(offset, axis=1)
+    left = float(np.linalg.norm(post.xy - here)) + keep
+    meets = distance < min(tuning.pass_within, left)
+    meets &= (offset @ ahead > tuning.meets * distance) & (velocity @ ahead < tuning.comes)
+    stands = np.linalg.norm(velocity, axis=1) < tuning.stands
+    meets &= ~stands | (np.abs(offset @ [-ahead[1], ahead[0]]) < keep)
+    if not meets.any():
+        return None
+    nearest: Float = now.robots[int(np.where(meets, distance, np.inf).argmin())]
+    return nearest
+
+
+def _past(now: Situation, carrot: Float, mate: Float, tuning: DriveTuning) -> Float:
+    """The point to drive to past a team-mate who comes: to the right, if there is room."""
+    here, safety = now.here, now.config.safety
+    ahead = (carrot - here) / np.linalg.norm(carrot - here)
+    right = np.array([ahead[1], -ahead[0]])
+    if (mate - here) @ right > tuning.pass_left:
+        right = -right
+    beside = mate + (safety.robot_distance + tuning.pass_by) * right
+    return carrot if now.space.clearance(beside) < safety.wall_distance else np.asarray(beside)
+
+
+def _room_made(now: Situation, post: Post, mate: Float, tuning: DriveTuning) -> Post:
+    """Where to go to make room for a team-mate: away from it, rather where there is space."""
+    here = now.here
+    offset, aside = here - mate, np.linspace(-tuning.room, tuning.room, tuning.room_tried)
+    angles = math.atan2(offset[1], offset[0]) + aside
+    away = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    step = max(tuning.pass_within - float(np.linalg.norm(offset)), 0.0)
+    far = tuning.room_wanted * away
+    clearance = np.minimum(now.space.clearance(here + 0.5 * far), now.space.clearance(here + far))
+    value = np.minimum(clearance, tuning.room_wanted) + tuning.room_away * np.cos(aside)
+    best = away[int(value.argmax())]
+    return replace(post, xy=here + step * best, speed=min(post.speed, tuning.making_room))
+
+
+def _turn(base: Base, error: float, fastest: _Fastest, tuning: DriveTuning) -> float:
+    """Rate of turn that takes away an error of the heading."""
+    brakes = math.sqrt(base.turn_acceleration * abs(error))
+    most = min(fastest.turn, brakes)
+    return max(-most, min(most, tuning.turn_gain * error))
+
+
+# ---- which velocity ----
+
+
+def _others(now: Situation, tuning: DriveTuning) -> _Others:
+    """Everybody near: people as they go on and as they stop, team-mates likewise."""
+    safety, base = now.config.safety, now.config.base
+    clear, clear_of_robot, _ = tuning.clear
+    still = safety.person_distance, tuning.gain_still, tuning.aside, clear
+    walking = safety.person_distance, tuning.gain_walking, tuning.aside, clear
+    mate = safety.robot_distance, tuning.gain_robot, 0.0, clear_of_robot
+    later = now.people + now.people_velocity * now.people_age
+    others = _Others.joined(
+        [
+            _Others(xy, velocity, *np.broadcast_to(np.array([how]).T, (4, len(xy))))
+            for xy, velocity, how in (
+                (now.people, np.zeros_like(now.people), still),
+                (later, now.people_velocity, walking),
+                (now.robots, np.zeros_like(now.robots), mate),
+                (now.robots, now.robots_velocity, mate),
+            )
+        ]
+    )
+    away = np.linalg.norm(others.xy - now.here, axis=1)
+    fastest = np.linalg.norm(others.velocity, axis=1) + base.max_speed
+    return others.select(
+        away < others.keep + fastest * tuning.horizon + base.max_speed / others.gain
+    )
+
+
+def _tried(speed: float, fastest: _Fastest, wanted: Velocity, tuning: DriveTuning) -> Float:
+    """Velocities to choose from, up to a speed [m/s, rad/s], shape (n, 2)."""
+    ahead, back = min(speed, fastest.ahead), min(speed, fastest.back)
+    likely = wanted[0] * np.array(tuning.shares)
+    speeds = np.concatenate([likely, np.linspace(-back, ahead, tuning.speeds)])
+    turns = np.linspace(-fastest.turn, fastest.turn, tuning.turns)
+    turns = np.concatenate([[wanted[1]], turns])
+    return np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _are_allowed(now: Situation, tried: Float, others: _Others, tuning: DriveTuning) -> Bool:
+    """Which velocities avoid people, robots and walls until the robot stands, shape (n,)."""
+    base = now.config.base
+    fastest = max(abs(now.twist[0]), base.max_speed, base.max_reverse)
+    brakes_s = max(fastest / base.deceleration, tuning.step)
+    steps = min(math.ceil(brakes_s / tuning.step), tuning.most_steps)
+    reacts: Float = tuning.step * np.arange(1.0, round(tuning.reaction / tuning.step) + 1)
+    times = np.concatenate([reacts, reacts[-1] + np.linspace(0.0, brakes_s, steps + 1)[1:]])
+    arcs = _arcs(now, tried, times, brakes_at=tuning.reaction)
+    allowed = np.ones(len(tried), dtype=bool)
+    if len(others):
+        offset, distance = _offsets(arcs, others, times)
+        ahead = np.stack([np.cos(arcs.yaw), np.sin(arcs.yaw)], axis=-1)
+        moves = ahead * arcs.speed[..., np.newaxis]
+        towards = np.einsum("ktnd,ktd->ktn", offset, moves) / np.maximum(distance, 1e-6)
+        towards += others.aside * np.abs(arcs.speed)[..., np.newaxis]
+        most = np.maximum(others.gain * (distance - others.keep), tuning.tolerance)
+        allowed &= (towards <= most).all(axis=(1, 2))
+    clearance = now.space.clearance(arcs.xy)
+    least = float(now.space.clearance(now.here)) - tuning.rounding
+    least = min(now.config.safety.wall_distance, least)
+    return np.asarray(allowed & (clearance >= least).all(axis=1))
+
+
+def _costs(
+    now: Situation, tried: Float, wanted: Velocity, goal: Float, others: _Others,
+    tuning: DriveTuning,
+) -> Float:  # fmt: skip
+    """What is against each velocity, shape (n,)."""
+    base, most = now.config.base, tuning.near_most
+    left = min(float(np.linalg.norm(goal - now.here)), tuning.way_far)
+    until = left / max(abs(wanted[0]), tuning.creep)
+    until = min(max(until, 3 * tuning.later_step), tuning.horizon)
+    times: Float = tuning.later_step * np.arange(1.0, round(until / tuning.later_step) + 1)
+    arcs = _arcs(now, tried, times)
+    cost = tuning.speed_cost * ((tried[:, 0] - wanted[0]) / base.max_speed) ** 2
+    cost += tuning.turn_cost * ((tried[:, 1] - wanted[1]) / base.max_turn) ** 2
+    cost += tuning.way_cost * left * np.linalg.norm(arcs.xy[:, -1] - goal, axis=1)
+    if len(others):
+        free = (_offsets(arcs, others, times)[1] - others.keep) / others.clear
+        cost += tuning.near_cost * np.clip(1.0 - free.min(axis=(1, 2)), 0.0, most) ** 2
+    free = now.space.clearance(arcs.xy).min(axis=1) - now.config.safety.wall_distance
+    cost += tuning.wall_cost * np.clip(1.0 - free / tuning.clear[2], 0.0, most) ** 2
+    return np.asarray(cost)
+
+
+# ---- how a base moves ----
+
+
+def _ramped(now: Situation, wanted: Velocity) -> Velocity:
+    """What of the wanted velocity can be reached by the next step."""
+    base, after = now.config.base, np.array([now.dt])
+    turn = base.turn_acceleration
+    v = _ramp(now.twist[0], np.array([[wanted[0]]]), after, base.acceleration, base.deceleration)
+    w = _ramp(now.twist[1], np.array([[wanted[1]]]), after, turn, turn)
+    return float(v[0, 0]), float(w[0, 0])
+
+
+def _arcs(now: Situation, wanted: Float, times: Float, brakes_at: float | None = None) -> _Arcs:
+    """Where the robot gets with wanted velocities, within its limits.
+
+    Args:
+        now: Where it is.
+        wanted: [m/s, rad/s], shape (n, 2).
+        times: From now on [s], shape (t,).
+        brakes_at: It brakes after this time [s]; None: never.
+    """
+    base, pose, twist = now.config.base, now.pose, now.twist
+    up, down, turn = base.acceleration, base.deceleration, base.turn_acceleration
+    v = _ramp(twist[0], wanted[:, :1], times, up, down)
+    w = _ramp(twist[1], wanted[:, 1:], times, turn, turn)
+    if brakes_at is not None:
+        last = int(np.flatnonzero(times <= brakes_at + 1e-9)[-1])
+        since = times[last + 1 :] - times[last]
+        v[:, last + 1 :] = _shrunk(v[:, last, np.newaxis], since * down)
+        w[:, last + 1 :] = _shrunk(w[:, last, np.newaxis], since * turn)
+    step = np.diff(times, prepend=0.0)
+    turned = _means(w, twist[1]) * step
+    yaw = pose.yaw + np.cumsum(turned, axis=1)
+    middle, way = yaw - 0.5 * turned, _means(v, twist[0]) * step
+    moves = way[..., np.newaxis] * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+    return _Arcs(np.cumsum(moves, axis=1) + now.here, yaw, v)
 
 
 def _offsets(arcs: _Arcs, others: _Others, times: Float) -> tuple[Float, Float]:

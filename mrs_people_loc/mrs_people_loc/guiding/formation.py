@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int
@@ -42,6 +41,7 @@ class FormationTuning:
         follow_s: Posts behind a group that moves are ahead of where they belong by its way in this
             time [s]: people are known late, and robots trail a post that moves.
         drift: The group's ends and middle move by at most this [m/s]: people appear and vanish.
+        pause_s: ... unless they come after a longer pause [s].
         around: Angle between the posts of a fetcher around a straggler [rad].
         other_side: A fetcher goes to another one only where it is nearer to the side away from
             the group by this [rad].
@@ -55,13 +55,12 @@ class FormationTuning:
     most: int = 20
     follow_s: float = 0.3
     drift: float = 1.5
+    pause_s: float = 2.0
     around: float = math.radians(30.0)
     other_side: float = math.radians(45.0)
 
 
 FORMATION_TUNING = FormationTuning()
-#: A pause after which the group is seen anew [s].
-_PAUSE_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -155,7 +154,7 @@ class FormationPlanner:
             last = now.leader_m - self._config.pace.lead
             frame = Frame(last, last, 0.0, 0.0)
         past_s = now.now_s - self._time_s
-        if self._frame is not None and 0.0 <= past_s < _PAUSE_S:
+        if self._frame is not None and 0.0 <= past_s < self._tuning.pause_s:
             frame = self._frame.towards(frame, self._tuning.drift * past_s)
         self._frame, self._time_s = frame, now.now_s
         if now.moving:
@@ -252,6 +251,8 @@ class FormationPlanner:
 
     def _assign(self, now: Scenery, taken: Candidates, names: Sequence[str]) -> dict[str, int]:
         """Which post each robot takes: the least sum of distances, so that ways do not cross."""
+        from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+
         robots = np.array([_place(now.robots[name]) for name in names]).reshape(-1, 2)
         held = np.array([self._held.get(name, -1) for name in names], dtype=np.intp)
         cost = np.linalg.norm(robots[:, np.newaxis] - taken.xy, axis=2)

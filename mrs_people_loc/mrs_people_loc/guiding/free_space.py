@@ -2,39 +2,59 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.team.masking import OccupancyGrid
 
-#: The grid is used up to this far beyond the places that matter [m].
-_MARGIN = 10.0
-#: A wall hides nothing that is nearer to its face, or inside, than this [m]: places have errors.
-_NEAR_END = 0.2
-#: Distance of the nodes in which paths are looked for [m], and of samples along lines [m].
-_NODES, _SAMPLES = 0.15, 0.08
-#: Paths are first looked for in the box of start and goal and so much around them [m].
-_DETOUR = 4.0
-#: A metre of path costs up to 1 + this where clearance is only what is needed; less up to where it
-#: is this much more [m].
-_NARROW, _WIDE = 2.0, 0.5
-#: A metre of path through a disc costs so much more.
-_THROUGH_DISC = 10.0
-#: Without enough clearance, only around the start [m], and then a metre costs so much more.
-_ESCAPE, _TOO_NEAR = 1.0, 20.0
-#: The line to the goal is taken where no path can cost much less.
-_GOOD_LINE = 1.25
-#: The path until now is kept up to this much of the cost of another one.
-_AS_GOOD = 1.25
-#: Straight lines replace up to so many nodes of a path.
-_LONGEST_LINE = 40
-#: An edge between nodes with more clearance than half its length crosses no wall [m].
-_LEAST = 0.5 * _NODES * 2**0.5 + 0.005
+
+@dataclass(frozen=True)
+class SpaceTuning:
+    """Constants of lines of sight and of paths; chosen.
+
+    Attributes:
+        margin: The grid is used up to this far beyond the places that matter [m].
+        near_end: A wall hides nothing that is nearer to its face, or inside, than this [m]: places
+            have errors.
+        nodes: Distance of the nodes in which paths are looked for [m] ...
+        samples: ... and of samples along lines [m].
+        detour: Paths are first looked for in the box of start and goal and so much around them [m].
+        narrow: A metre of path costs up to 1 + this where clearance is only what is needed, ...
+        wide: ... less up to where it is this much more [m].
+        through_disc: A metre of path through a disc costs so much more.
+        escape: Without enough clearance, only this far around the start [m], ...
+        too_near: ... and then a metre costs so much more.
+        good_line: The line to the goal is taken where no path can cost much less.
+        as_good: The path until now is kept up to this much of the cost of another one.
+        longest_line: Straight lines replace up to so many nodes of a path.
+    """
+
+    margin: float = 10.0
+    near_end: float = 0.2
+    nodes: float = 0.15
+    samples: float = 0.08
+    detour: float = 4.0
+    narrow: float = 2.0
+    wide: float = 0.5
+    through_disc: float = 10.0
+    escape: float = 1.0
+    too_near: float = 20.0
+    good_line: float = 1.25
+    as_good: float = 1.25
+    longest_line: int = 40
+
+    @property
+    def least(self) -> float:
+        """An edge between nodes with more clearance than half its length crosses no wall [m]."""
+        return 0.5 * self.nodes * 2**0.5 + 0.005
+
+
+SPACE_TUNING = SpaceTuning()
 
 
 class FreeSpace:
@@ -45,16 +65,25 @@ class FreeSpace:
         occupied_from: Its cells from this value on are occupied [%].
         around: Places that matter [m], such as those of a tour, shape (n, 2): the map farther than
             10 m from their bounding box is left out. None: all of it is used.
+        tuning: Constants.
+
+    Attributes:
+        tuning: Constants.
     """
 
     def __init__(
-        self, grid: OccupancyGrid | None, *, occupied_from: int = 65, around: Float | None = None
+        self,
+        grid: OccupancyGrid | None,
+        *,
+        occupied_from: int = 65,
+        around: Float | None = None,
+        tuning: SpaceTuning = SPACE_TUNING,
     ) -> None:
-        self._grid = grid
+        self._grid, self.tuning = grid, tuning
         if grid is None:
             return
         self._turn = rotation_2d(grid.yaw)
-        data, self._corner = _cropped(grid, around, self._turn)
+        data, self._corner = _cropped(grid, around, self._turn, tuning.margin)
         self._size = np.array(data.shape[::-1]) * grid.resolution
         # A border that is not free, so that there always is something that is not.
         blocked = np.pad((data < 0) | (data >= occupied_from), 1, constant_values=True)
@@ -111,7 +140,7 @@ class FreeSpace:
         height, width = self._occupied.shape
         cell = np.clip(cell, 0, (width - 1, height - 1)).astype(np.intp)
         hit = self._occupied[cell[..., 1], cell[..., 0]]
-        counts = np.minimum(part, 1.0 - part) * length > _NEAR_END
+        counts = np.minimum(part, 1.0 - part) * length > self.tuning.near_end
         return np.asarray(~(hit & counts).any(axis=-1))
 
     def path(
@@ -143,16 +172,17 @@ class FreeSpace:
             return None
         cost = _Cost(self, start, radius, discs)
         line = np.stack([start, goal])
-        if cost.of_lines(start, goal[np.newaxis])[0] <= _GOOD_LINE * np.linalg.norm(goal - start):
+        good = self.tuning.good_line * np.linalg.norm(goal - start)
+        if cost.of_lines(start, goal[np.newaxis])[0] <= good:
             return line
-        low, high = line.min(axis=0) - _DETOUR, line.max(axis=0) + _DETOUR
+        low, high = line.min(axis=0) - self.tuning.detour, line.max(axis=0) + self.tuning.detour
         found = _search(cost, start, goal, low, high)
         if found is None and self._grid is not None:
             found = _search(cost, start, goal, *self._bounds())
         if found is None:
             return None
         path, kept = _pulled(cost, found), _rest(before, start, goal)
-        is_kept = len(kept) > 1 and cost.of_path(kept) <= _AS_GOOD * cost.of_path(path)
+        is_kept = len(kept) > 1 and cost.of_path(kept) <= self.tuning.as_good * cost.of_path(path)
         return kept if is_kept else path
 
     def _cells(self, xy: Float) -> Float:
@@ -174,6 +204,9 @@ class FreeSpace:
 class _Cost:
     """What a metre of path costs at a place.
 
+    Attributes:
+        tuning: Constants, those of `space`.
+
     Args:
         space: Free floor.
         start: Where the path begins [m], shape (2,).
@@ -183,25 +216,28 @@ class _Cost:
 
     def __init__(self, space: FreeSpace, start: Float, radius: float, discs: Float) -> None:
         self._space, self._start, self._radius, self._discs = space, start, radius, discs
+        self.tuning = space.tuning
 
     def at(self, xy: Float) -> Float:
         """Cost of a metre at places [m], shape (..., 2); inf where nobody may go."""
-        clearance = self._space.clearance(xy)
-        cost = 1.0 + _NARROW * np.clip(1.0 - (clearance - self._radius) / _WIDE, 0.0, 1.0)
+        tuning, clearance = self.tuning, self._space.clearance(xy)
+        room = (clearance - self._radius) / tuning.wide
+        cost = 1.0 + tuning.narrow * np.clip(1.0 - room, 0.0, 1.0)
         too_near = clearance < self._radius
-        escapes = np.linalg.norm(xy[too_near] - self._start, axis=-1) < _ESCAPE
-        cost[too_near] += np.where(escapes, _TOO_NEAR, np.inf)
-        cost[clearance < min(_LEAST, self._radius)] = np.inf
+        escapes = np.linalg.norm(xy[too_near] - self._start, axis=-1) < tuning.escape
+        cost[too_near] += np.where(escapes, tuning.too_near, np.inf)
+        cost[clearance < min(tuning.least, self._radius)] = np.inf
         if len(self._discs):
             away = np.linalg.norm(xy[..., np.newaxis, :] - self._discs[:, :2], axis=-1)
-            cost = cost + _THROUGH_DISC * (away < self._discs[:, 2]).any(axis=-1)
+            cost = cost + tuning.through_disc * (away < self._discs[:, 2]).any(axis=-1)
         return np.asarray(cost)
 
     def of_lines(self, a: Float, b: Float) -> Float:
         """Cost of straight lines [m], from shape (2,) or (n, 2), to shape (n, 2)."""
         along = b - a
         length = np.linalg.norm(along, axis=1)
-        count = int(np.ceil(max(float(length.max()), _SAMPLES) / _SAMPLES))
+        samples = self.tuning.samples
+        count = int(np.ceil(max(float(length.max()), samples) / samples))
         part = (np.arange(count) + 0.5) / count
         places = b[:, np.newaxis] - part[:, np.newaxis] * along[:, np.newaxis]
         return np.asarray(self.at(places).mean(axis=1) * length)
@@ -226,15 +262,15 @@ def _rest(path: Float | None, start: Float, goal: Float) -> Float:
 
 
 def _cropped(
-    grid: OccupancyGrid, around: Float | None, turn: Float
+    grid: OccupancyGrid, around: Float | None, turn: Float, margin: float
 ) -> tuple[NDArray[np.int8], Float]:
     """Cells that matter, and where their outer corner is in the grid's axes [m], shape (2,)."""
     height, width = grid.data.shape
     low, high = np.zeros(2, np.intp), np.array([width, height])
     if around is not None:
         local = (around - (grid.x, grid.y)) @ turn
-        low = np.floor((local.min(axis=0) - _MARGIN) / grid.resolution).astype(np.intp)
-        high = np.ceil((local.max(axis=0) + _MARGIN) / grid.resolution).astype(np.intp)
+        low = np.floor((local.min(axis=0) - margin) / grid.resolution).astype(np.intp)
+        high = np.ceil((local.max(axis=0) + margin) / grid.resolution).astype(np.intp)
         low, high = np.clip(low, 0, (width - 1, height - 1)), np.minimum(high, (width, height))
         high = np.maximum(high, low + 1)
     data = grid.data[low[1] : high[1], low[0] : high[0]]
@@ -253,8 +289,12 @@ def _signed_distance(blocked: Bool) -> Float:
 
 def _search(cost: _Cost, start: Float, goal: Float, low: Float, high: Float) -> Float | None:
     """Cheapest path along the nodes of a box, from start to goal, shape (m, 2)."""
-    columns, rows = np.ceil((high - low) / _NODES).astype(np.intp) + 1
-    x, y = np.meshgrid(low[0] + _NODES * np.arange(columns), low[1] + _NODES * np.arange(rows))
+    from scipy.sparse import coo_array  # here: they take long to load
+    from scipy.sparse.csgraph import dijkstra
+
+    nodes_m = cost.tuning.nodes
+    columns, rows = np.ceil((high - low) / nodes_m).astype(np.intp) + 1
+    x, y = np.meshgrid(low[0] + nodes_m * np.arange(columns), low[1] + nodes_m * np.arange(rows))
     places = np.stack([x, y], axis=-1)
     density = cost.at(places)
     free = np.isfinite(density).ravel()
@@ -271,7 +311,7 @@ def _search(cost: _Cost, start: Float, goal: Float, low: Float, high: Float) -> 
     ]
     a = np.concatenate([pair[0].ravel() for pair in pairs])
     b = np.concatenate([pair[1].ravel() for pair in pairs])
-    length = np.concatenate([np.full(pair[0].size, pair[2] * _NODES) for pair in pairs])
+    length = np.concatenate([np.full(pair[0].size, pair[2] * nodes_m) for pair in pairs])
     keep = free[a] & free[b]
     a, b = a[keep], b[keep]
     weight = 0.5 * (density.ravel()[a] + density.ravel()[b]) * length[keep]
@@ -298,7 +338,7 @@ def _pulled(cost: _Cost, path: Float) -> Float:
     so_far = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps, posinf=1e6))])
     kept, at = [path[0]], 0
     while at < len(path) - 1:
-        ends = slice(at + 1, at + 1 + _LONGEST_LINE)
+        ends = slice(at + 1, at + 1 + cost.tuning.longest_line)
         good = cost.of_lines(path[at], path[ends]) <= so_far[ends] - so_far[at] + 1e-9
         at += 1 + int(np.flatnonzero(good)[-1]) if good.any() else 1
         kept.append(path[at])

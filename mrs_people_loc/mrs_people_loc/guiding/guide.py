@@ -1,7 +1,8 @@
-"""The guide: from people and poses to the posts of the robots and the pace of a tour."""
+"""The guide: from people and poses to posts, pace and velocities of the robots of a tour."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,12 +11,16 @@ import numpy as np
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.errors import TourError
+from mrs_people_loc.guiding.drive import Velocity
 from mrs_people_loc.guiding.formation import FormationPlanner, Scenery
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.guidance import GOES_ON, HALTS, Guidance, Post, State
-from mrs_people_loc.guiding.guided_group import LONGEST_STEP_S, Guest, GuidedGroup
+from mrs_people_loc.guiding.guidance import GOES_ON, Guidance, Post, State
+from mrs_people_loc.guiding.guided_group import Guest, GuidedGroup
 from mrs_people_loc.guiding.pace import PaceControl
-from mrs_people_loc.guiding.tour import Stop, Tour
+from mrs_people_loc.guiding.steering import Steering
+from mrs_people_loc.guiding.tour import Stop, Tour, check_tour
+from mrs_people_loc.guiding.tour_states import PHASES, RUNNING, Cue
 from mrs_people_loc.guiding.tour_team import TourTeam
 from mrs_people_loc.guiding.views import are_in_view
 from mrs_people_loc.people import Group, Person
@@ -37,6 +42,8 @@ class GuideTuning:
             nearer in this time [s] ...
         nearer: ... by more than this [m].
         fetch_s: A person who has been behind for so long is fetched [s].
+        folded: Where places are nearer to each other than this share of the way between them, it
+            turns back.
     """
 
     settled_s: float = 2.0
@@ -48,55 +55,139 @@ class GuideTuning:
     closes_up_s: float = 10.0
     nearer: float = 0.2
     fetch_s: float = 2.0
+    folded: float = 0.5
 
 
 GUIDE_TUNING = GuideTuning()
-#: Where places are nearer to each other than this share of the way between them, it turns back.
-_FOLDED = 0.5
-#: States of a tour that has not ended.
-RUNNING = (State.GATHERING, State.LEADING, State.WAITING, State.AT_STOP, State.HALTED)
 
 
 class Guide:
-    """Guides a group along a tour.
+    """A tour under way: where its robots go, how they drive there, and what stops them.
 
     Args:
-        config: Parameters; may be replaced at any time.
-        space: Where robots may drive; likewise.
+        tour: The tour.
+        config: Parameters; `robots` are those that are driven.
+        space: Where robots may drive.
+        now_ns: Time [ns].
         tuning: Constants.
 
     Attributes:
-        config: Likewise.
-        space: Likewise.
-        faults: Why robots can take no part, by name; besides what the guide finds itself.
+        tour: The tour.
+        state: Of the tour.
+        guidance: The last one; without events, which are told once.
+        space: Where robots may drive, see `take_space`.
+        faults: Why robots can take no part, by name, besides what is found here; may be set.
+
+    Raises:
+        TourError: The tour is not possible there.
     """
 
     def __init__(
-        self, config: cfg.GuideConfig, space: FreeSpace, tuning: GuideTuning = GUIDE_TUNING
+        self,
+        tour: Tour,
+        config: cfg.GuideConfig,
+        space: FreeSpace,
+        now_ns: int = 0,
+        tuning: GuideTuning = GUIDE_TUNING,
     ) -> None:
-        self.config, self.space = config, space
+        check_tour(tour, space, config.safety.wall_distance)
+        self.tour, self.guidance = tour, Guidance(now_ns, State.GATHERING)
         self.faults: Mapping[str, str] = {}
-        self._tuning = tuning
-        self._run: _Run | None = None
-
-    @property
-    def state(self) -> State:
-        """Of the tour."""
-        return State.IDLE if self._run is None else self._run.state
+        self._steering = Steering(config, space, config.robots)
+        self._config, self.space, self._tuning = config, space, tuning
+        self._team, self._group, self._pace = TourTeam(), GuidedGroup(tour.way), PaceControl()
+        self._formation = FormationPlanner(config, tour.way, space)
+        self._events: list[str] = []
+        self._phase, self._misfit = State.GATHERING, ""
+        self._begun_ns, self._now_ns = now_ns, 0
+        self._post_m = self._settled_s = self._there_s = 0.0
+        self._nearest_m = math.inf
+        self._overtakes = False
+        self._next = 0
+        self._turn(Cue.BEGINS)
 
     @property
     def is_running(self) -> bool:
-        """Whether a tour has begun and has not ended."""
+        """Whether it has not ended."""
         return self.state in RUNNING
 
-    def begin(self, tour: Tour) -> None:
-        """Begins a tour, with the group that is there then."""
-        self._run = _Run(tour, self.config, self.space, self._tuning)
+    @property
+    def config(self) -> cfg.GuideConfig:
+        """Parameters; may be replaced at any time, but for `robots`."""
+        return self._config
+
+    @config.setter
+    def config(self, config: cfg.GuideConfig) -> None:
+        config = dataclasses.replace(config, robots=self._steering.robots)
+        self._config = self._steering.config = config
+        self._formation.configure(config, self.space)
+
+    @property
+    def avoided(self) -> tuple[str, ...]:
+        """Names of the robots outside the tour that are avoided."""
+        return self._steering.avoided
+
+    # ---- inputs ----
+
+    def take_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
+        """Takes a pose of any robot, also of one that is not driven: it is avoided."""
+        self._steering.take_pose(robot, pose, now_ns)
+
+    def take_space(self, space: FreeSpace) -> Guidance | None:
+        """Takes another map: robots stand while the tour is not possible by it.
+
+        Returns:
+            How the tour goes on, if that has changed.
+        """
+        self.space = self._steering.space = space
+        self._formation.configure(self._config, space)
+        before, self._misfit = self._misfit, ""
+        try:
+            check_tour(self.tour, space, self._config.safety.wall_distance)
+        except TourError as err:
+            self._misfit = f"by the new map {err}"
+        return self.halt(self._misfit) if self._misfit not in ("", before) else None
+
+    def take_people(
+        self, people: Sequence[Person], groups: Sequence[Group], stamp_ns: int, now_ns: int
+    ) -> Guidance | None:
+        """Takes the people of an interval.
+
+        Args:
+            people: Who is followed, with ids.
+            groups: Their groups, with ids.
+            stamp_ns: Of the people [ns].
+            now_ns: Time [ns].
+
+        Returns:
+            How the tour goes on; None: it has ended before, or robots stand for the map.
+        """
+        if not self.is_running:
+            return None
+        self._steering.take_people(people, stamp_ns, now_ns)
+        if self._misfit:
+            return None
+        return self._told(self.step(people, groups, self._steering.poses(), stamp_ns))
+
+    def check_age(self, now_ns: int) -> Guidance | None:
+        """Halts the tour once people are outdated.
+
+        Args:
+            now_ns: Time [ns].
+
+        Returns:
+            How the tour goes on, if that has changed.
+        """
+        age_s = min(self._steering.people_age_s(now_ns), (now_ns - self._begun_ns) / 1e9)
+        timeout = self._config.safety.people_timeout
+        if not self.is_running or age_s < timeout or self.guidance.state == State.HALTED:
+            return None
+        return self.halt(f"no people have come for {age_s:.2f} s; allowed: {timeout:g} s")
 
     def cancel(self) -> None:
         """Ends the tour."""
-        if self._run is not None and self.is_running:
-            self._run.end(State.CANCELLED, "cancelled")
+        if self.is_running:
+            self._turn(Cue.CANCELLED)
 
     def halt(self, reason: str) -> Guidance:
         """The robots stand until the next step.
@@ -104,11 +195,48 @@ class Guide:
         Args:
             reason: Why, such as that people are outdated.
         """
-        if self._run is None:
-            return Guidance(0, State.IDLE)
         if self.is_running:
-            self._run.halt(reason)
-        return self._run.guidance({})
+            self._halt(reason)
+        return self._told(self._guidance({}))
+
+    def _halt(self, reason: str) -> None:
+        is_halted = self.state == State.HALTED
+        self._turn(Cue.STILL_HALTED if is_halted else Cue.HALTS, why=reason)
+
+    def _told(self, guidance: Guidance) -> Guidance:
+        self.guidance = dataclasses.replace(guidance, events=())
+        self._steering.take_posts(guidance.posts)
+        return guidance
+
+    # ---- outputs ----
+
+    def velocities(self, now_ns: int) -> dict[str, Velocity]:
+        """The velocity of each robot from now on, see `Steering.step`."""
+        return self._steering.step(now_ns)
+
+    def poses(self) -> dict[str, Pose]:
+        """The newest pose of each robot; its stamp is no later than when it came."""
+        return self._steering.poses()
+
+    def goals(self, now_ns: int) -> dict[str, Post]:
+        """Posts of the robots whose poses are not outdated."""
+        timeout = self._config.safety.pose_timeout
+        return {
+            robot: post
+            for robot, post in self.guidance.posts.items()
+            if self._steering.pose_age_s(robot, now_ns) < timeout
+        }
+
+    def off_posts(self) -> dict[str, float]:
+        """How far robots are from their posts [m]."""
+        poses = self._steering.poses()
+        return {
+            robot: math.dist(post.xy, (poses[robot].x, poses[robot].y))
+            for robot, post in self.guidance.posts.items()
+            if robot in poses
+        }
+
+    # ---- a step ----
 
     def step(
         self,
@@ -117,7 +245,7 @@ class Guide:
         poses: Mapping[str, Pose],
         now_ns: int,
     ) -> Guidance:
-        """Takes the people of an interval.
+        """Where the robots are to go; drives nobody there, see `take_people`.
 
         Args:
             people: Who is followed, with ids.
@@ -126,99 +254,46 @@ class Guide:
             now_ns: Stamp of the people [ns].
 
         Returns:
-            Where the robots are to go; no posts before a tour, after it, and while they stand.
+            No posts after a tour, and while the robots stand.
         """
-        if self._run is None:
-            return Guidance(now_ns, State.IDLE)
         if not self.is_running:
-            return self._run.guidance({})
-        self._run.configure(self.config, self.space, self.faults)
-        return self._run.guidance(self._run.step(people, groups, poses, now_ns))
-
-
-class _Run:
-    """A tour on its way."""
-
-    def __init__(
-        self, tour: Tour, config: cfg.GuideConfig, space: FreeSpace, tuning: GuideTuning
-    ) -> None:
-        self.config = config
-        self.state, self._reason = State.GATHERING, "waits for people"
-        self._tour, self._space, self._tuning = tour, space, tuning
-        self._team, self._group, self._pace = TourTeam(), GuidedGroup(tour.way), PaceControl()
-        self._formation = FormationPlanner(config, tour.way, space)
-        self._faults: Mapping[str, str] = {}
-        self._events = [f"the tour {tour.name} begins".replace("  ", " ")]
-        self._now_ns: int | None = None
-        self._post_m = 0.0
-        self._settled_s = self._there_s = 0.0
-        self._nearest_m = math.inf
-        self._is_off, self._is_at_stop, self._overtakes = False, False, False
-        self._next = 0
-
-    def configure(
-        self, config: cfg.GuideConfig, space: FreeSpace, faults: Mapping[str, str]
-    ) -> None:
-        """Takes other parameters, another map and faults of robots, from the next step on."""
-        if space is not self._space or config is not self.config:
-            self._formation.configure(config, space)
-        self.config, self._space, self._faults = config, space, faults
-
-    def end(self, state: State, reason: str) -> None:
-        """Ends the tour."""
-        self.state, self._reason = state, reason
-        self._pace.stand()
-
-    def halt(self, reason: str) -> None:
-        """The robots stand until the next step."""
-        if self.state != State.HALTED:
-            self._events.append(f"{HALTS}{reason}")
-        self.state, self._reason = State.HALTED, reason
-        self._pace.stand()
-
-    def step(
-        self,
-        people: Sequence[Person],
-        groups: Sequence[Group],
-        poses: Mapping[str, Pose],
-        now_ns: int,
-    ) -> dict[str, Post]:
-        """Takes the people of an interval, see `Guide.step`."""
-        since_s = 0.0 if self._now_ns is None else (now_ns - self._now_ns) / 1e9
-        dt_s, self._now_ns = min(max(since_s, 0.0), LONGEST_STEP_S), now_ns
-        self._team.take(poses, self.config, now_ns, self._faults)
+            return self._guidance({})
+        since_s = (now_ns - (self._now_ns or now_ns)) / 1e9
+        dt_s = min(max(since_s, 0.0), self._group.tuning.longest_step_s)
+        self._now_ns = now_ns
+        posts: dict[str, Post] = {}
+        self._team.take(poses, self._config, now_ns, self.faults)
         if not self._team.robots:
             faults = "; ".join(f"{name}: {why}" for name, why in self._team.faults.items())
             self._events += self._team.events
-            self.halt(f"no robot takes part: {faults or 'none is there'}")
-            self._team.watch({}, dt_s)
-            return {}
-        if self.state == State.HALTED:
-            self._events.append(GOES_ON)
-        self._choose_leader()
-        if not self._is_off:
-            self._gather(people, groups, dt_s)
+            self._halt(f"no robot takes part: {faults or 'none is there'}")
         else:
-            self._group.leader_m = self._team.leader_m
-            self._group.step(people, groups, now_ns / 1e9, self._in_view)
-            self._group.give_up(self.config.pace.patience)
-            self._events += self._group.events
-            self._go_on(dt_s)
-        posts = self._posts() if self.state in RUNNING else {}
+            if self.state == State.HALTED:
+                self._events.append(GOES_ON)
+            self._choose_leader()
+            if self._phase == State.GATHERING:
+                self._gather(people, groups, dt_s)
+            else:
+                self._group.leader_m = self._team.leader_m
+                self._group.step(people, groups, now_ns / 1e9, self._in_view)
+                self._group.give_up(self._config.pace.patience)
+                self._events += self._group.events
+                self._go_on(dt_s)
+            posts = self._posts() if self.state in RUNNING else {}
         self._team.watch(posts, dt_s)
-        return posts
+        return self._guidance(posts)
 
-    def guidance(self, posts: Mapping[str, Post]) -> Guidance:
+    def _guidance(self, posts: Mapping[str, Post]) -> Guidance:
         """What is told of the tour; events once."""
-        group, events = self._group, tuple(self._events)
+        group, events, way = self._group, tuple(self._events), self.tour.way
         self._events = []
         return Guidance(
-            stamp_ns=self._now_ns or 0,
+            stamp_ns=self._now_ns,
             state=self.state,
             reason=self._reason,
             stop="" if self._stop is None else self._stop.name,
-            way_m=float(np.clip(group.way_m, 0.0, self._tour.way.length)),
-            length_m=self._tour.way.length,
+            way_m=float(np.clip(group.way_m, 0.0, way.length)),
+            length_m=way.length,
             speed=self._pace.speed,
             people=tuple(sorted({one.id for one in group.guided})),
             stragglers=tuple(sorted({one.id for one in group.behind})),
@@ -233,124 +308,121 @@ class _Run:
     @property
     def _stop(self) -> Stop | None:
         """The next stop; None: the end of the way is next."""
-        return self._tour.stops[self._next] if self._next < len(self._tour.stops) else None
+        return self.tour.stops[self._next] if self._next < len(self.tour.stops) else None
 
     @property
     def _stop_m(self) -> float:
         """Where on the way the leader stands at the next stop [m]; the group is behind it."""
-        end_m = self._tour.way.length
-        return end_m if self._stop is None else min(self._stop.way_m + self.config.pace.lead, end_m)
+        end_m, stop = self.tour.way.length, self._stop
+        return end_m if stop is None else min(stop.way_m + self._config.pace.lead, end_m)
 
-    def _gather(
-        self, people: Sequence[Person], groups: Sequence[Group], dt_s: float
-    ) -> None:  # fmt: skip
+    def _turn(self, cue: Cue, **words: object) -> None:
+        """Changes the state as the table of `Cue` says."""
+        turn = cue.value
+        assert turn.phase in (None, self._phase)
+        words |= {
+            "tour": f"tour {self.tour.name}".rstrip(),
+            "where": "the end" if self._stop is None else self._stop.name,
+            "leader": self._team.leader,
+            "patience": self._config.pace.patience,
+        }
+        self.state, self._reason = turn.state, turn.reason.format(**words)
+        if turn.event:
+            self._events.append(turn.event.format(**words))
+        if turn.state in PHASES:
+            self._phase = turn.state
+        if not turn.walks:
+            self._pace.stand()
+
+    def _gather(self, people: Sequence[Person], groups: Sequence[Group], dt_s: float) -> None:
         """Waits until a group is there."""
-        assert self._now_ns is not None
-        self.state = State.GATHERING
         before, pose = len(self._group.guests), self._team.robots[self._team.leader]
         leader, now_s = np.array([pose.x, pose.y]), self._now_ns / 1e9
         self._group.gather(people, groups, leader, now_s, self._in_view)
         guests = self._group.guests
         if not guests:
-            self._settled_s, self._reason = 0.0, "waits for people: none is seen"
+            self._settled_s = 0.0
+            self._turn(Cue.NOBODY_SEEN)
             return
         self._settled_s = self._settled_s + dt_s if len(guests) <= before else 0.0
         ways = np.array([one.way_m for one in guests])
-        off = np.array([one.xy for one in guests]) - self._tour.way.at(ways)
-        away, allowed = float(np.median(np.hypot(*off.T))), self.config.pace.max_stretch
-        self._reason = f"sees {_people(guests)}"
+        off = np.array([one.xy for one in guests]) - self.tour.way.at(ways)
+        away, allowed = float(np.median(np.hypot(*off.T))), self._config.pace.max_stretch
         if away > allowed:
-            self._reason = (
-                f"waits for the group: it is {away:.1f} m from the way; allowed: {allowed:g} m"
-            )
+            self._turn(Cue.GROUP_AWAY, away=away, allowed=allowed)
         elif self._settled_s >= self._tuning.settled_s:
-            self._is_off, self.state, self._reason = True, State.LEADING, ""
-            self._events.append(f"sets off with {_people(guests)}")
+            self._turn(Cue.GROUP_SETTLED, people=_people(guests))
+        else:
+            self._turn(Cue.GROUP_SEEN, people=_people(guests))
 
     def _go_on(self, dt_s: float) -> None:
-        """State and speed."""
-        group, tuning = self._group, self._tuning
+        """The tour has set off."""
         to_go = self._stop_m - self._team.leader_m
         waits = self._waits_for()
-        if not group.guided:
-            self.end(State.CANCELLED, "nobody of the group is left")
-        elif self._is_at_stop:
+        if not self._group.guided:
+            self._turn(Cue.NOBODY_LEFT)
+        elif self._phase == State.AT_STOP:
             self._stay(waits, dt_s)
         elif self._overtakes:
-            self.state = State.WAITING
-            self._reason = f"waits until {self._team.leader} is in front"
-            self._pace.stand()
-        elif waits:
-            self.state, self._reason, self._there_s = State.WAITING, waits, 0.0
-            self._nearest_m = math.inf
-            self._pace.stand()
-        elif to_go <= tuning.there:
+            self._turn(Cue.OVERTAKES)
+        elif not waits and to_go <= self._tuning.there:
             self._close_up(dt_s)
         else:
             self._there_s, self._nearest_m = 0.0, math.inf
-            self._walk(to_go, dt_s)
+            if waits:
+                self._turn(Cue.SOMEBODY_BEHIND, waits=waits)
+            else:
+                self._walk(to_go, dt_s)
 
     def _close_up(self, dt_s: float) -> None:
         """The leader is at a stop, or at the end, and waits for the others."""
-        away, tuning = self._away(), self._tuning
-        where = "the end" if self._stop is None else self._stop.name
+        away, tuning, pace = self._away(), self._tuning, self._config.pace
         if away < self._nearest_m - tuning.nearer:
             self._nearest_m, self._there_s = away, 0.0
         self._there_s += dt_s
-        self._pace.stand()
-        self.state, self._reason = State.WAITING, f"waits until everybody is at {where}"
         if self._is_group_there():
-            self._arrive(f"everybody is at {where}")
-        elif self._there_s >= tuning.closes_up_s and away <= self.config.pace.max_stretch:
-            self._arrive(
-                f"goes on after {tuning.closes_up_s:g} s: the group is {away:.1f} m from {where}"
-            )
-        elif self._there_s >= self.config.pace.patience:
-            self._end_without_group()
-
-    def _arrive(self, event: str) -> None:
-        self._events.append(event)
-        self._nearest_m = math.inf
-        self._is_at_stop, self._there_s, self.state, self._reason = True, 0.0, State.AT_STOP, ""
-        if self._stop is None:
-            self.end(State.FINISHED, "")
-            self._events.append(f"the tour {self._tour.name} is finished".replace("  ", " "))
-
-    def _end_without_group(self) -> None:
-        reason = f"the group has not come along for {self.config.pace.patience:g} s"
-        self._events.append(reason)
-        self.end(State.CANCELLED, reason)
+            self._turn(Cue.ALL_THERE)
+        elif self._there_s >= tuning.closes_up_s and away <= pace.max_stretch:
+            self._turn(Cue.MOST_THERE, after=tuning.closes_up_s, away=away)
+        elif self._there_s >= pace.patience:
+            self._turn(Cue.NOT_COMING)
+        else:
+            self._turn(Cue.SOME_ON_THEIR_WAY)
+        if self._phase == State.AT_STOP:
+            self._there_s, self._nearest_m = 0.0, math.inf
+            if self._stop is None:
+                self._turn(Cue.AT_END)
 
     def _stay(self, waits: str, dt_s: float) -> None:
         """The group is at a stop."""
         assert self._stop is not None
-        self.state, self._reason, self._there_s = State.AT_STOP, "", self._there_s + dt_s
+        self._there_s += dt_s
         if self._there_s < self._stop.wait_s:
-            return
-        self._reason = waits
-        if not waits:
-            self._events.append(f"goes on from {self._stop.name}")
-            self._is_at_stop, self._there_s, self.state = False, 0.0, State.LEADING
-            self._next += 1
+            self._turn(Cue.STAYS)
+        elif waits:
+            self._turn(Cue.STAYS_FOR_SOMEBODY, waits=waits)
+        else:
+            self._turn(Cue.STAYED)
+            self._there_s, self._next = 0.0, self._next + 1
 
     def _walk(self, to_go: float, dt_s: float) -> None:
         """The leader goes as the group follows."""
-        config, group = self.config.pace, self._group
+        config, group = self._config.pace, self._group
         leader = self._team.robots[self._team.leader]
         speed = self._pace.step(
             config,
-            highest=min(self._tour.speed or config.speed, self._tuning.brakes * to_go),
+            highest=min(self.tour.speed or config.speed, self._tuning.brakes * to_go),
             gap=group.gap(self._team.leader_m, np.array([leader.x, leader.y])),
             stretch=group.stretch,
             dt_s=dt_s,
         )
-        self.state, self._reason = State.LEADING, ""
-        if speed == 0.0:
-            long = group.stretch > config.stretch
-            self.state = State.WAITING
-            self._reason = "waits until the group has closed up" if long else "waits for the group"
-            if self._pace.in_vain_s >= self.config.pace.patience:
-                self._end_without_group()
+        if speed > 0.0:
+            self._turn(Cue.FOLLOWS)
+        elif self._pace.in_vain_s >= config.patience:
+            self._turn(Cue.NOT_COMING)
+        else:
+            is_long = group.stretch > config.stretch
+            self._turn(Cue.STRETCHED if is_long else Cue.FAR_BEHIND)
 
     def _waits_for(self) -> str:
         """Whom the group waits for, in words; empty: nobody."""
@@ -362,7 +434,7 @@ class _Run:
     @property
     def _stop_xy(self) -> Float:
         """Where the group is to be next [m], shape (2,)."""
-        return self._tour.way.at(self._tour.way.length if self._stop is None else self._stop.way_m)
+        return self.tour.way.at(self.tour.way.length if self._stop is None else self._stop.way_m)
 
     def _away(self) -> float:
         """How far the group's middle is from the next stop [m]."""
@@ -372,7 +444,7 @@ class _Run:
     def _is_group_there(self) -> bool:
         """Whether everybody is at the next stop: near it, or near each other behind the leader."""
         xy = np.array([one.xy for one in self._group.together])
-        gather, lead = self.config.pace.gather, self.config.pace.lead
+        gather, lead = self._config.pace.gather, self._config.pace.lead
         if (np.hypot(*(xy - self._stop_xy).T) <= gather).all():
             return True
         is_close = bool((np.hypot(*(xy - np.median(xy, axis=0)).T) <= gather).all())
@@ -382,17 +454,16 @@ class _Run:
 
     def _choose_leader(self) -> None:
         group = self._group
-        front_m = group.front_m + self.config.pace.lead
-        moving = self._is_off and not self._is_at_stop
-        assert self._now_ns is not None
+        front_m = group.front_m + self._config.pace.lead
+        moving = self._phase == State.LEADING
         if self._team.lead(
-            self.config.leader, self._tour.way, group.way_m, front_m, self._now_ns, moving=moving
+            self._config.leader, self.tour.way, group.way_m, front_m, self._now_ns, moving=moving
         ):
             self._post_m = self._team.leader_m
             self._pace.stand()
-            self._overtakes = self._is_off and self._team.leader_m < group.way_m
+            self._overtakes = self._phase != State.GATHERING and self._team.leader_m < group.way_m
         else:
-            in_front_m = group.front_m + 0.5 * self.config.pace.lead
+            in_front_m = group.front_m + 0.5 * self._config.pace.lead
             enough_m = min(in_front_m, self._stop_m - self._tuning.there)
             self._overtakes = self._overtakes and self._team.leader_m < enough_m
         self._events += self._team.events
@@ -400,8 +471,8 @@ class _Run:
     def _in_view(self, xy: Float) -> Bool:
         """Where nobody is unnoticed, shape (n,): robots look there, or the floor is not free."""
         people = np.array([one.xy for one in self._group.guided if one.followed]).reshape(-1, 2)
-        in_view = are_in_view(xy, people, self._team.robots, self.config, self._space)
-        return np.asarray(in_view | (self._space.clearance(xy) < 0.0))
+        in_view = are_in_view(xy, people, self._team.robots, self._config, self.space)
+        return np.asarray(in_view | (self.space.clearance(xy) < 0.0))
 
     def _posts(self) -> dict[str, Post]:
         """Where the robots are to go."""
@@ -415,7 +486,6 @@ class _Run:
         if fetched is not None and fetched not in there:
             there.append(fetched)
         self._post_m, speed = self._leaders_post(speed)
-        assert self._now_ns is not None
         posts = self._formation.step(
             Scenery(
                 people=np.array([one.xy for one in there]),
@@ -437,21 +507,21 @@ class _Run:
         """Where on the way the leader is to go [m], and how fast [m/s]."""
         group, leader_m, tuning = self._group, self._team.leader_m, self._tuning
         if self._overtakes and group.together:
-            front_m = group.front_m + self.config.pace.lead
-            return min(front_m, max(self._stop_m, leader_m)), self.config.base.max_speed
+            front_m = group.front_m + self._config.pace.lead
+            return min(front_m, max(self._stop_m, leader_m)), self._config.base.max_speed
         if speed > 0.0:
             post_m = min(leader_m + tuning.ahead + tuning.ahead_s * speed, self._stop_m)
             if self._turns_back(post_m):
                 self._team.leader_m = post_m
                 post_m = min(post_m + tuning.ahead, self._stop_m)
             return post_m, speed
-        return min(self._post_m, leader_m + tuning.brake_m), self.config.pace.speed
+        return min(self._post_m, leader_m + tuning.brake_m), self._config.pace.speed
 
     def _turns_back(self, post_m: float) -> bool:
         """Whether the way turns back on itself between the leader and its next place."""
         pose = self._team.robots[self._team.leader]
-        away = float(np.hypot(*(self._tour.way.at(post_m) - (pose.x, pose.y))))
-        return away < _FOLDED * (post_m - self._team.leader_m)
+        away = float(np.hypot(*(self.tour.way.at(post_m) - (pose.x, pose.y))))
+        return away < self._tuning.folded * (post_m - self._team.leader_m)
 
     def _who_is_fetched(self) -> Guest | None:
         """Who has been behind for the longest time."""

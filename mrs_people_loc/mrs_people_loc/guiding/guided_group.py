@@ -11,14 +11,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.guiding.way import Way
 from mrs_people_loc.people import Group, Person
-
-#: After a longer pause, for which the robots stood, times of people go on by no more than this [s].
-LONGEST_STEP_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -26,10 +22,12 @@ class GroupTuning:
     """Constants of the guided group; chosen.
 
     Attributes:
+        longest_step_s: After a longer pause, for which the robots stood, times of people go on by
+            no more than this [s].
         as_near: Groups are as near to the leader and the start as the nearest one within this [m].
         start_reach: People at the start of the tour are no farther along the way than this [m].
         fastest: People do not come along the way faster than this [m/s].
-        astray: A person farther from their place along the way than this is sought anew on it [m].
+        astray: A person farther from their place along the way than this is sought again on it [m].
         apart_s: A person who is apart from the group for so long has fallen behind [s].
         near: A person who has fallen behind is back when this near to somebody of the group [m],
         apart: ... and a person who is no farther than this from somebody is with the group [m].
@@ -48,8 +46,10 @@ class GroupTuning:
             as the leader on a later part does, is on that part, too [m/s]: ...
         beside_way: ... it is no farther from them than the part before by this [m].
         same_s: A track with the id of another is another one if it began later by this [s].
+        never: What two tracks that cannot be the same person's cost [m]: more than all others can.
     """
 
+    longest_step_s: float = 0.5
     as_near: float = 2.0
     start_reach: float = 12.0
     fastest: float = 1.6
@@ -69,6 +69,10 @@ class GroupTuning:
     walks: float = 0.2
     beside_way: float = 0.3
     same_s: float = 1.5
+    never: float = 1e3
+
+
+GROUP_TUNING = GroupTuning()
 
 
 @dataclass(eq=False)
@@ -129,7 +133,7 @@ class GuidedGroup:
     """
 
     way: Way
-    tuning: GroupTuning = field(default_factory=GroupTuning)
+    tuning: GroupTuning = GROUP_TUNING
     guests: list[Guest] = field(default_factory=list)
     way_m: float = -math.inf
     leader_m: float = -math.inf
@@ -267,7 +271,7 @@ class GuidedGroup:
         """
         self.events = []
         away_s = max(now_s - self._now_s, 0.0)
-        dt_s, self._now_s = min(away_s, LONGEST_STEP_S), now_s
+        dt_s, self._now_s = min(away_s, self.tuning.longest_step_s), now_s
         by_id = {person.id: person for person in people if person.id}
         self._follow(by_id, now_s, dt_s)
         self._watch_places(by_id.values(), dt_s, sees)
@@ -333,26 +337,41 @@ class GuidedGroup:
         A track that begins soon after the end of another, near by, is of the same person; later
         too, unless that person may still stand, apart from the group, where they were last.
         """
-        tuning = self.tuning
-        gone = [one for one in self.guests if not one.followed and one.joined_m is None]
-        taken = {one.id for one in self.guests if one.followed and one.joined_m is None}
-        fresh = [p for i, p in sorted(by_id.items()) if i not in taken and not p.coasting]
-        if not gone or not fresh:
+        from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+
+        guests = [one for one in self.guests if one.joined_m is None]
+        followed = {one.id for one in guests if one.followed}
+        ended = [one for one in guests if not one.followed]
+        begun = [p for i, p in sorted(by_id.items()) if i not in followed and not p.coasting]
+        if not ended or not begun:
             return
-        xy = np.array([person.position for person in fresh])
-        distance = np.linalg.norm(np.array([guest.xy for guest in gone])[:, None] - xy, axis=2)
-        there = np.linalg.norm(np.array([guest.place for guest in gone])[:, None] - xy, axis=2)
-        last_s = np.array([guest.last_s for guest in gone])[:, None]
-        began_s = now_s - np.array([person.age_s for person in fresh])
-        reach = tuning.switch_reach + tuning.fastest * (now_s - last_s)
-        allowed = np.minimum(distance, there) <= np.minimum(reach, tuning.switch_most)
-        allowed &= began_s > last_s - tuning.same_s
-        loose = [one.unseen_s <= tuning.switch_s or self._is_hidden(one) for one in gone]
-        allowed &= np.array(loose)[:, None] | (there <= tuning.beside)
-        cost = np.where(allowed, np.minimum(distance, there), 1e3)
+        away, may_be = self._away_from_ends(ended, begun, now_s)
+        cost = np.where(may_be, away, self.tuning.never)
         for row, column in zip(*linear_sum_assignment(cost), strict=True):
-            if allowed[row, column]:
-                self._is_now(gone[row], fresh[column], now_s)
+            if may_be[row, column]:
+                self._is_now(ended[row], begun[column], now_s)
+
+    def _away_from_ends(
+        self, ended: Sequence[Guest], begun: Sequence[Person], now_s: float
+    ) -> tuple[Float, Bool]:
+        """How far tracks that have begun are from those that ended.
+
+        Returns:
+            Distances from where the guests were last, or would be by now, the less [m], and whether
+            it may be the same person, shapes (ended, begun).
+        """
+        tuning, xy = self.tuning, np.array([person.position for person in begun])
+        there = np.linalg.norm(np.array([one.place for one in ended])[:, None] - xy, axis=2)
+        onward = np.linalg.norm(np.array([one.xy for one in ended])[:, None] - xy, axis=2)
+        away = np.minimum(onward, there)
+        last_s = np.array([one.last_s for one in ended])[:, None]
+        began_s = now_s - np.array([person.age_s for person in begun])
+        reach = tuning.switch_reach + tuning.fastest * (now_s - last_s)
+        in_reach = away <= np.minimum(reach, tuning.switch_most)
+        in_order = began_s > last_s - tuning.same_s
+        has_moved = [one.unseen_s <= tuning.switch_s or self._is_hidden(one) for one in ended]
+        in_place = np.array(has_moved)[:, None] | (there <= tuning.beside)
+        return away, in_reach & in_order & in_place
 
     def _is_now(self, guest: Guest, person: Person, now_s: float) -> None:
         """A guest has another track from now on."""

@@ -11,33 +11,44 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig
-from mrs_people_loc.guiding.drive import Drive
+from mrs_people_loc.guiding.drive import Drive, Situation, Velocity
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
 from mrs_people_loc.guiding.views import are_in_view
 from mrs_people_loc.people import Person
-from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.poses import Pose, places_of
 
-#: Time between two steps that a drive is told, at least and at most [s].
-_SHORTEST_S, _LONGEST_S = 0.01, 0.2
-#: Paths keep so much farther from people and team-mates than the drive's own limit [m].
-_DETOUR_M = 0.2
-#: ... and those who are nearer to the post than this are no reason for a detour [m].
-_AT_POST_M = 0.1
-#: Somebody who is not followed any more is avoided for so long [s], ...
-_KEPT_S = 4.0
-#: ... unless robots have seen that their place is empty for so long [s], or somebody is so near to
-#: it [m].
-_EMPTY_S, _BESIDE_M = 0.6, 0.6
-#: Images become people in this time [ns]; poses come at once.
-_PEOPLE_NS = 200_000_000
-#: What comes from so far in the future [s] is of no use: the clock was set back.
-_FUTURE_S = 0.05
-#: A robot outside the tour is avoided for so long after its last pose [ns].
-_KEPT_OFF_NS = 120_000_000_000
 
-#: Speed ahead [m/s] and rate of turn [rad/s].
-Velocity = tuple[float, float]
+@dataclass(frozen=True)
+class SteeringTuning:
+    """Constants of what happens between messages; chosen by hand in simulation.
+
+    Attributes:
+        shortest_s: Time between two steps that a drive gets, at least ...
+        longest_s: ... and at most [s].
+        detour: Paths keep so much farther from people and team-mates than the drive's own limit [m]
+        at_post: ... and those who are nearer to the post than this are no reason for one [m].
+        kept_s: Somebody who is not followed any more is avoided for so long [s], ...
+        empty_s: ... unless robots have seen that their place is empty for so long [s], ...
+        beside: ... or somebody is so near to it [m].
+        people_s: Images become people in this time [s]; poses come at once.
+        future_s: What comes from so far in the future is of no use [s]: the clock was set back.
+        outside_s: A robot outside the tour is avoided for so long after its last pose [s].
+    """
+
+    shortest_s: float = 0.01
+    longest_s: float = 0.2
+    detour: float = 0.2
+    at_post: float = 0.1
+    kept_s: float = 4.0
+    empty_s: float = 0.6
+    beside: float = 0.6
+    people_s: float = 0.2
+    future_s: float = 0.05
+    outside_s: float = 120.0
+
+
+STEERING_TUNING = SteeringTuning()
 
 
 @dataclass(frozen=True)
@@ -74,6 +85,7 @@ class Steering:
         config: Parameters; may be replaced at any time.
         space: Free floor; likewise.
         robots: Names of the robots that are driven.
+        tuning: Constants.
 
     Attributes:
         config: Parameters.
@@ -81,11 +93,16 @@ class Steering:
         robots: Names of the robots that are driven.
     """
 
-    def __init__(self, config: GuideConfig, space: FreeSpace, robots: Iterable[str]) -> None:
-        self.config = config
-        self.space = space
+    def __init__(
+        self,
+        config: GuideConfig,
+        space: FreeSpace,
+        robots: Iterable[str],
+        tuning: SteeringTuning = STEERING_TUNING,
+    ) -> None:
+        self.config, self.space, self._tuning = config, space, tuning
         self.robots = tuple(robots)
-        self._drives = {robot: Drive(config) for robot in self.robots}
+        self._drives = {robot: Drive() for robot in self.robots}
         self._heard: dict[str, _Heard] = {}
         self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
         self._posts: Mapping[str, Post] = {}
@@ -114,9 +131,10 @@ class Steering:
 
     def _keep_vanished(self, people: Sequence[Person], stamp_ns: int) -> None:
         """Who vanished is still there for some seconds, unless robots see that nobody is."""
+        tuning = self._tuning
         since_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
         before, self._followed = self._followed, {one.id: one.position for one in people if one.id}
-        if since_s < _KEPT_S:
+        if since_s < tuning.kept_s:
             gone = [xy for number, xy in before.items() if number not in self._followed]
             self._vanished += [_Vanished(xy, stamp_ns) for xy in gone]
         if not self._vanished:
@@ -131,9 +149,9 @@ class Steering:
         self._vanished = [
             one
             for one, off in zip(self._vanished, away, strict=True)
-            if off > _BESIDE_M
-            and one.empty_s < _EMPTY_S
-            and 0 <= stamp_ns - one.since_ns < _KEPT_S * 1e9
+            if off > tuning.beside
+            and one.empty_s < tuning.empty_s
+            and 0 <= stamp_ns - one.since_ns < tuning.kept_s * 1e9
         ]
 
     def take_posts(self, posts: Mapping[str, Post]) -> None:
@@ -149,14 +167,15 @@ class Steering:
         """For how long people have been missing [s]: see the class."""
         if self._stamp_ns is None:
             return math.inf
-        return _age_s(now_ns, min(self._stamp_ns + _PEOPLE_NS, self._came_ns))
+        people_ns = round(self._tuning.people_s * 1e9)
+        return self._age_s(now_ns, min(self._stamp_ns + people_ns, self._came_ns))
 
     def pose_age_s(self, robot: str, now_ns: int) -> float:
         """Age of a robot's pose [s]."""
         heard = self._heard.get(robot)
         if heard is None:
             return math.inf
-        return _age_s(now_ns, min(heard.pose.stamp_ns, heard.came_ns))
+        return self._age_s(now_ns, min(heard.pose.stamp_ns, heard.came_ns))
 
     @property
     def avoided(self) -> tuple[str, ...]:
@@ -181,10 +200,11 @@ class Steering:
         """
         since_s = math.inf if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
         self._stepped_ns = now_ns
+        tuning = self._tuning
         for robot in self.avoided:
-            if now_ns - self._heard[robot].came_ns > _KEPT_OFF_NS:
+            if now_ns - self._heard[robot].came_ns > tuning.outside_s * 1e9:
                 del self._heard[robot]
-        dt = min(max(since_s, _SHORTEST_S), _LONGEST_S)
+        dt = min(max(since_s, tuning.shortest_s), tuning.longest_s)
         poses = {robot: self._now(robot, now_ns) for robot in self._heard}
         self._velocities = {robot: self._drive(robot, poses, now_ns, dt) for robot in self.robots}
         return dict(self._velocities)
@@ -197,25 +217,24 @@ class Steering:
         )
         if left_s <= dt:  # before the next step
             return 0.0, 0.0
-        others = [name for name in poses if name != robot]
-        drive = self._drives[robot]
-        drive.config = self.config
-        return drive.step(
-            poses[robot],
-            self._velocities[robot],
-            self._posts.get(robot),
+        others = {name: pose for name, pose in poses.items() if name != robot}
+        motions = [self._motion(name, pose) for name, pose in others.items()]
+        now = Situation(
+            config=self.config,
+            pose=poses[robot],
+            twist=self._velocities[robot],
+            post=self._posts.get(robot),
             people=self._people,
             people_velocity=self._people_velocity,
             people_age=0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) / 1e9,
-            robots=np.array([(poses[name].x, poses[name].y) for name in others]).reshape(-1, 2),
-            robots_velocity=np.array([self._motion(name, poses[name]) for name in others]).reshape(
-                -1, 2
-            ),
+            robots=places_of(others.values()),
+            robots_velocity=np.array(motions).reshape(-1, 2),
             space=self.space,
             path=self._paths.get(robot),
             stands_within=left_s - dt,
             dt=dt,
         )
+        return self._drives[robot].step(now)
 
     def _now(self, robot: str, now_ns: int) -> Pose:
         """Where a robot is by its last pose and its velocity since."""
@@ -237,22 +256,20 @@ class Steering:
 
     def _path(self, robot: str, post: Post) -> Float | None:
         """The way to a post past walls, people and team-mates."""
-        safety, pose = self.config.safety, self._heard[robot].pose
-        others = [h.pose for name, h in self._heard.items() if name != robot]
-        mates = np.array([(one.x, one.y) for one in others]).reshape(-1, 2)
+        safety, tuning, pose = self.config.safety, self._tuning, self._heard[robot].pose
+        mates = places_of(h.pose for name, h in self._heard.items() if name != robot)
         places = np.concatenate([self._people, mates])
         radii = np.repeat(
-            [safety.person_distance + _DETOUR_M, safety.robot_distance + _DETOUR_M],
+            [safety.person_distance + tuning.detour, safety.robot_distance + tuning.detour],
             [len(self._people), len(mates)],
         )
         away = np.linalg.norm(places - post.xy, axis=1)
-        discs = np.column_stack([places, np.minimum(radii, away - _AT_POST_M)])
+        discs = np.column_stack([places, np.minimum(radii, away - tuning.at_post)])
         start = np.array([pose.x, pose.y])
         discs, before = discs[discs[:, 2] > 0.0], self._paths.get(robot)
         return self.space.path(start, post.xy, safety.wall_distance, discs, before)
 
-
-def _age_s(now_ns: int, then_ns: int) -> float:
-    """Age [s]; infinite for what comes from the future."""
-    age_s = (now_ns - then_ns) / 1e9
-    return age_s if age_s >= -_FUTURE_S else math.inf
+    def _age_s(self, now_ns: int, then_ns: int) -> float:
+        """Age [s]; infinite for what comes from the future."""
+        age_s = (now_ns - then_ns) / 1e9
+        return age_s if age_s >= -self._tuning.future_s else math.inf

@@ -31,18 +31,33 @@ from mrs_people_loc.guiding.way import Way
 if TYPE_CHECKING:  # a planner, which reads no tours, is there sooner without its libraries
     from mrs_people_loc.guiding.free_space import FreeSpace
 
-#: Shortest and longest way [m].
-_SHORTEST, _LONGEST = 1.0, 5_000.0
-#: Most points and stops.
-_MOST_POINTS, _MOST_STOPS = 10_000, 200
-#: Greatest coordinate [m].
-_FARTHEST = 1e6
-#: A stop is no farther from the way than this [m].
-_BESIDE = 2.0
-#: Longest waiting time [s].
-_LONGEST_WAIT = 3600.0
-#: A way is checked every so often [m].
-_STEP = 0.05
+
+@dataclass(frozen=True)
+class TourLimits:
+    """What a tour may be; chosen far beyond those that people walk.
+
+    Attributes:
+        shortest: Shortest way [m].
+        longest: Longest way [m].
+        points: Most points of a way.
+        stops: Most stops.
+        farthest: Greatest coordinate [m].
+        beside: A stop is no farther from the way than this [m].
+        wait_s: Longest waiting time [s].
+        step: A way is checked every so often [m].
+    """
+
+    shortest: float = 1.0
+    longest: float = 5_000.0
+    points: int = 10_000
+    stops: int = 200
+    farthest: float = 1e6
+    beside: float = 2.0
+    wait_s: float = 3600.0
+    step: float = 0.05
+
+
+LIMITS = TourLimits()
 _KEYS = ("name", "frame", "points", "stops", "speed")
 _STOP_KEYS = ("name", "at", "wait")
 
@@ -123,16 +138,17 @@ def tour_from(
     given = np.asarray(points, dtype=np.float64)
     if given.shape == (1, 2):
         raise TourError("a tour needs at least two points; this one has one")
-    if given.ndim != 2 or given.shape[1:] != (2,) or not 2 <= len(given) <= _MOST_POINTS:
+    if given.ndim != 2 or given.shape[1:] != (2,) or not 2 <= len(given) <= LIMITS.points:
         raise TourError(
-            f"points have the shape {given.shape}; wanted: (n, 2), n from 2 to {_MOST_POINTS}"
+            f"points have the shape {given.shape}; wanted: (n, 2), n from 2 to {LIMITS.points}"
         )
-    if not (np.abs(given) <= _FARTHEST).all():  # NaN compares false
-        raise TourError(f"points hold NaN or too large values; wanted: up to {_FARTHEST:g} m")
+    if not (np.abs(given) <= LIMITS.farthest).all():  # NaN compares false
+        raise TourError(f"points hold NaN or too large values; wanted: up to {LIMITS.farthest:g} m")
     length_m = float(np.linalg.norm(np.diff(given, axis=0), axis=1).sum())
-    if not _SHORTEST <= length_m <= _LONGEST:
+    if not LIMITS.shortest <= length_m <= LIMITS.longest:
         raise TourError(
-            f"the way is {length_m:.2f} m long; allowed: {_SHORTEST:g} to {_LONGEST:g} m"
+            f"the way is {length_m:.2f} m long; "
+            f"allowed: {LIMITS.shortest:g} to {LIMITS.longest:g} m"
         )
     try:
         speed = None if speed is None else cfg.Pace(speed=speed).speed
@@ -153,7 +169,7 @@ def check_tour(tour: Tour, space: FreeSpace, radius: float) -> None:
     Raises:
         TourError: The way passes nearer to a wall; names the place.
     """
-    along = np.arange(0.0, tour.way.length, _STEP)
+    along = np.arange(0.0, tour.way.length, LIMITS.step)
     places = tour.way.at(along)
     clearance = space.clearance(places)
     near = np.flatnonzero(clearance < radius)
@@ -171,7 +187,7 @@ def check_tour(tour: Tour, space: FreeSpace, radius: float) -> None:
 
 def _stops(way: Way, stops: Iterable[tuple[str, ArrayLike, float]]) -> tuple[Stop, ...]:
     """Stops at the nearest place of the way that is not before the former stop."""
-    along = np.append(np.arange(0.0, way.length, _STEP), way.length)
+    along = np.append(np.arange(0.0, way.length, LIMITS.step), way.length)
     places = way.at(along)
     found: list[Stop] = []
     for name, at, wait_s in stops:
@@ -179,21 +195,21 @@ def _stops(way: Way, stops: Iterable[tuple[str, ArrayLike, float]]) -> tuple[Sto
         xy = np.asarray(at, dtype=np.float64)
         if xy.shape != (2,) or not np.isfinite(xy).all():
             raise TourError(f"{what} is at {np.asarray(at).tolist()}; wanted: x, y [m]")
-        if not 0.0 <= wait_s <= _LONGEST_WAIT:
-            raise TourError(f"{what} waits for {wait_s:g} s; allowed: 0 to {_LONGEST_WAIT:g} s")
+        if not 0.0 <= wait_s <= LIMITS.wait_s:
+            raise TourError(f"{what} waits for {wait_s:g} s; allowed: 0 to {LIMITS.wait_s:g} s")
         away = np.hypot(*(places - xy).T)
         nearest = float(away.min())
-        if nearest > _BESIDE:
-            raise TourError(f"{what} is {nearest:.1f} m from the way; allowed: {_BESIDE:g} m")
+        if nearest > LIMITS.beside:
+            raise TourError(f"{what} is {nearest:.1f} m from the way; allowed: {LIMITS.beside:g} m")
         away[along < (found[-1].way_m if found else 0.0)] = np.inf
-        if away.min() > max(_BESIDE, nearest):
+        if away.min() > max(LIMITS.beside, nearest):
             raise TourError(
                 f"{what} is before stop {found[-1].name!r} on the way; "
                 "wanted: stops in the order of the way"
             )
         found.append(Stop(name, xy, float(along[away.argmin()]), float(wait_s)))
-        if len(found) > _MOST_STOPS:
-            raise TourError(f"there are more stops than allowed: {_MOST_STOPS}")
+        if len(found) > LIMITS.stops:
+            raise TourError(f"there are more stops than allowed: {LIMITS.stops}")
     return tuple(found)
 
 

@@ -16,24 +16,40 @@ from mrs_people_loc.guiding.guidance import Post, Role
 from mrs_people_loc.guiding.way import Way
 from mrs_people_loc.team.poses import Pose, places_of
 
-#: A robot whose place on the way is not known yet is sought this far from the group [m]: ...
-_REACH = 12.0
-#: ... on the part of the way nearest to the group from which it is no farther than from any
-#: other by this [m].
-_AS_GOOD = 0.5
-#: A robot drives no faster than this along the way [m/s].
-_FASTEST = 1.6
-#: The direction of a robot is looked at after so much of its way [m]; the part of the way that it
-#: changes to is no farther from it than the one before by this [m].
-_STEP, _BESIDE = 0.1, 0.1
-#: A robot has moved if it is so far from where it was [m], or has turned by so much [rad].
-_MOVED, _TURNED = 0.15, 0.3
-#: Farther from its post than this, a robot has to move [m]: ...
-_AWAY = 0.5
-#: ... a leader that has not for so long is at fault [s],
-_STUCK_S = 8.0
-#: ... and takes no part for so long, unless it moves [s].
-_PAUSE_S = 20.0
+
+@dataclass(frozen=True)
+class TeamTuning:
+    """Constants of who takes part and who leads; chosen.
+
+    Attributes:
+        reach: A robot whose place on the way is not known yet is sought up to so far from the group
+            [m]: first within the shorter ones, ...
+        as_good: ... on the part of the way from which it is no farther than from any other by this
+            [m].
+        fastest: A robot drives no faster than this along the way [m/s].
+        step: Its direction is looked at after so much of its way [m]; ...
+        beside: ... the part of the way that it changes to is no farther from it than the one before
+            by this [m].
+        moved: A robot has moved if it is so far from where it was [m], ...
+        turned: ... or has turned by so much [rad].
+        away: Farther from its post than this, a robot has to move [m]: ...
+        stuck_s: ... a leader that has not for so long is at fault [s],
+        pause_s: ... and takes no part for so long, unless it moves [s].
+    """
+
+    reach: tuple[float, ...] = (2.0, 5.0, 12.0)
+    as_good: float = 0.5
+    fastest: float = 1.6
+    step: float = 0.1
+    beside: float = 0.1
+    moved: float = 0.15
+    turned: float = 0.3
+    away: float = 0.5
+    stuck_s: float = 8.0
+    pause_s: float = 20.0
+
+
+TEAM_TUNING = TeamTuning()
 
 
 @dataclass
@@ -65,25 +81,28 @@ class _Place:
     way_m: float
     xy: Float
 
-    def after(self, xy: Float, way: Way, reach: float) -> _Place:
+    def after(self, xy: Float, way: Way, reach: float, tuning: TeamTuning) -> _Place:
         """When the robot is elsewhere, by no more than so far along the way [m].
 
         Where the way turns back on itself, a robot that drives against it is on its next part.
         """
         (way_m,) = way.nearest(xy[None], self.way_m, reach).tolist()
         moved = xy - self.xy
-        if np.hypot(*moved) < _STEP:
+        if np.hypot(*moved) < tuning.step:
             return _Place(way_m, self.xy)
         if float(way.ahead(way_m) @ moved) < 0.0:
             (onward,) = way.nearest(xy[None], way_m + reach, reach).tolist()
             off, here = (float(np.hypot(*(way.at(m) - xy))) for m in (onward, way_m))
-            if off <= here + _BESIDE and float(way.ahead(onward) @ moved) > 0.0:
+            if off <= here + tuning.beside and float(way.ahead(onward) @ moved) > 0.0:
                 way_m = onward
         return _Place(way_m, xy)
 
 
 class TourTeam:
     """The robots of a tour.
+
+    Args:
+        tuning: Constants.
 
     Attributes:
         robots: Poses of those that take part, by name.
@@ -92,7 +111,8 @@ class TourTeam:
         events: What has happened in the last step.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, tuning: TeamTuning = TEAM_TUNING) -> None:
+        self._tuning = tuning
         self.robots: dict[str, Pose] = {}
         self.faults: dict[str, str] = {}
         self.leader = ""
@@ -137,7 +157,7 @@ class TourTeam:
             if age_s > timeout and pose is not None:
                 fault = f"pose is {age_s:.1f} s old"
             elif pose is not None and self._stands_still(name, pose):
-                fault = f"is told to drive, but has not moved for {_STUCK_S:g} s"
+                fault = f"is told to drive, but has not moved for {self._tuning.stuck_s:g} s"
             if fault or pose is None:
                 faults[name] = fault
                 if name not in self.faults:
@@ -152,8 +172,8 @@ class TourTeam:
         """Whether a robot takes no part since it does not move."""
         motion = self._motions.setdefault(name, _Motion(pose))
         before = motion.pose
-        moved = math.hypot(pose.x - before.x, pose.y - before.y) >= _MOVED
-        if moved or abs(wrap_angle(pose.yaw - before.yaw)) >= _TURNED:
+        moved = math.hypot(pose.x - before.x, pose.y - before.y) >= self._tuning.moved
+        if moved or abs(wrap_angle(pose.yaw - before.yaw)) >= self._tuning.turned:
             self._motions[name] = _Motion(pose)
             return False
         return motion.fault_s is not None
@@ -169,31 +189,33 @@ class TourTeam:
             posts: Where they are to go.
             dt_s: Time since the last interval [s].
         """
+        tuning = self._tuning
         for name, motion in self._motions.items():
             if motion.fault_s is not None:
                 motion.fault_s += dt_s
-                if motion.fault_s >= _PAUSE_S:
+                if motion.fault_s >= tuning.pause_s:
                     motion.fault_s, motion.still_s = None, 0.0
             elif name in posts and name in self.robots:
                 post, pose = posts[name], self.robots[name]
                 away = math.dist(post.xy, (pose.x, pose.y))
                 counts = post.role == Role.LEADER or motion.has_failed
-                told = counts and post.speed > 0.0 and away > _AWAY
+                told = counts and post.speed > 0.0 and away > tuning.away
                 motion.still_s = motion.still_s + dt_s if told else 0.0
-                if motion.still_s >= _STUCK_S:
+                if motion.still_s >= tuning.stuck_s:
                     motion.fault_s, motion.has_failed = 0.0, True
 
     def _place(self, way: Way, group_m: float, now_ns: int) -> dict[str, float]:
         """How far along the way the robots are [m]; each stays on its part of the way."""
-        reach = 1.0 + _FASTEST * max(now_ns - self._placed_ns, 0) / 1e9
+        tuning = self._tuning
+        reach = 1.0 + tuning.fastest * max(now_ns - self._placed_ns, 0) / 1e9
         before, self._placed_ns = self._places, now_ns
         self._places = {}
         for name, pose in self.robots.items():
             xy, place = np.array([pose.x, pose.y]), before.get(name)
-            if place is None or reach >= _REACH:
-                self._places[name] = _Place(_first_place(way, xy, max(group_m, 0.0)), xy)
+            if place is None or reach >= tuning.reach[-1]:
+                self._places[name] = _Place(_first_place(way, xy, max(group_m, 0.0), tuning), xy)
             else:
-                self._places[name] = place.after(xy, way, reach)
+                self._places[name] = place.after(xy, way, reach, tuning)
         return {name: place.way_m for name, place in self._places.items()}
 
     def lead(
@@ -235,8 +257,8 @@ class TourTeam:
         return self.leader != before
 
 
-def _first_place(way: Way, xy: Float, group_m: float) -> float:
+def _first_place(way: Way, xy: Float, group_m: float, tuning: TeamTuning) -> float:
     """How far along the way a robot is that has not been there before [m]."""
-    found = [float(way.nearest(xy[None], group_m, reach)[0]) for reach in (2.0, 5.0, _REACH)]
+    found = [float(way.nearest(xy[None], group_m, reach)[0]) for reach in tuning.reach]
     away = [float(np.hypot(*(way.at(way_m) - xy))) for way_m in found]
-    return next(m for m, off in zip(found, away, strict=True) if off <= min(away) + _AS_GOOD)
+    return next(m for m, off in zip(found, away, strict=True) if off <= min(away) + tuning.as_good)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,12 +19,25 @@ from mrs_people_loc.team.poses import Pose, places_of
 if TYPE_CHECKING:
     from mrs_people_loc.guiding.free_space import FreeSpace
 
-#: Detection rate of one head where everything is in view. Below 1: a second view always helps.
-_BEST = 0.9
-#: The rate falls over this range at the ends of the reach [m] and of the field of view [rad].
-_EDGE, _SIDE = 0.4, 0.1
-#: A place that is seen with this probability is in view.
-_IN_VIEW = 0.4
+
+@dataclass(frozen=True)
+class ViewTuning:
+    """What a head sees; chosen.
+
+    Attributes:
+        best: Detection rate where everything is in view. Below 1: a second view always helps.
+        edge: The rate falls over this range at the ends of the reach [m] ...
+        side: ... and of the field of view [rad].
+        in_view: A place that is seen with this probability is in view.
+    """
+
+    best: float = 0.9
+    edge: float = 0.4
+    side: float = 0.1
+    in_view: float = 0.4
+
+
+VIEW_TUNING = ViewTuning()
 
 
 def detection_rates(
@@ -32,6 +46,7 @@ def detection_rates(
     people: Float,
     formation: cfg.Formation,
     space: FreeSpace,
+    tuning: ViewTuning = VIEW_TUNING,
 ) -> Float:
     """How likely each person is detected from each place, shape (k, n).
 
@@ -41,19 +56,20 @@ def detection_rates(
         people: [m], shape (n, 2).
         formation: Reach and field of view.
         space: Its walls hide.
+        tuning: Constants.
     """
     away = people - places[:, np.newaxis]
     distance = np.hypot(away[..., 0], away[..., 1])
     aside = np.abs(wrap_angles(np.arctan2(away[..., 1], away[..., 0]) - gaze[:, np.newaxis]))
     rates = (
-        np.clip((formation.reach - distance) / _EDGE + 0.5, 0.0, 1.0)
-        * np.clip((distance - formation.nearest) / _EDGE + 1.0, 0.0, 1.0)
-        * np.clip((0.5 * formation.view - aside) / _SIDE + 0.5, 0.0, 1.0)
+        np.clip((formation.reach - distance) / tuning.edge + 0.5, 0.0, 1.0)
+        * np.clip((distance - formation.nearest) / tuning.edge + 1.0, 0.0, 1.0)
+        * np.clip((0.5 * formation.view - aside) / tuning.side + 0.5, 0.0, 1.0)
     )
     # A body that is half hidden now may be in view or hidden in a moment.
     rates *= 1.0 - hidden_by_people(places, people)
     rates *= space.is_visible(places[:, np.newaxis], people[np.newaxis])
-    return np.asarray(_BEST * rates)
+    return np.asarray(tuning.best * rates)
 
 
 def are_in_view(
@@ -62,6 +78,7 @@ def are_in_view(
     robots: Mapping[str, Pose],
     config: cfg.GuideConfig,
     space: FreeSpace,
+    tuning: ViewTuning = VIEW_TUNING,
 ) -> Bool:
     """Which places robots see, past people and walls, shape (n,).
 
@@ -71,14 +88,16 @@ def are_in_view(
         robots: Poses by name.
         config: Reach and field of view; whose head looks back.
         space: Its walls hide.
+        tuning: Constants.
     """
     if not robots:
         return np.zeros(len(xy), dtype=bool)
     places = places_of(robots.values())
     back = [math.pi * (name in config.looks_back) for name in robots]
     gaze = np.array([pose.yaw for pose in robots.values()]) + back
-    rates = detection_rates(places, gaze, np.concatenate([xy, people]), config.formation, space)
-    return np.asarray(rates[:, : len(xy)].max(axis=0) >= _IN_VIEW)
+    everybody = np.concatenate([xy, people])
+    rates = detection_rates(places, gaze, everybody, config.formation, space, tuning)
+    return np.asarray(rates[:, : len(xy)].max(axis=0) >= tuning.in_view)
 
 
 class TeamView:

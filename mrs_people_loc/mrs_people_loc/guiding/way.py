@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.errors import ConfigError
 
-#: Extension at both ends, and distance of the points that are kept [m].
-_EXTRA, _GRAIN = 8.0, 0.05
-#: Distance of the points whose mean rounds a corner [m].
-_FINE = 0.02
-#: Shortest way [m].
-_SHORTEST = 0.5
+
+@dataclass(frozen=True)
+class WayTuning:
+    """How finely a way is kept; chosen.
+
+    Attributes:
+        extra: Extension straight on at both ends [m].
+        grain: Distance of the points that are kept [m].
+        fine: Distance of the points whose mean rounds a corner [m].
+        shortest: Shortest way [m].
+    """
+
+    extra: float = 8.0
+    grain: float = 0.05
+    fine: float = 0.02
+    shortest: float = 0.5
+
+
+WAY_TUNING = WayTuning()
 
 
 class Way:
@@ -26,23 +41,27 @@ class Way:
         points: In the common frame [m], two at least, shape (n, 2).
         rounding: Corners are rounded over this length of the way [m]; a right angle is cut by
             0.18 of it.
+        tuning: Constants.
 
     Raises:
         ConfigError: There is no way through the points.
     """
 
-    def __init__(self, points: ArrayLike, *, rounding: float = 2.0) -> None:
+    def __init__(
+        self, points: ArrayLike, *, rounding: float = 2.0, tuning: WayTuning = WAY_TUNING
+    ) -> None:
+        self._tuning = tuning
         given = np.asarray(points, dtype=np.float64)
         if given.ndim != 2 or given.shape[1:] != (2,) or not np.isfinite(given).all():
             raise ConfigError(f"points of a way: shape {given.shape}; wanted: finite, (n, 2)")
-        dense = _rounded(given, rounding)
+        dense = _rounded(given, rounding, tuning.fine)
         ways = _lengths(dense)
         self.length = float(ways[-1])
-        if self.length < _SHORTEST:
-            raise ConfigError(f"the way is {self.length:.2f} m long; wanted: {_SHORTEST:g} m")
-        at = np.arange(0.0, self.length, _GRAIN)
+        if self.length < tuning.shortest:
+            raise ConfigError(f"the way is {self.length:.2f} m long; wanted: {tuning.shortest:g} m")
+        at = np.arange(0.0, self.length, tuning.grain)
         middle = np.stack([np.interp(at, ways, dense[:, k]) for k in (0, 1)], axis=1)
-        more = _GRAIN * np.arange(1, round(_EXTRA / _GRAIN) + 1)[:, np.newaxis]
+        more = tuning.grain * np.arange(1, round(tuning.extra / tuning.grain) + 1)[:, np.newaxis]
         first, last = (middle[a] - middle[b] for a, b in ((3, 0), (-1, -4)))
         first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
         before, after = (middle[0] - more * first)[::-1], middle[-1] + more * last
@@ -93,11 +112,12 @@ class Way:
         Returns:
             [m], less than 0 before the way and more than `length` after it, shape (n,).
         """
+        grain, extra = self._tuning.grain, self._tuning.extra
         if around is None:
             away = np.linalg.norm(self._points[np.newaxis] - xy[:, np.newaxis], axis=2)
-            away += 1e-3 * _GRAIN * np.arange(len(self._points))
-            return np.asarray(away.argmin(axis=1) * _GRAIN - _EXTRA)
-        most = round(min(reach / _GRAIN, len(self._points)))
+            away += 1e-3 * grain * np.arange(len(self._points))
+            return np.asarray(away.argmin(axis=1) * grain - extra)
+        most = round(min(reach / grain, len(self._points)))
         steps: Int = np.arange(-most, most + 1)
         middle = np.rint(self._row(np.broadcast_to(around, len(xy)))).astype(np.intp)
         rows = np.clip(middle[:, np.newaxis] + steps, 0, len(self._points) - 1)
@@ -105,10 +125,10 @@ class Way:
         best = rows[np.arange(len(rows)), away.argmin(axis=1)]
         # Between the points: how far along the way the place is from the nearest one.
         rest = ((xy - self._points[best]) * self._ahead[best]).sum(axis=1)
-        return np.asarray(best * _GRAIN - _EXTRA + np.clip(rest, -_GRAIN, _GRAIN))
+        return np.asarray(best * grain - extra + np.clip(rest, -grain, grain))
 
     def _row(self, way: Float | float) -> Float:
-        row = (np.asarray(way) + _EXTRA) / _GRAIN
+        row = (np.asarray(way) + self._tuning.extra) / self._tuning.grain
         return np.asarray(np.clip(row, 0.0, len(self._points) - 1.001))
 
 
@@ -118,13 +138,13 @@ def _lengths(points: Float) -> Float:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _rounded(points: Float, rounding: float) -> Float:
+def _rounded(points: Float, rounding: float, fine: float) -> Float:
     """The polyline, its corners rounded by a moving mean that keeps its ends."""
     ways = _lengths(points)
-    half = round(0.5 * min(rounding, 0.5 * float(ways[-1])) / _FINE)
+    half = round(0.5 * min(rounding, 0.5 * float(ways[-1])) / fine)
     if len(points) < 3 or half < 1:
         return points
-    at = np.linspace(0.0, ways[-1], round(float(ways[-1]) / _FINE) + 1)
+    at = np.linspace(0.0, ways[-1], round(float(ways[-1]) / fine) + 1)
     dense = np.stack([np.interp(at, ways, points[:, k]) for k in (0, 1)], axis=1)
     padded = np.pad(dense, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
     mean = np.full(2 * half + 1, 1.0 / (2 * half + 1))

@@ -444,7 +444,7 @@ class FloorWatch:
 
         Args:
             disparity: [px], float32, shape (height, width), NaN where there is none.
-            stamp_ns: Its stamp [ns]; when stamps jump back everything begins anew.
+            stamp_ns: Its stamp [ns]; when stamps jump back everything begins again.
         """
         if self._looked_ns is not None:
             since_s = (stamp_ns - self._looked_ns) / 1e9

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from mrs_people_loc.guiding.guidance import Guidance, Post, State
+from mrs_people_loc.guiding.tour_control import second_guide
 from mrs_people_loc.health.findings import ERROR, OK, WARN, Code, Finding
 
 _TEXTS = {
@@ -73,15 +74,6 @@ def of_guides(topic: str, guides: Sequence[str]) -> Finding:
         return Finding("guides")
     text = f"{second_guide(topic, guides)}; a tour under way goes on, and none begins"
     return Finding("guides", ERROR, text, code=Code.TWO_PUBLISHERS)
-
-
-def second_guide(topic: str, guides: Sequence[str]) -> str:
-    """That there are several guides, in words; arguments as for `of_guides`."""
-    return (
-        f"{len(guides)} publishers on {topic}: {', '.join(guides)}; another guide_node, or a "
-        "replay of one, is at work: end it, or give it a namespace or a ROS_DOMAIN_ID of its own; "
-        "or one was killed in the last 20 s"
-    )
 
 
 def of_others(drivers: Mapping[str, Sequence[str]]) -> Finding:

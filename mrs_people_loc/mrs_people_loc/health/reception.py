@@ -57,7 +57,7 @@ class Reception:
 
     def accept(self, order: Order) -> None:
         """Counts the message as used."""
-        if order is Order.ANEW:
+        if order is Order.RESTART:
             self._count_as_jump()
         self._outdated_since = None
         if order is not Order.LATE:
@@ -73,7 +73,7 @@ class Reception:
             now_s: When [s], on a clock that never jumps.
             order: What `receive` returned.
         """
-        if order is Order.ANEW:
+        if order is Order.RESTART:
             self._count_as_jump()
         self.dropped[kind] += 1
         if kind == OutdatedError.__name__:

@@ -12,47 +12,52 @@ from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.localization.filter.history import History
 from mrs_people_loc.localization.filter.observations import (
     Claimed,
     Joined,
     Left,
     Met,
-    Observation,
     Placed,
     Reached,
     WallsSeen,
 )
-from mrs_people_loc.localization.filter.team_filter import FilterTuning, TeamFilter
+from mrs_people_loc.localization.filter.team_filter import History, TeamFilter
 from mrs_people_loc.localization.filter.team_state import Misfit, Source, TeamState, Trust
 from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
+from mrs_people_loc.localization.mailbox import Inbox, Measured, Outbox, RecentSet
 from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack
 from mrs_people_loc.localization.shared import RelativePose, TeamPose
 from mrs_people_loc.localization.walls import SeenWalls, Walls, moved
 from mrs_people_loc.team.poses import Pose
 
-#: What a robot measured is repeated in its messages for this long after it was taken [ns].
-REPEATED_NS = 300_000_000
-#: A robot's pose is carried on at least so often [ns].
-_TICK_NS = 1_000_000_000
-#: What a team-mate's filter says about its pose is compared so often [ns].
-_CLAIM_NS = 250_000_000
-#: A team-mate whose stamps differ by more from the own odometry's is not heard [ns].
-_MAX_CLOCK_NS = 1_000_000_000
-#: A team-mate that was not heard of for so long is silent [ns].
-_SILENT_NS = 2_000_000_000
-#: A team-mate whose clock differs is named for so long after it was heard [ns].
-_CLOCK_TOLD_NS = 10_000_000_000
-#: A team-mate that was not heard of for so long has left [ns].
-_LEFT_NS = 120_000_000_000
-#: A message holds at most so many walls.
-_MAX_TOLD_WALLS = 40
-#: What waits for odometry: for so long at most [ns] ...
-_WAITS_NS = 3_000_000_000
-#: ... and so many.
-_MAX_PENDING = 200
-#: Bounds of standard deviations of poses that come [m], [rad].
-_LEAST_SIGMA, _LARGEST_SIGMA = 1e-4, 100.0
+
+@dataclass(frozen=True)
+class LocalizerTuning:
+    """Constants of the localizer, chosen by hand.
+
+    Attributes:
+        tick_ns: A robot's pose is carried on at least so often [ns].
+        claim_ns: What a team-mate's filter says about its pose is compared so often [ns].
+        max_clock_ns: A team-mate whose stamps differ by more from the own odometry's is not heard
+            [ns] ...
+        clock_named_ns: ... and is named for so long after it was heard [ns].
+        silent_ns: A team-mate that was not heard of for so long is silent [ns] ...
+        left_ns: ... and after this time it has left [ns].
+        sigmas: Bounds of standard deviations of poses that come [m], [rad].
+        misfits: A known wall is named after it was seen elsewhere so often.
+    """
+
+    tick_ns: int = 1_000_000_000
+    claim_ns: int = 250_000_000
+    max_clock_ns: int = 1_000_000_000
+    clock_named_ns: int = 10_000_000_000
+    silent_ns: int = 2_000_000_000
+    left_ns: int = 120_000_000_000
+    sigmas: tuple[float, float] = (1e-4, 100.0)
+    misfits: int = 5
+
+
+_TUNING = LocalizerTuning()
 
 
 @dataclass(frozen=True)
@@ -96,8 +101,7 @@ class _Mate:
     track: OdometryTrack = field(default_factory=OdometryTrack)
     clock_ns: int = 0
     at_ns: int = 0
-    seen: dict[tuple[type[Observation], int], None] = field(default_factory=dict)
-    backwards: int = 0
+    seen: RecentSet = field(default_factory=RecentSet)
 
 
 class Localizer:
@@ -107,19 +111,13 @@ class Localizer:
         robot: The robot's name.
         config: Start, noise of the odometry, gate.
         known: Known walls, in the map.
-        tuning: Constants.
     """
 
-    def __init__(
-        self,
-        robot: str,
-        config: Localization,
-        known: Walls | None = None,
-        tuning: FilterTuning | None = None,
-    ) -> None:
+    def __init__(self, robot: str, config: Localization, known: Walls | None = None) -> None:
         self.robot = robot
         self.config = config
-        self._filter = TeamFilter(robot, config, known, *([tuning] if tuning else []))
+        self._filter = TeamFilter(robot, config, known)
+        self._inbox = Inbox(robot, self._track_of)
         self._resets = self._late = 0
         self._reckoning = DeadReckoning(config)
         self._begin()
@@ -128,15 +126,12 @@ class Localizer:
         self._history = History(self._filter)
         self._track = OdometryTrack()
         self._mates: dict[str, _Mate] = {}
-        self._pending: list[tuple[type[Observation], SeenWalls | Pose | RelativePose]] = []
-        # What is repeated, each with the time at which it was taken: sonars' walls come late.
-        self._walls: list[tuple[int, SeenWalls]] = []
-        self._absolute: list[tuple[int, Pose]] = []
-        self._taken: dict[tuple[type[Observation], int], None] = {}
+        self._inbox.clear()
+        self._outbox = Outbox()
         # The robot's last pose, and what it was made from.
         self._placed: tuple[Odometry, TeamState, list[str], Pose] | None = None
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets everything; the next odometry is the start."""
         self._reckoning = DeadReckoning(self.config)
         self._begin()
@@ -152,6 +147,11 @@ class Localizer:
             walls: All of them: those known before with their indices, and further ones.
         """
         self._filter.walls = WallLandmarks(walls, self._filter.gates)
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether there was odometry; what comes before is not used."""
+        return self._track.newest is not None
 
     # ------------------------------------------------------------------------------- what comes in
 
@@ -177,19 +177,18 @@ class Localizer:
             self._start(odometry)
         else:
             self._tick(self.robot, self._track, before.stamp_ns)
-        self._take_pending()
+        self._add_due()
         return self._own_pose(odometry, self._history.newest)
 
     def _start(self, odometry: Odometry) -> None:
         start = self.config.start or (odometry.x, odometry.y, odometry.yaw)
-        sigmas = np.maximum(self.config.start_sigmas, _LEAST_SIGMA)
+        sigmas = np.maximum(self.config.start_sigmas, _TUNING.sigmas[0])
         covariance = np.diag(np.square(sigmas))
         self._history.add(Joined(self.robot, odometry, np.array(start), covariance))
 
     def take_walls(self, seen: SeenWalls) -> None:
         """Takes walls that the robot sees, once there is odometry for their stamp."""
-        stamp_ns = self._own_stamp(WallsSeen, seen.stamp_ns)
-        self._wait_for_odometry(WallsSeen, dataclasses.replace(seen, stamp_ns=stamp_ns))
+        self._take(seen)
 
     def take_absolute(self, pose: Pose) -> None:
         """Takes a measured pose of base_link in the map, likewise.
@@ -198,8 +197,7 @@ class Localizer:
             PoseError: Its covariance has no full rank.
         """
         _check_rank(pose.covariance)
-        stamp_ns = self._own_stamp(Placed, pose.stamp_ns)
-        self._wait_for_odometry(Placed, dataclasses.replace(pose, stamp_ns=stamp_ns))
+        self._take(pose)
 
     def take_relative(self, relative: RelativePose) -> None:
         """Takes a measured pose of one robot in the frame of another, likewise of both.
@@ -212,7 +210,12 @@ class Localizer:
         if not np.isfinite(relative.pose).all():
             raise PoseError(f"relative pose is {relative.pose.tolist()}; wanted: finite")
         _check_rank(relative.covariance)
-        self._wait_for_odometry(Met, relative)
+        self._take(relative)
+
+    def _take(self, seen: Measured) -> None:
+        if self.has_begun:
+            self._inbox.add(seen)
+            self._add_due()
 
     def take_teammate(self, told: TeamPose) -> None:
         """Takes what a team-mate tells; what it told before is recognized."""
@@ -222,20 +225,15 @@ class Localizer:
         mate = self._mates.setdefault(told.robot, _Mate())
         mate.at_ns = newest.stamp_ns
         mate.clock_ns = told.odometry.stamp_ns - newest.stamp_ns
-        if abs(mate.clock_ns) > _MAX_CLOCK_NS:
+        if abs(mate.clock_ns) > _TUNING.max_clock_ns:
             return
         self._take_mates_odometry(told, mate)
-        taken = 0
-        for seen in told.walls:
-            if (WallsSeen, seen.stamp_ns) not in mate.seen and mate.track.covers(seen.stamp_ns):
-                mate.seen[WallsSeen, seen.stamp_ns] = None
-                taken += self._add_walls(told.robot, mate.track, seen)
-        for pose in told.absolute:
-            if (Placed, pose.stamp_ns) not in mate.seen and mate.track.covers(pose.stamp_ns):
-                mate.seen[Placed, pose.stamp_ns] = None
-                taken += self._add_absolute(told.robot, mate.track, pose)
-        if len(mate.seen) > 500:
-            mate.seen = dict.fromkeys(list(mate.seen)[250:])
+        measured: list[SeenWalls | Pose] = [*told.walls, *told.absolute]
+        for seen in measured:
+            key = type(seen), seen.stamp_ns
+            if key not in mate.seen and mate.track.covers(seen.stamp_ns):
+                mate.seen.add(key)
+                self._add(told.robot, mate.track, seen)
 
     def _take_mates_odometry(self, told: TeamPose, mate: _Mate) -> None:
         newest = mate.track.newest
@@ -254,12 +252,12 @@ class Localizer:
             return
         mate.track.add(odometry)
         self._tick(told.robot, mate.track, newest.stamp_ns)
-        if odometry.stamp_ns // _CLAIM_NS > newest.stamp_ns // _CLAIM_NS:
+        if odometry.stamp_ns // _TUNING.claim_ns > newest.stamp_ns // _TUNING.claim_ns:
             place, covariance = _arrays(told.pose)
             self._history.add(Claimed(told.robot, odometry, place, covariance))
 
     def _join(self, told: TeamPose, mate: _Mate) -> None:
-        """A team-mate begins, or begins anew."""
+        """A team-mate begins, or begins again."""
         mate.track = OdometryTrack()
         mate.track.add(told.odometry)
         place, covariance = _arrays(told.pose)
@@ -293,10 +291,7 @@ class Localizer:
         if newest is None:
             raise PoseError("no odometry has arrived")
         pose = self._own_pose(newest, self._history.newest)
-        oldest_ns = newest.stamp_ns - REPEATED_NS
-        walls = _newest_walls([seen for t, seen in self._walls if t >= oldest_ns])
-        absolute = tuple(measured for t, measured in self._absolute if t >= oldest_ns)
-        return TeamPose(self.robot, pose, newest, walls, absolute)
+        return self._outbox.message(self.robot, pose, newest)
 
     @property
     def state(self) -> LocalizationState:
@@ -314,15 +309,16 @@ class Localizer:
             sources=state.sources,
             trust=state.trust,
             doubted=self._doubted(state),
-            misfits={k: misfit for k, misfit in state.misfits.items() if misfit.count >= 5},
+            misfits={k: m for k, m in state.misfits.items() if m.count >= _TUNING.misfits},
             walls=_walls_of(state),
             known=tuple(wall.known for wall in state.walls),
             clocks={
                 name: mate.clock_ns / 1e9
                 for name, mate in self._mates.items()
-                if abs(mate.clock_ns) > _MAX_CLOCK_NS and self._is_heard(name, _CLOCK_TOLD_NS)
+                if abs(mate.clock_ns) > _TUNING.max_clock_ns
+                and self._is_heard(name, _TUNING.clock_named_ns)
             },
-            late=self._late,
+            late=self._late + self._inbox.late,
             resets=self._resets,
             jumps=self._reckoning.jumps,
         )
@@ -340,87 +336,44 @@ class Localizer:
 
     # -------------------------------------------------------------------------------------- inside
 
-    def _own_stamp(self, kind: type[Observation], stamp_ns: int) -> int:
-        """A stamp that no other observation of this kind has: two sensors may measure at once."""
-        while (kind, stamp_ns) in self._taken:
-            stamp_ns += 1
-        self._taken[kind, stamp_ns] = None
-        if len(self._taken) > 500:
-            self._taken = dict.fromkeys(list(self._taken)[250:])
-        return stamp_ns
+    def _add_due(self) -> None:
+        """Adds the measurements that there is odometry for by now."""
+        for seen in self._inbox.due():
+            if not isinstance(seen, RelativePose):
+                newest = self._track.newest
+                assert newest is not None
+                self._outbox.add(seen, newest.stamp_ns)
+            self._late += not self._add(self.robot, self._track, seen)
 
-    def _wait_for_odometry(
-        self, kind: type[Observation], seen: SeenWalls | Pose | RelativePose
-    ) -> None:
-        self._pending.append((kind, seen))
-        if len(self._pending) > _MAX_PENDING:
-            del self._pending[0]
-            self._late += 1
-        self._take_pending()
-
-    def _take_pending(self) -> None:
-        """Takes what there is odometry for by now."""
-        waiting = []
-        for kind, seen in self._pending:
-            tracks = [(self._track, seen.stamp_ns)]
-            if isinstance(seen, RelativePose):
-                tracks = [
-                    (self._track_of(seen.robot), seen.stamp_ns),
-                    (self._track_of(seen.other), seen.other_stamp_ns),
-                ]
-            newest = [track.newest for track, _ in tracks]
-            own = self._track.newest
-            if own is not None and own.stamp_ns - seen.stamp_ns > _WAITS_NS:
-                self._late += 1
-            elif any(n is None or n.stamp_ns < t for n, (_, t) in zip(newest, tracks, strict=True)):
-                waiting.append((kind, seen))
-            elif all(track.covers(stamp_ns) for track, stamp_ns in tracks):
-                self._late += not self._add_own(seen)
-            else:
-                self._late += 1
-        self._pending = waiting
-
-    def _add_own(self, seen: SeenWalls | Pose | RelativePose) -> bool:
-        newest = self._track.newest
-        if isinstance(seen, RelativePose):
-            return self._history.add(
-                Met(
-                    seen.robot,
-                    self._track_of(seen.robot).at(seen.stamp_ns),
-                    seen.other,
-                    self._track_of(seen.other).at(seen.other_stamp_ns),
-                    np.asarray(seen.pose, dtype=np.float64),
-                    seen.covariance,
-                )
-            )
-        assert newest is not None
-        now_ns = newest.stamp_ns
+    def _add(self, robot: str, track: OdometryTrack, seen: Measured) -> bool:
+        """Adds a measurement of a robot to the history; False: it is too old, or there already."""
         if isinstance(seen, SeenWalls):
-            told = [*self._walls, (now_ns, seen)]
-            self._walls = [one for one in told if one[0] >= now_ns - REPEATED_NS]
-            return self._add_walls(self.robot, self._track, seen)
-        known = [*self._absolute, (now_ns, seen)]
-        self._absolute = [one for one in known if one[0] >= now_ns - REPEATED_NS]
-        return self._add_absolute(self.robot, self._track, seen)
-
-    def _add_walls(self, robot: str, track: OdometryTrack, seen: SeenWalls) -> bool:
-        return self._history.add(WallsSeen(robot, track.at(seen.stamp_ns), _usable(seen.walls)))
-
-    def _add_absolute(self, robot: str, track: OdometryTrack, pose: Pose) -> bool:
-        place, covariance = _arrays(pose)
-        return self._history.add(Placed(robot, track.at(pose.stamp_ns), place, covariance))
+            return self._history.add(WallsSeen(robot, track.at(seen.stamp_ns), _usable(seen.walls)))
+        if isinstance(seen, Pose):
+            place, covariance = _arrays(seen)
+            return self._history.add(Placed(robot, track.at(seen.stamp_ns), place, covariance))
+        return self._history.add(
+            Met(
+                seen.robot,
+                self._track_of(seen.robot).at(seen.stamp_ns),
+                seen.other,
+                self._track_of(seen.other).at(seen.other_stamp_ns),
+                np.asarray(seen.pose, dtype=np.float64),
+                seen.covariance,
+            )
+        )
 
     def _tick(self, robot: str, track: OdometryTrack, before_ns: int) -> None:
         """Carries a robot's pose on once a second; robots that are silent for long leave."""
         newest = track.newest
         assert newest is not None
-        tick_ns = newest.stamp_ns // _TICK_NS * _TICK_NS
+        tick_ns = newest.stamp_ns // _TUNING.tick_ns * _TUNING.tick_ns
         if before_ns >= tick_ns or not track.covers(tick_ns):
             return
         self._history.add(Reached(robot, track.at(tick_ns)))
         if robot == self.robot:
             for name, mate in list(self._mates.items()):
-                if self._is_heard(name, _LEFT_NS):
+                if self._is_heard(name, _TUNING.left_ns):
                     continue
                 last = mate.track.newest
                 if last is not None:
@@ -435,7 +388,7 @@ class Localizer:
 
     def _own_pose(self, odometry: Odometry, state: TeamState) -> Pose:
         """base_link in the map, also relative to the team-mates that are heard, if any is."""
-        heard = [name for name in state.odometry if self._is_heard(name, _SILENT_NS)]
+        heard = [name for name in state.odometry if self._is_heard(name, _TUNING.silent_ns)]
         last = self._placed
         if last and last[0] is odometry and last[1] is state and last[2] == heard:
             return last[3]
@@ -458,20 +411,12 @@ def _pose(odometry: Odometry, state: TeamState, robot: str) -> Pose:
     return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), covariance)
 
 
-def _newest_walls(seen: list[SeenWalls]) -> tuple[SeenWalls, ...]:
-    """The newest of these, as many as a message may hold."""
-    count, first = 0, len(seen)
-    while first and count + len(seen[first - 1].walls) <= _MAX_TOLD_WALLS:
-        first -= 1
-        count += len(seen[first].walls)
-    return tuple(seen[first:])
-
-
 def _arrays(pose: Pose) -> tuple[Float, Float]:
     """A pose and its covariance, that one positive definite."""
     covariance = 0.5 * (pose.covariance + pose.covariance.T)
     values, vectors = np.linalg.eigh(covariance)
-    values = np.clip(values, _LEAST_SIGMA**2, _LARGEST_SIGMA**2)
+    least, largest = _TUNING.sigmas
+    values = np.clip(values, least**2, largest**2)
     return np.array([pose.x, pose.y, pose.yaw]), (vectors * values) @ vectors.T
 
 

@@ -21,17 +21,32 @@ from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
 from mrs_people_loc.team.poses import Pose, frame_of, is_jump
 
-#: How far the newest motion is extrapolated [ns].
-MAX_AHEAD_NS = 100_000_000
-#: Covariances of the odometry's message count up to so many times the modelled growth.
-_MOST_STATED = 25.0
-#: Largest variances between two times: beyond, nothing is known [m^2, rad^2].
-_MAX_VARIANCES = 1e4, 10.0
-#: Odometry that jumps (`is_jump`), or turns by more than this [rad] and this speed [rad/s] explain,
-#: begins anew ...
-_TURN, _TURN_SPEED = 1.0, 6.0
-#: ... and what the robot did meanwhile is unknown: variances of position and heading [m^2, rad^2].
-_JUMP_VARIANCES = 0.5**2, 0.2**2
+
+@dataclass(frozen=True)
+class OdometryTuning:
+    """Constants of dead reckoning, chosen by hand.
+
+    Attributes:
+        max_ahead_ns: How far the newest motion is extrapolated [ns].
+        most_stated: Covariances of the odometry's message count up to so many times the modelled
+            growth.
+        max_variances: Of position and heading between two times: beyond, nothing is known [m^2,
+            rad^2].
+        turn: Odometry that jumps (`is_jump`), or turns by more than this [rad] ...
+        turn_speed: ... and this speed [rad/s] explain, starts again ...
+        jump_variances: ... and what the robot did meanwhile is unknown: variances of position and
+            heading [m^2, rad^2].
+    """
+
+    max_ahead_ns: int = 100_000_000
+    most_stated: float = 25.0
+    max_variances: tuple[float, float] = (1e4, 10.0)
+    turn: float = 1.0
+    turn_speed: float = 6.0
+    jump_variances: tuple[float, float] = (0.5**2, 0.2**2)
+
+
+_TUNING = OdometryTuning()
 
 
 @dataclass(frozen=True)
@@ -72,8 +87,10 @@ def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
     c, s = math.cos(begin.yaw), math.sin(begin.yaw)
     east, north = end.x - begin.x, end.y - begin.y
     dx, dy = c * east + s * north, c * north - s * east
-    position = min(max(end.position_variance - begin.position_variance, 0.0), _MAX_VARIANCES[0])
-    heading = min(max(end.heading_variance - begin.heading_variance, 0.0), _MAX_VARIANCES[1])
+    position = min(
+        max(end.position_variance - begin.position_variance, 0.0), _TUNING.max_variances[0]
+    )
+    heading = min(max(end.heading_variance - begin.heading_variance, 0.0), _TUNING.max_variances[1])
     third, half = heading / 3.0, heading / 2.0
     covariance = np.array(
         [
@@ -141,7 +158,7 @@ class DeadReckoning:
         if order is Order.NEWER and self._last is not None:
             before, so_far = self._last
             if is_jump(before, pose) or _is_turned(before, pose):
-                position, heading = _JUMP_VARIANCES
+                position, heading = _TUNING.jump_variances
                 self._frame = frame_of(self._frame @ before, pose)
                 self.jumps += 1
             else:
@@ -168,14 +185,14 @@ class DeadReckoning:
         least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
         # Some bases state large covariances while they drive, and small ones while they stand.
         return (
-            max(position, min(float(least), _MOST_STATED * position)),
-            max(heading, min(float(stated[2, 2]), _MOST_STATED * heading)),
+            max(position, min(float(least), _TUNING.most_stated * position)),
+            max(heading, min(float(stated[2, 2]), _TUNING.most_stated * heading)),
         )
 
 
 def _is_turned(before: Pose, pose: Pose) -> bool:
     seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
-    return abs(wrap_angle(pose.yaw - before.yaw)) > _TURN + _TURN_SPEED * seconds
+    return abs(wrap_angle(pose.yaw - before.yaw)) > _TUNING.turn + _TUNING.turn_speed * seconds
 
 
 @dataclass
@@ -216,7 +233,7 @@ class OdometryTrack:
         return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
 
     def at(self, stamp_ns: int) -> Odometry:
-        """Dead reckoning at a time, interpolated; extrapolated by up to `MAX_AHEAD_NS`.
+        """Dead reckoning at a time, interpolated; extrapolated by at most `max_ahead_ns`.
 
         Raises:
             PoseError: There is none near that time.
@@ -224,10 +241,11 @@ class OdometryTrack:
         stamps, values = self._stamps, self._values
         if not stamps:
             raise PoseError("no odometry has arrived")
-        if not stamps[0] <= stamp_ns <= stamps[-1] + MAX_AHEAD_NS:
+        ahead_ns = _TUNING.max_ahead_ns
+        if not stamps[0] <= stamp_ns <= stamps[-1] + ahead_ns:
             away = max(stamps[0] - stamp_ns, stamp_ns - stamps[-1]) / 1e9
             raise PoseError(
-                f"the nearest odometry is {away:.3f} s away; allowed: {MAX_AHEAD_NS / 1e9:g} s "
+                f"the nearest odometry is {away:.3f} s away; allowed: {ahead_ns / 1e9:g} s "
                 "past the newest"
             )
         index = bisect.bisect_left(stamps, stamp_ns)

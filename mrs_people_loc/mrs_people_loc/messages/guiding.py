@@ -114,8 +114,8 @@ def _groups(groups: Sequence[Message]) -> tuple[Group, ...]:
         times_s = [_seconds(duration) for duration in one.straggling_for]
         if len(stragglers) != len(times_s):
             raise PeopleError(
-                f"group {one.id} has {len(stragglers)} stragglers and {len(times_s)} times; "
-                "wanted: as many of both"
+                f"group {one.id} has {len(stragglers)} stragglers and {len(times_s)} times of "
+                "straggling; wanted: as many of both"
             )
         made.append(
             Group(

@@ -173,7 +173,7 @@ class Pairer(Generic[_T]):
         for queue in self._queues.values():
             queue.clear()
         for order in self._orders.values():
-            order.begin_anew()
+            order.reset()
         self.smallest_difference_ns = None
 
     def add(self, camera: str, stamp_ns: int, item: _T) -> Mapping[str, tuple[int, _T]] | None:
@@ -194,7 +194,7 @@ class Pairer(Generic[_T]):
         order = self._orders[camera].take(stamp_ns)
         if order is Order.LATE:
             raise ImageError(f"stamp is {stamp_ns} ns; wanted: newer than {newest_ns} ns")
-        if order is Order.ANEW:
+        if order is Order.RESTART:
             self.reset()
             self._orders[camera].take(stamp_ns)
             self.resets += 1

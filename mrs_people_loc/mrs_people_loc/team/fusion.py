@@ -11,8 +11,8 @@ import numpy as np
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.scan import Cells, Scan
-from mrs_people_loc.team.poses import Pose, pose_effect, stack
-from mrs_people_loc.uncertainty import LARGEST_SIGMA, LEAST_SIGMA, bounded
+from mrs_people_loc.team.poses import Pose, places_and_covariances
+from mrs_people_loc.uncertainty import LARGEST_SIGMA, LEAST_SIGMA, bounded, covariance_of_places
 
 
 @dataclass(frozen=True)
@@ -87,47 +87,11 @@ def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
     ]
     return ShortTermMap(
         robots=tuple(scan.robot for scan in scans),
-        robot=np.repeat(np.arange(len(scans)), [len(scan.cells) for scan in scans]),
+        robot=np.repeat(np.arange(len(scans)), [len(part) for part in parts]),
         xy=np.concatenate([np.empty((0, 2)), *parts]),
-        cells=Cells.concatenate([scan.cells for scan in scans]),
+        cells=Cells.union([scan.cells for scan in scans]),
         stamps_ns=tuple(scan.stamp_ns for scan in scans),
     )
-
-
-def unit_vectors(vectors: Float) -> Float:
-    """Unit vectors in the same directions; (1, 0) for vectors of length 0, shape (n, 2)."""
-    length = np.hypot(vectors[:, 0], vectors[:, 1])[:, np.newaxis]
-    ahead = np.zeros_like(vectors)
-    ahead[:, 0] = 1.0
-    return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), ahead)
-
-
-def covariance_of_places(
-    xy: Float,
-    robot: Int,
-    poses: Sequence[Pose],
-    *,
-    along: Float,
-    across: Float,
-) -> Float:
-    """Covariance of places that robots saw: of what they measured, and of their poses.
-
-    Args:
-        xy: Places in the common frame [m], shape (n, 2).
-        robot: Which of the poses each was seen from, shape (n,).
-        poses: Poses of robots.
-        along: Variance along the line of sight [m^2], shape (n,).
-        across: Variance across it [m^2], shape (n,).
-
-    Returns:
-        In the common frame [m^2], shape (n, 2, 2); NaN or infinite where a pose's is too large.
-    """
-    origin, of_poses = stack(poses)
-    bearing = unit_vectors(xy - origin[robot])
-    outer = bearing[:, :, np.newaxis] * bearing[:, np.newaxis]
-    covariance = across[:, np.newaxis, np.newaxis] * (np.eye(2) - outer)
-    covariance += along[:, np.newaxis, np.newaxis] * outer
-    return covariance + pose_effect(origin[robot], of_poses[robot], xy)
 
 
 @dataclass(frozen=True)
@@ -188,7 +152,10 @@ def place_bodies(
     )
     if not line_of_sight:
         along = across = np.sqrt(along * across)
-    seen_from = [poses[name] for name in fused.robots]
-    covariance = covariance_of_places(xy, robot, seen_from, along=along, across=across)
-    covariance = bounded(covariance)
-    return BodiesOnMap(of_cell, robot, xy, covariance, cells.score[first].astype(np.float64))
+    origin, of_poses = places_and_covariances(poses[name] for name in fused.robots)
+    covariance = covariance_of_places(
+        xy, origin[robot], of_poses[robot], along=along, across=across
+    )
+    return BodiesOnMap(
+        of_cell, robot, xy, bounded(covariance), cells.score[first].astype(np.float64)
+    )

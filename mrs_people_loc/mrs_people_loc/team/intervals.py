@@ -65,7 +65,7 @@ class RobotState:
         used_ns: Stamp of the scan last used or left out [ns].
         seen_ns: Stamp of the scan last used, less what its clock is ahead [ns]; None since its
             stamps jumped back.
-        anew: Whether its stamps jumped back since a scan of it was used.
+        restarted: Whether its stamps jumped back since a scan of it was used.
         heard_ns: When its last scan arrived [ns]; for a robot that is known to take part and was
             not heard yet, when the first scan of any robot did.
         dropped: Scans that were not used, by reason: superseded, too_old, no_pose, clock_offset.
@@ -78,7 +78,7 @@ class RobotState:
     ahead_ns: int = 0
     used_ns: int | None = None
     seen_ns: int | None = None
-    anew: bool = False
+    restarted: bool = False
     heard_ns: int | None = None
     dropped: Counter[str] = field(default_factory=Counter)
     order: StampOrder = field(default_factory=StampOrder)
@@ -89,19 +89,19 @@ class RobotState:
         """Whether its scan is there, and the poses on both sides of it."""
         return self.pending is not None and self.poses.covers(self.pending.stamp_ns)
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets everything but the counts."""
         self.poses.clear()
-        self.order.begin_anew()
-        self.clock.begin_anew()
+        self.order.reset()
+        self.clock.reset()
         self.pending = self.used_ns = self.seen_ns = None
-        self.anew = False
+        self.restarted = False
 
 
 class IntervalCollector:
     """Gathers scans and poses until an interval closes.
 
-    Where time jumps back by more than `RESET_NS`, as where a bag loops, it begins anew: where the
+    Where time jumps back by more than `RESET_NS`, as where a bag loops, it begins again: where the
     time that it is given does, or the stamps of every robot that is heard. One robot whose stamps
     jump back alone has a clock that is wrong: its scans are too old. So are those of one that is
     late, also where it is the only one left, until they are newer than the last interval.
@@ -121,11 +121,11 @@ class IntervalCollector:
         self._last_ns = 0  # time of the last interval
         self._awaited: RobotState | None = None
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets everything but the robots and the counts: the time jumped back."""
         self._opened_ns, self._last_ns = None, 0
         for state in self.robots.values():
-            state.begin_anew()
+            state.reset()
 
     def robot(self, name: str) -> RobotState:
         """The state of a robot, which is made when it is first asked for."""
@@ -143,7 +143,7 @@ class IntervalCollector:
         state.clock.add(pose.stamp_ns, now_ns)
         state.poses.add(pose)
         if state.poses.resets > resets:
-            state.clock.add(pose.stamp_ns, now_ns, anew=True)
+            state.clock.add(pose.stamp_ns, now_ns, restarted=True)
 
     def add_covariance_in_team(self, robot: str, stamp_ns: int, covariance: Float) -> None:
         """Takes the covariance of a robot's poses relative to its team, see `Pose.in_team`.
@@ -174,9 +174,9 @@ class IntervalCollector:
         order = state.order.take(scan.stamp_ns)
         if order is Order.LATE:
             raise ScanError(f"stamp is {scan.stamp_ns} ns; wanted: newer than {newest} ns")
-        if order is Order.ANEW:
-            state.clock.add(scan.stamp_ns, now_ns, anew=True)
-            state.seen_ns, state.anew = None, True
+        if order is Order.RESTART:
+            state.clock.add(scan.stamp_ns, now_ns, restarted=True)
+            state.seen_ns, state.restarted = None, True
         if state.pending is not None:
             state.dropped["superseded"] += 1
         state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns
@@ -260,7 +260,7 @@ class IntervalCollector:
         for state in self.robots.values():
             (heard if self._is_heard(state.heard_ns, now_ns) else silent).append(state)
         seen_ns = [state.seen_ns for state in heard if state.seen_ns is not None]
-        if seen_ns or not any(state.anew for state in heard):
+        if seen_ns or not any(state.restarted for state in heard):
             seen_ns += [
                 state.seen_ns
                 for state in silent
@@ -279,7 +279,7 @@ class IntervalCollector:
         if back_ns <= 0:
             return
         if back_ns > RESET_NS:
-            self.begin_anew()
+            self.reset()
         elif self._opened_ns is not None:
             self._opened_ns = min(self._opened_ns, now_ns)
         for state in self.robots.values():
@@ -316,7 +316,7 @@ class IntervalCollector:
         newest_ns = max(*made_ns.values(), seen_ns or 0, 0)
         scans, poses = self._place(pending, newest_ns, left_out)
         for name in poses:
-            self.robots[name].seen_ns, self.robots[name].anew = made_ns[name], False
+            self.robots[name].seen_ns, self.robots[name].restarted = made_ns[name], False
         time_ns = max((scan.stamp_ns for scan in scans), default=stamp_ns)
         if scans:
             time_ns = self._follow(time_ns, seen_ns, newest_ns, poses)

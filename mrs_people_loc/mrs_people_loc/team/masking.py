@@ -17,15 +17,11 @@ from numpy.typing import NDArray
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Float32, Int
 from mrs_people_loc.errors import GridError
-from mrs_people_loc.geometry import rotation_2d
+from mrs_people_loc.geometry import rotation_2d, unit_vectors
 from mrs_people_loc.neighbours import pairs_between
-from mrs_people_loc.team.fusion import (
-    BodiesOnMap,
-    ShortTermMap,
-    covariance_of_places,
-    unit_vectors,
-)
-from mrs_people_loc.team.poses import Pose, places_of
+from mrs_people_loc.team.fusion import BodiesOnMap, ShortTermMap
+from mrs_people_loc.team.poses import Pose, places_and_covariances, places_of
+from mrs_people_loc.uncertainty import covariance_of_places
 
 
 @dataclass(frozen=True)
@@ -399,8 +395,8 @@ def are_masked(
     masked = np.zeros(len(xy), dtype=bool)
     if not len(xy) or (walls is None and radius <= 0):
         return masked
-    seen_from = [poses[name] for name in fused.robots]
-    away = xy - places_of(seen_from)[robot]
+    origin, of_poses = places_and_covariances(poses[name] for name in fused.robots)
+    away = xy - origin[robot]
     with np.errstate(over="ignore"):
         sigma = config.cell_range_sigma * (away**2).sum(axis=1)
     places, at_once = places_of(poses.values()), max(1, _PAIRS_AT_ONCE // len(poses))
@@ -409,8 +405,8 @@ def are_masked(
         near = start + np.unique(pairs_between(xy[start : start + at_once], places, farthest)[0])
         covariance = covariance_of_places(
             xy[near],
-            robot[near],
-            seen_from,
+            origin[robot[near]],
+            of_poses[robot[near]],
             along=sigma[near] ** 2,
             across=np.full(len(near), tuning.cell_sigma_across**2),
         )

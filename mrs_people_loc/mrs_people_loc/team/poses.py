@@ -5,16 +5,17 @@ from __future__ import annotations
 import bisect
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.clocks import RESET_NS, Order, RateLimit, StampOrder
+from mrs_people_loc.clocks import RESET_NS, Order, StampOrder
 from mrs_people_loc.errors import ConfigError, PoseError
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
+from mrs_people_loc.uncertainty import pose_effect
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,7 @@ class PoseBuffer:
         """Forgets all poses."""
         self._stamps.clear()
         self._poses.clear()
-        self._order.begin_anew()
+        self._order.reset()
         self.in_team = None
 
     def add(self, pose: Pose) -> None:
@@ -189,7 +190,7 @@ class PoseBuffer:
             pose = dataclasses.replace(pose, in_team=self.in_team[1])
         newest_ns, newest = self._order.newest_ns, self.newest
         order = self._order.take(pose.stamp_ns)
-        if order is Order.ANEW:
+        if order is Order.RESTART:
             self._stamps.clear()
             self._poses.clear()
         elif order is Order.LATE and newest_ns is not None:
@@ -339,77 +340,12 @@ def static_pose(config: cfg.PoseInput, stamp_ns: int) -> Pose:
     return Pose(stamp_ns, x, y, wrap_angle(yaw), np.diag(np.square(config.sigmas or (0.0,) * 3)))
 
 
-@dataclass
-class PoseIntake:
-    """Which of the poses that a robot hears go out: in the map, in order, at most so many a second.
-
-    Attributes:
-        config: What brings them to the map, and their rate.
-        frame_in_map: Says where a frame is in the map, for poses in it where
-            `config.map_from_odom` does not; None: nothing does.
-        last: The last pose that went out, in the map; None before the first.
-    """
-
-    config: cfg.PoseInput
-    frame_in_map: Callable[[str], Pose] | None = None
-    last: Pose | None = None
-    _rate: RateLimit = field(default_factory=RateLimit)
-    _order: StampOrder = field(default_factory=StampOrder)
-
-    def __call__(self, pose: Pose, frame_id: str) -> Pose | None:
-        """Takes a pose.
-
-        Args:
-            pose: The pose as it came.
-            frame_id: Its frame.
-
-        Returns:
-            The pose in the map; None if it is too early after the last one.
-
-        Raises:
-            PoseError: Its frame is not known in the map, or it is not newer than the last one.
-        """
-        pose = self._in_map(pose, frame_id.lstrip("/"))
-        newest_ns = self._order.newest_ns
-        order = self._order.take(pose.stamp_ns)
-        if order is Order.LATE:
-            raise PoseError(f"stamp is {pose.stamp_ns} ns; wanted: newer than {newest_ns} ns")
-        if order is Order.ANEW or newest_ns is None:
-            self._rate.begin_anew()
-        if not self._rate.lets_through(pose.stamp_ns, self.config.max_rate):
-            return None
-        self.last = pose
-        return pose
-
-    def begin_anew(self) -> None:
-        """Takes any stamp next."""
-        self._order.begin_anew()
-        self.last = None
-
-    def _in_map(self, pose: Pose, frame_id: str) -> Pose:
-        if frame_id == self.config.map_frame:
-            return pose
-        if not self.config.map_from_odom:
-            why = ""
-            if self.frame_in_map is not None:
-                try:
-                    return self.frame_in_map(frame_id) @ pose
-                except PoseError as err:
-                    why = f"; {err}"
-            raise PoseError(
-                f"frame_id is {frame_id!r}; wanted: {self.config.map_frame!r}, or the parameter "
-                f"pose.map_from_odom (x, y, yaw of that frame in the map){why}"
-            )
-        x, y, yaw = self.config.map_from_odom
-        return Pose(pose.stamp_ns, x, y, yaw) @ pose
-
-
 def places_of(poses: Iterable[Pose]) -> Float:
     """Places of poses [m], shape (n, 2)."""
     return np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
 
 
-def stack(poses: Iterable[Pose]) -> tuple[Float, Float]:
+def places_and_covariances(poses: Iterable[Pose]) -> tuple[Float, Float]:
     """Places [m], shape (n, 2), and covariances of poses, shape (n, 3, 3)."""
     all_of_them = list(poses)
     places = places_of(all_of_them)
@@ -441,22 +377,3 @@ def shared_effect(poses: Iterable[Pose], positions: Float) -> Float:
     pose, covariance = min(shared, key=lambda one: float(np.trace(one[1])))
     places = np.tile([pose.x, pose.y], (len(positions), 1))
     return pose_effect(places, np.tile(covariance, (len(positions), 1, 1)), positions)
-
-
-def pose_effect(places: Float, covariances: Float, positions: Float) -> Float:
-    """Covariance of places that were measured from uncertain poses [m^2].
-
-    Args:
-        places: Where each was measured from [m], shape (m, 2).
-        covariances: Of that pose, shape (m, 3, 3).
-        positions: What was measured [m], shape (m, 2).
-
-    Returns:
-        Shape (m, 2, 2).
-    """
-    lever = np.zeros((len(positions), 2, 3))
-    lever[:, 0, 0] = lever[:, 1, 1] = 1.0
-    lever[:, 0, 2], lever[:, 1, 2] = (places - positions)[:, 1], (positions - places)[:, 0]
-    with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
-        effect: Float = lever @ covariances @ lever.transpose(0, 2, 1)
-    return effect

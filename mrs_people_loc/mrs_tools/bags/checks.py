@@ -1,9 +1,8 @@
-"""What `bags` does beyond `rosbags`: checksums of mcap files, and bounds on what a file asks for.
+"""What `bags` does beyond `rosbags`: checksums of mcap files, and bounds on what they grow to.
 
-`rosbags` compares a chunk with its checksum when it reads the chunk, but writes none. It
-decompresses however much comes out, and makes code for each element of an array in a message
-definition. Its readers and writers are extended here where it provides for that, at
-`STORAGE_PLUGINS`. The layout of mcap is that of https://mcap.dev/spec.
+`rosbags` compares a chunk with its checksum when it reads the chunk, but writes none, and
+decompresses however much comes out. Its readers and writers are extended here where it provides
+for that, at `STORAGE_PLUGINS`. The layout of mcap is that of https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
-from rosbags.interfaces import Connection, Nodetype
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import McapReader, McapWriter
@@ -34,8 +33,6 @@ from mrs_people_loc.errors import BagError
 MAX_BYTES = 64 << 20
 #: A file that is compressed as a whole may grow by this factor, or to `MAX_BYTES`.
 MAX_GROWTH = 100
-#: Parts of a message, each element of its fixed arrays counted, but for arrays of numbers.
-MAX_PARTS = 10_000
 
 _MAGIC = b"\x89MCAP0\r\n"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -134,32 +131,41 @@ def _walk(path: Path, file: BinaryIO, size: int) -> None:
         if opcode == 0 or end > size:
             raise ReaderError(f"there is no record at byte {at}")
         if opcode == _CHUNK:
-            _, _, uncompressed, checksum = _numbers(file, "<QQQI")
-            compression, (compressed,) = _string(file, end), _numbers(file, "<Q")
-            chunk = _Chunk(compression, compressed, uncompressed)
-            if file.tell() + chunk.compressed != end:
-                raise ReaderError(f"the chunk at byte {at} is not as long as its record")
-            _check_growth(file, chunk, f"{path}: the chunk at byte {at}")
-            have_checksum.add(checksum != 0)
-            chunks[at] = chunk
+            chunks[at], has_checksum = _read_chunk(file, end, f"{path}: the chunk at byte {at}")
+            have_checksum.add(has_checksum)
         elif opcode == _CHUNK_INDEX:
             _, _, start, _ = _numbers(file, "<QQQQ")
             _string(file, end)  # where its messages are
             _numbers(file, "<Q")
             indexed[start] = _Chunk(_string(file, end), *_numbers(file, "<QQ"))
-        elif opcode == _DATA_END:
+        elif opcode == _DATA_END and not chunks:
             (expected,) = _numbers(file, "<I")
-            if expected and not chunks and _checksum(file, 0, at) != expected:
-                raise ReaderError("its messages do not fit their checksum")
+            _compare(file, 0, at, expected, "messages do")
         elif opcode == _FOOTER:
             summary, _, expected = _numbers(file, "<QQI")
-            if summary and expected and _checksum(file, summary, at + 25) != expected:
-                raise ReaderError("its index does not fit its checksum")
+            _compare(file, summary, at + 25, expected if summary else 0, "index does")
         file.seek(end)
     if indexed and indexed != chunks:
         raise ReaderError("its index does not fit its chunks")
     if len(have_checksum) > 1:
         raise ReaderError("some of its chunks have lost their checksums")
+
+
+def _read_chunk(file: BinaryIO, end: int, what: str) -> tuple[_Chunk, bool]:
+    """A chunk whose size was checked, and whether it has a checksum."""
+    _, _, uncompressed, checksum = _numbers(file, "<QQQI")
+    compression, (compressed,) = _string(file, end), _numbers(file, "<Q")
+    chunk = _Chunk(compression, compressed, uncompressed)
+    if file.tell() + compressed != end:
+        raise ReaderError(f"{what} is not as long as its record")
+    _check_growth(file, chunk, what)
+    return chunk, checksum != 0
+
+
+def _compare(file: BinaryIO, start: int, end: int, expected: int, what: str) -> None:
+    """Raise if a part of a file differs from its checksum; 0: it has none."""
+    if expected and _checksum(file, start, end) != expected:
+        raise ReaderError(f"its {what} not fit the checksum")
 
 
 def _numbers(file: BinaryIO, layout: str) -> tuple[int, ...]:
@@ -244,46 +250,6 @@ def _check_growth_of_file(path: Path) -> None:
             size += len(block)
             if size > allowed:
                 raise BagError(f"{path}: grows to more than {allowed} bytes, which are allowed")
-
-
-# -------------------------------------------------------------------------- message definitions
-
-
-def check_definitions(types: Mapping[str, Any]) -> None:
-    """Raise if a type has more parts than any message: each of them becomes code or objects.
-
-    Args:
-        types: Constants and fields by type name, as `rosbags.typesys` parses them.
-
-    Raises:
-        BagError: A type has more than `MAX_PARTS`, or is a part of itself; names the type.
-    """
-    known: dict[str, int] = {}
-    for name in types:
-        _parts(name, types, known)
-
-
-def _parts(name: str, types: Mapping[str, Any], known: dict[str, int]) -> int:
-    if name not in types:
-        return 1  # one of the standard types
-    if name in known:
-        return known[name]
-    known[name] = MAX_PARTS + 1  # as long as it is not known: if it is met again, it has no end
-    total = 0
-    for _, (kind, value) in types[name][1]:
-        length = 1
-        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            (element, size), is_array = value, kind == Nodetype.ARRAY
-            kind, value = element
-            is_number = kind == Nodetype.BASE and value[0] != "string"
-            length = size if is_array and not is_number else 1
-        total += length * (_parts(value, types, known) if kind == Nodetype.NAME else 1)
-    if total > MAX_PARTS:
-        raise BagError(
-            f"message type {name} has {total} parts, or is a part of itself; allowed: {MAX_PARTS}"
-        )
-    known[name] = total
-    return total
 
 
 # ------------------------------------------------------------------------------------- writing

@@ -1,6 +1,6 @@
 """A bag through the pipeline in this process, as fast as it goes.
 
-    run = BagRun("mrs_people_loc/bags/paper_formation")
+    run = BagRun("bags/paper_formation")
     for interval in run.intervals():
         interval.people                      # what the planner would publish
         interval.views["robot_a"].stages     # what its robots made of their images
@@ -31,7 +31,8 @@ from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.intervals import IntervalCollector
 from mrs_people_loc.team.poses import Pose, static_pose
-from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.reader import BagReader
+from mrs_tools.bags.records import Truth
 from mrs_tools.bags.sources import (
     GRID_TYPE,
     MAP_TOPIC,
@@ -44,7 +45,6 @@ from mrs_tools.bags.sources import (
 )
 from mrs_tools.bags.team_localization import TeamLocalization
 from mrs_tools.bags.truth import read_truth
-from mrs_tools.scoring.records import Truth
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class _Playback:
         self._on_view = on_view
         self._config = team.planner
         self._team = TeamLocalization(
-            {n: s.localization for n, s in sources.items() if s.localization is not None}
+            {name: source.localization for name, source in sources.items() if source.localizes}
         )
         self._waiting: dict[str, RobotView] = {}  # behind the scans that wait for their interval
 
@@ -120,7 +120,7 @@ class _Playback:
         if isinstance(made, RobotView):
             if self._on_view is not None:
                 self._on_view(made)
-            if source.localization is not None:
+            if source.localizes:
                 stages = made.stages
                 source.localization.take_view(stages.scan, stages.disparity, made.camera)
         scan = made.stages.scan if isinstance(made, RobotView) else made

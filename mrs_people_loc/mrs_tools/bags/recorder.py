@@ -12,9 +12,8 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosbags.interfaces import (
@@ -27,11 +26,14 @@ from rosbags.interfaces import (
 )
 
 from mrs_people_loc.errors import BagError
-from mrs_tools.bags.rosbag import BagWriter, default_typestore, matching, require_types
+from mrs_people_loc.messages import stamp_ns_of
+from mrs_ros.closing import Closing
+from mrs_tools.bags.message_types import default_typestore, require_types
+from mrs_tools.bags.reader import matching
+from mrs_tools.bags.writer import BagWriter
 from mrs_tools.tool_node import NO_NAME, message_class, node
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
     from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -71,7 +73,7 @@ class Status(NamedTuple):
     """By topic [bytes]."""
 
 
-class Recorder:
+class Recorder(Closing):
     """A bag that is being recorded.
 
     Subscribes to what the publishers of each topic offer: reliable if all of them are, transient
@@ -92,7 +94,7 @@ class Recorder:
         path: str | os.PathLike[str],
         topics: Collection[str] = (),
         *,
-        context: Context | None = None,
+        simulated: bool = False,
     ) -> None:
         """Begin a bag and join ROS.
 
@@ -100,7 +102,7 @@ class Recorder:
             path: `NAME.mcap` for one file, any other name for a folder with `metadata.yaml`.
             topics: Names or shell patterns such as `/robot_a/*`; none: every visible topic but
                 `/parameter_events` and what is `left_out`.
-            context: The ROS context to use; None: one of its own, from the environment.
+            simulated: Bag times are those of `/clock`, and nothing is recorded before it comes.
 
         Raises:
             BagError: The bag exists already or cannot be written, or a name or pattern fits none
@@ -110,6 +112,8 @@ class Recorder:
         for pattern in self.patterns:
             if not _may_exist(pattern):
                 raise BagError(f"{pattern!r} fits no topic: it is {NO_NAME}; and * ? [abc]")
+        self._clock: Subscription | None = None
+        self._clock_ns = 0
         self.sizes: dict[str, int] = {}
         self.skipped: dict[str, str] = {}
         self.left_out: set[str] = set()
@@ -118,10 +122,20 @@ class Recorder:
         self._bag = BagWriter(path)
         self._open = ExitStack()
         try:
-            self._node = self._open.enter_context(node("mrs_record", context))
+            self._node = self._open.enter_context(node("mrs_record"))
         except BaseException:
             self._bag.abort()
             raise
+        if simulated:
+            self._follow_clock()
+
+    def _follow_clock(self) -> None:
+        from rclpy.qos import qos_profile_sensor_data
+        from rosgraph_msgs.msg import Clock
+
+        self._clock = self._node.create_subscription(
+            Clock, "/clock", lambda _: None, qos_profile_sensor_data
+        )
 
     @property
     def counts(self) -> dict[str, int]:
@@ -233,16 +247,24 @@ class Recorder:
 
         Takes from the subscriptions directly: an executor needs four times the CPU for that.
         """
-        arrived: list[tuple[int, str, bytes]] = []
-        for name, subscription in self._subscriptions.items():
-            handle = subscription.handle
-            with handle:
-                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
-                    data, info = taken
-                    arrived.append((info["received_timestamp"] or time.time_ns(), name, data))
+        if self._clock is not None and not self._read_clock():
+            return
+        arrived = [
+            (info["received_timestamp"] or time.time_ns(), name, data)
+            for name, subscription in self._subscriptions.items()
+            for data, info in _taken(subscription, raw=True)
+        ]
+        self._read_clock()  # after the messages: they do not come before they were sent
         for time_ns, name, data in sorted(arrived, key=lambda message: message[0]):
-            self._bag.write_raw(name, time_ns, data)
+            self._bag.write_raw(name, self._clock_ns or time_ns, data)
             self.sizes[name] += len(data)
+
+    def _read_clock(self) -> int:
+        """The time of `/clock` [ns]; 0: none has come, or it is not wanted."""
+        if self._clock is not None:
+            for message, _ in _taken(self._clock, raw=False):
+                self._clock_ns = stamp_ns_of(message.clock)
+        return self._clock_ns
 
     def close(self) -> None:
         """Write the index; the bag is complete then.
@@ -260,22 +282,21 @@ class Recorder:
             )
         self._bag.close()
 
-    def __enter__(self) -> Recorder:
-        """Return the recorder."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         """Close the bag; also after an exception what came before it is kept."""
         if kind is None or any(self.counts.values()):
             self.close()
         else:
             self._open.close()
             self._bag.abort()
+
+
+def _taken(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Any]]:
+    """What has arrived on a subscription, and what is known of its arrival."""
+    handle = subscription.handle
+    with handle:
+        while (taken := handle.take_message(subscription.msg_type, raw)) is not None:
+            yield taken
 
 
 class _Fit(NamedTuple):

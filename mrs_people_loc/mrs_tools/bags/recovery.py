@@ -17,7 +17,7 @@ from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from mrs_people_loc.errors import BagError
-from mrs_tools.bags.rosbag import BagWriter, lock, part_of
+from mrs_tools.bags.writer import BagWriter, lock, part_of
 
 _MAGIC_BYTES = 8
 _DATA_END = 0x0F

@@ -1,6 +1,6 @@
 """Publishes the messages of a bag over ROS, in their timing.
 
-    with Replayer("mrs_people_loc/bags/paper_formation", clock=True) as player:
+    with Replayer("bags/paper_formation", clock=True) as player:
         player.wait_for_subscribers()
         player.play(on_progress=print)
 
@@ -15,19 +15,17 @@ import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
-from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosbags.interfaces import QosDurability
 
 from mrs_people_loc.errors import BagError
+from mrs_ros.closing import Closing
 from mrs_ros.network import node_of
-from mrs_tools.bags.rosbag import BagReader, Topic
-from mrs_tools.domain import wait_for_discovery
-from mrs_tools.tool_node import NO_NAME, message_class, node
+from mrs_tools.bags.reader import BagReader, Topic
+from mrs_tools.tool_node import NO_NAME, message_class, node, wait_for_discovery
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
     from rclpy.publisher import Publisher
     from rclpy.qos import QoSProfile
 
@@ -75,7 +73,7 @@ class Replayed(NamedTuple):
     """By how many seconds the latest message missed its time: what the machine was behind."""
 
 
-class Replayer:
+class Replayer(Closing):
     """A bag and a publisher for each of its topics.
 
     A topic that somebody else on the network publishes is left out, also where that begins while
@@ -99,7 +97,6 @@ class Replayer:
         rate: float = 1.0,
         clock: bool = False,
         topics: Collection[str] = (),
-        context: Context | None = None,
     ) -> None:
         """Open a bag and announce its topics.
 
@@ -109,7 +106,6 @@ class Replayer:
             clock: Publish bag time on `/clock`. A bag that has its own `/clock` publishes that.
             topics: Names or shell patterns of the topics to publish; none: all. A name that
                 cannot be published is an error then.
-            context: The ROS context to use; None: one of its own, from the environment.
 
         Raises:
             BagError: The bag cannot be read, has no such topic, or none of its topics, or not one
@@ -129,7 +125,7 @@ class Replayer:
         self._looked_s = 0.0
         with ExitStack() as stack:
             self.bag = stack.enter_context(BagReader(bag))
-            self._node = stack.enter_context(node("mrs_replay", context))
+            self._node = stack.enter_context(node("mrs_replay"))
             wait_for_discovery(self._node)
             for name in self.bag.select(topics):
                 self._announce(self.bag.topics[name], named=name in topics)
@@ -368,19 +364,6 @@ class Replayer:
     def close(self) -> None:
         """Take the topics back and close the bag."""
         self._open.close()
-
-    def __enter__(self) -> Replayer:
-        """Return the replayer."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Take the topics back and close the bag."""
-        self.close()
 
 
 class _Pace:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,8 @@ from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.team.masking import OccupancyGrid
-from mrs_people_loc.team.poses import Pose, PoseIntake, static_pose
-from mrs_tools.bags.rosbag import BagReader
+from mrs_people_loc.team.poses import Pose, static_pose
+from mrs_tools.bags.reader import BagReader
 from mrs_tools.bags.team_localization import range_handlers
 
 MAP_TOPIC = "/map"
@@ -180,6 +180,8 @@ class Source:
         scans: Scans so far.
         poses: Poses so far.
         stands: Whether its pose is a parameter, at any time.
+        localization: Places its poses in the map.
+        localizes: Whether it corrects some of them.
     """
 
     has: BagRobot
@@ -208,10 +210,12 @@ class Source:
             static_pose(config.pose, 0)
         else:
             self.handlers[f"/{name}/{self._pose_topic()}"] = self._on_pose
-        self._intake = PoseIntake(self.config.pose)
-        self.localization: RobotLocalization | None = None
-        if self.localize and self._pose_topic() == config.pose.source and may_localize(config):
-            self.localization = RobotLocalization(name, config)
+        if not self.localize or self._pose_topic() != config.pose.source:
+            never = replace(config.localization, run="never")
+            config = self.config = replace(config, localization=never)
+        self.localization = RobotLocalization(name, config)
+        self.localizes = may_localize(config)
+        if self.localizes:
             self.handlers.update(range_handlers(name, self.localization, config.walls))
 
     def _pose_topic(self) -> str:
@@ -245,15 +249,14 @@ class Source:
         frame_id = message.header.frame_id
         config, recorded = self.config.pose, self._pose_topic() == "pose"
         came_in = frame_id.lstrip("/")
-        if self.localization is not None and localizes(self.config, came_in):
-            return self._intake(self.localization.take_odometry(pose), config.map_frame)
-        if came_in != config.map_frame and (recorded or not config.map_from_odom):
+        placed = came_in == config.map_frame or localizes(self.config, came_in)
+        if not placed and (recorded or not config.map_from_odom):
             remedy = ", or pose.map_from_odom (x, y, yaw of that frame in the map) in a --config"
             raise FrameError(
                 f"frame_id is {frame_id!r}; wanted: {config.map_frame!r}"
                 + ("" if recorded else remedy)
             )
-        return pose if recorded else self._intake(pose, frame_id)
+        return pose if recorded else self.localization.place(pose, frame_id)
 
     def why_no_scan(self) -> str:
         """Why there was no scan, as far as it is known."""

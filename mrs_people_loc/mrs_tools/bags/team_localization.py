@@ -13,7 +13,8 @@ from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, WallSensors
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
 from mrs_people_loc.localization.people.seen_people import people_by_robot
-from mrs_people_loc.localization.robot_localization import Mounting, RobotLocalization
+from mrs_people_loc.localization.robot_localization import RobotLocalization
+from mrs_people_loc.localization.walls.finder import Mounting
 from mrs_people_loc.planner import People
 
 
@@ -63,8 +64,8 @@ class TeamLocalization:
         if told is None:
             return
         for name, other in self._robots.items():
-            if name != robot and other.localizer is not None:
-                other.localizer.take_teammate(told)
+            if name != robot:
+                other.take_teammate(told)
 
     def measure(self, people: People, config: PlannerConfig) -> None:
         """Takes an interval of the planner: where robots are to each other, by their people."""
@@ -73,5 +74,4 @@ class TeamLocalization:
         seen = people_by_robot(people.fused, people.poses, config)
         for relative in self._relative.step(seen, people.poses):
             for robot in self._robots.values():
-                if robot.localizer is not None:
-                    robot.localizer.take_relative(relative)
+                robot.take_relative(relative)

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.messages import stamp_ns_of
-from mrs_tools.bags.rosbag import BagReader
-from mrs_tools.scoring.records import Truth
+from mrs_tools.bags.reader import BagReader
+from mrs_tools.bags.records import Truth
 
 TRUTH_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
 GROUP_TOPIC = "/ground_truth/group"
-#: Meshes of the user's that were rendered.
-ASSETS_TOPIC = "/ground_truth/assets"
 #: std_msgs' arrays of whole numbers.
 _INTEGER_ARRAYS = tuple(
     f"std_msgs/msg/{sign}Int{bits}MultiArray" for sign in ("", "U") for bits in (8, 16, 32, 64)
@@ -26,6 +24,11 @@ _INTEGER_ARRAYS = tuple(
 _Numbers = list[tuple[int, NDArray[np.integer]]]
 #: What is scored at most: people of one message, messages times people.
 MAX_PEOPLE, MAX_PLACES = 1_000, 10_000_000
+
+
+def true_pose_topic(robot: str) -> str:
+    """Where a robot's true pose is."""
+    return f"/ground_truth/{robot}/pose"
 
 
 def read_truth(bag: BagReader) -> Truth:

@@ -17,8 +17,8 @@ import typer
 from mrs_people_loc.errors import FloorError
 from mrs_people_loc.health.floor import in_words
 from mrs_tools.bags.sources import overridden_beside
-from mrs_tools.calibration import from_bag, how_sure, live, snippet
-from mrs_tools.options import OwnConfig
+from mrs_tools.calibration import from_bag, head_of, how_sure, live, snippet
+from mrs_tools.options import Configs, OwnConfig
 from mrs_tools.plain import plain
 
 _REMEDY = (
@@ -34,10 +34,7 @@ def command(
         list[str] | None,
         typer.Option("--robot", "-r", help="Robot whose head is measured. Default for a bag: all."),
     ] = None,
-    config: Annotated[
-        list[Path] | None,
-        typer.Option("--config", "-c", help="Parameter file of the team; later ones win."),
-    ] = None,
+    config: Configs = None,
     duration: Annotated[
         float,
         typer.Option("--duration", "-d", min=0.1, help="Without a bag: look for this long [s]."),
@@ -58,8 +55,9 @@ def command(
             console.print(plain(overridden), style="yellow", markup=False)
         made = from_bag(bag, files, names, beside=own_config)
     elif len(names) == 1:
+        head = head_of(names[0], files)
         console.print(f"looking at /{names[0]} for {duration:g} s ...")
-        made = {names[0]: live(names[0], files, duration)}
+        made = {names[0]: live(head, duration)}
     else:
         raise typer.BadParameter("give a bag, or one --robot that is running")
     failed: list[str] = []

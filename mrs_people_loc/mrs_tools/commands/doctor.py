@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mrs_tools.common import make_table
 from mrs_tools.diagnosis.diagnose import Check, diagnose
 from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN, figures
 from mrs_tools.diagnosis.look import look
@@ -63,7 +64,6 @@ def command(
 
 
 def _print(console: Console, checks: Iterable[Check], rows: Sequence[Sequence[str]]) -> None:
-    from rich.table import Table
     from rich.text import Text
 
     for check in checks:
@@ -74,10 +74,8 @@ def _print(console: Console, checks: Iterable[Check], rows: Sequence[Sequence[st
         for one in check.follows:
             console.print(Text(f"          so: {one.subject}: {one.text}", style="dim"))
     if rows:
-        table = Table()
-        table.add_column("robot")
-        for column in ("scans/s", r"age \[s]", r"clock \[s]", r"CPU \[%]", r"frame \[ms]"):
-            table.add_column(column, justify="right")
+        columns = ("robot", "scans/s", "age [s]", "clock [s]", "CPU [%]", "frame [ms]")
+        table = make_table("", *columns)
         for row in rows:
             table.add_row(*map(Text, row))
         console.print(table)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mrs_tools.bags.recorder import Recorder, Status
-from mrs_tools.bags.rosbag import part_of
+from mrs_tools.bags.writer import part_of
 from mrs_tools.common import print_note
 from mrs_tools.plain import plain
 from mrs_tools.signals import Stop, stop_on_signals

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 #: Options of each kind of tour that the other one does not have, by their parameters.
 _LIVE = ("namespace",)
-_SIMULATED = ("scene", "seed", "poses", "kill", "record", "images", "duration")
+_SIMULATED = ("scene", "seed", "poses", "kill", "record", "images", "duration", "open_")
 
 
 def command(
@@ -65,23 +66,42 @@ def command(
     duration: Annotated[
         float, typer.Option(help="With --simulate: cancel the tour after this time [s].", min=1.0)
     ] = 600.0,
+    open_: Annotated[
+        bool | None,
+        typer.Option(
+            "--open/--no-open",
+            help="With --simulate: open the page in the browser. Default: where there are a "
+            "terminal and a display.",
+        ),
+    ] = None,
 ) -> None:
     """Guide a group along a tour, by a running guide_node; Ctrl-C cancels the tour.
 
     Shows how the tour goes on. Exit code 0 if the group has been guided to the end. With --simulate
-    everything runs on this machine in real time, and scores are printed at the end.
+    everything runs on this machine, in real time or as fast as it can, and is shown on a page for
+    the browser; scores are printed at the end.
     """
+    from rich.console import Console
+
     if simulate == (file is not None):
         raise typer.BadParameter("give either TOUR.yaml or --simulate")
     given = [name for name in (_LIVE if simulate else _SIMULATED) if _is_given(context, name)]
     if given:
-        options = ", ".join(f"--{name}" for name in given)
+        options = ", ".join(f"--{name.rstrip('_')}" for name in given)
         applies = "does not apply with" if simulate else "applies only with"
         raise typer.BadParameter(f"{options}: {applies} --simulate")
     if file is not None:
         _guide(file, namespace)
         return
-    _simulate(scene, seed, poses, kill or [], record, images, duration)
+    # Simulated worlds are no part of what a robot installs.
+    simulated = importlib.import_module("mrs_people_sim.tour.command")
+    console = Console(soft_wrap=True, highlight=False)
+    with simulated.simulate(
+        scene, seed, poses, kill or [], record, images, duration, open_, console
+    ) as (stop, result):
+        if stop.is_set() and not stop.exit_code and not (result and result.finished):
+            raise PeopleLocError(f"cancelled: the {duration:g} s asked for (--duration) are over")
+        _report(result, stop.exit_code, console)
 
 
 def _is_given(context: typer.Context, name: str) -> bool:
@@ -130,61 +150,3 @@ def _report(result: Any, exit_code: int, console: Console) -> None:
     console.print(Text(f"finished: {plain(result.message)}", style="green"))
     if result.lost:
         console.print(f"without people {', '.join(map(str, result.lost))}")
-
-
-def _simulate(
-    scene: str,
-    seed: int,
-    poses: str,
-    kills: list[str],
-    record: Path | None,
-    images: bool,
-    duration: float,
-) -> None:
-    """Simulates a tour, and prints its scores."""
-    import tempfile
-
-    import embreex  # noqa: F401  # where it is missing, this says so, and how to get it
-    from rich.console import Console
-
-    from mrs_tools.domain import private_domain
-    from mrs_tools.evaluation.results import evaluate_bag
-    from mrs_tools.evaluation.tables import robots_of_tours_table, tours_table
-    from mrs_tools.signals import stop_on_signals
-    from mrs_tools.simulation.guided import guided_scene
-    from mrs_tools.simulation.light.guided_tour import POSES
-    from mrs_tools.tour.simulated_tour import Plan, run_tour
-    from mrs_tools.tour.trouble import read_kill
-
-    if poses not in POSES:
-        raise typer.BadParameter(f"--poses is {poses!r}; allowed: {', '.join(POSES)}")
-    what = guided_scene(_scene_file(scene), seed)
-    names = [*what.robots, "planner", "guide"]
-    plan = Plan(what, poses, [read_kill(text, names) for text in kills], duration, images)
-    console = Console(soft_wrap=True, highlight=False)
-    with tempfile.TemporaryDirectory() as folder:
-        bag = record or Path(folder, "tour.mcap")
-        with private_domain() as where, stop_on_signals() as stop:
-            console.print(where)
-            result = run_tour(plan, bag, stop, console)
-        report = evaluate_bag(bag, recorded=True).report().get("tour")
-    if report is not None:
-        console.print(tours_table({what.name: report}))
-        console.print(robots_of_tours_table({what.name: report}))
-    if stop.is_set() and not stop.exit_code and not (result and result.finished):
-        raise PeopleLocError(f"cancelled: the {duration:g} s asked for (--duration) are over")
-    _report(result, stop.exit_code, console)
-
-
-def _scene_file(scene: str) -> Path:
-    """A scene's file, by its path or by the name of one of ours."""
-    from mrs_tools.installing import default_file
-
-    if scene.endswith(".yaml"):
-        return Path(scene)
-    folder = default_file("scenes")
-    path = folder / f"{scene}.yaml"
-    if not path.exists():
-        ours = ", ".join(sorted(one.stem for one in folder.glob("guided_*.yaml")))
-        raise typer.BadParameter(f"--scene is {scene!r}; allowed: a file NAME.yaml, or {ours}")
-    return path

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mrs_people_loc.errors import PeopleLocError
+from mrs_tools.view.protocol import PORT
 from mrs_tools.view.source import Source
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def command(
     ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(help="TCP port; 0: any that is free.", min=0, max=65535)
-    ] = 8765,
+    ] = PORT,
     token: Annotated[
         str, typer.Option(help="Token to ask for; empty: one is made where it is needed.")
     ] = "",

@@ -73,6 +73,18 @@ _ADVICE = {
     ),
 }
 
+#: What comes of a machine that has too much to do, too; and at which share of a processor for each
+#: process that is likely.
+_LATE = {
+    Code.NO_DATA,
+    Code.NO_PAIR,
+    Code.SCAN_SILENT,
+    Code.LEFT_OUT_NO_POSE,
+    Code.LEFT_OUT_TOO_OLD,
+    Code.SLOW,
+}
+_BUSY = 0.5
+
 #: Where to read about inputs that nobody publishes.
 _DOCS = {
     Kind.IMAGE: "docs/cameras.md",
@@ -126,7 +138,9 @@ def diagnose(facts: Facts) -> list[Check]:
     if simulated and not facts.has_clock:
         timeless = [symptom for symptom in symptoms if symptom.code == Code.NO_CLOCK]
     others = [symptom for symptom in symptoms if symptom not in timeless]
+    busy = facts.load is not None and facts.load.share < _BUSY
     checks = [
+        *_of_load(facts, symptoms if busy else ()),
         *_of_nodes(facts, unanswered=any(symptom.unanswered for symptom in symptoms)),
         *_of_time(facts, simulated, timeless),
         *_of_planners(facts),
@@ -136,7 +150,7 @@ def diagnose(facts: Facts) -> list[Check]:
             for topic, text in facts.mismatches
         ),
         *_of_memory(facts),
-        *_with_consequences(others),
+        *_with_consequences(others, busy=busy),
     ]
     bad = {symptom.node for symptom in others}
     checks += [Check(node, OK, _all_well(facts.reports[node])) for node in nodes if node not in bad]
@@ -165,20 +179,34 @@ def causes_in(reports: Mapping[str, Report]) -> list[Check]:
     )
 
 
-def _with_consequences(symptoms: Sequence[Symptom]) -> list[Check]:
-    """Symptoms as checks, those of robots first; those that follow from an error, with it."""
+def _of_load(facts: Facts, symptoms: Iterable[Symptom]) -> Iterable[Check]:
+    """A machine that has too much to do, where that may be why something comes late."""
+    if any(symptom.code in _LATE for symptom in symptoms):
+        text = f"{facts.load}: what runs here comes late, or not at all"
+        yield Check("this machine", WARN, text, "end what else runs here, and look again")
+
+
+def _with_consequences(symptoms: Sequence[Symptom], *, busy: bool = False) -> list[Check]:
+    """Symptoms as checks, those of robots first; those that follow from an error, with it.
+
+    Args:
+        symptoms: The symptoms.
+        busy: Whether this machine has too much to do.
+    """
     in_order = sorted(symptoms, key=lambda symptom: not is_robot(symptom.node))
     return [
-        _check(symptom, [_check(one) for one in follows])
+        _check(symptom, [_check(one) for one in follows], busy=busy)
         for symptom, follows in by_cause(in_order).items()
     ]
 
 
-def _check(symptom: Symptom, follows: Iterable[Check] = ()) -> Check:
+def _check(symptom: Symptom, follows: Iterable[Check] = (), *, busy: bool = False) -> Check:
     subject = symptom.node if symptom.subject == NODE else f"{symptom.node}: {symptom.subject}"
     advice = symptom.advice or (_ADVICE.get(symptom.code, "") if symptom.code else "")
     if symptom.code == Code.NO_PUBLISHER and not symptom.advice and symptom.kind in _DOCS:
         advice += f"; {_DOCS[symptom.kind]}"
+    if busy and symptom.code in _LATE:
+        advice = f"if it runs on this machine, lower its load first; {advice}"
     return Check(subject, symptom.level, symptom.text, advice, tuple(follows))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE, ROBOT_NODE
+from mrs_tools.diagnosis.load import Load
 from mrs_tools.diagnosis.shared_memory import Memory
 
 OK, WARN, ERROR, STALE = "ok", "warning", "error", "waiting"
@@ -49,6 +50,7 @@ class Facts:
         shared_robots: By robot's topic `points`, the planners that listen to it.
         viewers: Every `mrs people` that runs.
         memory: Shared memory of this machine.
+        load: Load of this machine.
     """
 
     domain: int
@@ -63,6 +65,7 @@ class Facts:
     shared_robots: dict[str, list[str]] = field(default_factory=dict)
     viewers: list[str] = field(default_factory=list)
     memory: Memory | None = None
+    load: Load | None = None
 
 
 def is_robot(node: str) -> bool:

@@ -11,6 +11,7 @@ from mrs_people_loc.config import GUIDE_NODE, PLANNER_NODE, ROBOT_NODE
 from mrs_ros.network import node_of
 from mrs_tools.diagnosis import shared_memory
 from mrs_tools.diagnosis.facts import ERROR, LEVELS, Endpoint, Facts, is_planner
+from mrs_tools.diagnosis.load import Load
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def look(node: Node, duration_s: float, spin: Callable[[], object]) -> Facts:
         spin: Called again and again; lets the node work for a moment.
     """
     facts = Facts(node.context.get_domain_id(), nodes=[], memory=shared_memory.memory())
+    facts.load = Load.now()  # before this listens, too
     _hear_reports(node, duration_s, spin, facts)
     look_at_graph(node, facts)
     ask_nodes(node, facts, spin)

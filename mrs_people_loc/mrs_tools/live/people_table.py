@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import PEOPLE_TOPICS
+from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.geometry import yaw_from_quaternion
-from mrs_people_loc.messages import stamp_ns_of
+from mrs_people_loc.messages import read_people, stamp_ns_of
 from mrs_people_loc.people import Group as PeopleGroup
 from mrs_people_loc.people import Person
-from mrs_tools.bags.estimates import PEOPLE_TYPE, read_people
+from mrs_tools.bags.message_types import PEOPLE_TYPE
 from mrs_tools.diagnosis.diagnose import causes_in
 from mrs_tools.diagnosis.facts import ERROR, LEVELS, STALE, WARN
 from mrs_tools.plain import plain
@@ -105,8 +106,8 @@ class LivePeople:
 
     def _on_people(self, message: Any) -> None:
         try:
-            self._people = read_people(message)
-        except ValueError as err:  # somebody else's: it is no reason to end
+            self._people = read_people(message, message.header.frame_id.lstrip("/"))
+        except PeopleLocError as err:  # somebody else's: it is no reason to end
             refused = f"a message is refused: {err}"
             self._reports[f"{_OWN}: node"] = (time.monotonic(), WARN, refused, {})
             return

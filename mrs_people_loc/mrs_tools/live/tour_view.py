@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import time
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from mrs_people_loc.guiding.guidance import Role, State
@@ -59,12 +58,7 @@ class TourView:
         self._progress.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Removes the bar."""
         self._progress.stop()
 

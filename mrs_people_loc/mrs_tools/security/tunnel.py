@@ -39,7 +39,7 @@ remote-cert-tls client
 crl-verify crl.pem
 # Everybody shows it again so often [s]; a revoked host can stay so long.
 reneg-sec {recheck_s}
-# A robot that hears nothing for 4 s connects anew.
+# A robot that hears nothing for 4 s connects again.
 keepalive 1 4
 """
 ROBOT_TUNNEL = """\

@@ -11,6 +11,7 @@ from mrs_people_loc.errors import ConfigError
 from mrs_tools.diagnosis import shared_memory
 from mrs_tools.diagnosis.diagnose import Check, diagnose
 from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN, Facts, is_robot
+from mrs_tools.diagnosis.load import Load
 from mrs_tools.diagnosis.look import ask, ask_nodes, look_at_graph, take_report
 from mrs_tools.view.protocol import Finding, Health
 
@@ -59,6 +60,7 @@ class HealthWatch:
         """
         now_s = time.monotonic()
         facts = Facts(self._node.context.get_domain_id(), nodes=[], memory=self._memory)
+        facts.load = Load.now()
         look_at_graph(self._node, facts)
         facts.reports = {
             node: report

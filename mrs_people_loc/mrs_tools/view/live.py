@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import math
 import queue
 import threading
 import time
@@ -36,6 +38,8 @@ _IDLE_S = 0.4
 _MAP_S, _WALLS_S = 2.0, 5.0
 #: The team's nodes are looked at this often [s].
 _HEALTH_S = 1.0
+#: A team that was started only now is well for so long, or until people have come for so long [s].
+_START_S, _SETTLE_S = 60.0, 3.0
 _POINTS = "sensor_msgs/msg/PointCloud2"
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _PEOPLE = "mrs_people_msgs/msg/People"
@@ -48,12 +52,20 @@ class LiveSource:
         namespace: The planner's.
         control: Whether viewers may start and cancel tours.
         tours: Those that they may start, by name.
+        starting: Whether the team starts only now: until people come, its nodes lack all kinds of
+            things, which are no troubles.
     """
 
     def __init__(
-        self, namespace: str = "", *, control: bool = False, tours: Mapping[str, Tour] | None = None
+        self,
+        namespace: str = "",
+        *,
+        control: bool = False,
+        tours: Mapping[str, Tour] | None = None,
+        starting: bool = False,
     ) -> None:
         self._namespace, self._may_control, self._tours = namespace, control, dict(tours or {})
+        self._starting = starting
         self._stack = ExitStack()
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -86,7 +98,7 @@ class LiveSource:
         self._title = f"{domain}, {self._namespace}" if self._namespace else domain
         self._team = _Team(listening, publish)
         self._live_tours = LiveTours(self._namespace, context, publish, self._team.now_s)
-        watch = _Watch(looking, self._team, publish)
+        watch = _Watch(looking, self._team, publish, starting=self._starting)
         for name, made, step in (
             ("listen", listening, lambda spin: spin()),
             ("health", looking, watch.step),
@@ -142,9 +154,10 @@ def make_executor(context: Context) -> Any:
 
     try:
         from rclpy.experimental import EventsExecutor
-    except ImportError:
+
+        return EventsExecutor(context=context)
+    except (ImportError, io.UnsupportedOperation):  # it wants a stderr that is a file, too
         return SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
 
 
 class _Team:
@@ -157,6 +170,7 @@ class _Team:
     Attributes:
         views: What robots see.
         refused: By topic whose last message was refused: why.
+        people_since_s: When the first people came, by the steady clock [s]; inf: none have.
     """
 
     def __init__(self, node: Node, publish: Publish) -> None:
@@ -173,6 +187,7 @@ class _Team:
         self._state = TeamState()
         self.views = RobotViews(node, publish, self.now_s)
         self.refused: dict[str, str] = {}
+        self.people_since_s = math.inf
         self._todo: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._raw_poses: dict[str, bytes] = {}
         self._pose_subscriptions: dict[str, Any] = {}
@@ -251,6 +266,7 @@ class _Team:
     def _on_people(self, message: Any) -> None:
         with _Refusing(self.refused, "people"):
             self._state.take_people(message, time.monotonic())
+            self.people_since_s = min(self.people_since_s, time.monotonic())
             self._send_state()
             self.views.cells(
                 messages.stamp_ns_of(message.header.stamp), messages.read_people_scans(message)
@@ -344,10 +360,11 @@ class _Refusing:
 class _Watch:
     """Looks for robots, asks them for their heads, and says how everybody is."""
 
-    def __init__(self, node: Node, team: _Team, publish: Publish) -> None:
+    def __init__(self, node: Node, team: _Team, publish: Publish, *, starting: bool) -> None:
         self._node, self._team, self._publish = node, team, publish
         self._health = health.HealthWatch(node)
         self._began_s = time.monotonic()
+        self._started_s = self._began_s + _START_S if starting else 0.0
         self._last: protocol.Health | None = None
         self._asked_s: dict[str, float] = {}
 
@@ -359,7 +376,11 @@ class _Watch:
         robots = self._find()
         for robot in robots:
             self._ask_head(robot, spin)
-        if time.monotonic() - self._began_s < 2.5:  # not everybody can have reported
+        now_s = time.monotonic()
+        if now_s < min(self._started_s, self._team.people_since_s + _SETTLE_S):
+            self._tell(protocol.starting("The team starts."))
+            return
+        if now_s - self._began_s < 2.5:  # not everybody can have reported
             return
         checks = self._health.look(spin)
         notes = health.notes_of_robots(checks, self._node.get_namespace())
@@ -368,7 +389,9 @@ class _Watch:
             _own_finding("warning", f"a message on {topic} is refused: {why}", "")
             for topic, why in sorted(dict(self._team.refused).items())
         ]
-        found = health.health_of(checks, own)
+        self._tell(health.health_of(checks, own))
+
+    def _tell(self, found: protocol.Health) -> None:
         if found != self._last:
             self._last = found
             self._publish(found)

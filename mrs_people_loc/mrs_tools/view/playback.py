@@ -21,7 +21,7 @@ from pathlib import Path
 
 from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.bags.offline import BagRun
-from mrs_tools.bags.rosbag import BagReader
+from mrs_tools.bags.reader import BagReader
 from mrs_tools.bags.sources import read_grid, robots_of
 from mrs_tools.diagnosis.facts import ERROR, OK, WARN
 from mrs_tools.plain import plain
@@ -70,16 +70,22 @@ class Playback:
         path: The bag.
         configs: Parameter files of its team, later ones win; the one beside the bag is read, too.
         results: People of a team that ran on the bag, in place of those in it.
+        loop: Whether it is played at once, and again and again.
 
     Raises:
         PeopleLocError: It is no bag, has nothing to show, or a file is wrong.
     """
 
     def __init__(
-        self, path: Path, configs: Sequence[Path] = (), results: Results | None = None
+        self,
+        path: Path,
+        configs: Sequence[Path] = (),
+        results: Results | None = None,
+        *,
+        loop: bool = False,
     ) -> None:
-        self._path = path
-        self._wish, self._woken = _Wish(), False
+        self._path, self._loop = path, loop
+        self._wish, self._woken = _Wish(playing=loop), False
         self._changed = threading.Condition()
         self._position_ns = 0
         # One thread reads the bag: a connection to SQLite belongs to the thread that makes it.
@@ -191,7 +197,10 @@ class Playback:
                 player.advance(passed_ns)
             self._position_ns = player.position_ns
             if wish.playing and player.position_ns >= self._bag.end_ns:
-                self._want(playing=False)
+                if self._loop:
+                    self._want(seek_ns=self._bag.start_ns)
+                else:
+                    self._want(playing=False)
             player.show(wish)
 
 

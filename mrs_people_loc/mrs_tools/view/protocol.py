@@ -25,6 +25,8 @@ from mrs_people_loc.errors import PeopleLocError
 
 #: Of this protocol; the page refuses another one.
 VERSION = 1
+#: The page's TCP port: one that no other viewer of robots has.
+PORT = 8642
 #: A longer command closes the connection.
 MAX_COMMAND_BYTES = 4096
 #: Events that a viewer is shown when it connects.
@@ -260,6 +262,16 @@ class Health(TypedDict):
     type: Literal["health"]
     level: Level
     findings: list[Finding]
+
+
+def starting(text: str) -> Health:
+    """What the page says while there is no team yet, or not all of it.
+
+    Args:
+        text: What is done, a sentence.
+    """
+    finding = Finding(level="waiting", subject="start", text=text, advice="", follows=[])
+    return Health(type="health", level="waiting", findings=[finding])
 
 
 class Time(TypedDict):

@@ -16,9 +16,8 @@ from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.head import Head
 from mrs_people_loc.sensing.camera import CameraModel
-from mrs_tools.bags.estimates import PEOPLE_TYPE
-from mrs_tools.bags.guided_tours import STATUS_TYPE
-from mrs_tools.bags.rosbag import BagReader, RawMessage
+from mrs_tools.bags.message_types import PEOPLE_TYPE, STATUS_TYPE
+from mrs_tools.bags.reader import BagReader, RawMessage
 from mrs_tools.bags.truth import TRUTH_TOPIC
 from mrs_tools.plain import plain
 from mrs_tools.view import protocol

@@ -111,7 +111,7 @@ class TeamState:
             now_s: When they come [s].
         """
         if stamp_ns < self._stamp_ns - RESET_NS:
-            self.begin_anew()
+            self.reset()
         self._stamp_ns, self._people_s = stamp_ns, now_s
         for robot, pose in poses.items():
             self._take(plain(robot), pose, now_s)
@@ -138,7 +138,7 @@ class TeamState:
         """Takes a mrs_people_msgs/GuideStatus that comes now."""
         self._tour, self._tour_s = _tour(message), now_s
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets people and poses: the time jumped back."""
         self._stamp_ns, self._people, self._groups = 0, [], []
         self._seen_ns.clear()

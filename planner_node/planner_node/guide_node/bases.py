@@ -12,8 +12,8 @@ from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 
+from mrs_people_loc.guiding.drive import Velocity
 from mrs_people_loc.guiding.guidance import Post
-from mrs_people_loc.guiding.steering import Velocity
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode

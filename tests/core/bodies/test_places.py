@@ -120,6 +120,7 @@ def test_what_is_taken_for_a_person_at_first_loses_its_track(watch):
 # ---------------------------------------------------------------------- people who stand ----
 
 
+@pytest.mark.slow
 @moving
 def test_people_who_stand_for_ten_minutes_stay(watch, moves):
     """The usual one and one who is hard to see, each 2 m from the other."""
@@ -131,6 +132,7 @@ def test_people_who_stand_for_ten_minutes_stay(watch, moves):
     assert len({person.id for people in out for person in people.persons}) == 2
 
 
+@pytest.mark.slow
 def test_person_who_looked_like_one_stays_when_they_look_doubtful(watch):
     """Ten seconds from the front, then nine minutes behind somebody or something."""
     way = lambda t: (3.0, 0.0, STANDS if t < 10 else CHAIR)  # noqa: E731
@@ -188,6 +190,7 @@ def test_person_at_a_place_where_furniture_was_is_found(watch, moves):
     assert share_seen(out[10:], 3.0, 0.0) == 1.0
 
 
+@pytest.mark.slow
 @moving
 def test_walking_person_loses_nothing(watch, moves):
     """To and fro at 0.5 m/s, doubtful for seconds at a time."""
@@ -299,7 +302,7 @@ def test_planner_that_begins_anew_forgets_places(watch):
     planner = Planner(cfg.PlannerConfig())
     watch([still(2.6, 0.7, CHAIR)], 5, planner=planner)
     assert len(planner.places) == 1
-    planner.begin_anew()
+    planner.reset()
     assert len(planner.places) == 0
 
 
@@ -331,7 +334,7 @@ def test_who_walks_past_takes_the_place_of_nobody_who_stands_there():
     after(memory, 3.0, score=3.0, expected=stands)
     for k in range(12):
         passing = guest(8, 2.1, -0.6 + 0.1 * k, travelled=True)
-        taken(memory, [(2.0, 0.0, 0.0)], 3.1 + 0.1 * k, Expected.concatenate([stands, passing]))
+        taken(memory, [(2.0, 0.0, 0.0)], 3.1 + 0.1 * k, Expected.joined([stands, passing]))
     assert after(memory, 20.0, start=4.4, expected=stands) == 0.0
 
 

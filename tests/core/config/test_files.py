@@ -172,7 +172,7 @@ def test_section_patterns_select_robots(file_with, key, robots):
         ("/**: {ros__parameters: {}, more: 1}", "must hold `ros__parameters:` and only that"),
         ("/**/robot_node: {ros__parameters: }", "ros__parameters must be a mapping"),
         ("/**/robot_node: {ros__parameters: [1]}", "ros__parameters must be a mapping"),
-        ("a: {b", "cannot be read as a YAML file"),
+        ("a: {b", r"cannot be read as a YAML file(.|\n)*\.yaml\", line 1"),
         ("\t- a", "cannot be read as a YAML file"),
         (b"a: \xff\xfe", "cannot be read as a YAML file"),
         # What PyYAML does not translate into its own error.

@@ -370,7 +370,7 @@ def test_any_mapping_is_accepted_or_refused(mapping):
 
 
 def test_default_yaml_has_each_parameter_with_its_description():
-    path = Path(__file__).resolve().parents[3] / "mrs_people_loc" / "config" / "default.yaml"
+    path = Path(__file__).resolve().parents[3] / "config" / "default.yaml"
     lines = path.read_text().splitlines()
     listed = {}
 

@@ -212,7 +212,7 @@ def test_planner_that_begins_anew_knows_no_person_and_no_group(plain):
     two = [plain(k, (3.0, 0.0), (3.0, 1.0)) for k in range(110)]
     before = run(followed, two[:30])[-1]
     assert [(group.id, group.members) for group in before.groups] == [(1, (1, 2))]
-    followed.begin_anew()
+    followed.reset()
     after = run(followed, two[30::4])
     assert {(group.id, group.members) for one in after for group in one.groups} == {(2, (3, 4))}
     # Of the first two it would be said after groups.missing_time, 6 s, that they are missing.

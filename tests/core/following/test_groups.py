@@ -361,6 +361,7 @@ def test_jump_back_of_time_resets_all_groups():
     assert run.events == []
 
 
+@pytest.mark.slow
 def test_state_of_groups_is_bounded():
     """A thousand passers-by leave no state behind."""
     groups = groups_with(missing_time=1.0, forget_time=2.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc.config import GuideConfig
-from mrs_people_loc.guiding.drive import Drive
+from mrs_people_loc.guiding.drive import Drive, Situation
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post, Role
 from mrs_people_loc.team.poses import Pose
@@ -40,7 +40,7 @@ class Robot:
     log: list = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.drive = Drive(self.config)
+        self.drive = Drive()
 
     @property
     def xy(self) -> np.ndarray:
@@ -128,13 +128,16 @@ class World:
             others = [r for r in self.robots if r is not robot]
             commands.append(
                 robot.drive.step(
-                    Pose(0, robot.x, robot.y, robot.yaw), (robot.v, robot.w), robot.post,
-                    people=self.seen, people_velocity=self.seen_velocity,
-                    people_age=self.age + self.since,
-                    robots=np.array([r.xy for r in others]).reshape(-1, 2),
-                    robots_velocity=np.array([r.velocity for r in others]).reshape(-1, 2),
-                    space=self.space, path=robot.path, dt=DT,
-                    stands_within=self.stands_within,
+                    Situation(
+                        robot.config,
+                        Pose(0, robot.x, robot.y, robot.yaw), (robot.v, robot.w), robot.post,
+                        people=self.seen, people_velocity=self.seen_velocity,
+                        people_age=self.age + self.since,
+                        robots=np.array([r.xy for r in others]).reshape(-1, 2),
+                        robots_velocity=np.array([r.velocity for r in others]).reshape(-1, 2),
+                        space=self.space, path=robot.path, dt=DT,
+                        stands_within=self.stands_within,
+                    )
                 )
             )  # fmt: skip
         for robot, command in zip(self.robots, commands, strict=True):

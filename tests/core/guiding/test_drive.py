@@ -90,6 +90,7 @@ def test_robot_that_cannot_reverse_turns() -> None:
 # ---------------------------------------------------------------------------------- people ----
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000))
 def test_robot_comes_near_nobody_by_its_own_motion(seed: int) -> None:

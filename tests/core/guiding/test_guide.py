@@ -113,12 +113,6 @@ def test_cancelled_tour_gives_no_posts():
     assert (world.last().state, dict(world.last().posts)) == (State.CANCELLED, {})
 
 
-def test_before_a_tour_nothing_is_guided():
-    guide = Guide(GuideConfig(), FreeSpace.unbounded())
-    assert guide.step([], [], {}, START_NS).state == State.IDLE
-    assert guide.halt("people are outdated").state == State.IDLE
-
-
 # ---------------------------------------------------------------------------------- stragglers ----
 
 
@@ -300,7 +294,7 @@ def test_nobody_waits_for_a_person_whose_last_place_is_in_a_wall(wall_m, waits):
     world = leading(formation=Formation(nearest=1.0, reach=1.1))
     floor = np.full((100, 500), 100, dtype=np.int8)
     floor[round(50 - 10 * wall_m) : round(50 + 10 * wall_m)] = 0
-    world.guide.space = FreeSpace(OccupancyGrid(0.1, -20.0, -5.0, 0.0, floor))
+    world.guide.take_space(FreeSpace(OccupancyGrid(0.1, -20.0, -5.0, 0.0, floor)))
     drifted = world.walkers[-1]
     drifted.left = 2.6
     world.run(STEP_S)
@@ -338,7 +332,7 @@ def test_new_planner_with_other_ids_goes_on_with_the_same_people():
     world.time_s += 8.0
     for walker in world.walkers:
         walker.id, walker.began_s = 6 - walker.id, world.time_s
-    world.groups.begin_anew()
+    world.groups.reset()
     assert world.step().people == (1, 2, 3, 4, 5)
     world.run(10.0)
     assert world.last().state == State.LEADING
@@ -355,7 +349,7 @@ def test_new_planner_that_numbers_a_standing_group_otherwise_loses_nobody():
     world.time_s += 1.0
     for walker in world.walkers:
         walker.id, walker.began_s = walker.id % 5 + 1, world.time_s
-    world.groups.begin_anew()
+    world.groups.reset()
     assert world.step().people == (1, 2, 3, 4, 5)
     world.run(2.0)
     assert world.last().people == (1, 2, 3, 4, 5)
@@ -556,7 +550,7 @@ def test_named_robots_without_a_pose_take_no_part():
 def test_time_that_jumps_back_is_no_error():
     world = leading()
     world.time_s -= 5.0
-    world.groups.begin_anew()
+    world.groups.reset()
     world.last_seen = dict.fromkeys(world.robots, world.time_s)
     world.run(6.0)
     assert world.last().state in (State.LEADING, State.WAITING)
@@ -570,8 +564,7 @@ def test_one_robot_and_one_person_are_a_tour():
 
 @pytest.mark.parametrize("poses", [{}, {"robot_a": Pose(START_NS, 0.0, 0.0, 0.0)}])
 def test_nobody_and_no_robot_are_no_error(poses):
-    guide = Guide(GuideConfig(), FreeSpace.unbounded())
-    guide.begin(FOYER)
+    guide = Guide(FOYER, GuideConfig(), FreeSpace.unbounded())
     for k in range(3):
         guidance = guide.step([], [], poses, START_NS + k)
     assert guidance.state == (State.GATHERING if poses else State.HALTED)

@@ -11,7 +11,7 @@ from mrs_people_loc.config import Groups, GuideConfig
 from mrs_people_loc.following import groups as following
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Guidance, State
-from mrs_people_loc.guiding.guide import RUNNING, Guide
+from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.tour import Tour, tour_from
 from mrs_people_loc.people import Person
 from mrs_people_loc.team.poses import Pose
@@ -77,8 +77,7 @@ class World:
         self.silent: set[str] = set()
         self.leader = "robot_a"
         self.groups = following.Groups(Groups())
-        self.guide = Guide(self.config, FreeSpace.unbounded())
-        self.guide.begin(self.tour)
+        self.guide = Guide(self.tour, self.config, FreeSpace.unbounded())
 
     @property
     def now_ns(self) -> int:
@@ -141,7 +140,7 @@ class World:
     def run(self, seconds: float) -> None:
         """So long, or until the tour ends."""
         for _ in range(round(seconds / STEP_S)):
-            if self.guide.state in RUNNING:
+            if self.guide.is_running:
                 self.step()
 
     def run_until(self, state: State, longest_s: float = 120.0) -> None:

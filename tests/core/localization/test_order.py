@@ -1,4 +1,4 @@
-"""What comes late, twice or not at all; who comes, goes and begins anew."""
+"""What comes late, twice or not at all; who comes, goes and begins again."""
 
 import dataclasses
 import math
@@ -177,9 +177,9 @@ def test_clock_that_jumps_back_begins_anew():
     np.testing.assert_allclose(pose.covariance, covariance(0.1, 0.1, 0.05))
 
 
-def test_begin_anew_forgets_everything():
+def test_reset_forgets_everything():
     localizer = with_mate()
-    localizer.begin_anew()
+    localizer.reset()
     assert localizer.state.poses == {}
     assert localizer.take_odometry(Pose(S, 3.0, 0.0, 0.0)).x == 3.0
 

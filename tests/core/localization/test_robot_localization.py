@@ -63,8 +63,7 @@ def walls_known(own: RobotLocalization, stamp_ns: int) -> int:
     ranges = ranges_to([((2.0, -0.6), (2.0, 0.6))], AHEAD)
     own.take_odometry(Pose(stamp_ns, 0.0, 0.0, 0.0))
     own.take_laser(LaserScan(stamp_ns, "laser", 10.0, AHEAD, ranges), (0.0, 0.0, 0.0))
-    assert own.localizer is not None
-    return len(own.localizer.state.walls)
+    return len(own.state.walls)
 
 
 def test_laser_sees_no_wall_at_people_of_the_last_view_for_half_a_second(make_head):

@@ -10,6 +10,8 @@ from core.localization.tours import Tour, as_walls, hall, l_corridor
 from mrs_people_loc.localization.localizer import Localizer
 from mrs_people_loc.team.poses import Pose
 
+pytestmark = pytest.mark.slow
+
 S = 1_000_000_000
 RATE = 10.0
 FAST = {"rate": RATE, "walls_every": 2, "met_every": 5, "seed": 3}

@@ -10,6 +10,8 @@ from scipy.stats import chi2
 
 from core.localization.tours import Tour, as_walls, hall, l_corridor, straight_corridor
 
+pytestmark = pytest.mark.slow
+
 RUNS = 8
 SLOW = {"rate": 8.0, "speed": 1.6, "walls_every": 4, "met_every": 8}
 
@@ -43,7 +45,6 @@ def test_tours_are_long():
     assert min(world.length for world in (l_corridor(), straight_corridor(), hall())) > 100
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("where", ["in_l_corridor", "in_hall"])
 def test_covariances_are_true(where, request):
     inside, above = nees_inside(request.getfixturevalue(where))
@@ -51,7 +52,6 @@ def test_covariances_are_true(where, request):
     assert above < 0.06
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("where", "limit"), [("in_l_corridor", 0.06), ("in_hall", 0.08)])
 def test_robots_know_where_they_are_to_each_other(where, limit, request):
     made = request.getfixturevalue(where)

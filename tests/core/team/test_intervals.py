@@ -115,7 +115,7 @@ def test_after_max_wait_the_interval_closes_without_the_missing_robot():
     team.scan("robot_a", 1200, now=1280)
     assert team.close(1329.999999) is None
     assert team.close(1330) == {"robot_a": 1200, "robot_b": 1200}  # 100 ms after the first
-    # The next one counts anew.
+    # The next one counts again.
     team.scan("robot_c", 1250, now=1331)
     assert team.close(1430) is None
     assert team.close(1431) == {"robot_c": 1250}

@@ -28,21 +28,15 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-import mrs_tools.bags.rosbag
 from mrs_people_loc.errors import BagError
 from mrs_tools.bags import checks as bag_checks
 from mrs_tools.bags.checks import zstd
-from mrs_tools.bags.rosbag import (
-    OUR_MESSAGES,
-    BagReader,
-    BagWriter,
-    default_typestore,
-    matching,
-    require_types,
-)
+from mrs_tools.bags.message_types import MAX_PARTS, OUR_MESSAGES, default_typestore, require_types
+from mrs_tools.bags.reader import BagReader, matching
+from mrs_tools.bags.writer import BagWriter
 
 REPOSITORY = Path(__file__).parents[3]
-BAGS = REPOSITORY / "mrs_people_loc" / "bags"
+BAGS = REPOSITORY / "bags"
 START_NS = 1_700_000_000_000_000_000
 FOREVER = QosTime(9223372036, 854775807)
 LATCHED = Qos(
@@ -502,7 +496,7 @@ def test_expanding_files_are_refused(tmp_path, small_limit, plugin):
     [
         ("string[300000] x", 300_000),
         ("Inner[200] x\n" + "=" * 80 + "\nMSG: odd_msgs/Inner\nstring[200] x", 40_000),
-        ("Odd[] x", bag_checks.MAX_PARTS + 1),
+        ("Odd[] x", MAX_PARTS + 1),
     ],
 )
 def test_definition_with_too_many_parts_is_refused(tmp_path, definition, parts):
@@ -628,13 +622,13 @@ def install(folder, monkeypatch):
     shutil.copytree(REPOSITORY / "msgs" / "msg", target)
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{os.pathsep}{folder}")
     monkeypatch.setattr(sys, "prefix", str(folder / "nowhere"))
-    mrs_tools.bags.rosbag.default_typestore.cache_clear()
+    default_typestore.cache_clear()
 
 
 @pytest.fixture
 def installed(tmp_path, monkeypatch):
     yield install(tmp_path / "prefix", monkeypatch)
-    mrs_tools.bags.rosbag.default_typestore.cache_clear()
+    default_typestore.cache_clear()
 
 
 def person(identity):
@@ -690,7 +684,7 @@ def test_installed_message_types_are_known(tmp_path, monkeypatch):
     check_people(path)
     # the bag carries the definitions: it can be read where our messages are not installed
     monkeypatch.setenv("AMENT_PREFIX_PATH", "")
-    mrs_tools.bags.rosbag.default_typestore.cache_clear()
+    default_typestore.cache_clear()
     assert OUR_MESSAGES[0] not in default_typestore().fielddefs
     check_people(path)
 
@@ -717,7 +711,7 @@ def test_broken_definition_is_refused(tmp_path, monkeypatch):
     file.write_text("float32\n")
     with pytest.raises(BagError, match=r"Odd\.msg: not a message definition"):
         require_types(default_typestore(), ["mrs_people_msgs/msg/Odd"])
-    mrs_tools.bags.rosbag.default_typestore.cache_clear()
+    default_typestore.cache_clear()
 
 
 # ------------------------------------------------------------------------------------- manifest
@@ -728,7 +722,9 @@ def manifest():
 
 
 def test_manifest_lists_every_bag():
-    assert set(manifest()) == {p.name for p in BAGS.iterdir() if p.is_dir() or p.suffix == ".mcap"}
+    assert set(manifest()) == {
+        p.name for p in BAGS.iterdir() if (p / "metadata.yaml").exists() or p.suffix == ".mcap"
+    }
 
 
 @pytest.mark.parametrize("name", manifest())

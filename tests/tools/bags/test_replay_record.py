@@ -37,9 +37,11 @@ from typer.testing import CliRunner  # noqa: E402
 
 from mrs_people_loc.errors import BagError  # noqa: E402
 from mrs_tools.bags import replayer as replay  # noqa: E402
+from mrs_tools.bags.message_types import default_typestore  # noqa: E402
+from mrs_tools.bags.reader import BagReader  # noqa: E402
 from mrs_tools.bags.recorder import Recorder  # noqa: E402
 from mrs_tools.bags.replayer import Progress, Replayer  # noqa: E402
-from mrs_tools.bags.rosbag import BagReader, BagWriter, default_typestore  # noqa: E402
+from mrs_tools.bags.writer import BagWriter  # noqa: E402
 from mrs_tools.cli import app  # noqa: E402
 from mrs_tools.tool_node import message_class, node  # noqa: E402
 from ros.harness import own_domain  # noqa: E402
@@ -47,7 +49,7 @@ from ros.harness import own_domain  # noqa: E402
 # Of lark, which the ROS wheels load on the way.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
 
-PAPER = Path(__file__).parents[3] / "mrs_people_loc" / "bags" / "paper_formation"
+PAPER = Path(__file__).parents[3] / "bags" / "paper_formation"
 START_NS = 1_700_000_000_000_000_000
 RELIABLE = QoSProfile(depth=1000)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -222,6 +224,7 @@ def test_recording_equals_the_replayed_bag(tmp_path):
 # ---------------------------------------------------------------------------------------- replay
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("qos", [RELIABLE, BEST_EFFORT], ids=["reliable", "best effort"])
 def test_reliable_and_best_effort_subscribers_get_everything(ros, qos):
     arrived = raw_subscription(ros, Odometry, "/robot_a/odom", qos)
@@ -235,6 +238,7 @@ def test_reliable_and_best_effort_subscribers_get_everything(ros, qos):
     assert others == []
 
 
+@pytest.mark.slow
 def test_messages_keep_their_timing(ros, tmp_path):
     """Times of arrival against bag time, with bounds for a loaded machine."""
     bag = talk_bag(tmp_path / "b.mcap", [str(k) for k in range(11)], step_s=0.2)
@@ -288,6 +292,7 @@ def test_waiting_causes_no_drift(monkeypatch, rate):
     assert pace.latest_ns > 2_000_000_000
 
 
+@pytest.mark.slow
 def test_clock_is_published_with_bag_time(ros, tmp_path):
     bag = talk_bag(tmp_path / "b.mcap", [str(k) for k in range(6)], step_s=0.2)
     seen = []  # clock ticks [ns] and texts in the order of their arrival
@@ -311,6 +316,7 @@ def test_clock_is_published_with_bag_time(ros, tmp_path):
     assert [s for s in seen if isinstance(s, str)] == [str(k) for k in range(6)]
 
 
+@pytest.mark.slow
 def test_slow_clock_still_ticks_a_hundred_times_a_second(ros, tmp_path):
     bag = talk_bag(tmp_path / "b.mcap", ["a", "b"], step_s=0.02)
     ticks = []
@@ -357,6 +363,7 @@ def test_recorded_clock_is_replayed(ros, tmp_path):
     assert [deserialize_message(a, Clock).clock.sec for a in arrived] == [77]
 
 
+@pytest.mark.slow
 def test_loop_repeats_the_bag(ros, tmp_path):
     """Each pass has the same stamps; the clock jumps back."""
     bag = talk_bag(tmp_path / "b.mcap", ["one", "two", "three"])
@@ -375,6 +382,7 @@ def test_loop_repeats_the_bag(ros, tmp_path):
     assert all(ticks[k] == ticks[0] for k in back)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_stopped_replay_ends_in_order(ros, tmp_path, number, code):
     bag = talk_bag(tmp_path / "b.mcap", ["now", "in ten minutes"], step_s=600.0)
@@ -411,6 +419,7 @@ def latched_offer():
     return _recorded(LATCHED)
 
 
+@pytest.mark.slow
 def test_incompatible_subscriber_is_named(ros, tmp_path):
     bag = talk_bag(tmp_path / "b.mcap", ["a"])
     arrived = raw_subscription(ros, String, "/talk", LATCHED)
@@ -456,6 +465,7 @@ def test_invalid_types_have_no_message_class(msgtype):
     assert message_class(msgtype) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("msgtype", "why"),
     [
@@ -515,6 +525,7 @@ def two_topics(path):
     return path
 
 
+@pytest.mark.slow
 def test_topics_of_live_nodes_are_omitted(ros, tmp_path):
     """None of its messages is doubled; the node is named."""
     ros.create_publisher(String, "/live", RELIABLE)
@@ -526,8 +537,17 @@ def test_topics_of_live_nodes_are_omitted(ros, tmp_path):
     assert "published 20 messages on 1 topics" in reported
     until(lambda: len(arrived["/free"]) == 20)
     assert arrived["/live"] == []
-    with pytest.raises(BagError, match="cannot publish /live: .* publishes it"):
-        Replayer(bag, topics=["/live"])
+
+    def is_refused():
+        """On a busy machine a node may not have been discovered at the first try."""
+        try:
+            Replayer(bag, topics=["/live"]).close()
+        except BagError as err:
+            assert re.search("cannot publish /live: .* publishes it", str(err))  # noqa: PT017
+            return True
+        return False
+
+    until(is_refused)
 
 
 def test_topics_of_the_same_nodes_are_omitted_in_one_line(monkeypatch, tmp_path):
@@ -545,6 +565,7 @@ def test_topics_of_the_same_nodes_are_omitted_in_one_line(monkeypatch, tmp_path)
     assert done.stderr.count("left out") == 1
 
 
+@pytest.mark.slow
 def test_node_that_starts_during_replay_takes_over_its_topic(ros, tmp_path):
     arrived = {topic: raw_subscription(ros, String, topic) for topic in ("/live", "/free")}
     left_out = {}
@@ -572,6 +593,7 @@ def test_replay_omits_the_clock_if_another_node_publishes_it(ros, tmp_path):
 # ---------------------------------------------------------------------------------------- record
 
 
+@pytest.mark.slow
 def test_record_takes_inputs_and_outputs_and_names_omitted_topics(ros, tmp_path):
     """Inputs by name or subscription, outputs of the nodes; no debug image."""
     kinds = {
@@ -612,6 +634,7 @@ def test_record_takes_inputs_and_outputs_and_names_omitted_topics(ros, tmp_path)
     assert re.search(r"^ +5 messages in .*out\.mcap, 0\.0 MB$", reported, re.MULTILINE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["out.mcap", "a bag"])
 def test_killed_recorder_leaves_recoverable_data(ros, tmp_path, name):
     """All but the last second; the next command that opens the bag names the recovery option."""
@@ -662,6 +685,7 @@ def numbers(bag, topic):
     return [int(m.data.split()[1]) for _, _, m in bag.decoded([topic])]
 
 
+@pytest.mark.slow
 def test_record_adapts_to_the_qos_of_each_publisher(ros, tmp_path):
     """Best effort, reliable, latched before the start, and a topic that appears later."""
     latched = ros.create_publisher(String, "/latched", LATCHED)
@@ -696,6 +720,7 @@ def test_record_adapts_to_the_qos_of_each_publisher(ros, tmp_path):
         assert bag.topics["/plain"].qos[0].reliability == QosReliability.RELIABLE
 
 
+@pytest.mark.slow
 def test_record_adapts_to_a_later_publisher_with_weaker_qos(ros, tmp_path):
     """The initial reliable subscription would never receive from the second publisher."""
     first = ros.create_publisher(String, "/talk", RELIABLE)
@@ -734,6 +759,7 @@ def test_record_takes_only_requested_topics(ros, tmp_path):
             assert got == list(range(got[0], got[0] + len(got)))
 
 
+@pytest.mark.slow
 def test_record_ends_after_the_given_time(ros, tmp_path):
     publisher = ros.create_publisher(String, "/talk", RELIABLE)
     with mrs("record", tmp_path / "out.mcap", "--duration", 4) as process:

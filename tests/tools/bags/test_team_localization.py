@@ -11,11 +11,13 @@ pytest.importorskip("embreex", reason="the simulator needs embreex")
 
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.localization.robot_localization import RobotLocalization
+from mrs_people_sim.evaluation.results import evaluate_bag
+from mrs_people_sim.render_scene import simulate
+from mrs_people_sim.scene import read_scene
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.team_localization import range_handlers
-from mrs_tools.evaluation.results import evaluate_bag
-from mrs_tools.simulation.render_scene import simulate
-from mrs_tools.simulation.scene import read_scene
+
+pytestmark = pytest.mark.slow
 
 #: Two robots drive side by side through a corridor, with odometry that drifts quickly.
 SCENE = {

@@ -18,3 +18,9 @@ def parsed(line: str) -> str:
         names.append(name)
         context = command.make_context(name, [*rest], parent=context)
     return " ".join(names)
+
+
+def exists(name: str) -> bool:
+    """Whether `mrs` has a command of that name."""
+    group: typing.Any = typer.main.get_command(cli.app)
+    return group.get_command(group.make_context("mrs", [name]), name) is not None

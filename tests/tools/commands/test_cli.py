@@ -41,7 +41,7 @@ def test_help_has_examples_and_fits_80_columns(name: str) -> None:
 def test_group_without_arguments_prints_its_help(name: str) -> None:
     result = CliRunner().invoke(cli.app, name.split(), prog_name="mrs")
     assert f"Usage: mrs {name}".rstrip() in result.output
-    assert "Commands" in result.output
+    assert ("Commands" if name else "A team") in result.output
 
 
 def test_flags_show_no_type() -> None:
@@ -89,6 +89,22 @@ def test_typer_0_9_understands_each_command(name: str) -> None:
         assert not isinstance(typing.get_args(hint)[0], types.UnionType), hint
 
 
+@pytest.mark.parametrize("package", cli.FURTHER)
+def test_commands_of_other_packages_are_known_where_these_are_not(
+    package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    headings = importlib.import_module(f"{package}.commands").HEADINGS
+    names = sorted(name for commands in headings.values() for name in commands)
+    assert names == cli.FURTHER[package].split()
+    for name in names:
+        monkeypatch.delitem(cli.COMMANDS, name)
+    result = CliRunner().invoke(cli.app, [names[0]], prog_name="mrs")
+    assert result.exit_code == 1
+    how = installing.how_to_install(package)
+    assert f"mrs {names[0]} needs {package}, which is not installed: {how}" in result.stderr
+    assert "No such command" in CliRunner().invoke(cli.app, ["nothing"]).stderr
+
+
 @pytest.mark.parametrize(
     ("module", "in_a_venv", "in_the_system"),
     [
@@ -101,9 +117,9 @@ def test_typer_0_9_understands_each_command(name: str) -> None:
             "`~/mrs/bin/python -m mrs_tools` in place of `mrs`",
         ),
         (
-            "collada",
+            "embreex",
             "pip install 'mrs-people-loc[sim]'",
-            "python3 -m venv --system-site-packages ~/mrs && ~/mrs/bin/pip install pycollada, then "
+            "python3 -m venv --system-site-packages ~/mrs && ~/mrs/bin/pip install embreex, then "
             "`~/mrs/bin/python -m mrs_tools` in place of `mrs`",
         ),
         (

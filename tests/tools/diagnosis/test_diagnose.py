@@ -9,6 +9,7 @@ import pytest
 from mrs_people_loc.health.findings import Code
 from mrs_tools.diagnosis.diagnose import Check, diagnose
 from mrs_tools.diagnosis.facts import ERROR, OK, STALE, WARN, Endpoint, Facts, figures
+from mrs_tools.diagnosis.load import Load
 
 ROBOT, PLANNER = "/robot_a/robot_node", "/planner_node"
 WELL = {"state": (OK, "active", {"cpu_percent": "12"})}
@@ -78,6 +79,19 @@ def printed(robot=None, planner=None, **changes) -> list[Check]:
     """What is made of the reports of a robot and of its planner."""
     reports = {ROBOT: {**WELL, **(robot or {})}, PLANNER: {**WELL, **(planner or {})}}
     return trouble(facts(**{"reports": reports, **changes}))
+
+
+def test_load_of_the_machine_comes_before_the_cameras():
+    late = {"left/image_rect": entry(ERROR, Code.NO_DATA, "no data for 4 s")}
+    busy, camera = printed(late, load=Load(11.2, 2))
+    assert (busy.subject, busy.level) == ("this machine", WARN)
+    assert busy.text.startswith("load 11 on 2 cores: ")
+    assert camera.advice.startswith("if it runs on this machine, lower its load first; it is ann")
+    # As much as four nodes on two processors are; and a camera that nobody publishes.
+    (camera,) = printed(late, load=Load(3.9, 2))
+    assert "load" not in camera.advice
+    (camera,) = printed({"left/image_rect": entry(ERROR, Code.NO_PUBLISHER)}, load=Load(11.2, 2))
+    assert "load" not in camera.advice
 
 
 def subjects(checks) -> list[str]:

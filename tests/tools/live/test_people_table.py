@@ -17,12 +17,12 @@ pytest.importorskip("rich", reason="the tables need rich")
 from rich.console import Console
 
 from mrs_people_loc.clusters import measure
+from mrs_people_loc.messages import read_people
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
 from mrs_people_loc.team.fusion import fuse
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
-from mrs_tools.bags.estimates import read_people
 from mrs_tools.live.people_table import LivePeople, follow_clock
 
 SECOND = 1_000_000_000
@@ -82,7 +82,7 @@ def assert_same(one: Any, other: Any) -> None:
 
 
 def test_sent_people_are_read():
-    persons, groups = read_people(message_of(WALKS, COASTS, groups=(GROUP,)))
+    persons, groups = read_people(message_of(WALKS, COASTS, groups=(GROUP,)), "map")
     assert len(persons) == 2
     assert_same(persons[0], WALKS)
     assert_same(persons[1], COASTS)  # its velocity is not known
@@ -91,7 +91,7 @@ def test_sent_people_are_read():
 
 
 def test_empty_message_gives_no_people():
-    assert read_people(message_of()) == ((), ())
+    assert read_people(message_of(), "map") == ((), ())
 
 
 class Ear:

@@ -18,7 +18,8 @@ pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 
 from mrs_people_loc.errors import PeopleLocError
 from mrs_tools.bags.offline import BagRun
-from mrs_tools.bags.rosbag import BagReader, BagWriter
+from mrs_tools.bags.reader import BagReader
+from mrs_tools.bags.writer import BagWriter
 from mrs_tools.view.playback import Playback
 from mrs_tools.view.protocol import CancelTour, CommandError, Look, Play, Seek, Speed, encode
 from mrs_tools.view.recorded import RecordedHead
@@ -53,8 +54,8 @@ class Page:
 
 
 @contextmanager
-def played(path: Path) -> Iterator[tuple[Playback, Page]]:
-    playback, page = Playback(path), Page()
+def played(path: Path, *, loop: bool = False) -> Iterator[tuple[Playback, Page]]:
+    playback, page = Playback(path, loop=loop), Page()
     playback.start(page)
     try:
         yield playback, page
@@ -126,6 +127,16 @@ def test_bag_plays_as_fast_as_asked_to_its_end_and_begins_again(tmp_path):
         page.wait("time", lambda now: now["playing"] and now["t"] < START_S + 10.0)
 
 
+def test_bag_is_played_again_and_again_where_that_is_asked_for(tmp_path):
+    path = write(tmp_path / "walk.mcap", walking)
+    with played(path, loop=True) as (playback, page):
+        page.wait("time", lambda now: now["playing"] and now["t"] > START_S + 1.0)
+        playback.control(Seek(START_S + 19.8))
+        page.wait("time", lambda now: now["t"] >= START_S + 19.8)
+        page.wait("time", lambda now: now["playing"] and now["t"] < START_S + 10.0)
+        page.wait("state", lambda state: state["people"] and state["people"][0]["x"] < 5.0)
+
+
 def test_people_of_a_planner_before_the_new_name_of_its_topic_are_shown(tmp_path):
     def fill(bag: Bag) -> None:
         bag.people(0, (3.0, 0.0), ids=[1], topic="/people")
@@ -158,7 +169,7 @@ def decoded(jpeg: str) -> np.ndarray:
 
 
 def test_images_are_made_for_robots_that_somebody_looks_at(tmp_path):
-    path = ROOT / "mrs_people_loc" / "bags" / "walking_group"
+    path = ROOT / "bags" / "walking_group"
     with BagReader(path) as bag:
         head = RecordedHead(bag, "robot_a", BagRun(path).team.robots["robot_a"])
         now_ns = bag.start_ns + 8_000_000_000

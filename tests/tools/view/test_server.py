@@ -367,7 +367,7 @@ def test_pages_of_other_sites_are_turned_away(page: Path) -> None:
         own = url.removeprefix("http://").rstrip("/")
         for headers, status in (
             ({"Host": "evil.example"}, 403),  # a name that was made to lead here
-            ({"Host": "127.0.0.1.evil.example:8765"}, 403),
+            ({"Host": "127.0.0.1.evil.example:8642"}, 403),
             ({"Host": "["}, 403),
             ({"Origin": "http://evil.example"}, 403),
             ({"Origin": "null"}, 403),
@@ -427,19 +427,19 @@ def test_token_is_asked_for_by_everything(page: Path, token: str, encoded: str) 
     ],
 )
 def test_other_addresses_than_loopback_have_a_token(host: str, needs_token: bool) -> None:
-    one, other = Address.of(host, 8765, ""), Address.of(host, 8765, "")
+    one, other = Address.of(host, 8642, ""), Address.of(host, 8642, "")
     assert bool(one.token) is needs_token
     assert (one.token != other.token) is needs_token
-    assert Address.of(host, 8765, "own").token == "own"
+    assert Address.of(host, 8642, "own").token == "own"
 
 
 def test_address_of_all_networks_is_one_that_others_can_open(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    url = Address("0.0.0.0", 8765, "a b&c#ü/+").url()
+    url = Address("0.0.0.0", 8642, "a b&c#ü/+").url()
     host = urlsplit(url).hostname
     assert host not in ("", "0.0.0.0", None)
-    assert url == f"http://{host}:8765/?token=a%20b%26c%23%C3%BC%2F%2B"
+    assert url == f"http://{host}:8642/?token=a%20b%26c%23%C3%BC%2F%2B"
 
     def refuse(*_: object) -> None:
         raise OSError(101, "Network is unreachable")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,8 +13,43 @@ from mrs_people_loc.localization.filter.team_state import Source, TeamState, cha
 
 #: Residual and Jacobian of the prediction, given the part of the state that is concerned.
 Model = Callable[[Float], tuple[Float, Float]]
-#: A correction that turns something by more is linearized anew [rad], so often at most.
-_ITERATE_FROM, _ITERATIONS = 0.03, 3
+
+
+@dataclass(frozen=True)
+class UpdateTuning:
+    """Constants of the iterated update, chosen by hand.
+
+    Attributes:
+        iterate_from: A correction that turns something by more is linearized again [rad] ...
+        iterations: ... so often at most,
+        done: or until a further one changes this share of `iterate_from`.
+        weights: Weights of a claim that are tried, from 0 to ...
+        largest_weight: ... this.
+    """
+
+    iterate_from: float = 0.03
+    iterations: int = 3
+    done: float = 1e-3
+    weights: int = 20
+    largest_weight: float = 0.95
+
+
+_TUNING = UpdateTuning()
+#: Quantiles of chi-square with 1, 2 and 3 degrees of freedom, as `chdtri` has them.
+_QUANTILES = {0.999: (10.827566170662733, 13.815510557964274, 16.26623619623813)}
+
+
+def gates_of(share: float) -> dict[int, float]:
+    """Squared Mahalanobis length that a share of observations does not exceed, by dimension.
+
+    SciPy's quantiles take as long to load as all else of the localization: that of the default
+    share is written down.
+    """
+    if share in _QUANTILES:
+        return dict(enumerate(_QUANTILES[share], start=1))
+    from scipy.special import chdtri
+
+    return {m: float(chdtri(m, 1.0 - share)) for m in (1, 2, 3)}
 
 
 def corrected(
@@ -40,14 +76,14 @@ def corrected(
     step = gain @ residual
     everything = np.arange(len(step))
     mean, carried = state.stepped(step, columns[:3])
-    for _ in range(_ITERATIONS):
-        if np.abs(step[columns]).max() < _ITERATE_FROM:
+    for _ in range(_TUNING.iterations):
+        if np.abs(step[columns]).max() < _TUNING.iterate_from:
             break
         residual, jacobian = model(mean[columns])
         jacobian = jacobian @ carried[columns]
         across, gain, _ = _gain(state.covariance, everything, jacobian, noise, residual)
         again = gain @ (residual + jacobian @ step)
-        done = np.abs(again - step).max() < 1e-3 * _ITERATE_FROM
+        done = np.abs(again - step).max() < _TUNING.done * _TUNING.iterate_from
         step = again
         mean, carried = state.stepped(step, columns[:3])
         if done:
@@ -87,7 +123,7 @@ def share_of_claim(own: Float, claimed: Float, others: int = 3) -> float:
         From 0 to 0.95.
     """
     ratios = np.abs(np.linalg.eigvals(np.linalg.solve(claimed, own)))
-    weights = np.linspace(0.0, 0.95, 20)
+    weights = np.linspace(0.0, _TUNING.largest_weight, _TUNING.weights)
     odds = weights / (1.0 - weights)
     gains = np.log1p(ratios[:, np.newaxis] * odds).sum(axis=0)
     return float(weights[np.argmax(gains + (3 + others) * np.log1p(-weights))])

@@ -39,7 +39,7 @@ class Reached(Observation):
 
 @dataclass(frozen=True)
 class Joined(Observation):
-    """A robot begins, or begins anew, at a place.
+    """A robot begins, or begins again, at a place.
 
     Attributes:
         place: In the map, shape (3,).

@@ -8,17 +8,23 @@ in an unknown way and is fused by covariance intersection (Julier & Uhlmann 1997
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization
-from mrs_people_loc.localization.filter.kalman import corrected, noted, share_of_claim, wrapped
+from mrs_people_loc.localization.filter.kalman import (
+    corrected,
+    gates_of,
+    noted,
+    share_of_claim,
+    wrapped,
+)
 from mrs_people_loc.localization.filter.observations import (
     Claimed,
     Joined,
@@ -74,7 +80,7 @@ class FilterTuning:
     agree_gain: float = 0.1
 
 
-_TUNING = FilterTuning()
+FILTER_TUNING = FilterTuning()
 
 
 class TeamFilter:
@@ -85,11 +91,11 @@ class TeamFilter:
         robot: str,
         config: Localization,
         known: Walls | None = None,
-        tuning: FilterTuning = _TUNING,
+        tuning: FilterTuning = FILTER_TUNING,
     ) -> None:
         self.robot = robot
         self.tuning = tuning
-        self.gates = {m: float(chdtri(m, 1.0 - config.gate)) for m in (1, 2, 3)}
+        self.gates = gates_of(config.gate)
         self.walls = WallLandmarks(known, self.gates)
         self._apply: dict[type[Observation], Callable[[TeamState, Any], TeamState]] = {
             Reached: lambda state, _: state,
@@ -278,7 +284,7 @@ class TeamFilter:
             return state
         if not self._is_long(met.in_a_row, met.since_ns, stamp_ns):
             return state
-        state = _with_meetings(state, pair, met.begun_anew())
+        state = _with_meetings(state, pair, met.restarted())
         for robot in self._suspects(state, pair, stamp_ns):
             state = self._lost(state, robot, stamp_ns)
         return state
@@ -353,8 +359,8 @@ class TeamFilter:
         wide = changed(state.widened(robot, self.tuning.lost_sigmas), misfits={})
         absolute = wide.sources.get((robot, "absolute"))
         if absolute is not None:
-            anew = {**wide.sources, (robot, "absolute"): absolute.begun_anew()}
-            wide = changed(wide, sources=anew)
+            sources = {**wide.sources, (robot, "absolute"): absolute.restarted()}
+            wide = changed(wide, sources=sources)
         return _with_trust(wide, robot, trust)
 
 
@@ -372,3 +378,81 @@ def _with_trust(state: TeamState, robot: str, trust: Trust) -> TeamState:
 
 def _with_meetings(state: TeamState, pair: tuple[str, str], meetings: Source) -> TeamState:
     return changed(state, meetings={**state.meetings, pair: meetings})
+
+
+#: At one stamp, in this order.
+_ORDER = (Joined, Reached, Placed, WallsSeen, Met, Claimed, Left)
+_Key = tuple[int, int, str, str, int]
+
+
+def _key(observation: Observation) -> _Key:
+    other, other_ns = "", 0
+    if isinstance(observation, Met):
+        other, other_ns = observation.other, observation.other_odometry.stamp_ns
+    rank = _ORDER.index(type(observation))
+    return observation.odometry.stamp_ns, rank, observation.robot, other, other_ns
+
+
+@dataclass
+class History:
+    """The last observations with the state after each.
+
+    A late observation is put in its place and those after it are applied again, so that the state
+    is that of observations in order.
+
+    Attributes:
+        filter: Applies them.
+        span_ns: Observations older than the newest by more are not taken [ns].
+    """
+
+    filter: TeamFilter
+    span_ns: int = 3_000_000_000
+    _first: TeamState = field(default_factory=TeamState)
+    _keys: list[_Key] = field(default_factory=list)
+    _observations: list[Observation] = field(default_factory=list)
+    _states: list[TeamState] = field(default_factory=list)  # after each; some may be missing
+    _begin_ns: int = 0
+
+    @property
+    def newest(self) -> TeamState:
+        """The state after all observations."""
+        self._settle()
+        return self._states[-1] if self._states else self._first
+
+    def until(self, stamp_ns: int) -> TeamState:
+        """The state after the observations up to a time, or the oldest that is there."""
+        self._settle()
+        index = bisect.bisect_right(self._keys, (stamp_ns, len(_ORDER), "", "", 0))
+        return self._states[index - 1] if index else self._first
+
+    def add(self, observation: Observation) -> bool:
+        """Takes an observation; False: it is too old, or it is there already."""
+        key = _key(observation)
+        if key[0] < self._begin_ns:
+            return False
+        index = bisect.bisect_left(self._keys, key)
+        if index < len(self._keys) and self._keys[index] == key:
+            return False
+        self._keys.insert(index, key)
+        self._observations.insert(index, observation)
+        del self._states[index:]
+        # Rarely, and many at once: removing the first of a list moves all others.
+        if self._keys[-1][0] - self._begin_ns > 1.5 * self.span_ns:
+            self._forget(self._keys[-1][0] - self.span_ns)
+        return True
+
+    def _settle(self) -> None:
+        """Applies what was not yet applied."""
+        states = self._states
+        state = states[-1] if states else self._first
+        for observation in self._observations[len(states) :]:
+            state = self.filter.apply(state, observation)
+            states.append(state)
+
+    def _forget(self, begin_ns: int) -> None:
+        self._settle()
+        index = bisect.bisect_left(self._keys, (begin_ns, -1, "", "", 0))
+        if index:
+            self._first = self._states[index - 1]
+            del self._keys[:index], self._observations[:index], self._states[:index]
+        self._begin_ns = begin_ns

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mrs_people_loc.arrays import Float
 
-#: An error of the heading counts as much as one of the position at this distance [m]: about as far
-#: as people are from the robots that see them.
-_LEVER_M = 2.5
+
+@dataclass(frozen=True)
+class StateTuning:
+    """Constants of a team's state.
+
+    Attributes:
+        lever: An error of the heading counts as much as one of the position at this distance [m]:
+            about as far as people are from the robots that see them.
+        least_turn: A correction that turns no robot by more turns no covariance [rad]: rounding.
+    """
+
+    lever: float = 2.5
+    least_turn: float = 1e-5
+
+
+STATE_TUNING = StateTuning()
 
 
 def covariance_in_team(places: Float, covariance: Float, index: int) -> Float:
@@ -34,7 +49,7 @@ def covariance_in_team(places: Float, covariance: Float, index: int) -> Float:
     rigid[:] = np.eye(3)
     rigid[:, 0, 2], rigid[:, 1, 2] = -offset[:, 1], offset[:, 0]
     stacked = rigid.reshape(-1, 3)
-    weighted = np.tile([1.0, 1.0, _LEVER_M**2], count)[:, np.newaxis] * stacked
+    weighted = np.tile([1.0, 1.0, STATE_TUNING.lever**2], count)[:, np.newaxis] * stacked
     residual = -rigid[index] @ np.linalg.solve(stacked.T @ weighted, weighted.T)
     residual[:, 3 * index : 3 * index + 3] += np.eye(3)
     made = residual @ covariance @ residual.T * count / max(count - 1, 1)

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.filter.observations import Point
-from mrs_people_loc.localization.filter.team_frame import covariance_in_team
+from mrs_people_loc.localization.filter.team_frame import STATE_TUNING, covariance_in_team
 from mrs_people_loc.localization.odometry import Odometry, carried_on, motion, turned
 
 _Value = TypeVar("_Value")
-#: A correction that turns no robot by more turns no covariance [rad].
-_TURN = 1e-5
 
 
 def changed(value: _Value, **changes: Any) -> _Value:
@@ -115,7 +113,7 @@ class Source:
             since_ns=self.since_ns if self.in_a_row else stamp_ns,
         )
 
-    def begun_anew(self) -> Source:
+    def restarted(self) -> Source:
         """The same where the next refused one is the first in a row."""
         return changed(self, in_a_row=0, since_ns=0)
 
@@ -341,7 +339,7 @@ class TeamState:
         i = np.arange(0, robots, 3)
         carried[i, i + 2], carried[i + 1, i + 2] = -way.imag, way.real
         shape = np.zeros((robots, robots))
-        if np.abs(turn).max() > _TURN:
+        if np.abs(turn).max() > STATE_TUNING.least_turn:
             shape = self._turned_shape(turn)
         carried[:robots, :robots] += shape
         if self.walls:

@@ -34,6 +34,7 @@ class AlignmentTuning:
         steps: Gauss-Newton steps of a refinement.
         distinct: Two hypotheses are different ones if they bring people to places that are farther
             apart than this, root mean square [m].
+        tie: Of two matches that are equally good the first is better by this gain.
     """
 
     gate: float = 3.5
@@ -44,12 +45,10 @@ class AlignmentTuning:
     refined: int = 10
     steps: int = 3
     distinct: float = 0.25
+    tie: float = 1e-9
 
 
 ALIGNMENT_TUNING = AlignmentTuning()
-
-#: Of two matches that are equally good the first is better by this gain.
-_TIE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -239,7 +238,7 @@ class _Matches(StructOfArrays):
         dx, dy, _, _ = self.offsets(states)
         xx, xy, yy = self.information.T
         gain = self.most - 0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy)
-        gain -= _TIE * np.arange(len(self))
+        gain -= ALIGNMENT_TUNING.tie * np.arange(len(self))
         matched = gain > 0.0
         for groups in self._rivals:
             matched &= gain >= groups.largest(gain)

@@ -81,6 +81,7 @@ class RelativePosesTuning:
         memory_ns: After so long a pair of robots is a new one [ns].
         stands: A robot stands if it is no farther from where it was than this [m] ...
         stands_turn: ... and turned by no more than this [rad].
+        unknown: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
         alignment: Constants of the search.
     """
 
@@ -109,13 +110,11 @@ class RelativePosesTuning:
     memory_ns: int = 10_000_000_000
     stands: float = 0.05
     stands_turn: float = math.radians(2.0)
+    unknown: float = 1e6
     alignment: AlignmentTuning = ALIGNMENT_TUNING
 
 
 RELATIVE_POSES_TUNING = RelativePosesTuning()
-
-#: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
-_UNKNOWN = 1e6
 
 
 @dataclass(frozen=True)
@@ -206,7 +205,7 @@ class RelativePoses:
         self._pairs: dict[tuple[str, str], _Pair] = {}
         self._intervals = 0
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets all sightings: the time jumped back."""
         self._robots.clear()
         self._pairs.clear()
@@ -425,7 +424,7 @@ def _priors(one: Pose, other: Pose, tuning: RelativePosesTuning) -> list[Float]:
     with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
         total = other.covariance + lever @ one.covariance @ lever.T
     most = np.diag(np.square(tuning.farthest))
-    if not (np.abs(total) < _UNKNOWN).all():  # NaN compares false
+    if not (np.abs(total) < RELATIVE_POSES_TUNING.unknown).all():  # NaN compares false
         return [most]
     priors = (total + np.diag(np.square(sigmas)) for sigmas in least)
     return [np.linalg.inv(np.linalg.inv(prior) + np.linalg.inv(most)) for prior in priors]

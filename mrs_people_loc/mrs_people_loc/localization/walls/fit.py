@@ -41,6 +41,9 @@ class WallFitTuning:
         rounds: Rounds of the refinement.
         min_crossing: Two walls meet at more than this angle [rad],
         max_off: and their ends are no farther from the meeting point [m].
+        promising: A hypothesis is a try if this part of the least length is on it.
+        singular: A matrix of 2 x 2 has no inverse where its determinant is so small against its
+            trace, squared: rounding.
     """
 
     tolerance: float = 0.03
@@ -59,13 +62,11 @@ class WallFitTuning:
     rounds: int = 2
     min_crossing: float = 0.5
     max_off: float = 0.4
+    promising: float = 0.6
+    singular: float = 1e-12
 
 
 WALL_FIT_TUNING = WallFitTuning()
-#: A hypothesis is a try if this part of the least length is on it.
-_PROMISING = 0.6
-#: A matrix of 2 x 2 has no inverse where its determinant is so small against its trace.
-_SINGULAR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def fit_walls(xy: Float, covariance: Float, *, tuning: WallFitTuning = WALL_FIT_
     for _ in range(tuning.max_tries if len(lines) else 0):
         score = support @ left[some] * worth
         best = int(score.argmax())
-        if score[best] < _PROMISING * tuning.min_length or len(found) == tuning.max_count:
+        if score[best] < tuning.promising * tuning.min_length or len(found) == tuning.max_count:
             break
         wall, taken = _refined((lines[best, 0], lines[best, 1]), sweep, left > 0.0, tuning)
         if len(taken):
@@ -245,7 +246,7 @@ def _refined(
         weighted = weight * along
         a, b, c = float(weight.sum()), float(weighted.sum()), float(weighted @ along)
         determinant = a * c - b * b
-        if determinant <= _SINGULAR * (a + c) ** 2:
+        if determinant <= WALL_FIT_TUNING.singular * (a + c) ** 2:
             return None, index
         covariance = np.array([[c, b], [b, a]]) / determinant
         off = off[index]

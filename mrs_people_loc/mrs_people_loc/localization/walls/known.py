@@ -17,12 +17,31 @@ from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_loc.team.masking import OccupancyGrid
 
-#: Of the ends of the lines in a file, unless it says otherwise [m].
-_SIGMA = 0.01
-#: Limits of a file: how many walls, coordinates [m], lengths [m], `sigma` [m].
-_MOST, _FARTHEST, _SHORTEST, _LARGEST_SIGMA = 10_000, 2.1e7, 0.1, 10.0
-#: A wall ends in a corner if another one is this near to its end [m], at such an angle [rad].
-_CORNER, _CORNER_ANGLE = 0.05, 0.5
+
+@dataclass(frozen=True)
+class WallFileTuning:
+    """Limits and constants of a file of walls, chosen by hand.
+
+    Attributes:
+        sigma: Of the ends of the lines, unless the file says otherwise [m].
+        largest_sigma: A larger one is a mistake [m].
+        most: No file has more walls.
+        farthest: Greatest coordinate [m], as that of poses (`messages.poses`).
+        shortest: Shorter lines are mistakes [m].
+        corner: A wall ends in a corner if another one is this near to its end [m] ...
+        corner_angle: ... at an angle of more than this [rad].
+    """
+
+    sigma: float = 0.01
+    largest_sigma: float = 10.0
+    most: int = 10_000
+    farthest: float = 2.1e7
+    shortest: float = 0.1
+    corner: float = 0.05
+    corner_angle: float = 0.5
+
+
+_FILE = WallFileTuning()
 
 
 @dataclass(frozen=True)
@@ -74,29 +93,31 @@ def _checked(document: object) -> tuple[Float, float]:
     if unknown:
         raise ConfigError(f"unknown key {unknown[0]}; known: walls, sigma")
     rows = document["walls"]
-    if not isinstance(rows, list) or not 0 < len(rows) <= _MOST:
-        raise ConfigError(f"walls is no list of 1 to {_MOST} lines [x0, y0, x1, y1]")
+    if not isinstance(rows, list) or not 0 < len(rows) <= _FILE.most:
+        raise ConfigError(f"walls is no list of 1 to {_FILE.most} lines [x0, y0, x1, y1]")
     for k, row in enumerate(rows):
         if not (isinstance(row, list) and len(row) == 4 and all(map(_is_coordinate, row))):
             raise ConfigError(
-                f"walls[{k}] is {row!r}; wanted: [x0, y0, x1, y1], numbers within {_FARTHEST:g} m"
+                f"walls[{k}] is {row!r}; wanted: [x0, y0, x1, y1], numbers within "
+                f"{_FILE.farthest:g} m"
             )
-    sigma = document.get("sigma", _SIGMA)
+    sigma = document.get("sigma", _FILE.sigma)
     if isinstance(sigma, bool) or not isinstance(sigma, int | float):
         raise ConfigError(f"sigma is {sigma!r}; wanted: a number [m]")
-    if not 0.0 < sigma <= _LARGEST_SIGMA:  # NaN compares false
-        raise ConfigError(f"sigma is {sigma} m; allowed: more than 0, at most {_LARGEST_SIGMA:g}")
+    largest, shortest = _FILE.largest_sigma, _FILE.shortest
+    if not 0.0 < sigma <= largest:  # NaN compares false
+        raise ConfigError(f"sigma is {sigma} m; allowed: more than 0, at most {largest:g}")
     lines = np.array(rows, dtype=np.float64)
     length = np.hypot(lines[:, 2] - lines[:, 0], lines[:, 3] - lines[:, 1])
-    if (length < _SHORTEST).any():
+    if (length < shortest).any():
         k = int(np.argmin(length))
-        raise ConfigError(f"walls[{k}] is {length[k]:.3g} m long; wanted: at least {_SHORTEST} m")
+        raise ConfigError(f"walls[{k}] is {length[k]:.3g} m long; wanted: at least {shortest} m")
     return lines, float(sigma)
 
 
 def _is_coordinate(value: object) -> bool:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and abs(value) <= _FARTHEST  # type: ignore[arg-type]
+    return is_number and abs(value) <= _FILE.farthest  # type: ignore[arg-type]
 
 
 def _walls(segments: _Segments, sigma: float) -> Walls:
@@ -135,13 +156,15 @@ def _are_corners(segments: _Segments, along: Float) -> Bool:
     way = segments.end - segments.begin
     squared = (way**2).sum(axis=1)
     turned = np.abs(along[:, :1] * along[:, 1] - along[:, 1:] * along[:, 0])
-    at_angle = turned > math.sin(_CORNER_ANGLE)
+    at_angle = turned > math.sin(_FILE.corner_angle)
     corners = []
     for point in (segments.begin, segments.end):
         offset = point[:, np.newaxis] - segments.begin
         share = np.clip((offset * way).sum(axis=2) / squared, 0.0, 1.0)
         away = offset - share[:, :, np.newaxis] * way
-        corners.append((at_angle & (np.hypot(away[..., 0], away[..., 1]) < _CORNER)).any(axis=1))
+        corners.append(
+            (at_angle & (np.hypot(away[..., 0], away[..., 1]) < _FILE.corner)).any(axis=1)
+        )
     return np.stack(corners, axis=1)
 
 
@@ -209,8 +232,8 @@ def walls_of_grid(
     Raises:
         GridError: It is farther from the origin of the map than anything on earth.
     """
-    if max(abs(grid.x), abs(grid.y)) > _FARTHEST:
-        raise GridError(f"origin is ({grid.x:g}, {grid.y:g}) m; wanted: within {_FARTHEST:g}")
+    if max(abs(grid.x), abs(grid.y)) > _FILE.farthest:
+        raise GridError(f"origin is ({grid.x:g}, {grid.y:g}) m; wanted: within {_FILE.farthest:g}")
     occupied = grid.data >= occupied_from
     free = (grid.data >= 0) & ~occupied
     faces = _faces(occupied, free)

@@ -7,18 +7,19 @@ import numpy as np
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.scan import Scan
 
-#: Bodies of at least these log-odds are people rather than something else.
-_PERSON_SCORE = 0.0
 
-
-def people_in(scan: Scan) -> Float:
+def people_in(scan: Scan, *, least_score: float = 0.0) -> Float:
     """Middles of the bodies in a scan that are rather people than not, in base_link.
+
+    Args:
+        scan: The scan.
+        least_score: Log-odds of a person, at least.
 
     Returns:
         Places [m], shape (n, 2); none where the scan has no bodies (the paper's method).
     """
     cells = scan.cells
-    people = (cells.body > 0) & (cells.score >= _PERSON_SCORE)
+    people = (cells.body > 0) & (cells.score >= least_score)
     _, of = np.unique(cells.body[people], return_inverse=True)
     counts = np.bincount(of)
     x, y = (np.bincount(of, weights=axis[people]) for axis in (cells.x, cells.y))

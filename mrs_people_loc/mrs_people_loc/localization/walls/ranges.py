@@ -10,14 +10,25 @@ import numpy as np
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import RangeError
 
-#: No sonar reaches farther [m].
-_LONGEST_RANGE = 100.0
-#: More than any scanner has; a scan of more is refused.
-_MAX_RAYS = 100_000
-#: No scanner takes longer for a scan [s].
-_LONGEST_SWEEP_S = 2.0
-#: A full turn, and what float32 makes of it [rad].
-_MAX_TURN = 2.0 * math.pi + 0.01
+
+@dataclass(frozen=True)
+class RangeLimits:
+    """What messages of range sensors may say: beyond what any of these sensors does.
+
+    Attributes:
+        longest: Range of a sonar [m].
+        rays: Of a scan.
+        sweep_s: Duration of a scan [s].
+        turn: Angle of a scan: a full turn, and what float32 makes of it [rad].
+    """
+
+    longest: float = 100.0
+    rays: int = 100_000
+    sweep_s: float = 2.0
+    turn: float = 2.0 * math.pi + 0.01
+
+
+_LIMITS = RangeLimits()
 
 
 @dataclass(frozen=True)
@@ -51,10 +62,10 @@ class SonarRange:
             raise RangeError(
                 f"field_of_view is {self.field_of_view} rad; allowed: more than 0, at most pi"
             )
-        if not 0.0 <= self.min_range < self.max_range <= _LONGEST_RANGE:
+        if not 0.0 <= self.min_range < self.max_range <= _LIMITS.longest:
             raise RangeError(
                 f"min_range is {self.min_range} m and max_range {self.max_range} m; wanted: "
-                f"0 <= min_range < max_range <= {_LONGEST_RANGE:g} (they are equal where a sensor "
+                f"0 <= min_range < max_range <= {_LIMITS.longest:g} (they are equal where a sensor "
                 "says near or far only, which is of no use here)"
             )
 
@@ -97,21 +108,21 @@ class LaserScan:
         """Checks all values."""
         if not 0.0 < self.max_range < math.inf:  # NaN compares false
             raise RangeError(f"max_range is {self.max_range} m; wanted: more than 0, finite")
-        if not 0 < len(self.ranges) <= _MAX_RAYS:
-            raise RangeError(f"scan has {len(self.ranges)} ranges; allowed: 1 to {_MAX_RAYS}")
+        if not 0 < len(self.ranges) <= _LIMITS.rays:
+            raise RangeError(f"scan has {len(self.ranges)} ranges; allowed: 1 to {_LIMITS.rays}")
         if self.angles.shape != self.ranges.shape or self.ranges.ndim != 1:
             raise RangeError(
                 f"angles have shape {self.angles.shape} and ranges {self.ranges.shape}; wanted: "
                 "both (n,)"
             )
-        if not abs(self.sweep_s) <= _LONGEST_SWEEP_S:
+        if not abs(self.sweep_s) <= _LIMITS.sweep_s:
             raise RangeError(
                 f"scan takes {self.sweep_s} s (time_increment times its rays); allowed: up to "
-                f"{_LONGEST_SWEEP_S:g} s"
+                f"{_LIMITS.sweep_s:g} s"
             )
         if not np.isfinite(self.angles).all() or (np.diff(self.angles) <= 0).any():
             raise RangeError("angles are no ascending, finite ones [rad]")
-        if self.angles[-1] - self.angles[0] > _MAX_TURN:
+        if self.angles[-1] - self.angles[0] > _LIMITS.turn:
             raise RangeError(
                 f"scan covers {self.angles[-1] - self.angles[0]:.2f} rad; allowed: a full turn"
             )

@@ -242,7 +242,7 @@ class SonarWalls:
         self._known: list[_Known] = []
         self._searched_ns = self._reported_ns = 0
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forgets everything, as after a jump of the odometry or of time."""
         self._echoes.clear()
         self._known.clear()
@@ -264,7 +264,7 @@ class SonarWalls:
         """
         since_s = (odometry.stamp_ns - self._searched_ns) / 1e9
         if since_s < -self._tuning.span_s:  # time jumped back
-            self.begin_anew()
+            self.reset()
         if measured.is_echo:
             self._echoes.append(_echo(measured, mounting, odometry, self._tuning))
         if 0.0 <= since_s < self._tuning.period_s or not self._echoes:

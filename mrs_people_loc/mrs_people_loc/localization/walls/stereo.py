@@ -27,17 +27,6 @@ from mrs_people_loc.precision import PIXEL_SIGMA_PX
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import SUBPIXELS
 
-#: StereoBM rounds up to the next sixteenth [px].
-_ROUNDED_PX = 0.5 / SUBPIXELS
-#: Least variance of the third component of a plane [1 / m^2].
-_LEAST = 1e-12
-#: Prior distance of a wall from the lens, one standard deviation [m].
-_NEAREST = 0.1
-#: Pixels of this part of the least inverse range of a wall are behind it.
-_BEHIND = 0.5
-#: A wall ends where so many columns beside it are open.
-_OPEN = 3
-
 
 @dataclass(frozen=True)
 class StereoWallTuning:
@@ -87,6 +76,11 @@ class StereoWallTuning:
         down_px: and down [px].
         tile_px: Errors of matching are alike within a tile of this side [px].
         max_sigma: Walls whose bearing is less sure are not reported [rad].
+        rounded_px: StereoBM rounds up to the next sixteenth, so by half of it on average [px].
+        least_variance: Of the third component of a plane, so that it has an inverse [1 / m^2].
+        nearest: Prior distance of a wall from the lens, one standard deviation [m].
+        behind: Pixels of less than this part of the least inverse range of a wall are behind it.
+        open: A wall ends where so many columns beside it are open.
     """
 
     across: int = 53
@@ -129,6 +123,11 @@ class StereoWallTuning:
     down_px: float = 0.08
     tile_px: int = 5
     max_sigma: float = 0.05
+    rounded_px: float = 0.5 / SUBPIXELS
+    least_variance: float = 1e-12
+    nearest: float = 0.1
+    behind: float = 0.5
+    open: int = 3
 
 
 STEREO_WALL_TUNING = StereoWallTuning()
@@ -237,7 +236,7 @@ class StereoWalls:
                 is left out.
         """
         values = disparity[self._every].reshape(-1)[self._usable]
-        values = values - np.float32(self.camera.disparity_offset_px + _ROUNDED_PX)
+        values = values - np.float32(self.camera.disparity_offset_px + self._tuning.rounded_px)
         surface = self._surface(values, people)
         peaks = self._peaks(surface)
         planes, support = self._lines(peaks)
@@ -263,7 +262,7 @@ class StereoWalls:
         tuning, pixels = self._tuning, self._pixels
         inverse = values / pixels.level
         # Not only what may be on a wall, but also what is behind. NaN compares false.
-        used = inverse > np.float32(_BEHIND * self._least)
+        used = inverse > np.float32(self._tuning.behind * self._least)
         # The height over the lens, times inverse range, so that nothing is divided by zero.
         lowest = np.float32((tuning.lowest - self._lens[2]) / self._scale)
         used &= pixels.slope > lowest * inverse
@@ -382,7 +381,9 @@ class StereoWalls:
         information *= weight
         upright = tuning.sigma_tilt**2 * float(plane[:2] @ plane[:2])
         # No wall is nearer than 10 cm; so the matrix has an inverse, whatever the rays are.
-        information += np.diag([_NEAREST**2, _NEAREST**2, 1.0 / max(upright, _LEAST)])
+        upright = max(upright, self._tuning.least_variance)
+        nearest = self._tuning.nearest**2
+        information += np.diag([nearest, nearest, 1.0 / upright])
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         plane = covariance @ (rays.T @ disparity.astype(np.float64)) * weight
         return plane, covariance
@@ -396,7 +397,7 @@ class StereoWalls:
         """
         tuning, columns = self._tuning, self._tuning.columns
         height = np.bincount(surface.column[on], surface.height[on], minlength=columns)
-        inverse = np.maximum(self._unit @ plane[:2], _BEHIND * self._least)
+        inverse = np.maximum(self._unit @ plane[:2], self._tuning.behind * self._least)
         ranges = self._scale / inverse
         # Where the line of sight passes the plane.
         passed = surface.height[behind] * surface.inverse[behind]
@@ -418,8 +419,9 @@ class StereoWalls:
         seen[index[run != np.bincount(run).argmax()]] = False
         index = np.flatnonzero(seen)
         # Matching widens what is near: the next column may show either.
-        before, after = is_open[: index[0]][-1 - _OPEN : -1], is_open[index[-1] + 2 :][:_OPEN]
-        is_end = [len(beyond) == _OPEN and bool(beyond.all()) for beyond in (before, after)]
+        count = tuning.open
+        before, after = is_open[: index[0]][-1 - count : -1], is_open[index[-1] + 2 :][:count]
+        is_end = [len(beyond) == count and bool(beyond.all()) for beyond in (before, after)]
         return along, seen, (is_end[0], is_end[1])
 
     def _measured(self, surface: _Surface, plane: Float) -> tuple[float, float, Float] | None:

@@ -3,10 +3,15 @@
 import { byId, make, setText } from "./dom.js";
 
 const STORED = "mrs-view-shortcuts";
+const NAMES = { Escape: "Esc", " ": "Space" };
+/** What takes a key itself: Space presses buttons, but does nothing on a slider. */
+const TAKES_KEYS = "select, input, textarea";
+const TAKES_SPACE = "select, input:not([type=range]), textarea, button, a";
 const LEGEND = [
   ["person", "Person with id; they are 95 % likely to be inside the ellipse; the arrow ends where they will be in one second"],
   ["predicted", "Not seen just now: position predicted"],
   ["straggler", "Straggler: has fallen behind the group, with the time since"],
+  ["groups", "Each group has a colour, on the map and in the list of people; who has none is grey"],
   ["group", "Centre of a group, linked to its people"],
   ["robot", "Robot and its field of view; it is 95 % likely to be inside the ellipse"],
   ["unwell", "Hollow and dashed: robot without a recent pose, or not well"],
@@ -15,7 +20,7 @@ const LEGEND = [
 ];
 
 export class Help {
-  /** `shortcuts`: [key, description (empty: not listed), action]. */
+  /** `shortcuts`: [key, description (empty: not listed), action; false: the key did nothing]. */
   constructor(shortcuts) {
     this._actions = new Map(shortcuts.map(([key, , action]) => [key.toLowerCase(), action]));
     const on = byId("shortcuts-on");
@@ -24,7 +29,7 @@ export class Help {
     byId("help-open").addEventListener("click", () => this.open());
     byId("shortcuts").append(
       ...shortcuts.filter(([, text]) => text).map(([key, text]) =>
-        make("div", {}, make("dt", {}, make("kbd", {}, key.length > 1 ? "Esc" : key.toUpperCase())), make("dd", {}, text)),
+        make("div", {}, make("dt", {}, make("kbd", {}, NAMES[key] ?? key.toUpperCase())), make("dd", {}, text)),
       ),
     );
     byId("legend").append(
@@ -45,11 +50,9 @@ export class Help {
   _key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
     if (!byId("shortcuts-on").checked || document.querySelector("dialog[open]")) return;
-    if (event.target.matches("select, input, textarea")) return;
+    if (event.target.matches(event.key === " " ? TAKES_SPACE : TAKES_KEYS)) return;
     const action = this._actions.get(event.key.toLowerCase());
-    if (!action) return;
-    event.preventDefault();
-    action();
+    if (action && action() !== false) event.preventDefault();
   }
 }
 

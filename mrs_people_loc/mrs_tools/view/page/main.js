@@ -17,8 +17,6 @@ import { TourPanel, tourRuns, tourState, tourStateShort } from "./tour.js";
 
 /** Of the messages, see protocol.py. */
 const PROTOCOL = 1;
-/** People older than this are said to be old. */
-const OLD_S = 2;
 /** Texts change at most this often: faster could not be read. */
 const TEXT_MS = 250;
 const ANSWER_MS = 5000;
@@ -53,7 +51,8 @@ const help = new Help([
   ...["people", "robots", "tour", "events", "health"].map((name, index) => [
     String(index + 1), `Panel ${name}`, () => tabs.show(name),
   ]),
-  ["k", "Recording: play or pause", () => timeline.toggle()],
+  [" ", "Recording: play or pause", () => timeline.toggle()],
+  ["k", "", () => timeline.toggle()],
   ["j", "Recording: 5 s back", () => timeline.skip(-5)],
   ["l", "Recording: 5 s forward", () => timeline.skip(5)],
 ]);
@@ -84,9 +83,10 @@ function take(message) {
 }
 
 function welcome(hello) {
-  setText(byId("title"), hello.title);
-  byId("title").title = hello.title;
-  document.title = hello.title ? `${hello.title} – mrs view` : "mrs view";
+  const title = hello.mode === "bag" ? `Recording: ${hello.title}` : hello.title;
+  setText(byId("title"), title);
+  byId("title").title = title;
+  document.title = title ? `${title} – mrs view` : "mrs view";
   if (hello.mode !== "bag") scene.time = null;
   const other = hello.version === PROTOCOL ? "" : " This page is of another version than the server: reload it.";
   help.setVersion(`Protocol ${hello.version}, ${hello.mode === "bag" ? "recording" : "live"}.${other}`);
@@ -251,15 +251,17 @@ function connectionInWords() {
     return ["error", "No connection", `No connection to mrs view. ${next}${old}`];
   }
   if (scene.time) return ["ok", scene.time.playing ? "Playing" : "Paused", ""];
-  if (!scene.state || scene.state.t === null) {
-    const demo = scene.health?.findings.find(({ subject }) => subject === "demo");
-    if (demo) return ["wait", "Demo", `The demo: ${demo.text}.`];
+  if (scene.hello?.mode === "bag") return ["wait", "Opening", ""];
+  const silent = scene.silence(performance.now());
+  const waits = !scene.state || scene.state.t === null;
+  const start = scene.health?.findings.find(({ subject }) => subject === "start");
+  if (start && (waits || silent)) return ["wait", "One moment", start.text];
+  if (waits) {
     return ["wait", "Waiting for data", "Connected. No people message has come yet: is a planner running?"];
   }
-  const silent = (scene.state.age ?? 0) + (performance.now() - scene.stateAt) / 1000;
-  if (silent <= OLD_S) return ["ok", "Live", ""];
+  if (!silent) return ["ok", "Live", ""];
   const wait = duration(Math.floor(silent));
-  return ["error", `No data for ${wait}`, `No data for ${wait}. The map shows the last known state.`];
+  return ["error", `No data for ${wait}`, `Last heard ${wait} ago. The map shows the last known state.`];
 }
 
 function showConnection() {
@@ -293,6 +295,9 @@ document.addEventListener("visibilitychange", look);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 scene.smooth = !calm.matches;
 calm.addEventListener("change", () => (scene.smooth = !calm.matches));
-setInterval(showConnection, 500);
+setInterval(() => {
+  showConnection();
+  if (scene.silence(performance.now())) showPanel(); // no message comes that would
+}, 500);
 connection.start();
 showTexts();

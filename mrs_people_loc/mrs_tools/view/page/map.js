@@ -102,7 +102,7 @@ export class MapView {
     return [view.width / 2 + (x - view.x) * view.scale, view.height / 2 - (y - view.y) * view.scale];
   }
 
-  /** Take the walls and the grid of the scene anew. */
+  /** Take the walls and the grid of the scene again. */
   async takeMap() {
     const grid = this.scene.map?.grid ?? null;
     let picture = null;

@@ -43,11 +43,13 @@ export class PeoplePanel {
 
   /** Return whether a person fell behind and when they were last seen, in words. */
   _seen(person) {
-    const before = person.seen_s === null ? "before" : `${duration(person.seen_s)} ago`;
-    const seen = person.predicted ? before : "now";
+    const silent = this._scene.silence(performance.now());
+    const before = person.seen_s === null ? "before" : `${duration(person.seen_s + silent)} ago`;
+    const last = silent ? `${duration(silent)} ago` : "now";
+    const seen = person.predicted ? before : last;
     if (!person.straggler) return seen;
     const behind = this._scene.behind.get(person.id) ?? "behind";
-    return person.predicted ? `${behind}, seen ${seen}` : behind;
+    return seen === "now" ? behind : `${behind}, seen ${seen}`;
   }
 
   _createRow(id) {

@@ -72,9 +72,10 @@ export class RobotsPanel {
     const [head, state, facts, pictures] = card.children;
     setAttribute(card, "class", selected ? "selected" : null);
     setAttribute(head.querySelector(".select"), "aria-pressed", selected);
-    const old = robot.age > OLD_POSE_S;
+    const age = robot.age + this._scene.stateAge(performance.now());
+    const old = age > OLD_POSE_S;
     setAttribute(state, "data-level", robot.ok && !old ? "ok" : robot.ok ? "warning" : "error");
-    const well = old ? `No pose for ${duration(robot.age)}` : "Well";
+    const well = old ? `No pose for ${duration(age)}` : "Well";
     setText(state, robot.ok ? well : robot.note || "Not well");
     const [xx, , yy] = robot.cov;
     const sigma = xx === null || yy === null ? "" : ` ± ${fixed(Math.sqrt((xx + yy) / 2), 2)} m`;

@@ -7,6 +7,8 @@ const TRAIL_STEP_M = 0.05;
 /** A step of time backwards, or forwards by more than this, is a jump: nothing is drawn between. */
 const JUMP_S = 3;
 const LONGEST_BLEND_MS = 400;
+/** People who came longer ago than this are old. */
+const OLD_S = 2;
 const LAST_EVENTS = 200;
 
 /** Who is not followed has the id 0, which several people may have at once. */
@@ -78,6 +80,17 @@ export class Scene {
         this[message.type] = message;
         break;
     }
+  }
+
+  /** Return for how long no people have come, in seconds: of a recording, at its time; 0: they are not old. */
+  silence(now) {
+    const silent = (this.state?.age ?? 0) + this.stateAge(now);
+    return this.state && silent > OLD_S ? silent : 0;
+  }
+
+  /** Return how long ago the last state came, in seconds; 0: of a recording, which may stand still. */
+  stateAge(now) {
+    return this.hello?.mode === "bag" ? 0 : (now - this.stateAt) / 1000;
   }
 
   person(id) {

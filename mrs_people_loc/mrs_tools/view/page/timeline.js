@@ -21,10 +21,12 @@ export class Timeline {
     );
   }
 
-  /** Play or pause. */
+  /** Play or pause; returns false if there is no recording. */
   toggle() {
     const { time } = this._scene;
-    if (time) this._send({ type: time.playing ? "pause" : "play" });
+    if (!time) return false;
+    this._send({ type: time.playing ? "pause" : "play" });
+    return true;
   }
 
   /** Go forwards by seconds. */

@@ -4,12 +4,15 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 
 from core.localization.tours import Record, Tour, World, hall
 from mrs_people_loc.config import Localization
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
 from mrs_people_loc.localization.people.seen_people import SeenPeople
+
+pytestmark = pytest.mark.slow
 
 #: Standard deviations along and across the line of sight [m], and the share that lasts.
 ALONG, ACROSS, LASTING, LASTS_S = 0.1, 0.04, 0.35, 4.0

@@ -239,6 +239,7 @@ def test_errors_are_as_large_as_stated(robots):
     assert np.percentile(nees, 99) < 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lasts_s", "most"), [(4.0, 4.5), (1e6, 8.0)])
 def test_many_windows_are_no_surer_than_they_may_be(lasts_s, most):
     """Weighted means of 20 s: normalized squared errors of 3, and not 30, if errors never end."""
@@ -402,10 +403,10 @@ def test_robot_that_leaves_and_comes_back():
     assert len({one.other for one in team.run(2.0, relative, start=5.0)}) == 2
 
 
-def test_begin_anew_takes_older_stamps():
+def test_reset_takes_older_stamps():
     team, relative = draw(8, 2), RelativePoses()
     assert team.run(3.0, relative, start=100.0)
-    relative.begin_anew()
+    relative.reset()
     found = team.run(3.0, relative)
     assert found
     assert max(one.stamp_ns for one in found) < 3_000_000_000

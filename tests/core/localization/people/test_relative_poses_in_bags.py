@@ -18,7 +18,7 @@ pytest.importorskip("rosbags.interfaces", reason="reading bags needs rosbags")
 
 from mrs_tools.bags.offline import BagRun
 
-BAGS = Path(__file__).resolve().parents[4] / "mrs_people_loc" / "bags"
+BAGS = Path(__file__).resolve().parents[4] / "bags"
 
 
 @pytest.fixture(scope="module", params=["paper_formation", "walking_group"])
@@ -71,6 +71,7 @@ def measure(bag, by, sigmas):
     return measured, np.array(errors).reshape(-1, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("position", "turn", "told", "least"),
     [(0.0, 0.0, 0.05, 6), (0.3, 5.0, 0.0, 4), (0.3, 5.0, 0.3, 4), (1.0, 15.0, 1.0, 1)],

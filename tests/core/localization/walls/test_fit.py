@@ -187,16 +187,16 @@ def test_covariance_of_a_moved_wall_is_that_of_its_numbers(distance, bearing, po
 
 def test_wall_that_ends_at_the_middle_of_another_has_an_end():
     through, upto = one_wall(3.0, 0.0, (-2.0, 2.0)), one_wall(0.0, math.pi / 2, (-2.9, 1.0))
-    walls = meeting(Walls.concatenate([through, upto]))
+    walls = meeting(Walls.joined([through, upto]))
     assert walls.is_end.tolist() == [[False, False], [True, False]]
     assert walls.extent[1].tolist() == pytest.approx([-3.0, 1.0])
 
 
 def test_walls_that_do_not_reach_each_other_do_not_meet():
     a, b = one_wall(3.0, 0.0, (-2.0, 0.5)), one_wall(1.0, math.pi / 2, (-2.0, 1.0))
-    assert not meeting(Walls.concatenate([a, b])).is_end.any()
+    assert not meeting(Walls.joined([a, b])).is_end.any()
 
 
 def test_parallel_walls_do_not_meet():
     a, b = one_wall(1.0, 0.0, (-2.0, 2.0)), one_wall(1.0, math.pi, (-2.0, 2.0))
-    assert not meeting(Walls.concatenate([a, b])).is_end.any()
+    assert not meeting(Walls.joined([a, b])).is_end.any()

@@ -11,8 +11,8 @@ from mrs_people_loc.localization.odometry import Odometry
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.localization.walls.ranges import SonarRange
 from mrs_people_loc.localization.walls.sonar import SonarWalls
-from mrs_tools.simulation.scene import Sonar
-from mrs_tools.simulation.sensors.range_sensors import people_circles, sonar_ranges
+from mrs_people_sim.scene import Sonar
+from mrs_people_sim.sensors.range_sensors import people_circles, sonar_ranges
 
 HZ, STEP_NS = 20, 50_000_000
 #: Left and right, in the middle of the robot.
@@ -226,14 +226,14 @@ def test_nothing_is_reported_without_echoes() -> None:
     assert not drive(lambda *_: math.inf, straight(4.0))
 
 
-def test_begin_anew_and_a_jump_back_of_time_forget_everything() -> None:
+def test_reset_and_a_jump_back_of_time_forget_everything() -> None:
     world = wall(1.2, math.pi / 2)
     finder = SonarWalls()
     drive(world, straight(4.0), [LEFT], finder=finder)
     after_jump = drive(world, straight(4.0), [LEFT], finder=finder, start_ns=10**17)
     fresh = drive(world, straight(4.0), [LEFT], start_ns=10**17)
     assert [s.stamp_ns for s, _ in after_jump] == [s.stamp_ns for s, _ in fresh]
-    finder.begin_anew()
+    finder.reset()
     again = drive(world, straight(4.0), [LEFT], finder=finder, start_ns=10**17)
     assert [s.stamp_ns for s, _ in again] == [s.stamp_ns for s, _ in fresh]
 
@@ -288,6 +288,7 @@ def nees_in_corridor(found: list[tuple[SeenWalls, np.ndarray]]) -> np.ndarray:
     return np.minimum(left, right)
 
 
+@pytest.mark.slow
 def test_covariance_is_that_of_the_errors() -> None:
     """Two degrees of freedom; walls of one window share the odometry's errors."""
     nees = np.concatenate([nees_in_corridor(tour(CORRIDOR, seed)) for seed in range(4)])
@@ -312,6 +313,7 @@ def companions(seed: int) -> Callable[[float], np.ndarray]:
     return at
 
 
+@pytest.mark.slow
 def test_people_who_walk_along_are_rarely_taken_for_walls() -> None:
     """The worst case: nothing but people, always near. A wall is reported twice per metre."""
     hall = np.empty((0, 4))

@@ -1,0 +1,388 @@
+"""Tours of a team, one at a time: when one may begin, what its robots get, and why it ends."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mrs_people_loc.clocks import RESET_NS
+from mrs_people_loc.config import GuideConfig
+from mrs_people_loc.errors import TourError
+from mrs_people_loc.guiding.drive import Velocity
+from mrs_people_loc.guiding.free_space import FreeSpace
+from mrs_people_loc.guiding.guidance import Guidance, Post, State
+from mrs_people_loc.guiding.guide import Guide
+from mrs_people_loc.guiding.tour import Tour
+from mrs_people_loc.people import Group, Person
+from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_people_loc.team.poses import Pose
+
+
+@dataclass(frozen=True)
+class ControlTuning:
+    """Constants of the control of tours; chosen.
+
+    Attributes:
+        most_robots: Robots of a tour, at most.
+        goals_s: Period of goals while there are no people [s].
+        look_s: Period of looking for robots without a base [s].
+        recorders: Nodes with these names subscribe to everything, and are no base.
+    """
+
+    most_robots: int = 4
+    goals_s: float = 0.2
+    look_s: float = 1.0
+    recorders: tuple[str, ...] = ("mrs_record", "rosbag2_recorder")
+
+
+CONTROL_TUNING = ControlTuning()
+
+
+@dataclass(frozen=True)
+class Now:
+    """The time.
+
+    Attributes:
+        ns: By which ages are counted, that nobody sets back; or simulated time [ns].
+        stamp_ns: By the clock of stamps [ns].
+        steady_s: That goes on while simulated time stands still [s].
+    """
+
+    ns: int
+    stamp_ns: int
+    steady_s: float
+
+    def of_stamp(self, stamp_ns: int) -> int:
+        """What `ns` was at a stamp [ns]; now at the latest."""
+        return self.ns - max(self.stamp_ns - stamp_ns, 0)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Who is at a topic.
+
+    Attributes:
+        topic: Its full name.
+        publishers: Full names of the nodes that publish; on commands, of the others.
+        subscribers: Names of the nodes that subscribe.
+    """
+
+    topic: str
+    publishers: Sequence[str] = ()
+    subscribers: Sequence[str] = ()
+
+
+class Bases(Protocol):
+    """How robots are driven: by velocities, or by goals."""
+
+    def begin(self, robots: Iterable[str]) -> None:
+        """Takes the robots of a tour."""
+
+    def drive(self, velocities: Mapping[str, Velocity]) -> None:
+        """Sends velocities; robots without one stand."""
+
+    def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
+        """Moves goals to posts; of robots without one, to where these are."""
+
+    def stop(self, poses: Mapping[str, Pose]) -> None:
+        """Lets the robots stand."""
+
+    def keep_standing(self) -> None:
+        """Called at the rate of velocities while there is no tour."""
+
+    def finish(self) -> None:
+        """Waits until what was sent last has arrived."""
+
+
+class Host(Protocol):
+    """What a node does for the control, and knows of the network."""
+
+    def publish(self, tour: Tour, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
+        """Publishes how a tour goes on."""
+
+    def say(self, event: str) -> None:
+        """Publishes a sentence."""
+
+    def ended(self, message: str, *, finished: bool, lost: Sequence[int]) -> None:
+        """Publishes how a tour has ended, and without whom, by their ids."""
+
+    def people(self) -> Ends:
+        """Of the people."""
+
+    def pose(self, robot: str) -> Ends:
+        """Of a robot's poses."""
+
+    def commands(self, robot: str) -> Ends:
+        """Of a robot's commands."""
+
+    def guides(self) -> Ends:
+        """Of what guides publish of their tours; this one is among them."""
+
+
+class TourControl:
+    """Begins tours, drives their robots, and ends them.
+
+    Args:
+        config: Parameters.
+        bases: Of the robots.
+        host: Of this control.
+        tuning: Constants.
+
+    Attributes:
+        config: Parameters; of a tour under way, see `configure`.
+        guide: The tour under way; None: there is none.
+        grid: The map; None: none has come.
+    """
+
+    def __init__(
+        self, config: GuideConfig, bases: Bases, host: Host, tuning: ControlTuning = CONTROL_TUNING
+    ) -> None:
+        self.config, self._bases, self._host, self._tuning = config, bases, host, tuning
+        self.guide: Guide | None = None
+        self.grid: OccupancyGrid | None = None
+        self._poses: dict[str, tuple[Pose, int]] = {}  # stamped by `Now.ns`, and when it came [ns]
+        self._people_came_s: float | None = None
+        self._have_ids = True
+        self._used_ns: dict[str, int] = {}  # when a scan of a robot was used last
+        self._people_ns = self._sent_ns = self._looked_ns = 0
+
+    # ---- inputs ----
+
+    def configure(self, config: GuideConfig, now: Now) -> None:
+        """Takes new parameters at once; another list of robots from the next tour on."""
+        self.config = config
+        if self.guide is not None:
+            before, self.guide.config = self.guide.config.safety, config
+            if config.safety.occupied_from != before.occupied_from:
+                self._take_walls(self.guide, now)
+
+    def take_pose(self, robot: str, pose: Pose, now: Now) -> None:
+        """Takes a pose of any robot, unless it comes late."""
+        pose = dataclasses.replace(pose, stamp_ns=now.of_stamp(pose.stamp_ns))
+        before = self._poses.get(robot)
+        if before is not None and 0 <= before[0].stamp_ns - pose.stamp_ns < RESET_NS:
+            return
+        self._poses[robot] = pose, now.ns
+        if self.guide is not None:
+            self.guide.take_pose(robot, pose, now.ns)
+
+    def take_people(
+        self,
+        stamp_ns: int,
+        people: Sequence[Person],
+        groups: Sequence[Group],
+        robots: Iterable[str],
+        now: Now,
+    ) -> None:
+        """Takes the people of an interval.
+
+        Args:
+            stamp_ns: Of the people [ns].
+            people: Who is followed.
+            groups: Their groups.
+            robots: Names of the robots whose scans were used.
+            now: When they came.
+        """
+        self._people_came_s = now.steady_s
+        self._have_ids = not people or any(person.id for person in people)
+        self._used_ns |= dict.fromkeys(robots, now.ns)
+        guide = self.guide
+        if guide is None:
+            return
+        self._people_ns = stamp_ns
+        if now.ns - self._looked_ns >= self._tuning.look_s * 1e9:
+            faults = {robot: self._fault_of_base(robot) for robot in guide.config.robots}
+            guide.faults = {robot: fault for robot, fault in faults.items() if fault}
+            self._looked_ns = now.ns
+        in_time_ns = now.of_stamp(stamp_ns)
+        self._go_on(guide, guide.take_people(people, groups, in_time_ns, now.ns), now)
+
+    def take_grid(self, grid: OccupancyGrid, now: Now) -> None:
+        """Takes the map."""
+        before, self.grid = self.grid, grid
+        if self.guide is not None and (before is None or not _are_same(before, grid)):
+            self._take_walls(self.guide, now)
+
+    def forget(self) -> None:
+        """Forgets what has come: the time jumped back, or the node is deactivated."""
+        self._poses.clear()
+        self._used_ns.clear()
+        self._people_came_s = None
+
+    def tick(self, now: Now) -> None:
+        """Drives the robots; to be called at the rate of velocities."""
+        guide = self.guide
+        if guide is None:
+            self._bases.keep_standing()
+            return
+        self._go_on(guide, guide.check_age(now.ns), now)
+        if now.ns - self._sent_ns >= self._tuning.goals_s * 1e9:
+            self._send_goals(guide, now)
+        self._bases.drive(guide.velocities(now.ns))
+
+    # ---- a tour ----
+
+    def begin(self, tour: Tour, now: Now) -> Guide:
+        """Begins a tour.
+
+        Raises:
+            TourError: Something is wrong with it, or with the team.
+        """
+        if self.guide is not None:
+            raise TourError(f"the tour {self.guide.tour.name!r} is under way; cancel it first")
+        tour = dataclasses.replace(tour, name=tour.name or "tour")
+        config = dataclasses.replace(self.config, robots=self._check_team(now))
+        guide = Guide(tour, config, self._space(tour, config), now.ns)
+        for robot, (pose, came_ns) in self._poses.items():
+            guide.take_pose(robot, pose, came_ns)
+        self._bases.begin(config.robots)
+        self.guide = guide
+        self._people_ns, self._sent_ns, self._looked_ns = now.stamp_ns, 0, 0
+        if self.grid is None:
+            self._host.say("there is no map: the robots do not keep clear of walls")
+        return guide
+
+    def end(
+        self,
+        message: str,
+        *,
+        finished: bool = False,
+        last: bool = False,
+        events: tuple[str, ...] = (),
+    ) -> None:
+        """Ends the tour under way, if there is one: the robots stand.
+
+        Args:
+            message: Why, in words.
+            finished: Whether the group is at the end.
+            last: Whether nothing is published after it: what stops the robots is waited for.
+            events: What has happened before, in sentences.
+        """
+        guide, self.guide = self.guide, None
+        if guide is None:
+            return
+        self._bases.stop(guide.poses())
+        if last:
+            self._bases.finish()
+        state = State.FINISHED if finished else State.CANCELLED
+        reason = "" if message == state.name.lower() else message
+        guidance = dataclasses.replace(
+            guide.guidance, state=state, reason=reason, speed=0.0, posts={}, events=events
+        )
+        self._publish(guide, guidance)
+        if not finished:
+            self._host.say(f"the tour {guide.tour.name} has ended: {message}")
+        self._host.ended(message, finished=finished, lost=guidance.lost)
+
+    def _take_walls(self, guide: Guide, now: Now) -> None:
+        self._go_on(guide, guide.take_space(self._space(guide.tour, guide.config)), now)
+
+    def _go_on(self, guide: Guide, guidance: Guidance | None, now: Now) -> None:
+        """Publishes how a tour goes on, if that has changed, and moves goals; ends one that has."""
+        if guidance is None:
+            return
+        if guide.is_running:
+            self._publish(guide, guidance)
+            self._send_goals(guide, now)
+        else:
+            message = guidance.reason or "the group is at the end"
+            finished = guidance.state == State.FINISHED
+            self.end(message, finished=finished, events=guidance.events)
+
+    def _send_goals(self, guide: Guide, now: Now) -> None:
+        """Moves goals to posts, or to where robots are whose poses are outdated."""
+        self._bases.send(guide.goals(now.ns), guide.poses())
+        self._sent_ns = now.ns
+
+    def _publish(self, guide: Guide, guidance: Guidance) -> None:
+        guidance = dataclasses.replace(guidance, stamp_ns=self._people_ns)
+        self._host.publish(guide.tour, guidance, guide.poses())
+
+    def _space(self, tour: Tour, config: GuideConfig) -> FreeSpace:
+        if self.grid is None:
+            return FreeSpace.unbounded()
+        occupied_from = config.safety.occupied_from
+        return FreeSpace(self.grid, occupied_from=occupied_from, around=tour.points)
+
+    # ---- the team ----
+
+    def _check_team(self, now: Now) -> tuple[str, ...]:
+        """The robots of a tour that begins now.
+
+        Raises:
+            TourError: There is another guide, there are no people or robots, or a robot cannot take
+                part.
+        """
+        config, most = self.config, self._tuning.most_robots
+        guides, people = self._host.guides(), self._host.people().topic
+        if len(guides.publishers) > 1:
+            raise TourError(second_guide(guides.topic, guides.publishers))
+        if self._people_came_s is None:
+            raise TourError(f"nothing comes on {people}; is the planner running?")
+        silent_s = now.steady_s - self._people_came_s
+        if silent_s > config.safety.robot_timeout:
+            raise TourError(f"nothing came on {people} for {silent_s:.1f} s; `mrs doctor` says why")
+        if not self._have_ids:
+            raise TourError(f"people on {people} have no ids; set tracking.enabled of the planner")
+        robots = config.robots or self._robots_in_use(now)
+        if not 1 <= len(robots) <= most:
+            named = ", ".join(robots) or "the planner uses no robot's scans"
+            raise TourError(
+                f"robots of the tour: {named}; allowed: 1 to {most}, by the parameter `robots`"
+            )
+        if config.leader and config.leader not in robots:
+            raise TourError(f"leader is {config.leader!r}; allowed: {', '.join(robots)}")
+        for robot in robots:
+            self._check_robot(robot, now)
+        return robots
+
+    def _robots_in_use(self, now: Now) -> tuple[str, ...]:
+        """Robots whose scans the planner has used lately."""
+        oldest_ns = now.ns - round(self.config.safety.robot_timeout * 1e9)
+        return tuple(sorted(robot for robot, used in self._used_ns.items() if used >= oldest_ns))
+
+    def _check_robot(self, robot: str, now: Now) -> None:
+        pose, topic = self._poses.get(robot), self._host.pose(robot).topic
+        if pose is None:
+            raise TourError(f"{robot} has no pose: nothing comes on {topic}")
+        age_s, timeout = (now.ns - pose[0].stamp_ns) / 1e9, self.config.safety.robot_timeout
+        if age_s > timeout:
+            raise TourError(
+                f"{robot}: the pose on {topic} is {age_s:.1f} s old; allowed: {timeout:g} s"
+            )
+        fault, commands = self._fault_of_base(robot), self._host.commands(robot)
+        if fault:
+            raise TourError(f"{robot} {fault}")
+        if commands.publishers:
+            others = ", ".join(commands.publishers)
+            raise TourError(f"{robot} is driven by others: {others} on {commands.topic}; end them")
+
+    def _fault_of_base(self, robot: str) -> str:
+        """Why a robot cannot be driven; empty: it can."""
+        base = self._host.commands(robot)
+        if all(name.startswith(self._tuning.recorders) for name in base.subscribers):
+            return f"has no base: nobody subscribes to {base.topic}"
+        return ""
+
+
+def second_guide(topic: str, guides: Sequence[str]) -> str:
+    """That there are several guides, in words.
+
+    Args:
+        topic: Full name of `guide_status`.
+        guides: Full names of the nodes that publish it.
+    """
+    return (
+        f"{len(guides)} publishers on {topic}: {', '.join(guides)}; another guide_node, or a "
+        "replay of one, is at work: end it, or give it a namespace or a ROS_DOMAIN_ID of its own; "
+        "or one was killed in the last 20 s"
+    )
+
+
+def _are_same(one: OccupancyGrid, other: OccupancyGrid) -> bool:
+    places = [(grid.resolution, grid.x, grid.y, grid.yaw) for grid in (one, other)]
+    return places[0] == places[1] and np.array_equal(one.data, other.data)

@@ -1,0 +1,317 @@
+"""A team on a tour without rendering: its localizers, the messages between them, and a planner.
+
+Everything that a robot estimates is done by the same code as in its node. Messages go from robot to
+robot as they would over the network: late, and not all of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.config import Localization, PlannerConfig, Tracking
+from mrs_people_loc.geometry import rotation_2d
+from mrs_people_loc.localization.localizer import Localizer
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
+from mrs_people_loc.localization.people.seen_people import SeenPeople
+from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.walls import SeenWalls, Walls
+from mrs_people_loc.planner import Planner
+from mrs_people_loc.team.poses import Pose
+from mrs_people_sim.estimates import estimate_of
+from mrs_people_sim.light.sensing import (
+    PeopleInView,
+    scan_of,
+    seen_people,
+    seen_walls,
+    walls_by_sonar,
+)
+from mrs_people_sim.scoring.poses import PoseTrack
+from mrs_people_sim.tours import STEP_S, Tour, known_walls
+from mrs_tools.bags.records import Estimate, Truth
+
+#: Odometry and views come at each so many steps of the tour; walls and messages to team-mates,
+#: scores of people, and looks at what the localizers know less often, to save time.
+_VIEW, _TELL, _SCORED = 2, 4, 20
+#: How sure a map is of its walls: distance [m] and bearing [rad].
+MAP_SIGMA = 0.01, 0.002
+#: Time of the first step [ns].
+START_NS = 1_000_000_000_000
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """What goes wrong on a tour.
+
+    Attributes:
+        stereo: Whether robots see walls in their stereo,
+        sonars: ... and by their sonars.
+        known: Whether they know the walls of the map,
+        map_off: ... which is wrong by so much in x and in y [m].
+        lies: A robot that says that it is a metre from where it is,
+        lies_from: ... from this time on [s].
+        lost: Share of the messages that are lost.
+        cut_off: A robot that hears nobody and is heard by nobody, from when to when [s].
+        start: Standard deviations with which the start is known, x, y [m] and yaw [rad]; None: as
+            the scene says.
+    """
+
+    stereo: bool = True
+    sonars: bool = True
+    known: bool = False
+    map_off: float = 0.0
+    lies: str = ""
+    lies_from: float = 0.0
+    lost: float = 0.0
+    cut_off: tuple[str, float, float] | None = None
+    start: tuple[float, float, float] | None = None
+
+
+@dataclass
+class TeamRun:
+    """What became of a tour.
+
+    Attributes:
+        true: By robot, its true poses.
+        localized: By robot, what its localizer says.
+        odometry: By robot, where it would be by its odometry alone.
+        truth: Where the people are.
+        people: People by the planner with exact poses, with those of the localizers and with
+            odometry alone.
+        named: What the localizers' states said that is wrong, and when they first did [s].
+        start_ns: Stamp of the beginning [ns].
+    """
+
+    true: dict[str, PoseTrack]
+    localized: dict[str, PoseTrack]
+    odometry: dict[str, PoseTrack]
+    truth: Truth
+    people: dict[str, list[Estimate]]
+    named: dict[str, float] = field(default_factory=dict)
+    start_ns: int = START_NS
+
+
+#: Whose poses people are placed with.
+WAYS = ("exact", "localized", "odometry")
+
+
+class LightTeam:
+    """A team on a tour.
+
+    Args:
+        tour: Where everybody is.
+        trouble: What goes wrong.
+        seed: Of the errors of what is seen, and of what is lost.
+        start_sigmas: How sure the robots are of their start, x, y [m] and yaw [rad].
+    """
+
+    def __init__(
+        self, tour: Tour, trouble: Trouble, seed: int, start_sigmas: tuple[float, float, float]
+    ) -> None:
+        self._tour, self._trouble = tour, trouble
+        self._rng = np.random.default_rng([seed, 57])
+        self.names = list(tour.robots)
+        self._start = dict(tour.start)
+        if trouble.start is not None:
+            start_sigmas = trouble.start
+            self._start = {
+                name: pose[0] + self._rng.normal(size=3) * start_sigmas
+                for name, pose in tour.robots.items()
+            }
+        known = None
+        if trouble.known:
+            known = known_walls(tour.walls + trouble.map_off, MAP_SIGMA)
+        self._localizers = {
+            name: Localizer(
+                name,
+                Localization(start=tuple(map(float, start)), start_sigmas=start_sigmas),
+                known,
+            )
+            for name, start in self._start.items()
+        }
+        self._views = np.arange(0, len(tour.times), _VIEW)
+        self._walls = {name: self._seen_walls(name) for name in self.names}
+        self._people = {
+            name: seen_people(
+                tour.times[self._views],
+                tour.robots[name][self._views],
+                tour.people[self._views],
+                self._rng,
+            )
+            for name in self.names
+        }
+        self._relative = RelativePoses()
+        self._underway: list[tuple[str, TeamPose | RelativePose]] = []
+
+    # ---------------------------------------------------------------------------- senses ----
+
+    def _seen_walls(self, name: str) -> list[list[Walls]]:
+        """For each view, what stereo and sonars see."""
+        tour, views = self._tour, self._views
+        others = [tour.robots[other][views, None, :2] for other in self.names if other != name]
+        bodies = np.concatenate([tour.people[views], *others], axis=1)
+        seen = []
+        for there, sense in (
+            (self._trouble.stereo, seen_walls),
+            (self._trouble.sonars, walls_by_sonar),
+        ):
+            if there:
+                seen.append(sense(tour.walls, tour.robots[name][views], bodies, self._rng))
+        return [list(walls) for walls in zip(*seen, strict=True)] if seen else [[] for _ in views]
+
+    # ------------------------------------------------------------------------------- run ----
+
+    def run(self) -> TeamRun:
+        """The tour, from its beginning to its end."""
+        tour = self._tour
+        localized: dict[str, list[Pose]] = {name: [] for name in self.names}
+        people: dict[str, list[Estimate]] = {way: [] for way in WAYS}
+        named: dict[str, float] = {}
+        planner = Planner(PlannerConfig(tracking=Tracking(enabled=False)))
+        for step in range(0, len(tour.times), _VIEW):
+            time = float(tour.times[step])
+            self._deliver(time)
+            for name, localizer in self._localizers.items():
+                pose = localizer.take_odometry(pose_at(stamp_of(step), tour.odometry[name][step]))
+                localized[name].append(pose)
+            if step % _TELL == 0:
+                self._tell(step)
+            self._see_people(step, time)
+            if step % _SCORED == 0:
+                for fault in self._faults():
+                    named.setdefault(fault, time)
+                for way, poses in self._poses(step, localized).items():
+                    people[way].append(self._plan(planner, step, poses))
+        return TeamRun(
+            {name: self._track(poses) for name, poses in tour.robots.items()},
+            {name: PoseTrack.build(poses) for name, poses in localized.items()},
+            {name: self._track(self._by_odometry(name)) for name in self.names},
+            Truth.build(
+                [stamp_of(step) for step in range(0, len(tour.times), _SCORED)],
+                [*tour.people[::_SCORED]],
+                self._visible(),
+            ),
+            people,
+            named,
+        )
+
+    def _tell(self, step: int) -> None:
+        """Everybody sees walls, and tells the others."""
+        for name, localizer in self._localizers.items():
+            for walls in self._walls[name][step // _VIEW]:
+                if len(walls):
+                    localizer.take_walls(SeenWalls(stamp_of(step), walls))
+            told = self._told(localizer)
+            self._underway += [(other, told) for other in self.names if other != name]
+
+    def _see_people(self, step: int, time: float) -> None:
+        """The planner measures relative poses by the people whom robots see."""
+        stamp_ns = stamp_of(step)
+        heard = [name for name in self.names if not self._is_cut_off(name, time)]
+        seen = {name: seen_places(stamp_ns, self._people[name][step // _VIEW]) for name in heard}
+        poses = {name: self._localizers[name].pose_at(stamp_ns) for name in heard}
+        for relative in self._relative.step(seen, poses):
+            self._underway += [(name, relative) for name in self.names]
+
+    def _told(self, localizer: Localizer) -> TeamPose:
+        told = localizer.share()
+        lies_from_ns = START_NS + round(1e9 * self._trouble.lies_from)
+        if told.robot == self._trouble.lies and told.odometry.stamp_ns >= lies_from_ns:
+            moved = dataclasses.replace(told.pose, x=told.pose.x + 1.0)
+            told = dataclasses.replace(told, pose=moved)
+        return told
+
+    def _deliver(self, time: float) -> None:
+        underway, self._underway = self._underway, []
+        for to, message in underway:
+            sender = message.robot if isinstance(message, TeamPose) else ""
+            if self._rng.random() < self._trouble.lost:
+                continue
+            if self._is_cut_off(to, time) or self._is_cut_off(sender, time):
+                continue
+            if isinstance(message, TeamPose):
+                self._localizers[to].take_teammate(message)
+            else:
+                self._localizers[to].take_relative(message)
+
+    def _is_cut_off(self, name: str, time: float) -> bool:
+        cut = self._trouble.cut_off
+        return cut is not None and name == cut[0] and cut[1] <= time < cut[2]
+
+    def _faults(self) -> Iterator[str]:
+        """What the localizers' states say that is wrong; of a robot that lies, those of others."""
+        for name, localizer in self._localizers.items():
+            if name == self._trouble.lies:
+                continue
+            state = localizer.state
+            yield from (f"{robot} was carried" for robot, t in state.trust.items() if t.times_lost)
+            yield from (f"{robot} doubted" for robot in state.doubted)
+            yield from (f"known wall {k} is off" for k in state.misfits)
+
+    # ---------------------------------------------------------------------------- people ----
+
+    def _poses(self, step: int, localized: Mapping[str, list[Pose]]) -> dict[str, dict[str, Pose]]:
+        """By whose poses: by robot, its pose at a step."""
+        stamp_ns, tour = stamp_of(step), self._tour
+        return {
+            "exact": {name: pose_at(stamp_ns, tour.robots[name][step]) for name in self.names},
+            "localized": {name: poses[-1] for name, poses in localized.items()},
+            "odometry": {
+                name: pose_at(stamp_ns, self._by_odometry(name)[step]) for name in self.names
+            },
+        }
+
+    def _plan(self, planner: Planner, step: int, poses: Mapping[str, Pose]) -> Estimate:
+        stamp_ns, view = stamp_of(step), step // _VIEW
+        scans = [scan_of(name, stamp_ns, self._people[name][view]) for name in self.names]
+        return estimate_of(planner.step(scans, poses, stamp_ns))
+
+    def _visible(self) -> list[NDArray[np.bool_]]:
+        """Who is seen by a robot at least, at each time that is scored."""
+        count = self._tour.people.shape[1]
+        return [
+            np.isin(
+                np.arange(count), np.concatenate([self._people[n][v].person for n in self.names])
+            )
+            for v in range(0, len(self._views), _SCORED // _VIEW)
+        ]
+
+    def _by_odometry(self, name: str) -> NDArray:
+        """Where a robot would be by its odometry alone, shape (n, 3)."""
+        start, odometry = self._start[name], self._tour.odometry[name]
+        places = odometry[:, :2] @ rotation_2d(start[2]).T + start[:2]
+        return np.column_stack([places, odometry[:, 2] + start[2]])
+
+    def _track(self, poses: NDArray) -> PoseTrack:
+        stamps = np.array([stamp_of(step) for step in range(len(poses))], dtype=np.int64)
+        return PoseTrack(stamps, poses, np.zeros((len(poses), 3, 3)))
+
+
+def stamp_of(step: int) -> int:
+    """The stamp of a step of a tour [ns]."""
+    return stamp_at(step * STEP_S)
+
+
+def stamp_at(time: float) -> int:
+    """The stamp of a time since the first step [s], in ns."""
+    return START_NS + round(time * 1e9)
+
+
+def pose_at(stamp_ns: int, pose: NDArray) -> Pose:
+    """A pose of x, y [m] and yaw [rad] at a time [ns]."""
+    return Pose(stamp_ns, float(pose[0]), float(pose[1]), float(pose[2]))
+
+
+def seen_places(stamp_ns: int, seen: PeopleInView) -> SeenPeople:
+    """What a robot sees, as the measurement of relative poses takes it."""
+    bearing = np.arctan2(seen.xy[:, 1], seen.xy[:, 0])
+    cos, sin = np.cos(bearing), np.sin(bearing)
+    turn = np.array([[cos, -sin], [sin, cos]]).transpose(2, 0, 1)
+    variances = np.stack([seen.along, seen.across], axis=1) ** 2
+    covariance: Float = (turn * variances[:, np.newaxis]) @ turn.transpose(0, 2, 1)
+    return SeenPeople(stamp_ns, seen.xy, covariance)

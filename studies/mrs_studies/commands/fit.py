@@ -1,0 +1,117 @@
+"""`mrs fit`: fits the body model to bags with ground truth.
+
+    mrs render-suite train OUT_DIR/train
+    mrs render-suite train OUT_DIR/more --variants 12
+    mrs fit OUT_DIR/*/*/ --out body_model.json
+
+Each candidate of each view is an example: a person if somebody truly is there, none if nobody is
+near. What is in between, and what is another robot of the team (the planner knows where those
+are), is left out. Figures printed are cross-validated: each bag is judged by a model that has not
+seen it. The network of the appearance is trained beforehand
+(`studies/mrs_studies/train_network.py`); only its weight is fitted.
+
+    mrs fit OUT_DIR/*/*/ --real RECORDINGS --out ...
+
+adds labelled recordings of real rooms (as of `mrs real`) to the fit of the weights by which the
+human test and the appearance count; the rest of the model is fitted to renderings alone.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mrs_people_loc.arrays import Float
+from mrs_people_loc.bodies.appearance import Scores
+from mrs_people_sim.common import progress_bar, write_text
+from mrs_studies import LABELS
+from mrs_studies.experiment.real_rooms import Recording, find_recordings
+from mrs_studies.fitting.body_fit import Parts, check_enough, combination
+from mrs_studies.fitting.examples import Examples, examples_of, labelled_examples
+from mrs_studies.fitting.validation import cross_validate, figures, real_rooms, table
+from mrs_tools.options import Configs
+
+
+def _read(bag: Path, number: int, **options: Any) -> Examples:
+    import cv2
+
+    cv2.setNumThreads(1)
+    return examples_of(bag, number, **options)
+
+
+def command(
+    bags: Annotated[list[Path], typer.Argument(help="Bags of `mrs render-suite`.")],
+    out: Annotated[Path, typer.Option(help="Where the model goes (JSON).")],
+    config: Configs = None,
+    views: Annotated[
+        int, typer.Option(help="Views of each robot and bag that are used, at most.", min=1)
+    ] = 8,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Bags at the same time.")] = 1,
+    real: Annotated[
+        Path | None,
+        typer.Option(help="Folder of labelled bags of real rooms, as of `mrs real`."),
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(help="Folder of their label files.", show_default="studies/labels"),
+    ] = None,
+) -> None:
+    """Fit the body model to bags with ground truth."""
+    if labels is not None and real is None:
+        raise typer.BadParameter("--labels needs --real, the folder of the recordings")
+    read = functools.partial(_read, configs=config or [], views=views)
+    parts = []
+    with progress_bar() as progress, ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        task = progress.add_task("reading", total=len(bags))
+        for part in pool.map(read, bags, range(len(bags))):
+            parts.append(part)
+            progress.advance(task)
+    examples = Examples.joined(parts)
+    check_enough(examples)
+    judged, scores = cross_validate(examples)
+    for name, value in figures(examples, judged).items():
+        typer.echo(f"{name}: {value:.5g}")
+    typer.echo("\n".join(table(examples, judged)))
+    fitted = Parts.fit(examples)
+    recordings: list[Recording] = []
+    if real is not None:
+        recordings, missing = find_recordings(real, labels or LABELS)
+        for line in missing:
+            typer.echo(line, err=True)
+    weights = _combination(examples, scores, fitted, recordings)
+    model = fitted.model(weights).to_mapping()
+    model["fitted_to"] = {
+        "bags": len(bags),
+        "px_m": [round(float(examples.scale.min()), 1), round(float(examples.scale.max()), 1)],
+        "people": int(examples.person.sum()),
+        "others": int((examples.clear & ~examples.person).sum()),
+        "recordings": [one.name for one in recordings],
+    }
+    text = json.dumps(model, separators=(",", ":")) + "\n"
+    write_text(out, text)
+    typer.echo(f"{out}: {len(text) / 1000:.0f} kB")
+
+
+def _combination(
+    examples: Examples, scores: Scores, fitted: Parts, recordings: list[Recording]
+) -> Float:
+    """Weights of the combination; prints them, and figures of the real rooms."""
+    real = None
+    if recordings:
+        parts = [labelled_examples(one.bag, one.labels, k) for k, one in enumerate(recordings)]
+        real = Examples.joined(parts)
+        # lab1_c1 and lab2_c2 are of one room: the letters that a name begins with.
+        rooms = ["".join(itertools.takewhile(str.isalpha, one.name)) for one in recordings]
+        if len(set(rooms)) > 1:
+            typer.echo("\n".join(real_rooms(examples, scores, real, rooms, fitted)))
+    weights = combination(examples, scores, real, fitted)
+    names = ("human", "above", "detector", "network", "constant")
+    typer.echo(", ".join(f"{n} {w:.3g}" for n, w in zip(names, weights, strict=True)))
+    return weights

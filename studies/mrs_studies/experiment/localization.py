@@ -1,0 +1,172 @@
+"""How well a team knows where it is: tours of 100 m, what goes wrong on them, and odometry alone.
+
+Tours without rendering (`simulation.light.team`), with the localizers and the planner of the nodes.
+All figures depend on the seeds alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mrs_people_sim.light.team import LightTeam, TeamRun, Trouble
+from mrs_people_sim.scene import load_scene
+from mrs_people_sim.scoring.poses import (
+    PoseScores,
+    PoseTrack,
+    in_true_frame,
+    relative_errors,
+    score_poses,
+)
+from mrs_people_sim.scoring.positions import Frame, score, summary
+from mrs_people_sim.tours import tour_of
+from mrs_studies.experiment.repeats import added_up
+from mrs_tools.installing import default_file
+
+#: A team is right again when no robot is farther from where it should be to another than this [m].
+RIGHT_M = 0.25
+#: ... for so long [s].
+_FOR_S = 2.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A tour that is repeated with several seeds.
+
+    Attributes:
+        name: What the table calls it.
+        scene: Its scene file.
+        trouble: What goes wrong.
+        carried: By robot, when and how far it is carried, as `scene.Robot.carried`.
+        event_s: When something happens that the team has to recover from [s]; None: nothing does.
+    """
+
+    name: str
+    scene: str
+    trouble: Trouble = field(default_factory=Trouble)
+    carried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    event_s: float | None = None
+
+
+_L = "tour_l_corridor.yaml"
+CASES = (
+    Case("L corridor", _L),
+    Case("straight corridor, walls known", "tour_straight_corridor.yaml", Trouble(known=True)),
+    Case("hall, no wall in range", "tour_hall.yaml"),
+    Case("loop", "tour_loop.yaml"),
+    Case("L corridor, walls known", _L, Trouble(known=True)),
+    Case("robot_b carried 0.5 m at 60 s", _L, carried={"robot_b": (60.0, 0.0, 0.5, 0.0)},
+         event_s=60.0),
+    Case("sonars dead", _L, Trouble(sonars=False)),
+    Case("map wrong by 1 m", _L, Trouble(known=True, map_off=1.0)),
+    Case("robot_b says it is 1 m off", _L, Trouble(lies="robot_b")),
+    Case("robot_b says it is 1 m off from 60 s on", _L, Trouble(lies="robot_b", lies_from=60.0),
+         event_s=60.0),
+    Case("20 % of messages lost", _L, Trouble(lost=0.2)),
+    Case("robot_c cut off from 50 to 80 s", _L, Trouble(cut_off=("robot_c", 50.0, 80.0)),
+         event_s=80.0),
+    Case("start known to 1 m, 15 degrees", _L, Trouble(start=(1.0, 1.0, np.radians(15.0))),
+         event_s=0.0),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CaseScores:
+    """Scores of a case; those of several seeds are added.
+
+    Attributes:
+        localized: Of the poses of the localizers.
+        odometry: Of odometry alone.
+        people: People with exact poses, in the team's frame with those of the localizers and with
+            odometry alone.
+        named: What was said to be wrong, and how long after the event, or the start [s].
+        right_s: For each seed, how long after the event the team was right again [s]; NaN: never.
+    """
+
+    localized: PoseScores = field(default_factory=PoseScores)
+    odometry: PoseScores = field(default_factory=PoseScores)
+    people: Mapping[str, tuple[Frame, ...]] = field(default_factory=dict)
+    named: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    right_s: tuple[float, ...] = ()
+
+    def __add__(self, other: CaseScores) -> CaseScores:
+        def joined(one: Mapping[str, tuple], two: Mapping[str, tuple]) -> dict[str, tuple]:
+            return {key: one.get(key, ()) + two.get(key, ()) for key in {**one, **two}}
+
+        return CaseScores(
+            self.localized + other.localized,
+            self.odometry + other.odometry,
+            joined(self.people, other.people),
+            joined(self.named, other.named),
+            self.right_s + other.right_s,
+        )
+
+    def report(self) -> dict[str, Any]:
+        """The figures, as the JSON of the command has them."""
+        return {
+            "localized": self.localized.report(),
+            "odometry": self.odometry.report(),
+            "people": {way: summary(frames)["people"] for way, frames in self.people.items()},
+            "named_s": {what: [*times] for what, times in self.named.items()},
+            "right_again_s": [None if np.isnan(s) else s for s in self.right_s],
+        }
+
+
+def run_cases(cases: Sequence[Case], seeds: int, *, jobs: int = 1) -> Iterator[CaseScores]:
+    """Runs cases.
+
+    Args:
+        cases: The cases.
+        seeds: Seeds of each, from 1 on.
+        jobs: Processes.
+
+    Yields:
+        The scores of each case, in their order.
+    """
+    yield from added_up(run_case, cases, [seeds] * len(cases), CaseScores(), jobs=jobs)
+
+
+def run_case(case: Case, seed: int) -> CaseScores:
+    """Runs a case with one seed."""
+    scene = load_scene(default_file("config", "scenes", case.scene))
+    tour = tour_of(scene, seed, case.carried)
+    settings = scene.odometry
+    sigmas = (settings.sigma, settings.sigma, settings.sigma_yaw)
+    run = LightTeam(tour, case.trouble, seed, sigmas).run()
+    since = case.event_s or 0.0
+    placed = {
+        "exact": run.people["exact"],
+        "localized": in_true_frame(run.people["localized"], run.true, run.localized),
+        "odometry": in_true_frame(run.people["odometry"], run.true, run.odometry),
+    }
+    return CaseScores(
+        score_poses(run.true, run.localized) or PoseScores(),
+        score_poses(run.true, run.odometry) or PoseScores(),
+        {way: tuple(score(run.truth, people)) for way, people in placed.items()},
+        {what: (at - since,) for what, at in run.named.items()},
+        () if case.event_s is None else (_right_after(run, case.event_s),),
+    )
+
+
+def _right_after(run: TeamRun, event_s: float) -> float:
+    """How long after an event no robot is wrong to another by more than `RIGHT_M` [s]."""
+    stamps, worst = _worst(run.true, run.localized)
+    seconds = (stamps - run.start_ns) / 1e9 - event_s
+    wrong = worst > RIGHT_M
+    for k in np.flatnonzero((seconds >= 0.0) & ~wrong):
+        if not wrong[(seconds >= seconds[k]) & (seconds < seconds[k] + _FOR_S)].any():
+            return float(seconds[k])
+    return float("nan")
+
+
+def _worst(
+    true: Mapping[str, PoseTrack], localized: Mapping[str, PoseTrack]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps [ns], and the largest relative error of any two robots then [m], each (n,)."""
+    stamps = next(iter(localized.values())).stamps_ns
+    pairs = relative_errors(true, localized, stamps)
+    sizes = np.hypot(pairs[..., 0], pairs[..., 1])
+    return stamps, np.nanmax(sizes, axis=0)

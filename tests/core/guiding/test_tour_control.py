@@ -1,0 +1,365 @@
+"""Tours of a team, step by step, by a clock of the test's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mrs_people_loc.config import GuideConfig, Safety
+from mrs_people_loc.config.guide import Pace
+from mrs_people_loc.errors import TourError
+from mrs_people_loc.guiding.guidance import Guidance, State
+from mrs_people_loc.guiding.guide import Guide
+from mrs_people_loc.guiding.tour import Tour, tour_from
+from mrs_people_loc.guiding.tour_control import Ends, Now, TourControl
+from mrs_people_loc.health.findings import OK, Code
+from mrs_people_loc.health.guide import of_others
+from mrs_people_loc.people import Group, Person
+from mrs_people_loc.team.masking import OccupancyGrid
+from mrs_people_loc.team.poses import Pose
+
+PLACES = {"robot_a": (0.0, 0.0, 0.0), "robot_b": (-3.5, 0.0, 0.0)}
+#: When the tour begins [s].
+START = 100.0
+HALL = tour_from([[0.0, 0.0], [10.0, 0.0]], name="hall")
+PEOPLE = ((-1.5, 0.0), (-1.5, 0.6))
+
+
+class Bases:
+    """What the robots are told."""
+
+    def __init__(self) -> None:
+        self.velocities: Mapping[str, tuple[float, float]] = {}
+        self.stops = self.kept = 0
+        self.posts: Mapping[str, Any] = {}
+
+    def begin(self, robots: Iterable[str]) -> None:
+        pass
+
+    def drive(self, velocities: Mapping[str, tuple[float, float]]) -> None:
+        self.velocities = velocities
+
+    def send(self, posts: Mapping[str, Any], poses: Mapping[str, Pose]) -> None:
+        self.posts = posts
+
+    def stop(self, poses: Mapping[str, Pose]) -> None:
+        self.stops += 1
+
+    def keep_standing(self) -> None:
+        self.kept += 1
+
+    def finish(self) -> None:
+        pass
+
+
+class Stepped:
+    """A control, its host, and the time."""
+
+    def __init__(self) -> None:
+        self.said: list[Guidance] = []
+        self.listeners = ["base"]
+        self.drivers: list[str] = []
+        self.now_s, self.steady_s = START, 0.0
+        self.steady_ns: Iterable[int] | None = None
+        self.bases = Bases()
+        self.control = TourControl(GuideConfig(), self.bases, self)
+        self.hear()
+        self.begin()
+        self.run(4.0)
+        assert self.is_told(State.LEADING)
+
+    # ---- as a host ----
+
+    def publish(self, tour: Tour, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
+        self.said.append(guidance)
+
+    def say(self, event: str) -> None:
+        pass
+
+    def ended(self, message: str, *, finished: bool, lost: Sequence[int]) -> None:
+        pass
+
+    def people(self) -> Ends:
+        return Ends("/steps/tracked_people")
+
+    def pose(self, robot: str) -> Ends:
+        return Ends(f"/steps/{robot}/pose")
+
+    def commands(self, robot: str) -> Ends:
+        return Ends(f"/steps/{robot}/cmd_vel", self.drivers, self.listeners)
+
+    def guides(self) -> Ends:
+        return Ends("/steps/guide_status", ["/steps/guide_node"])
+
+    # ---- steps ----
+
+    @property
+    def now_ns(self) -> int:
+        return round(self.now_s * 1e9)
+
+    @property
+    def now(self) -> Now:
+        ns = self.now_ns if self.steady_ns is None else next(iter(self.steady_ns))
+        return Now(ns, self.now_ns, self.steady_s)
+
+    @property
+    def guide(self) -> Guide:
+        assert self.control.guide is not None
+        return self.control.guide
+
+    def begin(self) -> None:
+        self.control.begin(HALL, self.now)
+
+    def cancel(self) -> None:
+        self.control.end("cancelled")
+
+    def hear_pose(self, robot: str, stamp_ns: int, x: float, y: float, yaw: float) -> None:
+        self.control.take_pose(robot, Pose(stamp_ns, x, y, yaw), self.now)
+
+    def hear_people(
+        self,
+        stamp_ns: int,
+        places: Sequence[tuple[float, float]] = PEOPLE,
+        robots: Iterable[str] = tuple(PLACES),
+        first: int = 1,
+    ) -> None:
+        """People who stand, with ids from the first on, as one group."""
+        people = [
+            Person(
+                np.array(place), np.zeros((2, 2)), 1.7, 0.1, tuple(PLACES), -1, id=number,
+                velocity=np.zeros(2),
+            )
+            for number, place in enumerate(places, start=first)
+        ]  # fmt: skip
+        members = tuple(one.id for one in people)
+        group = Group(
+            np.mean(places, axis=0), np.zeros((2, 2)), 0.4, 0.4, len(people), id=1, members=members
+        )
+        self.control.take_people(stamp_ns, people, [group], robots, self.now)
+
+    def hear(self, *, people: bool = True) -> None:
+        """Poses of all robots, and people, of now."""
+        for robot, place in PLACES.items():
+            self.hear_pose(robot, self.now_ns, *place)
+        if people:
+            self.hear_people(self.now_ns)
+
+    def tick(self) -> None:
+        self.control.tick(self.now)
+
+    def run(self, seconds: float, *, people: bool = True) -> None:
+        """Poses and people come five times a second."""
+        end = self.now_s + seconds
+        while self.now_s < end - 1e-6:
+            self.now_s += 0.05
+            if round(self.now_s / 0.05) % 4 == 0:
+                self.hear(people=people)
+            self.tick()
+
+    def is_told(self, state: State) -> bool:
+        return self.said[-1].state == state
+
+    def drives(self) -> bool:
+        return any(v or w for v, w in self.bases.velocities.values())
+
+
+@pytest.fixture
+def team() -> Stepped:
+    return Stepped()
+
+
+def map_of(
+    width_m: float,
+    height_m: float,
+    walls: Sequence[tuple[float, float, float, float]],
+    value: int = 100,
+) -> OccupancyGrid:
+    """A map from (-5, -5) on, free but for boxes (x0, y0, x1, y1) [m]."""
+    data = np.zeros((round(height_m / 0.1), round(width_m / 0.1)), np.int8)
+    for x0, y0, x1, y1 in walls:
+        columns = slice(round((x0 + 5) / 0.1), round((x1 + 5) / 0.1))
+        data[round((y0 + 5) / 0.1) : round((y1 + 5) / 0.1), columns] = value
+    return OccupancyGrid(0.1, -5.0, -5.0, 0.0, data)
+
+
+def test_before_a_tour_nothing_is_guided() -> None:
+    bases = Bases()
+    control = TourControl(GuideConfig(), bases, Stepped())
+    control.take_people(0, [], [], [], Now(0, 0, 0.0))
+    control.tick(Now(0, 0, 0.0))
+    assert control.guide is None
+    assert (bases.kept, bases.velocities, bases.posts) == (1, {}, {})
+
+
+def test_robots_stand_once_people_are_as_old_as_allowed_and_go_on_after(team: Stepped) -> None:
+    assert team.drives()
+    while round(team.now_s / 0.05) % 4:  # people came just now
+        team.run(0.05)
+    team.run(0.4, people=False)
+    assert team.drives()
+    assert team.is_told(State.LEADING)
+    team.run(0.05, people=False)
+    assert not team.drives()  # it would be too late with the next velocity
+    team.run(0.05, people=False)
+    assert team.is_told(State.HALTED)
+    assert "no people have come for 0.50 s" in team.said[-1].reason
+    team.run(1.0, people=False)
+    assert sum(told.state == State.HALTED for told in team.said) == 1
+    team.run(1.0)
+    assert team.drives()
+    assert not team.is_told(State.HALTED)
+
+
+def test_what_has_come_is_forgotten_when_the_time_jumps_back(team: Stepped) -> None:
+    team.control.end("the time jumped back")
+    team.control.forget()
+    assert team.control.guide is None
+    assert team.bases.stops == 1
+    with pytest.raises(TourError, match="nothing comes on /steps/tracked_people"):
+        team.begin()
+
+
+def test_tour_is_refused_where_people_and_the_clock_have_stopped(team: Stepped) -> None:
+    team.cancel()
+    assert (team.said[-1].state, team.said[-1].reason) == (State.CANCELLED, "")
+    team.steady_s += 4.0
+    with pytest.raises(TourError, match=r"nothing came on /steps/tracked_people for 4\.\d s"):
+        team.begin()
+    team.hear()
+    team.begin()
+
+
+def test_second_tour_is_refused(team: Stepped) -> None:
+    with pytest.raises(TourError, match="'hall' is under way"):
+        team.begin()
+
+
+def test_parameters_take_effect_on_a_tour_but_for_its_robots(team: Stepped) -> None:
+    config = GuideConfig(pace=Pace(speed=0.1), robots=("robot_b",))
+    team.control.configure(config, team.now)
+    assert team.guide.config.pace.speed == 0.1
+    assert team.guide.config.robots == tuple(PLACES)
+
+
+def test_people_without_ids_are_named(team: Stepped) -> None:
+    team.cancel()
+    team.hear_people(team.now_ns + 1, [(-1.5, 0.0)], first=0)
+    with pytest.raises(TourError, match=r"/steps/tracked_people have no ids; .*tracking.enabled"):
+        team.begin()
+
+
+def test_robots_of_a_tour_are_those_in_use_lately(team: Stepped) -> None:
+    """One interval without the scan of a robot does not keep it out; more of them do."""
+    team.cancel()
+    for wanted in (("robot_a", "robot_b"), ("robot_a",)):
+        team.hear_people(team.now_ns + 1, [(-1.5, 0.0)], ["robot_a"])
+        team.begin()
+        assert team.guide.config.robots == wanted
+        team.cancel()
+        team.now_s += 3.0
+        team.hear_pose("robot_a", team.now_ns, *PLACES["robot_a"])
+
+
+def test_recorder_is_no_base(team: Stepped) -> None:
+    team.cancel()
+    team.listeners = ["mrs_record_17", "rosbag2_recorder"]
+    with pytest.raises(TourError, match="nobody subscribes to /steps/robot_a/cmd_vel"):
+        team.begin()
+    team.listeners.append("base")
+    team.begin()
+
+
+def test_late_pose_is_not_used(team: Stepped) -> None:
+    team.now_s += 0.05
+    team.hear_pose("robot_a", team.now_ns, 1.0, 0.0, 0.0)
+    team.hear_pose("robot_a", team.now_ns - 10**8, 5.0, 0.0, 0.0)
+    assert team.guide.poses()["robot_a"].x == 1.0
+
+
+def test_walls_that_come_on_a_tour_are_avoided(team: Stepped) -> None:
+    team.control.take_grid(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]), team.now)
+    walls = team.guide.space
+    assert float(walls.clearance(np.array(PLACES["robot_a"][:2]))) == pytest.approx(1.0, abs=0.1)
+    team.control.take_grid(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]), team.now)
+    assert team.guide.space is walls, "the same map costs nothing"
+
+
+def test_robots_stand_while_a_new_map_has_a_wall_on_the_way(team: Stepped) -> None:
+    assert team.drives()
+    team.control.take_grid(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)]), team.now)
+    team.run(1.0)
+    assert not team.drives()
+    assert team.is_told(State.HALTED)
+    assert team.said[-1].reason.startswith("by the new map the way passes through a wall at (4.")
+    team.control.take_grid(map_of(20.0, 10.0, []), team.now)
+    team.run(1.0)
+    assert team.drives()
+    assert not team.is_told(State.HALTED)
+
+
+def test_value_from_which_cells_are_walls_takes_effect_on_a_tour(team: Stepped) -> None:
+    team.control.take_grid(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)], value=40), team.now)
+    assert not team.is_told(State.HALTED)
+    team.control.configure(GuideConfig(safety=Safety(occupied_from=30)), team.now)
+    assert team.is_told(State.HALTED)
+
+
+@pytest.mark.parametrize("is_steady", [False, True])
+def test_clock_that_is_set_back_keeps_no_robot_going(team: Stepped, is_steady: bool) -> None:
+    """By less than what counts as a jump, and nothing comes any more."""
+    if is_steady:
+        team.control.forget()
+        team.steady_ns = iter(range(10**15, 2 * 10**15, 50_000_000 // 4))
+        team.hear()
+        team.run(1.0)
+        team.tick()
+    assert team.drives()
+    team.now_s -= 0.9
+    for _ in range(40):
+        team.tick()
+    assert not team.drives()
+
+
+def test_robot_whose_clock_is_ahead_is_missed_all_the_same(team: Stepped) -> None:
+    team.hear_pose("robot_b", team.now_ns + 20 * 10**9, *PLACES["robot_b"])
+    for _ in range(20):
+        team.now_s += 0.15
+        team.hear_pose("robot_a", team.now_ns, *PLACES["robot_a"])
+        team.hear_people(team.now_ns)
+    assert list(team.said[-1].faults) == ["robot_b"]
+
+
+def test_robot_whose_base_is_gone_takes_no_part(team: Stepped) -> None:
+    team.listeners = ["mrs_record_17"]
+    team.run(1.5)
+    assert "nobody subscribes to /steps/robot_a/cmd_vel" in team.said[-1].faults["robot_a"]
+    assert team.is_told(State.HALTED)
+    team.listeners = ["base"]
+    team.run(1.5)
+    assert not team.said[-1].faults
+
+
+def test_robots_that_others_drive_are_refused_and_reported(team: Stepped) -> None:
+    assert of_others({"robot_a": team.commands("robot_a").publishers}).level == OK
+    team.drivers = ["/teleop"]
+    others = of_others({"robot_a": team.commands("robot_a").publishers})
+    assert others.code == Code.DRIVEN_BY_OTHERS
+    team.cancel()
+    team.hear()
+    with pytest.raises(TourError, match=r"robot_a is driven by others: /teleop on /steps/robot_a"):
+        team.begin()
+
+
+def test_goals_of_robots_with_outdated_poses_stay_where_these_are(team: Stepped) -> None:
+    assert set(team.bases.posts) == set(PLACES)
+    for _ in range(3):
+        team.now_s += 0.2
+        team.hear_pose("robot_a", team.now_ns, *PLACES["robot_a"])
+        team.hear_people(team.now_ns)
+    assert set(team.bases.posts) == {"robot_a"}
+    team.run(0.6, people=False)
+    assert team.bases.posts == {}
+    assert team.is_told(State.HALTED)
