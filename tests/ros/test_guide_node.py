@@ -14,6 +14,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 from mrs_people_msgs.msg import GuideStatus
 
+from machine import nine_of_ten
 from ros.guide_peer import GuideWorld, goal_of, map_of, path_of
 from ros.harness import ERROR, OK, NodeProcess, Peer, Team
 
@@ -92,7 +93,6 @@ def _status(world: GuideWorld) -> Any:
     return world.statuses[-1] if world.statuses else None
 
 
-@pytest.mark.alone
 def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
     make_world: Callable[..., GuideWorld], guide: NodeProcess
 ) -> None:
@@ -105,12 +105,9 @@ def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
         peer.until(lambda r=robot: _is_driven(world, r), lambda: guide.log)  # type: ignore[misc]
 
     world.speaks.remove("people")
-    last_ns = world.last_people_ns
     peer.until(lambda: _status(world).state == GuideStatus.HALTED, lambda: guide.log)
     assert "people" in _status(world).reason
     peer.spin(0.5)
-    moved_ns = max(one.sent_ns for one in world.commands if (one.v, one.w) != STAND)
-    assert (moved_ns - last_ns) / 1e9 < PEOPLE_TIMEOUT_S
     assert world.last_commands("robot_a", 5) == world.last_commands("robot_b", 5) == [STAND] * 5
 
     world.speaks.add("people")
@@ -130,6 +127,29 @@ def test_group_is_guided_to_the_end_though_the_planner_fails_on_the_way(
     peer.spin(0.5)
     assert len(world.commands) == count
     assert world.last_commands("robot_b", 3) == [STAND] * 3
+
+
+@pytest.mark.alone
+def test_robots_stand_in_time_once_people_stop_coming(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess, show: Callable[[str], None]
+) -> None:
+    world = make_world()
+    _, result = world.start(goal_of((0.0, 0.0), (30.0, 0.0)))
+
+    def moved_s() -> float:
+        """For how long robots move after the last people [s]."""
+        world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+        world.speaks.remove("people")
+        last_ns = world.last_people_ns
+        world.peer.until(lambda: _status(world).state == GuideStatus.HALTED, lambda: guide.log)
+        world.peer.spin(0.3)
+        world.speaks.add("people")
+        moved = (one.sent_ns for one in world.commands if (one.v, one.w) != STAND)
+        return (max(moved) - last_ns) / 1e9
+
+    what = "people stop: the last velocity of a robot"
+    nine_of_ten(moved_s, PEOPLE_TIMEOUT_S, what, show=show)
+    assert not result.done()
 
 
 def test_cancelled_tour_stops_the_robots_at_once(
