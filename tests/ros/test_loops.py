@@ -97,7 +97,7 @@ def test_each_of_ten_loops_begins_with_new_ids(
     events = peer.hear(String, "/events")
     reports = peer.hear(DiagnosticArray, "/diagnostics")
     with planning(team, peer, simulated=clock) as planner:
-        with mrs("replay", bag, "--loop", "--rate", 4, *(["--clock"] if clock else [])) as replay:
+        with mrs("replay", bag, "--loop", "--rate", 2, *(["--clock"] if clock else [])) as replay:
             peer.until(lambda: len(passes(planner.people)) > 11, lambda: planner.process.log)
             replay.send_signal(signal.SIGINT)
             assert replay.wait(DEADLINE_S) == 0
