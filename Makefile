@@ -36,7 +36,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo tour test test-all soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock release-check clean FORCE
+.PHONY: help setup demo tour test test-all test-all-parallel test-alone soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock release-check clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -121,8 +121,15 @@ PARALLEL := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) 
 test: $(VENV)/.test ## Run the quick tests, of every layer (5 min)
 	$(PARALLEL) -m "not slow and not alone" $(PYTEST_ARGS)
 
+# One part after the other, with -j, too.
 test-all: $(VENV)/.test ## Run all tests but those of `make soak` (15 min)
+	@$(MAKE) --no-print-directory test-all-parallel
+	@$(MAKE) --no-print-directory test-alone
+
+test-all-parallel: $(VENV)/.test
 	$(PARALLEL) -m "not alone" $(PYTEST_ARGS)
+
+test-alone: $(VENV)/.test
 	$(BIN)/python -m pytest -m alone $(PYTEST_ARGS)
 
 lint: $(VENV)/.lint ## Check style, types, layers (import-linter), workflows, Docker
