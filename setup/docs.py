@@ -72,7 +72,7 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "guiding": (
         "Guiding",
         "A tour, the posts of the robots around the group, and how they drive there: "
-        "start at `Guide.step`.",
+        "start at `Guide.take_people` and `Guide.velocities`.",
         ("guiding.guide", "guiding.tour", "guiding.way", "guiding.guidance", "guiding.formation")
         + (
             "guiding.tour_control",
@@ -80,6 +80,7 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
             "guiding.steering",
             "guiding.drive",
             "guiding.free_space",
+            "guiding.progress",
         ),
     ),
     "localization": (

@@ -68,19 +68,22 @@ class DriveTuning:
         room_tried: ... so many of which are tried,
         room_wanted: ... where there is up to this clearance, looked at so far away [m], ...
         room_away: ... traded for the cosine of the angle at this rate [m].
-        path_step: Distance of the points of a path that are tried [m] ...
+        path_step: Distance of the points of a path [m], every other one of which is tried, ...
         path_samples: ... and number of places on the line to each that have to be free.
         step: Steps in which braking is looked at [s] ...
         most_steps: ... longer ones where braking would take more than so many,
-        later_step: ... and in which what comes later is [s].
-        speed_gain: Wanted speed by distance [1/s] ...
+        later_step: ... and in which what comes later is [s], ...
+        least_later: ... for so many of them at least.
+        speed_gain: Wanted speed by distance [1/s], ...
+        short: ... to this share of `arrived` before the post, ...
         turn_gain: ... and rate of turn by the error of the heading [1/s].
         slows: The wanted speed falls with the cosine of so many times the error of the heading.
         passed: A post that is near and farther aside than this has been passed [rad].
         across: Distances to the post across its heading count by this share.
         turn_now: Ahead or backwards: weight of turning now against turning on the post, ...
         gear: ... and of keeping to the gear;
-        far: ... farther off than this [m] it rather drives ahead.
+        far: ... farther off than this [m] it rather drives ahead, by a weight that grows to 1 at
+            twice as far.
         shares: Of the wanted speed, which are tried, too.
         speed_cost: Cost of missing the wanted speed, by the square of its share of the highest, ...
         turn_cost: ... and likewise of missing the wanted turn;
@@ -127,7 +130,9 @@ class DriveTuning:
     step: float = 0.1
     most_steps: int = 12
     later_step: float = 0.15
+    least_later: int = 3
     speed_gain: float = 3.0
+    short: float = 0.5
     turn_gain: float = 2.5
     slows: float = 1.5
     passed: float = 1.0
@@ -325,7 +330,7 @@ class Drive:
             return 0.0, 0.0 if self._aligned else _turn(base, error, fastest, tuning)
         self._aligned = False
         brakes = math.sqrt(base.deceleration * left)
-        slows = tuning.speed_gain * max(left - 0.5 * tuning.arrived, 0.0)
+        slows = tuning.speed_gain * max(left - tuning.short * tuning.arrived, 0.0)
         most = fastest.back if self._backwards else fastest.ahead
         speed = min(most, post.speed, brakes, slows)
         speed *= max(math.cos(min(tuning.slows * abs(error), math.pi)), 0.0)
@@ -487,7 +492,7 @@ def _costs(
     base, most = now.config.base, tuning.near_most
     left = min(float(np.linalg.norm(goal - now.here)), tuning.way_far)
     until = left / max(abs(wanted[0]), tuning.creep)
-    until = min(max(until, 3 * tuning.later_step), tuning.horizon)
+    until = min(max(until, tuning.least_later * tuning.later_step), tuning.horizon)
     times: Float = tuning.later_step * np.arange(1.0, round(until / tuning.later_step) + 1)
     arcs = _arcs(now, tried, times)
     cost = tuning.speed_cost * ((tried[:, 0] - wanted[0]) / base.max_speed) ** 2

@@ -45,6 +45,8 @@ class FormationTuning:
         around: Angle between the posts of a fetcher around a straggler [rad].
         other_side: A fetcher goes to another one only where it is nearer to the side away from
             the group by this [rad].
+        not_free: ... and to one that is not free only where none is: it counts as farther by this
+            [rad].
     """
 
     second_side: float = 0.25
@@ -58,6 +60,7 @@ class FormationTuning:
     pause_s: float = 2.0
     around: float = math.radians(30.0)
     other_side: float = math.radians(45.0)
+    not_free: float = 10.0
 
 
 FORMATION_TUNING = FormationTuning()
@@ -200,7 +203,7 @@ class FormationPlanner:
         xy, good = self._layout.beside(straggler, now.people, angles)
         cost = np.abs((angles - away + math.pi) % (2.0 * math.pi) - math.pi)
         cost[1:] += self._tuning.other_side
-        best = int(np.argmin(np.where(good, cost, cost + 10.0)))
+        best = int(np.argmin(np.where(good, cost, cost + self._tuning.not_free)))
         self._fetcher_angle = float(angles[best])
         yaw = self._yaw(self._fetcher_angle + math.pi, self._fetcher)
         return Post(Role.FETCHER, xy[best], yaw, self._config.base.max_speed)

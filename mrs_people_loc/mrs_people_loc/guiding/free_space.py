@@ -21,6 +21,7 @@ class SpaceTuning:
         margin: The grid is used up to this far beyond the places that matter [m].
         near_end: A wall hides nothing that is nearer to its face, or inside, than this [m]: places
             have errors.
+        sight: Distance of samples along lines of sight [cells].
         nodes: Distance of the nodes in which paths are looked for [m] ...
         samples: ... and of samples along lines [m].
         detour: Paths are first looked for in the box of start and goal and so much around them [m].
@@ -32,10 +33,12 @@ class SpaceTuning:
         good_line: The line to the goal is taken where no path can cost much less.
         as_good: The path until now is kept up to this much of the cost of another one.
         longest_line: Straight lines replace up to so many nodes of a path.
+        spare: Nodes of a path have more clearance by this than half their distance [m].
     """
 
     margin: float = 10.0
     near_end: float = 0.2
+    sight: float = 0.7
     nodes: float = 0.15
     samples: float = 0.08
     detour: float = 4.0
@@ -47,11 +50,12 @@ class SpaceTuning:
     good_line: float = 1.25
     as_good: float = 1.25
     longest_line: int = 40
+    spare: float = 0.005
 
     @property
     def least(self) -> float:
         """An edge between nodes with more clearance than half its length crosses no wall [m]."""
-        return 0.5 * self.nodes * 2**0.5 + 0.005
+        return 0.5 * self.nodes * 2**0.5 + self.spare
 
 
 SPACE_TUNING = SpaceTuning()
@@ -133,7 +137,9 @@ class FreeSpace:
         if self._grid is None or not a.size:
             return np.ones(a.shape[:-1], dtype=bool)
         length = np.linalg.norm(b - a, axis=-1)[..., np.newaxis]
-        count = int(np.ceil(max(length.max(), 0.1) / (0.7 * self._grid.resolution))) + 1
+        longest = max(float(length.max()), self.tuning.near_end)
+        step = self.tuning.sight * self._grid.resolution
+        count = int(np.ceil(longest / step)) + 1
         part = np.linspace(0.0, 1.0, count)
         start, end = self._cells(a), self._cells(b)
         cell = start[..., np.newaxis, :] + part[:, np.newaxis] * (end - start)[..., np.newaxis, :]

@@ -41,6 +41,8 @@ class GuideTuning:
         closes_up_s: Nobody waits any longer for a group that is near a stop, but has come no
             nearer in this time [s] ...
         nearer: ... by more than this [m].
+        in_front: A leader that passes the group is in front of it where it is ahead of the foremost
+            by this share of `pace.lead`.
         fetch_s: A person who has been behind for so long is fetched [s].
         folded: Where places are nearer to each other than this share of the way between them, it
             turns back.
@@ -54,6 +56,7 @@ class GuideTuning:
     brakes: float = 0.8
     closes_up_s: float = 10.0
     nearer: float = 0.2
+    in_front: float = 0.5
     fetch_s: float = 2.0
     folded: float = 0.5
 
@@ -167,7 +170,7 @@ class Guide:
         self._steering.take_people(people, stamp_ns, now_ns)
         if self._misfit:
             return None
-        return self._told(self.step(people, groups, self._steering.poses(), stamp_ns))
+        return self._told(self._step(people, groups, stamp_ns))
 
     def check_age(self, now_ns: int) -> Guidance | None:
         """Halts the tour once people are outdated.
@@ -184,10 +187,21 @@ class Guide:
             return None
         return self.halt(f"no people have come for {age_s:.2f} s; allowed: {timeout:g} s")
 
-    def cancel(self) -> None:
-        """Ends the tour."""
+    def cancel(self, reason: str = "") -> Guidance:
+        """Ends the tour.
+
+        Args:
+            reason: Why, in words; empty: somebody asked for it.
+
+        Returns:
+            How it has ended; what is known of the group is that of the last step.
+        """
         if self.is_running:
-            self._turn(Cue.CANCELLED)
+            self._turn(Cue.CANCELLED, why=reason)
+        ended = dataclasses.replace(
+            self.guidance, state=self.state, reason=self._reason, speed=0.0, posts={}
+        )
+        return self._told(ended)
 
     def halt(self, reason: str) -> Guidance:
         """The robots stand until the next step.
@@ -238,31 +252,13 @@ class Guide:
 
     # ---- a step ----
 
-    def step(
-        self,
-        people: Sequence[Person],
-        groups: Sequence[Group],
-        poses: Mapping[str, Pose],
-        now_ns: int,
-    ) -> Guidance:
-        """Where the robots are to go; drives nobody there, see `take_people`.
-
-        Args:
-            people: Who is followed, with ids.
-            groups: Their groups, with ids.
-            poses: The newest pose of each robot, in the common frame.
-            now_ns: Stamp of the people [ns].
-
-        Returns:
-            No posts after a tour, and while the robots stand.
-        """
-        if not self.is_running:
-            return self._guidance({})
+    def _step(self, people: Sequence[Person], groups: Sequence[Group], now_ns: int) -> Guidance:
+        """Where the robots are to go, by people of a time [ns]."""
         since_s = (now_ns - (self._now_ns or now_ns)) / 1e9
         dt_s = min(max(since_s, 0.0), self._group.tuning.longest_step_s)
         self._now_ns = now_ns
         posts: dict[str, Post] = {}
-        self._team.take(poses, self._config, now_ns, self.faults)
+        self._team.take(self._steering.poses(), self._config, now_ns, self.faults)
         if not self._team.robots:
             faults = "; ".join(f"{name}: {why}" for name, why in self._team.faults.items())
             self._events += self._team.events
@@ -463,7 +459,7 @@ class Guide:
             self._pace.stand()
             self._overtakes = self._phase != State.GATHERING and self._team.leader_m < group.way_m
         else:
-            in_front_m = group.front_m + 0.5 * self._config.pace.lead
+            in_front_m = group.front_m + self._tuning.in_front * self._config.pace.lead
             enough_m = min(in_front_m, self._stop_m - self._tuning.there)
             self._overtakes = self._overtakes and self._team.leader_m < enough_m
         self._events += self._team.events

@@ -26,8 +26,17 @@ class GroupTuning:
             no more than this [s].
         as_near: Groups are as near to the leader and the start as the nearest one within this [m].
         start_reach: People at the start of the tour are no farther along the way than this [m].
+        front_share: The foremost count as no farther ahead of this share of the group than ...
+        front_more: ... this [m].
         fastest: People do not come along the way faster than this [m/s].
-        astray: A person farther from their place along the way than this is sought again on it [m].
+        reach: A person is sought along the way within this [m], and what people walk meanwhile.
+        astray: Who is farther than this from their place along the way is sought near the group,
+            too [m]: ...
+        nearer: ... they are there if that is nearer to them by this [m].
+        slack: From one interval to the next people get along the way no farther than they walk,
+            and this [m]; ...
+        jump: ... unless they are farther than this from where they were on it [m] ...
+        jump_s: ... and have been apart from the group for longer than this [s].
         apart_s: A person who is apart from the group for so long has fallen behind [s].
         near: A person who has fallen behind is back when this near to somebody of the group [m],
         apart: ... and a person who is no farther than this from somebody is with the group [m].
@@ -44,7 +53,10 @@ class GroupTuning:
         beside: Who is nearer to a place than this is there [m].
         walks: Who walks faster than this against their part of a way that turns back on itself,
             as the leader on a later part does, is on that part, too [m/s]: ...
-        beside_way: ... it is no farther from them than the part before by this [m].
+        beside_way: ... it is no farther from them than the part before by this [m], ...
+        later: ... is farther along the way by this, as the leader is [m], ...
+        later_reach: ... within this of where they follow the leader [m], ...
+        opposed: ... and the cosine of the angle between both parts is below this.
         same_s: A track with the id of another is another one if it began later by this [s].
         never: What two tracks that cannot be the same person's cost [m]: more than all others can.
     """
@@ -52,8 +64,15 @@ class GroupTuning:
     longest_step_s: float = 0.5
     as_near: float = 2.0
     start_reach: float = 12.0
+    front_share: float = 0.75
+    front_more: float = 1.5
     fastest: float = 1.6
+    reach: float = 1.0
     astray: float = 2.5
+    nearer: float = 0.5
+    slack: float = 0.1
+    jump: float = 2.0
+    jump_s: float = 1.0
     apart_s: float = 0.6
     near: float = 2.0
     apart: float = 2.5
@@ -68,6 +87,9 @@ class GroupTuning:
     beside: float = 0.7
     walks: float = 0.2
     beside_way: float = 0.3
+    later: float = 1.0
+    later_reach: float = 1.5
+    opposed: float = -0.5
     same_s: float = 1.5
     never: float = 1e3
 
@@ -180,7 +202,8 @@ class GuidedGroup:
         ways = [one.way_m for one in guests]
         if not ways:
             return max(self.way_m, 0.0)
-        return float(min(max(ways), np.quantile(ways, 0.75) + 1.5))
+        most = np.quantile(ways, self.tuning.front_share) + self.tuning.front_more
+        return float(min(max(ways), most))
 
     @property
     def stretch(self) -> float:
@@ -436,32 +459,35 @@ class GuidedGroup:
         tuning = self.tuning
         xy = np.array([guest.xy for guest in there])
         before = np.array([guest.way_m for guest in there])
-        found = self.way.nearest(xy, before, 1.0 + tuning.fastest * max(away_s, 0.0))
+        reach = tuning.reach + tuning.fastest * max(away_s, 0.0)
+        found = self.way.nearest(xy, before, reach)
         off = np.hypot(*(self.way.at(found) - xy).T)
         near_group = self.way.nearest(xy, max(self.way_m, 0.0), tuning.start_reach)
         better = np.hypot(*(self.way.at(near_group) - xy).T)
-        found = np.where((off > tuning.astray) & (better < off - 0.5), near_group, found)
-        most = tuning.fastest * max(away_s, dt_s) + 0.1
+        is_astray = (off > tuning.astray) & (better < off - tuning.nearer)
+        found = np.where(is_astray, near_group, found)
+        most = tuning.fastest * max(away_s, dt_s) + tuning.slack
         for guest, before_m, way_m, jumps in zip(
-            there, before, found, np.abs(found - before) > 2.0, strict=True
+            there, before, found, np.abs(found - before) > tuning.jump, strict=True
         ):
             limited = before_m + float(np.clip(way_m - before_m, -most, most))
-            guest.way_m = float(way_m) if jumps and guest.apart_s > 1.0 else limited
+            guest.way_m = float(way_m) if jumps and guest.apart_s > tuning.jump_s else limited
         self._turn_back(there)
 
     def _turn_back(self, there: Sequence[Guest]) -> None:
         """Where the way turns back on itself, people are on the part on which they follow."""
         tuning, way = self.tuning, self.way
         ways = np.array([guest.way_m for guest in there])
-        if not self.leader_m > ways.min() + 1.0:
+        if not self.leader_m > ways.min() + tuning.later:
             return
         xy = np.array([guest.xy for guest in there])
         velocity = np.array([guest.velocity for guest in there])
         away = np.hypot(*(way.at(self.leader_m) - xy).T)
-        onward = way.nearest(xy, np.maximum(self.leader_m - away, 0.0), 1.5)
+        follows = np.maximum(self.leader_m - away, 0.0)
+        onward = way.nearest(xy, follows, tuning.later_reach)
         beside = np.hypot(*(way.at(onward) - xy).T) - np.hypot(*(way.at(ways) - xy).T)
-        turns = (onward > ways + 1.0) & (beside <= tuning.beside_way)
-        turns &= (way.ahead(onward) * way.ahead(ways)).sum(axis=1) < -0.5
+        turns = (onward > ways + tuning.later) & (beside <= tuning.beside_way)
+        turns &= (way.ahead(onward) * way.ahead(ways)).sum(axis=1) < tuning.opposed
         turns &= (way.ahead(onward) * velocity).sum(axis=1) > tuning.walks
         for guest, way_m, is_back in zip(there, onward.tolist(), turns, strict=True):
             if is_back:

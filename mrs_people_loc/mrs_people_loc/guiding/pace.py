@@ -35,6 +35,9 @@ class PaceTuning:
     deceleration: float = 1.0
 
 
+PACE_TUNING = PaceTuning()
+
+
 class PaceControl:
     """The leader's speed.
 
@@ -46,8 +49,8 @@ class PaceControl:
         in_vain_s: For how long the leader has waited though the limits cannot grow any more [s].
     """
 
-    def __init__(self, tuning: PaceTuning | None = None) -> None:
-        self.tuning = tuning or PaceTuning()
+    def __init__(self, tuning: PaceTuning = PACE_TUNING) -> None:
+        self.tuning = tuning
         self.speed = self.in_vain_s = 0.0
         self._stood_s = 0.0
         self._relaxed, self._relaxes = 0.0, False

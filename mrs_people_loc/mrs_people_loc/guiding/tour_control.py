@@ -246,34 +246,25 @@ class TourControl:
             self._host.say("there is no map: the robots do not keep clear of walls")
         return guide
 
-    def end(
-        self,
-        message: str,
-        *,
-        finished: bool = False,
-        last: bool = False,
-        events: tuple[str, ...] = (),
-    ) -> None:
+    def end(self, reason: str = "", *, last: bool = False) -> None:
         """Ends the tour under way, if there is one: the robots stand.
 
         Args:
-            message: Why, in words.
-            finished: Whether the group is at the end.
+            reason: Why, in words; empty: somebody asked for it.
             last: Whether nothing is published after it: what stops the robots is waited for.
-            events: What has happened before, in sentences.
         """
-        guide, self.guide = self.guide, None
-        if guide is None:
-            return
+        if self.guide is not None:
+            self._ended(self.guide, self.guide.cancel(reason), last=last)
+
+    def _ended(self, guide: Guide, guidance: Guidance, *, last: bool = False) -> None:
+        """Lets the robots of a tour that has ended stand, and publishes how it has."""
+        self.guide = None
         self._bases.stop(guide.poses())
         if last:
             self._bases.finish()
-        state = State.FINISHED if finished else State.CANCELLED
-        reason = "" if message == state.name.lower() else message
-        guidance = dataclasses.replace(
-            guide.guidance, state=state, reason=reason, speed=0.0, posts={}, events=events
-        )
         self._publish(guide, guidance)
+        message = guidance.reason or "cancelled"
+        finished = guidance.state == State.FINISHED
         if not finished:
             self._host.say(f"the tour {guide.tour.name} has ended: {message}")
         self._host.ended(message, finished=finished, lost=guidance.lost)
@@ -289,9 +280,7 @@ class TourControl:
             self._publish(guide, guidance)
             self._send_goals(guide, now)
         else:
-            message = guidance.reason or "the group is at the end"
-            finished = guidance.state == State.FINISHED
-            self.end(message, finished=finished, events=guidance.events)
+            self._ended(guide, guidance)
 
     def _send_goals(self, guide: Guide, now: Now) -> None:
         """Moves goals to posts, or to where robots are whose poses are outdated."""

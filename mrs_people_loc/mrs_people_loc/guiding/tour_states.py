@@ -61,7 +61,7 @@ class Cue(Enum):
     ALL_THERE = Transition(_LEADING, _AT_STOP, "", "everybody is at {where}")
     MOST_THERE = Transition(_LEADING, _AT_STOP, "", _MOST)
 
-    AT_END = Transition(_AT_STOP, _FINISHED, "", "the {tour} is finished")
+    AT_END = Transition(_AT_STOP, _FINISHED, "the group is at the end", "the {tour} is finished")
     STAYS = Transition(_AT_STOP, _AT_STOP)
     STAYS_FOR_SOMEBODY = Transition(_AT_STOP, _AT_STOP, "{waits}")
     STAYED = Transition(_AT_STOP, _LEADING, "", "goes on from {where}")
@@ -69,4 +69,4 @@ class Cue(Enum):
     NOBODY_LEFT = Transition(None, _CANCELLED, "nobody of the group is left")
     HALTS = Transition(None, _HALTED, "{why}", f"{HALTS}{{why}}")
     STILL_HALTED = Transition(None, _HALTED, "{why}")
-    CANCELLED = Transition(None, _CANCELLED, "cancelled")
+    CANCELLED = Transition(None, _CANCELLED, "{why}")

@@ -26,7 +26,9 @@ class TeamTuning:
             [m]: first within the shorter ones, ...
         as_good: ... on the part of the way from which it is no farther than from any other by this
             [m].
-        fastest: A robot drives no faster than this along the way [m/s].
+        fastest: A robot drives no faster than this along the way [m/s]: it is sought within what
+            it may have driven, ...
+        slack: ... and this [m].
         step: Its direction is looked at after so much of its way [m]; ...
         beside: ... the part of the way that it changes to is no farther from it than the one before
             by this [m].
@@ -40,6 +42,7 @@ class TeamTuning:
     reach: tuple[float, ...] = (2.0, 5.0, 12.0)
     as_good: float = 0.5
     fastest: float = 1.6
+    slack: float = 1.0
     step: float = 0.1
     beside: float = 0.1
     moved: float = 0.15
@@ -207,7 +210,7 @@ class TourTeam:
     def _place(self, way: Way, group_m: float, now_ns: int) -> dict[str, float]:
         """How far along the way the robots are [m]; each stays on its part of the way."""
         tuning = self._tuning
-        reach = 1.0 + tuning.fastest * max(now_ns - self._placed_ns, 0) / 1e9
+        reach = tuning.slack + tuning.fastest * max(now_ns - self._placed_ns, 0) / 1e9
         before, self._placed_ns = self._places, now_ns
         self._places = {}
         for name, pose in self.robots.items():

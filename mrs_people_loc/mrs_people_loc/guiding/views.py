@@ -26,8 +26,9 @@ class ViewTuning:
 
     Attributes:
         best: Detection rate where everything is in view. Below 1: a second view always helps.
-        edge: The rate falls over this range at the ends of the reach [m] ...
-        side: ... and of the field of view [rad].
+        edge: The rate falls over this range at the ends of the reach [m]: nearer than
+            `nearest`, and around `reach`, ...
+        side: ... and around the sides of the field of view [rad].
         in_view: A place that is seen with this probability is in view.
     """
 

@@ -20,12 +20,17 @@ class WayTuning:
         grain: Distance of the points that are kept [m].
         fine: Distance of the points whose mean rounds a corner [m].
         shortest: Shortest way [m].
+        ends: Its extensions go on in the direction of so many grains.
+        order: Of parts that are as near as each other the first one counts: each grain later costs
+            this share of a grain.
     """
 
     extra: float = 8.0
     grain: float = 0.05
     fine: float = 0.02
     shortest: float = 0.5
+    ends: int = 3
+    order: float = 1e-3
 
 
 WAY_TUNING = WayTuning()
@@ -62,7 +67,7 @@ class Way:
         at = np.arange(0.0, self.length, tuning.grain)
         middle = np.stack([np.interp(at, ways, dense[:, k]) for k in (0, 1)], axis=1)
         more = tuning.grain * np.arange(1, round(tuning.extra / tuning.grain) + 1)[:, np.newaxis]
-        first, last = (middle[a] - middle[b] for a, b in ((3, 0), (-1, -4)))
+        first, last = middle[tuning.ends] - middle[0], middle[-1] - middle[-1 - tuning.ends]
         first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
         before, after = (middle[0] - more * first)[::-1], middle[-1] + more * last
         self._points: Float = np.concatenate([before, middle, after])
@@ -115,7 +120,7 @@ class Way:
         grain, extra = self._tuning.grain, self._tuning.extra
         if around is None:
             away = np.linalg.norm(self._points[np.newaxis] - xy[:, np.newaxis], axis=2)
-            away += 1e-3 * grain * np.arange(len(self._points))
+            away += self._tuning.order * grain * np.arange(len(self._points))
             return np.asarray(away.argmin(axis=1) * grain - extra)
         most = round(min(reach / grain, len(self._points)))
         steps: Int = np.arange(-most, most + 1)
@@ -139,7 +144,10 @@ def _lengths(points: Float) -> Float:
 
 
 def _rounded(points: Float, rounding: float, fine: float) -> Float:
-    """The polyline, its corners rounded by a moving mean that keeps its ends."""
+    """The polyline, its corners rounded by a moving mean that keeps its ends.
+
+    The mean is over half of the way at most.
+    """
     ways = _lengths(points)
     half = round(0.5 * min(rounding, 0.5 * float(ways[-1])) / fine)
     if len(points) < 3 or half < 1:

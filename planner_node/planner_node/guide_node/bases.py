@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -14,6 +13,7 @@ from rclpy.qos import QoSProfile
 
 from mrs_people_loc.guiding.drive import Velocity
 from mrs_people_loc.guiding.guidance import Post
+from mrs_people_loc.guiding.progress import Progress
 from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode
@@ -24,9 +24,6 @@ _ZEROS = 10
 _ACKNOWLEDGED_S = 0.2
 #: Only the newest velocity or goal counts.
 _COMMANDS = QoSProfile(depth=1)
-#: Nav2 is started again where a robot farther from its goal than this [m] has moved by less than
-#: this [m] for so long [ns]: it has refused a goal, given up, or restarted.
-_AWAY_M, _MOVED_M, _STUCK_NS = 0.6, 0.1, 5_000_000_000
 
 
 class Velocities:
@@ -113,7 +110,7 @@ class Goals:
         self._frame_id = frame_id
         self._publishers: dict[str, tuple[Any, Any, Any]] = {}
         self._robots: tuple[str, ...] = ()
-        self._started: dict[str, tuple[int, Pose]] = {}  # when and where it moved or started last
+        self._started: dict[str, Progress] = {}  # of the robots for which Nav2 was started
         self._last_ns = 0
 
     def publishers_of(self, robot: str) -> int:
@@ -172,7 +169,7 @@ class Goals:
             self._publishers[robot][0].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
     def _move(self, robot: str, goal: Pose, pose: Pose) -> None:
-        """Moves the goal of a robot that is at a pose; starts Nav2 where that is due."""
+        """Moves the goal of a robot at a pose; starts Nav2 at first, and where it is stuck."""
         update, start, _ = self._publishers[robot]
         message = PoseStamped()
         message.header = convert.header(self._stamp(), self._frame_id)
@@ -183,17 +180,11 @@ class Goals:
         update.publish(message)
 
     def _is_to_start(self, robot: str, goal: Pose, pose: Pose) -> bool:
-        """Whether Nav2 has no goal yet, or the robot does not go there: see `_AWAY_M`."""
-        now_ns, before = self._stamp(), self._started.get(robot)
-        if before is not None:
-            since_ns, place = before
-            moved = math.dist((place.x, place.y), (pose.x, pose.y)) >= _MOVED_M
-            is_near = math.dist((goal.x, goal.y), (pose.x, pose.y)) <= _AWAY_M
-            if not (moved or is_near) and now_ns - since_ns <= _STUCK_NS:
-                return False
-            self._started[robot] = now_ns, pose
-            return not (moved or is_near)
-        self._started[robot] = now_ns, pose
+        """Whether Nav2 has no goal yet, or the robot does not go there."""
+        now_ns = self._stamp()
+        if robot in self._started:
+            return self._started[robot].is_stuck(goal, pose, now_ns)
+        self._started[robot] = Progress(pose, now_ns)
         return True
 
     def _stamp(self) -> int:

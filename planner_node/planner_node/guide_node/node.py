@@ -177,7 +177,7 @@ class GuideNode(ManagedNode):
         self.get_logger().info(f"tour {guide.tour.name!r} with {', '.join(guide.config.robots)}")
 
     def _cancel(self) -> None:
-        self._control.end("cancelled")
+        self._control.end()
 
     def _tick(self) -> None:
         """Drives the robots."""

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from mrs_people_loc import timing
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.guiding.drive import Velocity
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guide import Guide
-from mrs_people_loc.guiding.steering import Steering
 from mrs_people_loc.guiding.tour import Tour, tour_from
 from mrs_people_loc.people import Group, Person, gather
 from mrs_people_loc.team.masking import OccupancyGrid
@@ -27,6 +27,19 @@ _SIZE, _RESOLUTION, _CORRIDOR = 60.0, 0.05, 3.0
 _PEOPLE, _SPEED = 10, 0.4
 #: Robots and how far along the way they begin [m], the first one ahead of the group.
 _ROBOTS = {"robot_a": 9.0, "robot_b": 2.0, "robot_c": 1.0}
+
+
+class _TimedSpace(FreeSpace):
+    """Free floor that adds up for how long paths were looked for [ns]."""
+
+    took_ns = 0
+
+    def path(self, *args: Any, **options: Any) -> Float | None:
+        """As that of `FreeSpace`."""
+        began = timing.now_ns()
+        found = super().path(*args, **options)
+        self.took_ns += timing.now_ns() - began
+        return found
 
 
 def time_guiding(on_step: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
@@ -42,8 +55,8 @@ def time_guiding(on_step: Callable[[str], None] = lambda _: None) -> dict[str, A
     on_step(f"guiding {_PEOPLE} people")
     config = GuideConfig(robots=tuple(_ROBOTS), leader="robot_a")
     tour, grid = _tour(), _map()
-    space = FreeSpace(grid, occupied_from=config.safety.occupied_from, around=tour.points)
-    guide, steering = Guide(tour, config, space), Steering(config, space, _ROBOTS)
+    space = _TimedSpace(grid, occupied_from=config.safety.occupied_from, around=tour.points)
+    guide = Guide(tour, config, space)
     poses = {name: _at(tour, along) for name, along in _ROBOTS.items()}
     took: dict[str, list[float]] = {"guide": [], "paths": [], "drive": []}
     for step in range((_BEFORE_S + _SECONDS) * _DRIVE_HZ):
@@ -51,18 +64,15 @@ def time_guiding(on_step: Callable[[str], None] = lambda _: None) -> dict[str, A
         if step == _BEFORE_S * _DRIVE_HZ:
             took = {what: [] for what in took}
         for name, pose in poses.items():
-            steering.take_pose(name, replace(pose, stamp_ns=now_ns), now_ns)
+            guide.take_pose(name, replace(pose, stamp_ns=now_ns), now_ns)
         if step % (_DRIVE_HZ // _GUIDE_HZ) == 0:
             people, groups = _walking(tour, step / _DRIVE_HZ)
-            steering.take_people(people, now_ns, now_ns)
-            began = timing.now_ns()
-            guidance = guide.step(people, groups, steering.poses(), now_ns)
-            between = timing.now_ns()
-            steering.take_posts(guidance.posts)
-            took["guide"].append((between - began) / 1e6)
-            took["paths"].append((timing.now_ns() - between) / 1e6)
+            space.took_ns, began = 0, timing.now_ns()
+            guide.take_people(people, groups, now_ns, now_ns)
+            took["guide"].append((timing.now_ns() - began - space.took_ns) / 1e6)
+            took["paths"].append(space.took_ns / 1e6)
         began = timing.now_ns()
-        velocities = steering.step(now_ns)
+        velocities = guide.velocities(now_ns)
         took["drive"].append((timing.now_ns() - began) / 1e6 / len(_ROBOTS))
         poses = {name: _moved(poses[name], velocities[name]) for name in poses}
     medians = {f"{what}_ms": float(np.median(ms)) for what, ms in took.items()}

@@ -108,9 +108,12 @@ def test_tour_does_not_set_off_without_people_or_far_from_the_way():
 
 def test_cancelled_tour_gives_no_posts():
     world = leading()
-    world.guide.cancel()
-    world.step()
-    assert (world.last().state, dict(world.last().posts)) == (State.CANCELLED, {})
+    assert world.last().posts
+    ended = world.guide.cancel()
+    assert (ended.state, dict(ended.posts)) == (State.CANCELLED, {})
+    assert (ended.reason, ended.speed, ended.people) == ("", 0.0, (1, 2, 3, 4, 5))
+    assert world.guide.take_people(world.people(), [], world.now_ns, world.now_ns) is None
+    assert world.guide.cancel("again") == ended
 
 
 # ---------------------------------------------------------------------------------- stragglers ----
@@ -565,8 +568,11 @@ def test_one_robot_and_one_person_are_a_tour():
 @pytest.mark.parametrize("poses", [{}, {"robot_a": Pose(START_NS, 0.0, 0.0, 0.0)}])
 def test_nobody_and_no_robot_are_no_error(poses):
     guide = Guide(FOYER, GuideConfig(), FreeSpace.unbounded())
+    for name, pose in poses.items():
+        guide.take_pose(name, pose, START_NS)
     for k in range(3):
-        guidance = guide.step([], [], poses, START_NS + k)
+        guidance = guide.take_people([], [], START_NS + k, START_NS + k)
+    assert guidance is not None
     assert guidance.state == (State.GATHERING if poses else State.HALTED)
     assert dict(guidance.posts) == {}
 

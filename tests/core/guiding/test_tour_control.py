@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -60,6 +61,8 @@ class Stepped:
 
     def __init__(self) -> None:
         self.said: list[Guidance] = []
+        self.events: list[str] = []
+        self.ends: list[tuple[str, bool, Sequence[int]]] = []
         self.listeners = ["base"]
         self.drivers: list[str] = []
         self.now_s, self.steady_s = START, 0.0
@@ -77,10 +80,10 @@ class Stepped:
         self.said.append(guidance)
 
     def say(self, event: str) -> None:
-        pass
+        self.events.append(event)
 
     def ended(self, message: str, *, finished: bool, lost: Sequence[int]) -> None:
-        pass
+        self.ends.append((message, finished, lost))
 
     def people(self) -> Ends:
         return Ends("/steps/tracked_people")
@@ -114,7 +117,7 @@ class Stepped:
         self.control.begin(HALL, self.now)
 
     def cancel(self) -> None:
-        self.control.end("cancelled")
+        self.control.end()
 
     def hear_pose(self, robot: str, stamp_ns: int, x: float, y: float, yaw: float) -> None:
         self.control.take_pose(robot, Pose(stamp_ns, x, y, yaw), self.now)
@@ -211,6 +214,62 @@ def test_robots_stand_once_people_are_as_old_as_allowed_and_go_on_after(team: St
     team.run(1.0)
     assert team.drives()
     assert not team.is_told(State.HALTED)
+
+
+@pytest.mark.parametrize("why", ["", "the time jumped back"])
+def test_tour_that_is_ended_is_told_as_of_the_last_step(team: Stepped, why: str) -> None:
+    before, message = team.said[-1], why or "cancelled"
+    team.control.end(why)
+    ended = dataclasses.replace(
+        before, state=State.CANCELLED, reason=why, speed=0.0, posts={}, events=()
+    )
+    assert team.said[-1] == ended
+    assert team.events[-1] == f"the tour hall has ended: {message}"
+    assert team.ends == [(message, False, ())]
+    team.control.end("again")
+    assert len(team.ends) == team.bases.stops == 1
+
+
+def test_tour_that_is_cancelled_before_any_people_is_told_without_its_events() -> None:
+    team = Stepped()
+    team.cancel()
+    team.begin()
+    team.cancel()
+    stamp_ns = team.said[-1].stamp_ns
+    assert team.said[-1] == Guidance(stamp_ns, State.CANCELLED)
+
+
+def test_tour_that_comes_to_its_end_is_finished(team: Stepped) -> None:
+    """The robots are at the leader's post, and people follow them, at once."""
+    while not team.ends:
+        assert team.now_s < START + 60.0
+        team.now_s += 0.2
+        post = team.guide.guidance.posts.get("robot_a")
+        x = PLACES["robot_a"][0] if post is None else float(post.xy[0])
+        team.hear_pose("robot_a", team.now_ns, x, 0.0, 0.0)
+        team.hear_pose("robot_b", team.now_ns, x - 3.5, 0.0, 0.0)
+        team.hear_people(team.now_ns, [(x - 1.5, 0.0), (x - 1.5, 0.6)])
+    told = team.said[-1]
+    assert (told.state, told.reason) == (State.FINISHED, "the group is at the end")
+    assert told.events == ("everybody is at the end", "the tour hall is finished")
+    assert (told.speed, told.posts, told.people) == (0.0, {}, (1, 2))
+    assert team.ends == [("the group is at the end", True, ())]
+    assert team.control.guide is None
+    assert not [event for event in team.events if "has ended" in event]
+
+
+def test_tour_that_the_guide_gives_up_is_cancelled_for_its_reason(team: Stepped) -> None:
+    while not team.ends:
+        assert team.now_s < START + 120.0
+        team.now_s += 0.2
+        for robot, place in PLACES.items():
+            team.hear_pose(robot, team.now_ns, *place)
+        team.control.take_people(team.now_ns, [], [], tuple(PLACES), team.now)
+    why = "nobody of the group is left"
+    assert (team.said[-1].state, team.said[-1].reason) == (State.CANCELLED, why)
+    assert team.said[-1].lost == (1, 2)
+    assert team.events[-1] == f"the tour hall has ended: {why}"
+    assert team.ends == [(why, False, (1, 2))]
 
 
 def test_what_has_come_is_forgotten_when_the_time_jumps_back(team: Stepped) -> None:

@@ -109,13 +109,12 @@ class World:
         for name in self.robots:
             if name not in self.silent:
                 self.last_seen[name] = self.time_s
-        poses = {
-            name: Pose(
-                START_NS + round(self.last_seen[name] * 1e9), float(xy[0]), float(xy[1]), 0.0
-            )
-            for name, xy in self.robots.items()
-        }
-        guidance = self.guide.step(people, groups, poses, self.now_ns)
+        for name, xy in self.robots.items():
+            stamp_ns = START_NS + round(self.last_seen[name] * 1e9)
+            pose = Pose(stamp_ns, float(xy[0]), float(xy[1]), 0.0)
+            self.guide.take_pose(name, pose, self.now_ns)
+        guidance = self.guide.take_people(people, groups, self.now_ns, self.now_ns)
+        assert guidance is not None, "the tour has ended"
         self.said.append((self.time_s, guidance))
         self._move(guidance)
         self.time_s += STEP_S
