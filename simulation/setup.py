@@ -1,4 +1,4 @@
-"""For colcon, and `pip install ./simulation`; what a robot installs has none of it."""
+"""For colcon; pip goes by `pyproject.toml`. What a robot installs has none of it."""
 
 from setuptools import find_packages, setup
 

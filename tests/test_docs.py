@@ -52,15 +52,17 @@ def test_named_files_exist(page: Path) -> None:
 
 
 def misread_lines(text: str) -> list[str]:
-    """Return the lists and tables that GitHub shows but the site would not.
+    """Return the lists and tables that GitHub shows but the site would not, and lost rows.
 
     Its Markdown wants an empty line before a list, and four spaces before what is inside a list.
+    Neither takes rows after an empty line for those of the table before it.
     """
     text = re.sub(r"(?ms)^```.*?^```$", "", text)
     begins = r"(?:[-*] |\d+\. |\|)"
     after_text = rf"(?m)^(?! |#|{begins})\S.*\n((?:[-*]|\d+\.) .*)"
     indented = rf"(?m)^( {{1,3}}{begins}.*)"
-    return re.findall(after_text, text) + re.findall(indented, text)
+    lost_row = r"(?m)^\n( *\|.*)(?!\n *\|[-:| ]+$)$"
+    return [line for wrong in (after_text, indented, lost_row) for line in re.findall(wrong, text)]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -71,6 +73,13 @@ def test_lists_are_read_alike_by_github_and_the_site(page: Path) -> None:
 def test_misread_lists_are_detected() -> None:
     text = "# A\n- b\n- c\n    - d\n\ntext\n- e\n\n1. f\n   | g |\n```\ntext\n- h\n```\n"
     assert misread_lines(text) == ["- e", "   | g |"]
+
+
+def test_rows_that_an_empty_line_parts_from_their_table_are_detected() -> None:
+    table = "| a | b |\n|---|:--:|\n| c | |\n"
+    assert misread_lines(f"text\n\n{table}\n{table}| d | |\n\ntext\n") == []
+    assert misread_lines(f"{table}\n| d | |\n| e | |\n") == ["| d | |"]
+    assert misread_lines(f"{table}\n| d | |") == ["| d | |"]
 
 
 def test_broken_links_are_detected(tmp_path: Path) -> None:

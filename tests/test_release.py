@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-import xml.etree.ElementTree as ET
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -14,20 +13,18 @@ import yaml
 
 from mrs_people_loc.config import robots_named
 from mrs_tools import cli
+from test_packaging import PACKAGES, ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGE_FOLDERS = ("msgs", "mrs_people_loc", "robot_node", "planner_node")
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yaml"))
 SERVICES = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))["services"]
 
 
 @pytest.mark.filterwarnings("ignore:nodes.Node.traverse:DeprecationWarning")  # in catkin_pkg
-@pytest.mark.parametrize("folder", PACKAGE_FOLDERS)
-def test_changelog_of_package_is_catkins(folder: str) -> None:
+@pytest.mark.parametrize(("name", "folder"), PACKAGES.items())
+def test_changelog_of_package_is_catkins(name: str, folder: str) -> None:
     """`catkin_prepare_release` finds "Forthcoming" and makes it the version that bloom reads."""
     changelog = pytest.importorskip("catkin_pkg.changelog")
     tag = pytest.importorskip("catkin_pkg.cli.tag_changelog")
-    name = ET.parse(ROOT / folder / "package.xml").getroot().findtext("name")
     text = (ROOT / folder / "CHANGELOG.rst").read_text(encoding="utf-8")
     assert f"\nChangelog for package {name}\n" in text
     label = tag.get_forthcoming_label(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import resource
 import time
 from collections import deque
@@ -27,8 +28,10 @@ from mrs_ros.network import node_of
 
 #: The same problem is logged at most this often [s].
 LOG_PERIOD_S = 5.0
-#: Codes of inputs that deliver nothing.
-_WAITING = (Code.NO_PUBLISHER, Code.NO_DATA)
+#: Codes of inputs that deliver nothing, and of the pose that is missing with them.
+_WAITING = (Code.NO_PUBLISHER, Code.NO_DATA, Code.NO_POSE)
+#: What fell silent together has all been found so many reports after the first of it.
+_FOUND_AFTER = math.ceil(SILENCE_S)
 #: Drops are a warning for this long [s].
 RECENT_S = 10.0
 
@@ -251,6 +254,7 @@ class Reporter:
         self._collect = collect
         self._log = Throttle(2 * LOG_PERIOD_S)
         self._waiting: set[str] = set()
+        self._reports_waiting = 0
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self.report, clock=steady)
@@ -285,9 +289,12 @@ class Reporter:
         self._publisher.publish(message)
 
     def _log_waiting(self, findings: Mapping[str, Finding]) -> None:
-        """Logs inputs without data when there are more of them than before, all in one line."""
+        """Logs what waits for data when there is more of it than before, all in one line."""
         waiting = {name: one.message for name, one in findings.items() if one.code in _WAITING}
         self._waiting &= waiting.keys()
+        self._reports_waiting = self._reports_waiting + 1 if waiting else 0
+        if self._reports_waiting <= _FOUND_AFTER:
+            return
         if waiting.keys() - self._waiting and self._log.lets_through("waiting"):
             self._node.get_logger().warning("; ".join(waiting.values()))
             self._waiting = {*waiting}

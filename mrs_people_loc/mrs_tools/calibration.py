@@ -209,30 +209,28 @@ def live(made: Calibration, duration_s: float) -> Calibration:
     Raises:
         PeopleLocError: Nobody publishes its images.
     """
-    from rclpy.executors import SingleThreadedExecutor
     from sensor_msgs.msg import CameraInfo, Image
 
     from mrs_ros.qos import STREAM
     from mrs_tools.signals import stop_on_signals
-    from mrs_tools.tool_node import node
+    from mrs_tools.tool_node import node, spinning
 
-    with stop_on_signals() as stop, node("mrs_calibrate") as listener:
+    with (
+        stop_on_signals() as stop,
+        node("mrs_calibrate") as listener,
+        spinning(listener) as executor,
+    ):
         for topic, handle in made.handlers.items():
             kind = CameraInfo if topic.endswith("/camera_info") else Image
             listener.create_subscription(kind, topic, handle, STREAM)
-        executor = SingleThreadedExecutor(context=listener.context)
-        executor.add_node(listener)
-        try:
-            begin = time.monotonic()
-            while not stop.is_set() and (passed := time.monotonic() - begin) < duration_s:
-                executor.spin_once(timeout_sec=0.1)
-                if made.came or passed <= _DISCOVERY_S:
-                    continue
-                if not any(map(listener.count_publishers, made.handlers)):
-                    raise PeopleLocError(
-                        f"nobody publishes {', '.join(made.handlers)}: is the head running, in "
-                        "this ROS_DOMAIN_ID, under this name?"
-                    )
-        finally:
-            executor.shutdown()
+        begin = time.monotonic()
+        while not stop.is_set() and (passed := time.monotonic() - begin) < duration_s:
+            executor.spin_once(timeout_sec=0.1)
+            if made.came or passed <= _DISCOVERY_S:
+                continue
+            if not any(map(listener.count_publishers, made.handlers)):
+                raise PeopleLocError(
+                    f"nobody publishes {', '.join(made.handlers)}: is the head running, in "
+                    "this ROS_DOMAIN_ID, under this name?"
+                )
     return made

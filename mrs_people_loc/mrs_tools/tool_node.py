@@ -14,6 +14,7 @@ from mrs_ros.network import given_domain
 
 if TYPE_CHECKING:
     from rclpy.context import Context
+    from rclpy.executors import Executor
     from rclpy.node import Node
 
 NO_NAME = (
@@ -64,6 +65,19 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
     finally:
         if own:
             rclpy.shutdown(context=context)
+
+
+@contextmanager
+def spinning(made: Node) -> Iterator[Executor]:
+    """An executor of a node, whose `spin_once` lets the node work for a moment."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    executor = SingleThreadedExecutor(context=made.context)
+    executor.add_node(made)
+    try:
+        yield executor
+    finally:
+        executor.shutdown()
 
 
 def message_class(msgtype: str) -> Any:

@@ -59,7 +59,6 @@ class PoseSource:
     Args:
         node: The robot's node.
         base_frame: Its base_link.
-
         frames: Looks frames up in TF.
         localization: Places its poses in the map.
         topics: Those of the localization.

@@ -12,3 +12,5 @@ PAPER_REMOVED = {"robot_a": 15000}
 PAPER_ERROR_M = 0.05
 #: What the paper keeps of each stage (section 6).
 PAPER_KEPT = {"zones": 0.15, "noise": 0.73, "cells": 0.07}
+#: Its stages: what they leave, as the scores of either method name it.
+PAPER_STAGES = {"zones": "cropped", "noise": "foreground", "cells": "cells"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Collection
 
@@ -21,14 +22,14 @@ class StartLimit:
 
     def __init__(self) -> None:
         self._began_s = self._last_s = time.monotonic()
-        self._waiting: frozenset[str] = frozenset()
+        self._fewest = math.inf
         self._still_s = 0.0
 
     def check(self, waiting: Collection[str], *causes: str) -> None:
         """Looks at what is still waited for.
 
         Args:
-            waiting: What is not ready; fewer, or others, than the last time are progress.
+            waiting: What is not ready; fewer than ever before are progress.
             causes: What else may be the reason, such as "rendering 0.4 of real time".
 
         Raises:
@@ -37,8 +38,8 @@ class StartLimit:
         now_s, load = time.monotonic(), Load.now()
         passed_s, self._last_s = now_s - self._last_s, now_s
         self._still_s += load.share * passed_s
-        if self._waiting != frozenset(waiting):
-            self._waiting, self._still_s = frozenset(waiting), 0.0
+        if len(waiting) < self._fewest:
+            self._fewest, self._still_s = len(waiting), 0.0
         if self._still_s > _STILL_S:
             raise PeopleLocError(
                 f"not ready after {now_s - self._began_s:.0f} s: {', '.join(sorted(waiting))} "

@@ -184,6 +184,17 @@ def test_connects_again_when_the_server_is_back(server: PageServer, look_at: Ope
     expect(events).to_have_text([re.compile("Back again"), re.compile("Person 12 is new")])
 
 
+def test_recording_that_connects_again_is_not_said_to_be_live(
+    recording: PageServer, look_at: Open
+) -> None:
+    page = look_at(recording)
+    expect(page.locator("#connection")).to_have_text("Playing")
+    recording.end()
+    expect(page.locator("#announcer")).to_contain_text("No connection to mrs view.")
+    recording.listen()
+    expect(page.locator("#announcer")).to_have_text("Connected again.", timeout=20_000)
+
+
 def test_old_people_are_said_to_be_old(server: PageServer, look_at: Open) -> None:
     page = look_at(server, 375, 667)
     for age, text in (

@@ -1,8 +1,9 @@
-"""Which refused messages an input counts as faults of their sender."""
+"""Which refused messages an input counts as faults of their sender, and what waiting logs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,8 +15,9 @@ from sensor_msgs.msg import PointCloud2
 from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.errors import OutdatedError, ScanError
 from mrs_people_loc.health import reception
-from mrs_people_loc.health.findings import ERROR, OK, WARN, Code
-from mrs_ros.diagnostics import Input
+from mrs_people_loc.health.findings import ERROR, OK, WARN, Code, Finding
+from mrs_ros import diagnostics
+from mrs_ros.diagnostics import Input, Reporter
 from mrs_ros.qos import STREAM
 
 SECOND = 1_000_000_000
@@ -49,13 +51,18 @@ class Heard:
 
 
 @pytest.fixture
-def heard(domain: int) -> Iterator[Heard]:
+def node(domain: int) -> Iterator[Node]:
     context = Context()
     rclpy.init(context=context, domain_id=domain)
-    node = Node("hearing", context=context)
-    yield Heard(node)
-    node.destroy_node()
+    made = Node("hearing", context=context)
+    yield made
+    made.destroy_node()
     rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def heard(node: Node) -> Heard:
+    return Heard(node)
 
 
 def test_refusals_until_a_jump_back_is_believed_are_no_fault(heard: Heard) -> None:
@@ -112,3 +119,31 @@ def test_sender_that_does_not_follow_clock_is_reported_as_outdated(
     heard.take(10.2, 10.4, 10.6)
     heard.input._arrivals.append(float("inf"))  # not silent
     assert heard.says()[1] == Code.OUTDATED
+
+
+def test_node_that_waits_warns_once_of_all_that_it_lacks(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its pose is missing at once, its inputs are silent after a while; new ones warn again."""
+    lines: list[str] = []
+    monkeypatch.setattr(node, "get_logger", lambda: SimpleNamespace(warning=lines.append))
+    monkeypatch.setattr(diagnostics, "LOG_PERIOD_S", 0.0)
+    pose = Finding("pose", ERROR, "no usable pose on odom yet", code=Code.NO_POSE)
+    odom = Finding("odom", ERROR, "no data on odom", code=Code.NO_PUBLISHER)
+    image = Finding("left/image_rect", ERROR, "no images", code=Code.NO_DATA)
+    found: list[Finding] = []
+    reporter = Reporter(node, "robot_a", lambda: found)
+
+    def report(*findings: Finding) -> list[str]:
+        found[:], lines[:] = findings, []
+        reporter.report()
+        return list(lines)
+
+    start = [report(pose), report(pose), report(odom, pose)]
+    assert start == [[], [], ["no data on odom; no usable pose on odom yet"]]
+    for _ in range(20):
+        assert report(odom, pose) == []
+    assert report(odom, image, pose) == ["no data on odom; no images; no usable pose on odom yet"]
+    assert report(Finding("odom"), image) == []
+    blind = Finding("head", ERROR, "the head is blind", code=Code.BLIND)
+    assert report(blind, image) == ["the head is blind"]

@@ -85,6 +85,8 @@ def test_silence_wrong_types_and_missing_calibration_are_reported(
         missing = [line for line in silent.log.splitlines() if "/left/camera_info for" in line]
         assert len(missing) == 1
         assert "/right/camera_info for" in missing[0]
+        assert "no usable pose on odom yet" in missing[0]
+        assert silent.log.count("no usable pose") == 1
         pose = peer.findings(node)["pose"]
         assert (pose.level, pose.message) == (ERROR, "no usable pose on odom yet")
         assert peer.findings(node)["scan"].message == "no scan yet"

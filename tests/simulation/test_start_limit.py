@@ -46,3 +46,16 @@ def test_limit_begins_again_when_something_goes_on(
     clock[0] += 2.0
     with pytest.raises(PeopleLocError, match=r"ready after 120 s: robot_b \(load 0 on 2 cores\)"):
         limit.check({"robot_b"})
+
+
+def test_robot_that_comes_and_goes_is_no_progress(
+    clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Load, "now", lambda: Load(0.1, 2))
+    limit = StartLimit()
+    for second in range(66):  # 60 s since robot_a was ready for the first time
+        clock[0] += 1.0
+        limit.check({"robot_a", "robot_b"} if second % 10 < 5 else {"robot_b"})
+    clock[0] += 1.0
+    with pytest.raises(PeopleLocError, match="not ready after 67 s: robot_a, robot_b"):
+        limit.check({"robot_a", "robot_b"})

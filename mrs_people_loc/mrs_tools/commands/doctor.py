@@ -39,21 +39,15 @@ def command(
 
     Looks at every node of ours in this ROS domain. Exit code 1 if there is an error.
     """
-    from rclpy.executors import SingleThreadedExecutor
     from rich.console import Console
 
     from mrs_ros.network import environment
-    from mrs_tools.tool_node import node
+    from mrs_tools.tool_node import node, spinning
 
     environ = environment()  # as the user made it
     settings = [f"{name}={environ[name]}" for name in _SETTINGS if environ.get(name)]
-    with node("mrs_doctor") as made:
-        executor = SingleThreadedExecutor(context=made.context)
-        executor.add_node(made)
-        try:
-            facts = look(made, duration, lambda: executor.spin_once(timeout_sec=0.1))
-        finally:
-            executor.shutdown()
+    with node("mrs_doctor") as made, spinning(made) as executor:
+        facts = look(made, duration, lambda: executor.spin_once(timeout_sec=0.1))
     checks = diagnose(facts)
     console = Console(soft_wrap=True, highlight=False)
     named = ", ".join(settings) or "no ROS network variables are set"

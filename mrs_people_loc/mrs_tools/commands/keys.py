@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+from mrs_tools.common import make_table
 from mrs_tools.security.team_keys import DEFAULT_PORT, PLANNER, TeamKeys
 from mrs_tools.security.tunnel import RECHECK_S, ROOTS_FOLDER
 
@@ -95,11 +96,8 @@ def revoke_command(
 def list_command(keys: Keys = _HERE) -> None:
     """List the certificates of a team and when they end."""
     from rich.console import Console
-    from rich.table import Table
 
-    table = Table()
-    for column in ("host", "state", "ends"):
-        table.add_column(column)
+    table = make_table("", "host", "state", "ends")
     now = datetime.now(timezone.utc)
     for one in TeamKeys(keys).certificates():
         days = f" ({(one.ends - now).days} days)" if one.state == "valid" else ""

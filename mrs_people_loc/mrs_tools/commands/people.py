@@ -25,30 +25,24 @@ def command(
     Ages are by /clock while somebody publishes it, as a simulation or `mrs replay --clock` does.
     Where the output is no terminal, the table is printed once at the end.
     """
-    from rclpy.executors import SingleThreadedExecutor
     from rich.console import Console
     from rich.live import Live
 
     from mrs_tools.signals import stop_on_signals
-    from mrs_tools.tool_node import node
+    from mrs_tools.tool_node import node, spinning
 
     console = Console()
-    with node("mrs_people", namespace=namespace) as made:
-        executor = SingleThreadedExecutor(context=made.context)
-        executor.add_node(made)
-        try:
-            live = LivePeople(made)
-            follow_clock(made)
-            end = time.monotonic() + duration if duration else math.inf
-            screen = (
-                Live(live, console=console, refresh_per_second=5)
-                if console.is_terminal
-                else nullcontext()
-            )
-            with stop_on_signals() as stop, screen:
-                while not stop.is_set() and time.monotonic() < end:
-                    executor.spin_once(timeout_sec=0.1)
-            if not console.is_terminal:
-                console.print(live)
-        finally:
-            executor.shutdown()
+    with node("mrs_people", namespace=namespace) as made, spinning(made) as executor:
+        live = LivePeople(made)
+        follow_clock(made)
+        end = time.monotonic() + duration if duration else math.inf
+        screen = (
+            Live(live, console=console, refresh_per_second=5)
+            if console.is_terminal
+            else nullcontext()
+        )
+        with stop_on_signals() as stop, screen:
+            while not stop.is_set() and time.monotonic() < end:
+                executor.spin_once(timeout_sec=0.1)
+        if not console.is_terminal:
+            console.print(live)

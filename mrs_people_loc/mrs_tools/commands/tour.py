@@ -111,30 +111,28 @@ def _is_given(context: typer.Context, name: str) -> bool:
 
 def _guide(file: Path, namespace: str) -> None:
     """Asks guide_node for a tour, and shows it."""
-    from rclpy.executors import SingleThreadedExecutor
     from rich.console import Console
 
     from mrs_people_loc.guiding.tour import read_tour
     from mrs_tools.live.tour_client import guide
     from mrs_tools.live.tour_view import TourView
     from mrs_tools.signals import stop_on_signals
-    from mrs_tools.tool_node import node
+    from mrs_tools.tool_node import node, spinning
 
     tour, console = read_tour(file), Console(stderr=True, soft_wrap=True, highlight=False)
-    with node("mrs_tour", namespace=namespace) as made:
-        executor = SingleThreadedExecutor(context=made.context)
-        executor.add_node(made)
-        try:
-            with stop_on_signals() as stop, TourView(console, tour) as view:
-                result = guide(
-                    made,
-                    tour,
-                    spin=lambda: executor.spin_once(timeout_sec=0.1),
-                    stop=stop,
-                    show=view.show,
-                )
-        finally:
-            executor.shutdown()
+    with (
+        node("mrs_tour", namespace=namespace) as made,
+        spinning(made) as executor,
+        stop_on_signals() as stop,
+        TourView(console, tour) as view,
+    ):
+        result = guide(
+            made,
+            tour,
+            spin=lambda: executor.spin_once(timeout_sec=0.1),
+            stop=stop,
+            show=view.show,
+        )
     _report(result, stop.exit_code, console)
 
 

@@ -15,6 +15,7 @@ from mrs_people_loc.messages import read_people, stamp_ns_of
 from mrs_people_loc.people import Group as PeopleGroup
 from mrs_people_loc.people import Person
 from mrs_tools.bags.message_types import PEOPLE_TYPE
+from mrs_tools.common import make_table
 from mrs_tools.diagnosis.diagnose import causes_in
 from mrs_tools.diagnosis.facts import ERROR, LEVELS, STALE, WARN
 from mrs_tools.plain import plain
@@ -153,16 +154,14 @@ class LivePeople:
         )
 
     def _people_table(self) -> RenderableType:
-        from rich.table import Table
         from rich.text import Text  # names from outside are no markup
 
         persons, _ = self._people
         title = f"{len(persons)} people, {self._rate.text()} Hz"
         if self._rate.silent_s > 2.0:
             title += f", silent for {self._rate.silent_s:.0f} s"
-        table = Table(title=title, title_justify="left")
-        for column in ("id", "x [m]", "y [m]", "speed [m/s]", "height [m]", "age [s]"):
-            table.add_column(_head(column), justify="right")
+        columns = ("id", "x [m]", "y [m]", "speed [m/s]", "height [m]", "age [s]")
+        table = make_table(title, *map(_head, columns))
         table.add_column("seen by")
         for index, person in enumerate(persons):
             x, y = person.position
@@ -179,11 +178,8 @@ class LivePeople:
         return table
 
     def _group_table(self) -> RenderableType:
-        from rich.table import Table
-
-        table = Table(title="groups", title_justify="left")
-        for column in ("id", "people", "x [m]", "y [m]", "speed [m/s]", "radius [m]"):
-            table.add_column(_head(column), justify="right")
+        columns = ("id", "people", "x [m]", "y [m]", "speed [m/s]", "radius [m]")
+        table = make_table("groups", *map(_head, columns))
         table.add_column("stragglers")
         for group in self._people[1]:
             x, y = group.centre
@@ -206,13 +202,10 @@ class LivePeople:
         return [Text(f"{now - when:4.0f} s ago: {plain(event)}") for when, event in self._events]
 
     def _robot_table(self) -> RenderableType:
-        from rich.table import Table
         from rich.text import Text
 
-        table = Table(title="robots", title_justify="left")
-        table.add_column("robot")
-        for column in ("scans/s", r"age \[ms]", r"x \[m]", r"y \[m]", r"yaw \[deg]"):
-            table.add_column(column, justify="right")
+        columns = ("robot", "scans/s", "age [ms]", "x [m]", "y [m]", "yaw [deg]")
+        table = make_table("robots", *columns)
         for robot in sorted(self._scans):
             scan = self._scans[robot]
             at, q = scan.pose.pose.position, scan.pose.pose.orientation
@@ -262,7 +255,7 @@ class LivePeople:
 
 def _head(column: str) -> str:
     """The unit below the name, which keeps the column narrow."""
-    return column.replace(" [", "\n\\[")
+    return column.replace(" [", "\n[")
 
 
 def _speed(velocity: Float | None) -> str:

@@ -11,7 +11,7 @@ from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.guiding.tour import Tour
 from mrs_tools.live.tour_client import guide
 from mrs_tools.plain import plain
-from mrs_tools.tool_node import node
+from mrs_tools.tool_node import node, spinning
 from mrs_tools.view.protocol import CommandError, Event, Publish
 
 if TYPE_CHECKING:
@@ -96,25 +96,22 @@ class LiveTours:
 
     def _guide(self, tour: Tour) -> None:
         """Follows a tour until it has ended."""
-        from rclpy.executors import SingleThreadedExecutor
 
         def show(_status: Any) -> None:
             self._begun.set()
 
         try:
-            with node("mrs_view_tour", self._context, namespace=self._namespace) as made:
-                executor = SingleThreadedExecutor(context=self._context)
-                executor.add_node(made)
-                try:
-                    result = guide(
-                        made,
-                        tour,
-                        spin=lambda: executor.spin_once(timeout_sec=0.1),
-                        stop=self._stop,
-                        show=show,
-                    )
-                finally:
-                    executor.shutdown()
+            with (
+                node("mrs_view_tour", self._context, namespace=self._namespace) as made,
+                spinning(made) as executor,
+            ):
+                result = guide(
+                    made,
+                    tour,
+                    spin=lambda: executor.spin_once(timeout_sec=0.1),
+                    stop=self._stop,
+                    show=show,
+                )
             self._how = plain(result.message) if result is not None else "cancelled"
         except PeopleLocError as err:
             self._how = str(err)

@@ -6,9 +6,9 @@ import math
 import tempfile
 import threading
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,21 +20,18 @@ from mrs_people_loc.messages import stamp_ns_of
 from mrs_people_sim.demo.steps import OnProgress, step
 from mrs_people_sim.domain import other_publishers_error, refuse_other_publishers
 from mrs_people_sim.start_limit import StartLimit
-from mrs_ros.network import use_shipped_profile
 from mrs_ros.processes import RunningTeam, team_processes
 from mrs_tools.bags.replayer import Progress, Replayer
 from mrs_tools.live.people_table import LivePeople
 from mrs_tools.plain import plain
 from mrs_tools.signals import Stop, stop_on_signals
-from mrs_tools.tool_node import wait_for_discovery
+from mrs_tools.tool_node import node, spinning, wait_for_discovery
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
     from rich.console import Console
 
-#: Name of the node that listens.
-_NODE = "mrs_demo"
 #: What nodes lack is no trouble until people have come for so long, or none for so long [s].
 _SETTLE_S, _SILENT_S = 3.0, 15.0
 #: What is still under way after the bag's end gets this long [s].
@@ -97,10 +94,13 @@ def run_team(
             publishes the team's topics.
         typer.Exit: A signal stopped it.
     """
+    from rclpy.parameter import Parameter
+
     nodes = team_processes(files, sim_time=True)
     topic = f"/{load_team(*files).planner.people_topic}"
-    with _listening() as (node, executor):
-        listener, live = Listener(node, topic), LivePeople(node)
+    simulated = [Parameter("use_sim_time", value=True)]
+    with node("mrs_demo", parameter_overrides=simulated) as made, spinning(made) as executor:
+        listener, live = Listener(made, topic), LivePeople(made)
         live.troubles_shown = False
         with (
             tempfile.TemporaryFile("w+") as log,
@@ -109,13 +109,13 @@ def run_team(
             ExitStack() as stack,
         ):
             robots = [n.namespace for n in nodes if n.namespace]
-            domain = _Domain(node, player, robots, topic)
+            domain = _Domain(made, player, robots, topic)
             with step(console, f"starting {', '.join(n.label for n in nodes)}"):
                 # Before four nodes begin to publish in a domain that others use.
-                wait_for_discovery(node)
+                wait_for_discovery(made)
                 domain.refuse_other_publishers(started=False)
                 team = stack.enter_context(RunningTeam(nodes, log=log))
-                _wait_for_team(node, topic, team, log, stop)
+                _wait_for_team(made, topic, team, log, stop)
                 stack.enter_context(watching)
                 player.wait_for_subscribers(stop=stop)
                 domain.refuse_other_publishers()
@@ -127,31 +127,6 @@ def run_team(
                 raise typer.Exit(stop.exit_code)
             domain.refuse_other_publishers()  # those that came meanwhile
     return listener
-
-
-@contextmanager
-def _listening() -> Iterator[tuple[Node, Executor]]:
-    """A node on simulated time, and its executor."""
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.parameter import Parameter
-    from rclpy.signals import SignalHandlerOptions
-
-    use_shipped_profile()
-    context = Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node(
-        _NODE, context=context, parameter_overrides=[Parameter("use_sim_time", value=True)]
-    )
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        yield node, executor
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown(context=context)
 
 
 def _replay(
@@ -213,7 +188,8 @@ class _Domain:
         Raises:
             PeopleLocError: There are.
         """
-        _refuse_publishers_of_the_bag(self._player, {f"/{_NODE}", *self._outputs.values()})
+        ours = {self._node.get_fully_qualified_name(), *self._outputs.values()}
+        _refuse_publishers_of_the_bag(self._player, ours)
         own = self._outputs if started else dict.fromkeys(self._outputs, "")
         refuse_other_publishers(self._node, own)
 
@@ -248,9 +224,10 @@ def _wait_for_team(
             raise _ended(team, log)
         deaf = [r for r in robots if not node.count_subscribers(f"/{r}/left/camera_info")]
         unheard = [r for r in robots if not node.count_subscribers(f"/{r}/points")]
-        if not deaf and not unheard and node.count_publishers(topic):
+        silent = [] if node.count_publishers(topic) else ["planner"]
+        if not deaf and not unheard and not silent:
             return
-        limit.check({*deaf, *unheard} or {"planner"})
+        limit.check({*deaf, *unheard, *silent})
         stop.wait(0.1)
 
 

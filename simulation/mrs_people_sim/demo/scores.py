@@ -15,6 +15,7 @@ from mrs_people_sim.scoring.positions import MATCH_DISTANCE, Frame, score, summa
 from mrs_people_sim.scoring.tracks import score_tracks
 from mrs_tools.bags.records import Estimate, Truth
 from mrs_tools.bags.truth import TRUTH_TOPIC
+from mrs_tools.common import make_table
 from mrs_tools.plain import plain
 
 if TYPE_CHECKING:
@@ -68,8 +69,6 @@ def print_scores(people: list[Any], truth: Truth, console: Console) -> None:
 
 def _people_table(frames: Sequence[Frame], estimates: Sequence[Estimate]) -> Table:
     """Each true person with the ids that they had, how often they were found and how far off."""
-    from rich.table import Table
-
     errors: defaultdict[int, list[float]] = defaultdict(list)
     ids: defaultdict[int, list[int]] = defaultdict(list)
     expected: Counter[int] = Counter()
@@ -81,9 +80,8 @@ def _people_table(frames: Sequence[Frame], estimates: Sequence[Estimate]) -> Tab
             one = int(estimates[frame.estimate].ids[found])
             if one and one not in ids[int(which)]:
                 ids[int(which)].append(one)
-    table = Table(title="against the ground truth", title_justify="left")
-    for column in ("person", "id", "found / expected", "mean error", "max error"):
-        table.add_column(column, justify="right")
+    columns = ("person", "id", "found / expected", "mean error", "max error")
+    table = make_table("against the ground truth", *columns)
     for index, count in sorted(expected.items()):
         own = errors[index]
         mean = f"{100 * np.mean(own):.1f} cm" if own else "-"

@@ -46,7 +46,7 @@ from mrs_tools.bags.sources import RobotView, read_grid, robots_of
 from mrs_tools.bags.truth import TRUTH_TOPIC, read_truth
 
 #: What is counted of each view, in the order of the stages.
-STAGES = ("valid_pixels", "raw", "zones", "noise", "cells")
+STAGES = ("valid_pixels", "raw", "cropped", "foreground", "cells")
 
 
 @dataclass

@@ -230,7 +230,7 @@ def robots_of_tours_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
 def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
     table = _table(
         "stages: means per view, the share kept of the stage before, and what all of them remove",
-        "robot|valid pixels|raw|zones|noise|cells|removed",
+        "robot|valid pixels|raw|cropped|foreground|cells|removed",
     )
     for robot, means in stages.items():
         _add(
@@ -240,7 +240,7 @@ def _stages_table(stages: Mapping[str, Mapping[str, float | None]]) -> Any:
             number(means["raw"], 1, 0),
             *(
                 f"{number(means[s], 1, 0)} {number(means[f'{s}_kept'], 100, 1):>5} %"
-                for s in ("zones", "noise", "cells")
+                for s in ("cropped", "foreground", "cells")
             ),
             number(means["removed"], 1, 0),
         )

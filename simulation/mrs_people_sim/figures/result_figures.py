@@ -11,7 +11,7 @@ from mrs_people_sim.evaluation.results import Result
 from mrs_people_sim.figures import plots
 from mrs_people_sim.figures.layout import DPI, new_figure
 from mrs_people_sim.figures.tour_figures import draw_tour
-from mrs_people_sim.paper import PAPER_KEPT
+from mrs_people_sim.paper import PAPER_KEPT, PAPER_STAGES
 from mrs_people_sim.scoring.positions import MATCH_DISTANCE
 
 if TYPE_CHECKING:
@@ -23,10 +23,11 @@ def draw_stages(result: Result) -> Figure:
     figure = new_figure(1, 1, 0.62, panel=7.5)
     axes = figure.subplots()
     kept = {
-        robot: {stage: means[f"{stage}_kept"] for stage in PAPER_KEPT}
+        robot: {left: means[f"{left}_kept"] for left in PAPER_STAGES.values()}
         for robot, means in result.report()["stages"].items()
     }
-    plots.draw_kept(axes, kept, PAPER_KEPT)
+    paper = {PAPER_STAGES[stage]: share for stage, share in PAPER_KEPT.items()}
+    plots.draw_kept(axes, kept, paper)
     axes.set_title("points that each stage keeps (means of all views)")
     return figure
 

@@ -51,12 +51,13 @@ def simulate(
     names = [*what.robots, "planner", "guide"]
     plan = Plan(what, poses, [read_kill(text, names) for text in kills], duration, images)
     with ExitStack() as stack:
+        # Before the page, which plays the bag in it to the last.
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
         page = open_page(what.name, console, open_, stack)
         watching: AbstractContextManager[object] = nullcontext()
         if page is not None:
             console.print(f"page: {page.url}")
             watching = page.source.team()
-        folder = stack.enter_context(tempfile.TemporaryDirectory())
         bag = record or Path(folder, "tour.mcap")
         with private_domain() as where, stop_on_signals() as stop:
             console.print(where)

@@ -32,9 +32,11 @@ from mrs_tools.diagnosis.load import Load
 from mrs_tools.live.tour_client import guide
 from mrs_tools.live.tour_view import TourView
 from mrs_tools.plain import plain
-from mrs_tools.tool_node import node
+from mrs_tools.tool_node import node, spinning
 
 if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
     from rich.console import Console
 
 #: The recording goes on for so long after the tour [s].
@@ -108,8 +110,8 @@ def run_tour(
         simulated = [Parameter("use_sim_time", value=True)]
         ros = stack.enter_context(node("mrs_tour", parameter_overrides=simulated))
         stack.enter_context(watching)
-        run = _Run(plan, world, team, ros, log, console)
-        stack.callback(run.close)
+        executor = stack.enter_context(spinning(ros))
+        run = _Run(plan, world, team, ros, executor, log, console)
         run.wait_for_team(stop)
         if stop.is_set():
             return None
@@ -167,30 +169,24 @@ class _Run:
         plan: Plan,
         world: LiveWorld,
         team: RunningTeam,
-        ros: Any,
+        ros: Node,
+        executor: Executor,
         log: IO[str],
         console: Console,
     ) -> None:
         from mrs_people_msgs.msg import People
-        from rclpy.executors import SingleThreadedExecutor
         from std_msgs.msg import String
 
         from mrs_ros.qos import STREAM
 
         self._plan, self._world, self._team = plan, world, team
-        self._ros, self._log, self._console = ros, log, console
-        self._executor = SingleThreadedExecutor(context=ros.context)
-        self._executor.add_node(ros)
+        self._ros, self._executor, self._log, self._console = ros, executor, log, console
         self._killed: set[NodeProcess] = set()
         self._began_ns: int | None = None
         self._told_s, self._told = 0.0, Progress()
         self._robots_in_use: set[str] = set()
         ros.create_subscription(People, PEOPLE_TOPICS[0], self._on_people, STREAM)
         ros.create_subscription(String, "events", self._on_event, 100)
-
-    def close(self) -> None:
-        """Ends what the node works with."""
-        self._executor.shutdown()
 
     def now_ns(self) -> int:
         """Time of the world [ns]."""

@@ -44,8 +44,8 @@ _FLOORS: Mapping[str, Callable[[RobotConfig, int, int], Scene]] = {
 
 def time_growth(
     configs: Mapping[str, Path],
-    largest: int = LARGEST,
-    oracle: Oracle | None = None,
+    largest: int,
+    oracle: Oracle,
     *,
     rounds: int = _ROUNDS,
     on_step: Callable[[str], None] = lambda _: None,
@@ -55,7 +55,7 @@ def time_growth(
     Args:
         configs: Parameter files by name.
         largest: The largest team.
-        oracle: What the small teams are compared with before; None: nothing.
+        oracle: What the small teams are compared with before.
         rounds: Each size is run so often, at least; sizes take turns, so that what else the machine
             does slows them alike.
         on_step: Told what is done now.
@@ -118,11 +118,9 @@ def _time(
     return {n: float(np.median(ms)) for n, ms in took.items()}
 
 
-def _check(
-    floor: str, scene: Scene, people: People, config: PlannerConfig, oracle: Oracle | None
-) -> None:
+def _check(floor: str, scene: Scene, people: People, config: PlannerConfig, oracle: Oracle) -> None:
     scans, poses = scene
-    if oracle is not None and len(scans) <= _COMPARED:
+    if len(scans) <= _COMPARED:
         oracle.check_people(scans, people, config)
     if floor != "rooms apart":
         return

@@ -1,8 +1,4 @@
-"""Where the benchmark finds what it compares with: the oracle of the repository, `tests/oracle`.
-
-It is not shipped. `make bench` always has it; a command that was installed without the repository
-times results that it has not compared, and says so.
-"""
+"""Where the benchmark finds what it compares with: the oracle of the repository, `tests/oracle`."""
 
 from __future__ import annotations
 
@@ -23,11 +19,6 @@ from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.team.poses import Pose
 
-#: The line that `mrs bench` prints where the oracle is not found.
-WHY_NOT = (
-    "results are not compared: the oracle (tests/oracle) is in the repository, and this command is "
-    "installed without it"
-)
 _FOLDER = Path(__file__).resolve().parents[3] / "tests" / "oracle"
 
 
@@ -60,15 +51,12 @@ class Oracle(Protocol):
         """Compares people who are followed."""
 
 
-def find() -> Oracle | None:
-    """The oracle; None if the repository is not here."""
-    init = _FOLDER / "__init__.py"
-    if not init.is_file():
-        return None
+def find() -> Oracle:
+    """The oracle."""
     if "oracle" not in sys.modules:
         # Of this folder and no other: whatever else is called so must not be taken for it.
         spec = importlib.util.spec_from_file_location(
-            "oracle", init, submodule_search_locations=[str(_FOLDER)]
+            "oracle", _FOLDER / "__init__.py", submodule_search_locations=[str(_FOLDER)]
         )
         assert spec is not None
         assert spec.loader is not None

@@ -20,7 +20,7 @@ _DRAWN = 10
 def time_planner(
     configs: Mapping[str, Path],
     frames: int,
-    oracle: Oracle | None = None,
+    oracle: Oracle,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> dict[str, dict[str, Any]]:
     """Times the planner on the drawn scene.
@@ -28,7 +28,7 @@ def time_planner(
     Args:
         configs: Parameter files by name.
         frames: Intervals to time for each.
-        oracle: What the people of the first scene are compared with before; None: nothing.
+        oracle: What the people of the first scene are compared with before.
         on_step: Told what is done now.
 
     Returns:
@@ -45,11 +45,10 @@ def time_planner(
         scenes[name] = [drawn_scans(config, seed) for seed in range(_DRAWN)]
         scans, poses = scenes[name][0]
         found[name] = Planner(team.planner.memoryless()).step(scans, poses, 0)
-        if oracle is not None:
-            oracle.check_people(scans, found[name], team.planner)
-            if found[name].fused.cells.body.any() and team.planner.tracking.enabled:
-                times_ns = [turn * INTERVAL_NS for turn in range(_DRAWN)]
-                oracle.check_places(scenes[name], times_ns, team.planner)
+        oracle.check_people(scans, found[name], team.planner)
+        if found[name].fused.cells.body.any() and team.planner.tracking.enabled:
+            times_ns = [turn * INTERVAL_NS for turn in range(_DRAWN)]
+            oracle.check_places(scenes[name], times_ns, team.planner)
     on_step(f"timing {frames} intervals")
     samples = _time(planners, scenes, frames)
     return {

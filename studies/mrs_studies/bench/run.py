@@ -96,7 +96,7 @@ def run_bench(
     oracle = find()
     with one_thread(), timing.processor_time():
         runs = _read(bag, configs, on_step)
-        checked = None if oracle is None else _compare(oracle, runs, on_step)
+        checked = _compare(oracle, runs, on_step)
         on_step(f"timing {frames} views of each head")
         heads = {name: heads_of(_views(run), run.robots) for name, run in runs.items()}
         robot = time_robot(heads, frames)

@@ -24,14 +24,14 @@ _SIGMA = 0.04
 
 def time_tracking(
     intervals: int,
-    oracle: Oracle | None = None,
+    oracle: Oracle,
     on_step: Callable[[str], None] = lambda _: None,
 ) -> list[dict[str, Any]]:
     """Times the tracker and the groups with people who walk to and fro.
 
     Args:
         intervals: So many are timed for each number of people.
-        oracle: What the filters are compared with before; None: nothing.
+        oracle: What the filters are compared with before.
         on_step: Told what is done now.
 
     Returns:
@@ -58,7 +58,7 @@ def time_tracking(
             ended = timing.now_ns()
             if step < _BEFORE:
                 told.append(found)
-                if len(told) == _BEFORE and oracle is not None:
+                if len(told) == _BEFORE:
                     oracle.check_tracks(told, people, times_ns[:_BEFORE], config)
                 continue
             took["tracker"].append((between - began) / 1e6)

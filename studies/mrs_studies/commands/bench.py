@@ -57,7 +57,7 @@ def command(
 
     Every figure names its configuration. A target that is missed is a measurement, not an error;
     results that differ from the oracle, the repository's plain loops, are one (exit code 1), and
-    nothing is timed then. Without the repository nothing is compared, and the command says so.
+    nothing is timed then.
     """  # fmt: skip
     if live:
         given_domain()

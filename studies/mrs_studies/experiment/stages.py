@@ -9,7 +9,7 @@ import numpy as np
 
 from mrs_people_loc.cells import filters
 from mrs_people_sim.evaluation.results import Result
-from mrs_people_sim.paper import PAPER_KEPT
+from mrs_people_sim.paper import PAPER_STAGES
 from mrs_studies.experiment.recording import Recording
 
 
@@ -18,7 +18,7 @@ def retention(recordings: Sequence[Recording]) -> dict[str, dict[str, float]]:
     pooled = Result.pooled([recording.result for recording in recordings])
     pooled.counts["all"] = [row for rows in list(pooled.counts.values()) for row in rows]
     return {
-        robot: {stage: means[f"{stage}_kept"] for stage in PAPER_KEPT}
+        robot: {stage: means[f"{left}_kept"] for stage, left in PAPER_STAGES.items()}
         for robot, means in pooled.report()["stages"].items()
     }
 
@@ -33,7 +33,9 @@ def points_of(recordings: Sequence[Recording]) -> dict[str, dict[str, float]]:
     return {
         robot: {
             "ranged": float(np.mean(pixels[robot])),
-            **{stage: means[stage] for stage in ("raw", *PAPER_KEPT, "removed")},
+            "raw": means["raw"],
+            **{stage: means[left] for stage, left in PAPER_STAGES.items()},
+            "removed": means["removed"],
         }
         for robot, means in pooled.report()["stages"].items()
     }

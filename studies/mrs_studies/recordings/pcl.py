@@ -19,8 +19,7 @@ from mrs_tools.bags.writer import BagWriter
 
 #: Camera of PCL's `five_people.pcd`: focal length and principal point [px] (exact for its points).
 PCL_FOCAL_PX, PCL_CX_PX, PCL_CY_PX = 525.0, 319.5, 239.5
-#: Its height over the floor [m], and the floor's normal (upwards) in its optical frame.
-PCL_HEIGHT_M = 1.259
+#: The floor's normal (upwards) in its optical frame.
 PCL_FLOOR_NORMAL = (0.002, -0.9973, -0.0737)
 #: Torsos (x, z) in its optical frame [m], read from its depth: surfaces, not the bodies' axes.
 PCL_TORSOS_M = ((-0.90, 1.97), (-0.55, 2.30), (0.03, 2.75), (0.46, 2.50), (0.77, 1.80))

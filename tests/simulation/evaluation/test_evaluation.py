@@ -624,8 +624,12 @@ def test_stages_of_the_formation_are_means_per_view(formation):
         assert len(formation.counts[robot]) == 15
         assert 0.8 < means["valid_pixels"] <= 1.0
         assert means["raw"] <= means["valid_pixels"] * 160 * 120
-        assert means["raw"] > means["zones"] > means["noise"] > means["cells"] > 50
-        for stage, before in (("zones", "raw"), ("noise", "zones"), ("cells", "noise")):
+        assert means["raw"] > means["cropped"] > means["foreground"] > means["cells"] > 50
+        for stage, before in (
+            ("cropped", "raw"),
+            ("foreground", "cropped"),
+            ("cells", "foreground"),
+        ):
             assert means[f"{stage}_kept"] == pytest.approx(means[stage] / means[before])
         assert means["removed"] == pytest.approx(means["raw"] - means["cells"])
     assert stages["robot_a"]["removed"] > 15000  # as the paper says of its Ra
@@ -1004,8 +1008,8 @@ def test_json_of_one_bag_has_all_keys(tmp_path, formation):
         "coverage_95", "moda", "modp",
     ]  # fmt: skip
     assert list(figures["stages"]["robot_a"]) == [
-        "valid_pixels", "raw", "zones", "noise", "cells", "zones_kept", "noise_kept", "cells_kept",
-        "removed",
+        "valid_pixels", "raw", "cropped", "foreground", "cells", "cropped_kept", "foreground_kept",
+        "cells_kept", "removed",
     ]  # fmt: skip
     assert same_figures(figures, formation.report())
     assert "paper_formation" in result.output

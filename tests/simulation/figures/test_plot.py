@@ -202,5 +202,6 @@ def test_stages_without_points_are_drawn_empty():
     from matplotlib.figure import Figure
 
     axes = Figure().subplots()
-    draw_kept(axes, {"robot_a": {"zones": 0.25, "noise": None}}, {"zones": 0.15, "noise": 0.73})
+    kept = {"robot_a": {"cropped": 0.25, "foreground": None}}
+    draw_kept(axes, kept, {"cropped": 0.15, "foreground": 0.73})
     assert [bar.get_height() for bar in axes.containers[0]] == [25.0, 0.0]

@@ -31,7 +31,6 @@ from mrs_people_loc.team.poses import Pose
 from mrs_people_sim.common import write_json
 from mrs_studies.bench import growth as bench_growth
 from mrs_studies.bench import live as bench_live
-from mrs_studies.bench import oracle as bench_oracle
 from mrs_studies.bench import run as bench_run
 from mrs_studies.bench import scenes as bench_scenes
 from mrs_studies.bench import targets as bench_targets
@@ -96,7 +95,7 @@ def test_result_that_differs_between_rooms_apart_is_detected(monkeypatch):
     monkeypatch.setattr(bench_growth.Planner, "step", wrong)
     monkeypatch.setattr(bench_growth, "_time", lambda *_: pytest.fail("timed"))
     with pytest.raises(DiffersError, match="16 robots in rooms apart: number of people"):
-        bench_growth.time_growth({"c": DEFAULT}, 16)
+        bench_growth.time_growth({"c": DEFAULT}, 16, comparison)
 
 
 def test_on_one_floor_robots_also_see_people_of_other_rooms():
@@ -215,22 +214,6 @@ def test_differing_results_prevent_timing(bag, monkeypatch):
     monkeypatch.setattr(bench_run, "time_robot", lambda *_: pytest.fail("timed"))
     with pytest.raises(DiffersError, match=r"cells\.top"):
         bench.run_bench(bag, [PAPER], frames=1, robots=1)
-
-
-@pytest.mark.slow
-def test_without_the_repository_no_comparison_is_reported(bag, monkeypatch, tmp_path):
-    # As it is installed from a wheel or with colcon: there is no tests/oracle beside it.
-    monkeypatch.setattr(bench_oracle, "_FOLDER", tmp_path)
-    assert bench_oracle.find() is None
-    app = typer.Typer()
-    app.command()(bench.command)
-    file = tmp_path / "bench.json"
-    args = [str(bag), "-c", str(PAPER), "--frames", "1", "--robots", "1", "--no-live"]
-    result = CliRunner().invoke(app, [*args, "--json", str(file)], env={"COLUMNS": "120"})
-    assert result.exit_code == 0, result.output
-    assert bench_oracle.WHY_NOT in result.output
-    assert "equal to" not in result.output
-    assert json.loads(file.read_text())["equal_to_reference"] is None
 
 
 def test_oracle_is_found_without_a_previous_import():

@@ -31,7 +31,7 @@ from typer.testing import CliRunner
 
 from mrs_people_sim.estimates import estimate_of
 from mrs_people_sim.evaluation.results import evaluate_bag
-from mrs_people_sim.paper import PAPER_CLUSTERS, PAPER_ERROR_M, PAPER_REMOVED
+from mrs_people_sim.paper import PAPER_CLUSTERS, PAPER_ERROR_M, PAPER_REMOVED, PAPER_STAGES
 from mrs_people_sim.scene import load_scene, read_scene
 from mrs_studies.experiment.causes import along_sight, distances
 from mrs_studies.experiment.cluster_kinds import kinds_of, places_of
@@ -332,9 +332,9 @@ def test_retention_equals_that_of_the_evaluation(report, folder):
     stages = evaluate_bag(bag, [PAPER]).report()["stages"]
     kept = report["retention"]["formation"]
     for robot, means in stages.items():
-        for stage in ("zones", "noise", "cells"):
-            assert kept[robot][stage] == pytest.approx(means[f"{stage}_kept"])
-    noise, zones = (sum(means[s] for means in stages.values()) for s in ("noise", "zones"))
+        for stage, left in PAPER_STAGES.items():
+            assert kept[robot][stage] == pytest.approx(means[f"{left}_kept"])
+    noise, zones = (sum(means[s] for means in stages.values()) for s in ("foreground", "cropped"))
     assert kept["all"]["noise"] == pytest.approx(noise / zones)
 
 

@@ -28,7 +28,6 @@ from mrs_studies.recordings.oak import convert_oak, read_oak_calibration
 from mrs_studies.recordings.pcd import read_rgbd
 from mrs_studies.recordings.pcl import (
     PCL_FLOOR_NORMAL,
-    PCL_HEIGHT_M,
     convert_pcl,
     pcl_pitch,
     torsos_in_map,
@@ -390,7 +389,7 @@ def test_render_right_matches_the_disparity_of_stereobm() -> None:
 
 def test_pcl_mounting_makes_the_floor_level() -> None:
     assert pcl_pitch() == pytest.approx(0.0738, abs=1e-4)  # nose down
-    mounting = Mounting(height=PCL_HEIGHT_M, pitch=pcl_pitch())
+    mounting = Mounting(height=1.259, pitch=pcl_pitch())
     camera = StereoCamera(160, 120, 131.0, 131.0, 79.5, 59.5, 0.12, mounting=mounting)
     rotation, translation = camera.robot_from_optical
     normal = np.array(PCL_FLOOR_NORMAL)

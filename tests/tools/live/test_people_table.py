@@ -138,7 +138,7 @@ def shown(live: LivePeople) -> list[list[str]]:
     with console.capture() as reported:
         console.print(live)
     lines = reported.get().splitlines()
-    return [[c.strip() for c in re.split("[│┃]", line) if c.strip()] for line in lines]
+    return [[c for c in re.split(r"\s{2,}", line.strip()) if c] for line in lines]
 
 
 def test_old_name_is_listened_to_only_while_a_planner_publishes_there():

@@ -326,7 +326,7 @@ def test_command(tmp_path: Path) -> None:
     assert f"scp {folder / PLANNER / 'crl.pem'}" in revoked.output
     assert "begin a new team" not in revoked.output
     listed = mrs("list", "-k", folder).output
-    rows = {line.split()[1]: line.split()[3] for line in listed.splitlines() if "20" in line}
+    rows = {line.split()[0]: line.split()[1] for line in listed.splitlines() if "20" in line}
     assert rows == {"planner": "valid", "robot_a": "valid", "robot_b": "revoked"}
     assert "begin a new team" in mrs("revoke", PLANNER, "-k", folder).output
 

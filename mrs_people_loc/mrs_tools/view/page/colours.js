@@ -1,6 +1,7 @@
 /** The colours of the map: the custom properties --map-… of view.css, by their names without that. */
 
-const GROUPS = 6;
+/** Groups have so many colours. */
+export const GROUPS = 6;
 const NAMES = [
   "back", "line", "wall", "block", "unknown", "person", "straggler", "robot", "view", "cell", "post",
   "label", "halo", "select", ...Array.from({ length: GROUPS }, (_, i) => `group-${i}`),

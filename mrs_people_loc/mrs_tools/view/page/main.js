@@ -268,7 +268,8 @@ function showConnection() {
   const [level, short, long] = connectionInWords();
   const pill = byId("connection");
   if (pill.dataset.level !== level && pill.dataset.level !== "wait") {
-    announcer.say(level === "ok" ? "Live again." : long);
+    const again = scene.time ? "Connected again." : "Live again.";
+    announcer.say(level === "ok" ? again : long);
   }
   pill.dataset.level = level;
   setText(pill.lastElementChild, short);

@@ -1,5 +1,6 @@
 /** The panel of people: a table, with the details of the one who is selected. */
 
+import { GROUPS } from "./colours.js";
 import { byId, keepChildren, make, reveal, setAttribute, setText } from "./dom.js";
 import { duration, fixed } from "./format.js";
 
@@ -82,7 +83,7 @@ function updateRow(row, person, seenText, selected) {
   setAttribute(row, "class", `${person.straggler ? "straggler" : ""} ${selected ? "selected" : ""}`.trim() || null);
   if (person.id) setAttribute(name.firstChild, "aria-pressed", selected);
   setText(group, person.group === null ? "–" : String(person.group));
-  setAttribute(group, "data-group", person.group === null ? null : person.group % 6);
+  setAttribute(group, "data-group", person.group === null ? null : person.group % GROUPS);
   setText(place, `${fixed(person.x, 1)}, ${fixed(person.y, 1)}`);
   setText(speed, person.vx === null ? "–" : fixed(Math.hypot(person.vx, person.vy), 1));
   setText(height, person.height === null ? "–" : fixed(person.height, 2));
