@@ -122,7 +122,7 @@ class GuidedWorld:
         self.wheels = {
             name: Wheels(
                 (robot.x, robot.y, robot.yaw), scene.odometry,
-                np.random.default_rng([scene.seed, 5, k]),
+                np.random.default_rng([scene.seed, 5, k]), robot,
             )
             for k, (name, robot) in enumerate(scene.robots.items())
         }  # fmt: skip

@@ -295,6 +295,21 @@ class Robot(Section):
         "[rad] it then is at once, and stays, without `drift` odometry seeing it",
         kind="floats", length=4,
     )  # fmt: skip
+    wheels: tuple[float, ...] = _field(
+        (), "systematic errors of its wheels: the true way is longer than in `drift` odometry by "
+        "this share, the true turn is greater by this many radians per metre ahead, and by this "
+        "share", kind="floats", length=3,
+    )  # fmt: skip
+    bumps: tuple[float, ...] = _field(
+        (), "thresholds and the like: one in so many metres on average, and the standard "
+        "deviations of what `drift` odometry then is wrong by at once, ahead and to the left [m] "
+        "and in its heading [rad]", kind="floats", length=3,
+    )  # fmt: skip
+    frozen: tuple[float, ...] = _field(
+        (), "when `drift` odometry hangs, and for how long [s]: it repeats its last pose, and goes "
+        "on from there without the way in between", kind="floats", length=2,
+    )  # fmt: skip
+    catches_up: bool = _field(False, "odometry that hung goes on with the way in between")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,23 +53,17 @@ class Tour:
     start: dict[str, NDArray]
 
 
-def tour_of(
-    scene: Scene, seed: int, carried: Mapping[str, tuple[float, ...]] | None = None
-) -> Tour:
+def tour_of(scene: Scene, seed: int) -> Tour:
     """A tour through a scene with a walking group.
 
     Args:
         scene: The scene, its layout not expanded.
         seed: Of everything that is left to chance, in place of the scene's.
-        carried: By robot, when and how far it is carried, as `scene.Robot.carried`.
     """
     rng = np.random.default_rng([seed, 31])
     way, walls = way_of(scene), walls_of(scene)
     expanded = expand(dataclasses.replace(scene, seed=seed))
-    posts = {
-        name: dataclasses.replace(robot, carried=(carried or {}).get(name, robot.carried))
-        for name, robot in expanded.robots.items()
-    }
+    posts = expanded.robots
     lead = max(robot.post[0] for robot in posts.values())
     spots = np.array([(person.x, person.y) for person in expanded.people])
     along = way.nearest(spots)
@@ -94,7 +87,7 @@ def tour_of(
     settings = scene.odometry
     odometry, start = {}, {}
     for name, truth in robots.items():
-        steps = seen_steps(times, truth, posts[name])
+        steps = seen_steps(times, truth, posts[name], rng)
         noise = step_sigmas(steps, settings) * rng.normal(size=steps.shape)
         odometry[name] = dead_reckoned(steps + noise)
         sigmas = [settings.sigma, settings.sigma, settings.sigma_yaw]

@@ -57,6 +57,7 @@ class Trouble:
         lies_from: ... from this time on [s].
         lost: Share of the messages that are lost.
         cut_off: A robot that hears nobody and is heard by nobody, from when to when [s].
+        restarted: A robot whose node begins again with its first start, and when [s].
         start: Standard deviations with which the start is known, x, y [m] and yaw [rad]; None: as
             the scene says.
     """
@@ -69,6 +70,7 @@ class Trouble:
     lies_from: float = 0.0
     lost: float = 0.0
     cut_off: tuple[str, float, float] | None = None
+    restarted: tuple[str, float] | None = None
     start: tuple[float, float, float] | None = None
 
 
@@ -123,17 +125,11 @@ class LightTeam:
                 name: pose[0] + self._rng.normal(size=3) * start_sigmas
                 for name, pose in tour.robots.items()
             }
-        known = None
+        self._sigmas = start_sigmas
+        self._known: Walls | None = None
         if trouble.known:
-            known = known_walls(tour.walls + trouble.map_off, MAP_SIGMA)
-        self._localizers = {
-            name: Localizer(
-                name,
-                Localization(start=tuple(map(float, start)), start_sigmas=start_sigmas),
-                known,
-            )
-            for name, start in self._start.items()
-        }
+            self._known = known_walls(tour.walls + trouble.map_off, MAP_SIGMA)
+        self._localizers = {name: self._made_localizer(name) for name in self.names}
         self._views = np.arange(0, len(tour.times), _VIEW)
         self._walls = {name: self._seen_walls(name) for name in self.names}
         self._people = {
@@ -147,6 +143,10 @@ class LightTeam:
         }
         self._relative = RelativePoses()
         self._underway: list[tuple[str, TeamPose | RelativePose]] = []
+
+    def _made_localizer(self, name: str) -> Localizer:
+        start = tuple(map(float, self._start[name]))
+        return Localizer(name, Localization(start=start, start_sigmas=self._sigmas), self._known)
 
     # ---------------------------------------------------------------------------- senses ----
 
@@ -172,10 +172,14 @@ class LightTeam:
         localized: dict[str, list[Pose]] = {name: [] for name in self.names}
         people: dict[str, list[Estimate]] = {way: [] for way in WAYS}
         named: dict[str, float] = {}
+        restarted = self._trouble.restarted
         planner = Planner(PlannerConfig(tracking=Tracking(enabled=False)))
         for step in range(0, len(tour.times), _VIEW):
             time = float(tour.times[step])
             self._deliver(time)
+            if restarted and restarted[1] <= time:
+                self._localizers[restarted[0]] = self._made_localizer(restarted[0])
+                restarted = None
             for name, localizer in self._localizers.items():
                 pose = localizer.take_odometry(pose_at(stamp_of(step), tour.odometry[name][step]))
                 localized[name].append(pose)
@@ -252,6 +256,8 @@ class LightTeam:
             yield from (f"{robot} was carried" for robot, t in state.trust.items() if t.times_lost)
             yield from (f"{robot} doubted" for robot in state.doubted)
             yield from (f"known wall {k} is off" for k in state.misfits)
+            if state.jumps:
+                yield f"odometry of {name} jumped"
 
     # ---------------------------------------------------------------------------- people ----
 

@@ -116,7 +116,7 @@ def _drifting(
     free: bool,
 ) -> Belief:
     """Integrates the motions that the wheels see, with errors; the covariance along with them."""
-    steps = seen_steps(at, truth, robot)
+    steps = seen_steps(at, truth, robot, rng)
     sigmas = step_sigmas(steps, settings)
     believed = dead_reckoned(steps + sigmas * rng.normal(size=steps.shape))
     start_sigmas = [settings.sigma, settings.sigma, settings.sigma_yaw]
@@ -131,13 +131,14 @@ def _drifting(
     return Belief("odom", map_from_odom, _samples(at, believed, covariances, free))
 
 
-def seen_steps(at: NDArray, truth: NDArray, robot: Robot) -> NDArray:
+def seen_steps(at: NDArray, truth: NDArray, robot: Robot, rng: np.random.Generator) -> NDArray:
     """Motions from each time to the next, in the robot's frame at the first, as wheels see them.
 
     Args:
         at: Times [s], shape (n,).
         truth: True x, y [m] and yaw [rad] then, shape (n, 3).
-        robot: Says when its wheels slip, and when it is carried.
+        robot: Says how its wheels err, when they slip, and when it is carried.
+        rng: Source of randomness.
 
     Returns:
         Ahead, left [m] and turned to the left [rad], shape (n - 1, 3).
@@ -150,10 +151,36 @@ def seen_steps(at: NDArray, truth: NDArray, robot: Robot) -> NDArray:
         time = robot.carried[0]
         jumps = np.flatnonzero((at[1:] > time) & (at[:-1] < time + STEP_S))
         steps[jumps] = steps[max(jumps.min(initial=1) - 1, 0)]
+    steps = by_wheels(steps, robot, rng)
     if robot.slip:
         time, *error = robot.slip
         steps[(at[:-1] < time) & (time <= at[1:])] += error
+    if robot.frozen:
+        hangs = np.flatnonzero([is_frozen(robot, float(time)) for time in at[1:]])
+        later = hangs[-1:] + 1
+        if robot.catches_up and (later < len(steps)).all():
+            steps[later] = dead_reckoned(steps[[*hangs, *later]])[-1]
+        steps[hangs] = 0.0
     return steps
+
+
+def by_wheels(steps: NDArray, robot: Robot, rng: np.random.Generator) -> NDArray:
+    """Motions as wheels with systematic errors, on a floor with bumps, see them, shape (n, 3)."""
+    seen = steps.copy()
+    if robot.wheels:
+        longer, per_metre, per_radian = robot.wheels
+        seen[:, :2] /= 1.0 + longer
+        seen[:, 2] = (steps[:, 2] - per_metre * seen[:, 0]) / (1.0 + per_radian)
+    if robot.bumps:
+        every, *sigmas = robot.bumps
+        bumped = rng.random(len(steps)) * every < np.hypot(steps[:, 0], steps[:, 1])
+        seen += bumped[:, None] * rng.normal(size=steps.shape) * np.array(sigmas)[[0, 0, 1]]
+    return seen
+
+
+def is_frozen(robot: Robot, time: float) -> bool:
+    """Whether its odometry hangs at a time [s]."""
+    return bool(robot.frozen) and robot.frozen[0] < time <= sum(robot.frozen)
 
 
 def step_sigmas(steps: NDArray, settings: Odometry) -> NDArray:

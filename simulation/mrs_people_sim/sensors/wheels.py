@@ -9,8 +9,15 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_sim.scene import Odometry
-from mrs_people_sim.sensors.odometry import EXACT_SIGMAS, PoseSample, Wandering, step_sigmas
+from mrs_people_sim.scene import Odometry, Robot
+from mrs_people_sim.sensors.odometry import (
+    EXACT_SIGMAS,
+    PoseSample,
+    Wandering,
+    by_wheels,
+    is_frozen,
+    step_sigmas,
+)
 
 
 @dataclass(frozen=True)
@@ -42,6 +49,7 @@ class Wheels:
         start: True x, y [m] and yaw [rad] in the map.
         settings: The errors of its odometry.
         rng: Source of randomness.
+        robot: Says how its odometry errs beyond that; it is neither carried, nor do wheels slip.
         limits: What it can do.
 
     Attributes:
@@ -59,17 +67,18 @@ class Wheels:
         start: tuple[float, float, float],
         settings: Odometry,
         rng: np.random.Generator,
+        robot: Robot = Robot(),  # noqa: B008
         limits: WheelLimits = LIMITS,
     ) -> None:
         self.pose: Float = np.array(start, dtype=np.float64)
         self.speed = self.turn_rate = self.time = 0.0
-        self._settings, self._rng, self._limits = settings, rng, limits
+        self._settings, self._rng, self._robot, self._limits = settings, rng, robot, limits
         self._command, self._commanded = (0.0, 0.0), -math.inf
         sigmas = np.array([settings.sigma, settings.sigma, settings.sigma_yaw])
         self._wandering = Wandering(settings.period, rng)
         self.frame = "map"
         self.map_from_odom: tuple[float, float, float] | None = None
-        self._believed = np.zeros(3)
+        self._believed = self._said = np.zeros(3)
         self._covariance = np.diag(np.maximum(sigmas, 1e-4) ** 2)
         if settings.mode == "drift":
             x, y, yaw = self.pose + sigmas * rng.normal(size=3)
@@ -111,11 +120,15 @@ class Wheels:
         turned = 0.5 * (before[1] + self.turn_rate) * dt
         self.pose = _moved(self.pose, (ahead, 0.0, turned))
         self.time += dt
-        if self._settings.mode == "drift":
+        frozen = is_frozen(self._robot, self.time)
+        if self._settings.mode == "drift" and (self._robot.catches_up or not frozen):
             self._dead_reckon(np.array([ahead, 0.0, turned]))
+        if not frozen:
+            self._said = self._believed
 
     def _dead_reckon(self, step: Float) -> None:
         """Integrates a motion with errors, and their covariance."""
+        step = by_wheels(step[None], self._robot, self._rng)[0]
         sigmas = step_sigmas(step[None], self._settings)[0]
         before = self._believed
         self._believed = _moved(before, step + sigmas * self._rng.normal(size=3))
@@ -142,7 +155,7 @@ class Wheels:
             believed = believed + sigmas * self._wandering.at(np.array([self.time]))[0]
             covariance = np.diag(np.maximum(sigmas, 1e-4) ** 2)
         elif settings.mode == "drift":
-            believed, covariance = self._believed, self._covariance
+            believed, covariance = self._said, self._covariance
         x, y, yaw = map(float, believed)
         return PoseSample(self.time, x, y, wrap_angle(yaw), covariance, self.speed, self.turn_rate)
 

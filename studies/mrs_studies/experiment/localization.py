@@ -6,14 +6,16 @@ All figures depend on the seeds alone.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 
 from mrs_people_sim.light.team import LightTeam, TeamRun, Trouble
-from mrs_people_sim.scene import load_scene
+from mrs_people_sim.scene import Robot, load_scene
 from mrs_people_sim.scoring.poses import (
     PoseScores,
     PoseTrack,
@@ -40,26 +42,47 @@ class Case:
         name: What the table calls it.
         scene: Its scene file.
         trouble: What goes wrong.
-        carried: By robot, when and how far it is carried, as `scene.Robot.carried`.
+        robots: By robot, what differs from the scene, as in `scene.Robot`.
+        wheels: Whether the robots have the wheels of `WHEELS`, one after the other, and `BUMPS`.
         event_s: When something happens that the team has to recover from [s]; None: nothing does.
     """
 
     name: str
     scene: str
     trouble: Trouble = field(default_factory=Trouble)
-    carried: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    robots: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    wheels: bool = False
     event_s: float | None = None
 
 
-_L = "tour_l_corridor.yaml"
+#: Systematic errors of wheels, see `scene.Robot.wheels`.
+WHEELS = ((0.03, 0.0015, 0.01), (-0.01, -0.002, -0.01), (0.015, 0.001, 0.01))
+#: One threshold in ten metres: 1 cm, 1 degree.
+BUMPS = (10.0, 0.01, np.radians(1.0))
+_L, _HALL = "tour_l_corridor.yaml", "tour_hall.yaml"
+
+
+def _fault(name: str, at_s: float, **robot: Any) -> Case:
+    """Something happens to `robot_b` in the corridor."""
+    return Case(f"robot_b {name} at {at_s:.0f} s", _L, robots={"robot_b": robot}, event_s=at_s)
+
+
 CASES = (
     Case("L corridor", _L),
     Case("straight corridor, walls known", "tour_straight_corridor.yaml", Trouble(known=True)),
-    Case("hall, no wall in range", "tour_hall.yaml"),
+    Case("hall, no wall in range", _HALL),
     Case("loop", "tour_loop.yaml"),
     Case("L corridor, walls known", _L, Trouble(known=True)),
-    Case("robot_b carried 0.5 m at 60 s", _L, carried={"robot_b": (60.0, 0.0, 0.5, 0.0)},
-         event_s=60.0),
+    _fault("carried 0.5 m", 60.0, carried=(60.0, 0.0, 0.5, 0.0)),
+    _fault("carried 1.5 m and 52 degrees", 60.0, carried=(60.0, -1.5, 0.0, np.radians(52.0))),
+    *(_fault(f"turned {angle} degrees", 60.0, carried=(60.0, 0.0, 0.0, np.radians(angle)))
+      for angle in (25, 40)),
+    *(_fault(f"frozen for {lasts} s", 60.0, frozen=(60.0, float(lasts))) for lasts in (1, 3, 5)),
+    _fault("frozen for 5 s and jumping", 60.0, frozen=(60.0, 5.0), catches_up=True),
+    Case("robot_b restarted 40 m from its start", _L, Trouble(restarted=("robot_b", 48.0)),
+         event_s=48.0),
+    Case("L corridor, wheels", _L, wheels=True),
+    Case("hall, wheels", _HALL, wheels=True),
     Case("sonars dead", _L, Trouble(sonars=False)),
     Case("map wrong by 1 m", _L, Trouble(known=True, map_off=1.0)),
     Case("robot_b says it is 1 m off", _L, Trouble(lies="robot_b")),
@@ -132,7 +155,8 @@ def run_cases(cases: Sequence[Case], seeds: int, *, jobs: int = 1) -> Iterator[C
 def run_case(case: Case, seed: int) -> CaseScores:
     """Runs a case with one seed."""
     scene = load_scene(default_file("config", "scenes", case.scene))
-    tour = tour_of(scene, seed, case.carried)
+    scene = dataclasses.replace(scene, robots=_changed(scene.robots, case))
+    tour = tour_of(scene, seed)
     settings = scene.odometry
     sigmas = (settings.sigma, settings.sigma, settings.sigma_yaw)
     run = LightTeam(tour, case.trouble, seed, sigmas).run()
@@ -149,6 +173,15 @@ def run_case(case: Case, seed: int) -> CaseScores:
         {what: (at - since,) for what, at in run.named.items()},
         () if case.event_s is None else (_right_after(run, case.event_s),),
     )
+
+
+def _changed(robots: Mapping[str, Robot], case: Case) -> dict[str, Robot]:
+    """The robots of a scene as a case has them."""
+    changed = {}
+    for (name, robot), wheels in zip(robots.items(), cycle(WHEELS)):
+        of_all = {"wheels": wheels, "bumps": BUMPS} if case.wheels else {}
+        changed[name] = dataclasses.replace(robot, **{**of_all, **case.robots.get(name, {})})
+    return changed
 
 
 def _right_after(run: TeamRun, event_s: float) -> float:

@@ -11,6 +11,7 @@ from mrs_people_sim.motion import along
 from mrs_people_sim.scene import Odometry, Robot
 from mrs_people_sim.sensors.odometry import believe, dead_reckoned, seen_steps
 
+RNG = np.random.default_rng(1)
 EXACT = Odometry(mode="drift", sigma=0.0, sigma_yaw=0.0, drift=0.0, drift_yaw=0.0)
 
 
@@ -52,7 +53,7 @@ def test_a_carried_robot_that_is_turned_goes_on_relative_to_itself():
     at = np.arange(0.0, 2.0, 0.1)
     truth = np.column_stack([at, np.zeros_like(at), np.zeros_like(at)])
     carried = truth + np.where(at[:, None] > 0.95, [0.0, 2.0, math.pi / 2], 0.0)
-    steps = seen_steps(at, carried, Robot(carried=(0.95, 0.0, 2.0, math.pi / 2)))
+    steps = seen_steps(at, carried, Robot(carried=(0.95, 0.0, 2.0, math.pi / 2)), RNG)
     # It goes on along x, which is to its right now.
     np.testing.assert_allclose(steps[:10], np.tile([0.1, 0.0, 0.0], (10, 1)), atol=1e-12)
     np.testing.assert_allclose(steps[10:], np.tile([0.0, -0.1, 0.0], (9, 1)), atol=1e-12)

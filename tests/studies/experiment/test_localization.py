@@ -98,7 +98,7 @@ def test_command_prints_and_writes(tmp_path, monkeypatch):
     monkeypatch.setattr(localization, "run_case", lambda case, seed: scores)
     page, figures = tmp_path / "page.md", tmp_path / "figures.json"
     page.write_text("# Title\n\n## Results\n\nold\n")
-    arguments = ["localization", "--only", "hall", "-j", "1", "--out", page, "--json", figures]
+    arguments = ["localization", "--only", "hall, no", "-j", "1", "--out", page, "--json", figures]
     result = CliRunner().invoke(app, [*map(str, arguments)])
     assert result.exit_code == 0, result.output
     assert page.read_text().startswith("# Title\n\n## Results\n\n### Poses\n")
