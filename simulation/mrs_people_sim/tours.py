@@ -43,6 +43,7 @@ class Tour:
         people: Positions in the map [m], shape (n, people, 2).
         walls: Both ends of the walls [m], shape (m, 2, 2); the free space is to the left of each.
         start: By name, where odometry's frame is in the map as far as is known, shape (3,).
+        scene: The scene, expanded.
     """
 
     times: NDArray
@@ -51,6 +52,7 @@ class Tour:
     people: NDArray
     walls: NDArray
     start: dict[str, NDArray]
+    scene: Scene
 
 
 def tour_of(scene: Scene, seed: int) -> Tour:
@@ -92,7 +94,7 @@ def tour_of(scene: Scene, seed: int) -> Tour:
         odometry[name] = dead_reckoned(steps + noise)
         sigmas = [settings.sigma, settings.sigma, settings.sigma_yaw]
         start[name] = truth[0] + rng.normal(size=3) * sigmas
-    return Tour(times, robots, odometry, people, walls, start)
+    return Tour(times, robots, odometry, people, walls, start, expanded)
 
 
 def _wander(times: NDArray, period: float, rng: Rng) -> NDArray:

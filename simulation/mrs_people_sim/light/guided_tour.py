@@ -24,7 +24,8 @@ from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_people_sim.estimates import estimate_of
 from mrs_people_sim.guided import STEP_S, GuidedWorld
-from mrs_people_sim.light.sensing import Eyes, PeopleInView, scan_of, walls_by_sonar
+from mrs_people_sim.light.ranging import RangeSensors
+from mrs_people_sim.light.sensing import Eyes, PeopleInView, scan_of
 from mrs_people_sim.light.team import (
     MAP_SIGMA,
     START_NS,
@@ -123,6 +124,9 @@ class LightTour:
         self._eyes = {
             name: Eyes(self._rng, looks_back=name in world.looks_back) for name in world.names
         }
+        self._ranging = {
+            name: RangeSensors(scene, name, world.walls, self._rng) for name in world.names
+        }
         self._localizers = self._made_localizers() if poses == "localized" else {}
         self._relative = RelativePoses()
         self._planner = self._made_planner()
@@ -220,7 +224,12 @@ class LightTour:
         said = wheels.odometry()
         pose = Pose(now_ns, said.x, said.y, said.yaw)
         if name in self._localizers:
-            pose = self._localizers[name].take_odometry(pose)
+            localizer = self._localizers[name]
+            pose = localizer.take_odometry(pose)
+            odometry = localizer.odometry_at(now_ns)
+            place, bodies = wheels.pose, self._bodies(name)
+            for seen in self._ranging[name].by_sonar(place, bodies, odometry):
+                localizer.take_walls(seen)
         elif wheels.map_from_odom is not None:
             pose = Pose(0, *wheels.map_from_odom) @ pose
         self._poses[name] = pose
@@ -255,12 +264,9 @@ class LightTour:
         world = self.world
         told = []
         for name in views:
-            mates = [place[:2] for other, place in places.items() if other != name]
-            bodies = np.concatenate([world.crowd.xy, np.array(mates).reshape(-1, 2)])
-            by_sonar = walls_by_sonar(world.walls, places[name][None], bodies[None], self._rng)[0]
-            for walls in (self._eyes[name].walls(world.walls, places[name], bodies), by_sonar):
-                if len(walls):
-                    self._localizers[name].take_walls(SeenWalls(now_ns, walls))
+            walls = self._eyes[name].walls(world.walls, places[name], self._bodies(name))
+            if len(walls):
+                self._localizers[name].take_walls(SeenWalls(now_ns, walls))
             told.append(self._localizers[name].share())
         poses = {name: self._poses[name] for name in views}
         seen = {name: seen_places(now_ns, view) for name, view in views.items()}
@@ -271,6 +277,12 @@ class LightTour:
                     self._localizers[name].take_teammate(message)
             for pose in relative:
                 self._localizers[name].take_relative(pose)
+
+    def _bodies(self, name: str) -> Float:
+        """Where people and the other robots are, shape (n, 2)."""
+        wheels = self.world.wheels
+        mates = [wheels[other].pose[:2] for other in self._names if other != name]
+        return np.concatenate([self.world.crowd.xy, np.array(mates).reshape(-1, 2)])
 
     def _drive(self, alive: list[str], now_ns: int) -> None:
         """The robots get commands, as from guide_node."""

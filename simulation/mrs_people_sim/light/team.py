@@ -24,19 +24,22 @@ from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
 from mrs_people_sim.estimates import estimate_of
+from mrs_people_sim.light.ranging import RangeSensors
 from mrs_people_sim.light.sensing import (
+    HEAD,
+    LightHead,
     PeopleInView,
     scan_of,
     seen_people,
     seen_walls,
-    walls_by_sonar,
 )
 from mrs_people_sim.scoring.poses import PoseTrack
+from mrs_people_sim.sensors.range_topics import SONAR_RATE
 from mrs_people_sim.tours import STEP_S, Tour, known_walls
 from mrs_tools.bags.records import Estimate, Truth
 
-#: Odometry and views come at each so many steps of the tour; walls and messages to team-mates,
-#: scores of people, and looks at what the localizers know less often, to save time.
+#: Odometry and views come at each so many steps of the tour; walls in views, laser scans, messages
+#: to team-mates, scores of people, and looks at what the localizers know less often, to save time.
 _VIEW, _TELL, _SCORED = 2, 4, 20
 #: How sure a map is of its walls: distance [m] and bearing [rad].
 MAP_SIGMA = 0.01, 0.002
@@ -50,7 +53,7 @@ class Trouble:
 
     Attributes:
         stereo: Whether robots see walls in their stereo,
-        sonars: ... and by their sonars.
+        sonars: How often their sonars fire, if the scene has some [Hz]; 0: never.
         known: Whether they know the walls of the map,
         map_off: ... which is wrong by so much in x and in y [m].
         lies: A robot that says that it is a metre from where it is,
@@ -63,7 +66,7 @@ class Trouble:
     """
 
     stereo: bool = True
-    sonars: bool = True
+    sonars: float = SONAR_RATE
     known: bool = False
     map_off: float = 0.0
     lies: str = ""
@@ -109,29 +112,41 @@ class LightTeam:
         tour: Where everybody is.
         trouble: What goes wrong.
         seed: Of the errors of what is seen, and of what is lost.
-        start_sigmas: How sure the robots are of their start, x, y [m] and yaw [rad].
+        head: What robots see with.
     """
 
-    def __init__(
-        self, tour: Tour, trouble: Trouble, seed: int, start_sigmas: tuple[float, float, float]
-    ) -> None:
+    def __init__(self, tour: Tour, trouble: Trouble, seed: int, head: LightHead = HEAD) -> None:
         self._tour, self._trouble = tour, trouble
         self._rng = np.random.default_rng([seed, 57])
         self.names = list(tour.robots)
         self._start = dict(tour.start)
+        settings = tour.scene.odometry
+        self._sigmas = trouble.start or (settings.sigma, settings.sigma, settings.sigma_yaw)
         if trouble.start is not None:
-            start_sigmas = trouble.start
             self._start = {
-                name: pose[0] + self._rng.normal(size=3) * start_sigmas
+                name: pose[0] + self._rng.normal(size=3) * trouble.start
                 for name, pose in tour.robots.items()
             }
-        self._sigmas = start_sigmas
         self._known: Walls | None = None
         if trouble.known:
             self._known = known_walls(tour.walls + trouble.map_off, MAP_SIGMA)
         self._localizers = {name: self._made_localizer(name) for name in self.names}
         self._views = np.arange(0, len(tour.times), _VIEW)
-        self._walls = {name: self._seen_walls(name) for name in self.names}
+        self._bodies = {
+            name: np.concatenate(
+                [tour.people, *(tour.robots[o][:, None, :2] for o in self.names if o != name)],
+                axis=1,
+            )
+            for name in self.names
+        }
+        self._walls = {
+            name: seen_walls(
+                tour.walls, tour.robots[name][self._views], self._bodies[name][self._views],
+                self._rng, head,
+            )
+            for name in self.names if trouble.stereo
+        }  # fmt: skip
+        self._ranging = {name: self._made_sensors(name) for name in self.names}
         self._people = {
             name: seen_people(
                 tour.times[self._views],
@@ -148,21 +163,8 @@ class LightTeam:
         start = tuple(map(float, self._start[name]))
         return Localizer(name, Localization(start=start, start_sigmas=self._sigmas), self._known)
 
-    # ---------------------------------------------------------------------------- senses ----
-
-    def _seen_walls(self, name: str) -> list[list[Walls]]:
-        """For each view, what stereo and sonars see."""
-        tour, views = self._tour, self._views
-        others = [tour.robots[other][views, None, :2] for other in self.names if other != name]
-        bodies = np.concatenate([tour.people[views], *others], axis=1)
-        seen = []
-        for there, sense in (
-            (self._trouble.stereo, seen_walls),
-            (self._trouble.sonars, walls_by_sonar),
-        ):
-            if there:
-                seen.append(sense(tour.walls, tour.robots[name][views], bodies, self._rng))
-        return [list(walls) for walls in zip(*seen, strict=True)] if seen else [[] for _ in views]
+    def _made_sensors(self, name: str) -> RangeSensors:
+        return RangeSensors(self._tour.scene, name, self._tour.walls, self._rng)
 
     # ------------------------------------------------------------------------------- run ----
 
@@ -179,12 +181,17 @@ class LightTeam:
             self._deliver(time)
             if restarted and restarted[1] <= time:
                 self._localizers[restarted[0]] = self._made_localizer(restarted[0])
+                self._ranging[restarted[0]] = self._made_sensors(restarted[0])
                 restarted = None
             for name, localizer in self._localizers.items():
                 pose = localizer.take_odometry(pose_at(stamp_of(step), tour.odometry[name][step]))
                 localized[name].append(pose)
+                for seen in self._seen_walls(name, step):
+                    localizer.take_walls(seen)
             if step % _TELL == 0:
-                self._tell(step)
+                for localizer in self._localizers.values():
+                    told = self._told(localizer)
+                    self._underway += [(o, told) for o in self.names if o != localizer.robot]
             self._see_people(step, time)
             if step % _SCORED == 0:
                 for fault in self._faults():
@@ -204,14 +211,19 @@ class LightTeam:
             named,
         )
 
-    def _tell(self, step: int) -> None:
-        """Everybody sees walls, and tells the others."""
-        for name, localizer in self._localizers.items():
-            for walls in self._walls[name][step // _VIEW]:
-                if len(walls):
-                    localizer.take_walls(SeenWalls(stamp_of(step), walls))
-            told = self._told(localizer)
-            self._underway += [(other, told) for other in self.names if other != name]
+    def _seen_walls(self, name: str, step: int) -> Iterator[SeenWalls]:
+        """What the sonars, the laser scanner and the head of a robot show at a step."""
+        pose, bodies = self._tour.robots[name][step], self._bodies[name][step]
+        sensors, odometry = self._ranging[name], self._localizers[name].odometry_at(stamp_of(step))
+        sonars = self._trouble.sonars
+        if sonars and step % round(1.0 / sonars / STEP_S) == 0:
+            yield from sensors.by_sonar(pose, bodies, odometry)
+        if step % _TELL:
+            return
+        people = scan_of(name, stamp_of(step), self._people[name][step // _VIEW])
+        yield from sensors.by_laser(pose, bodies, odometry, people)
+        if self._trouble.stereo and len(walls := self._walls[name][step // _VIEW]):
+            yield SeenWalls(stamp_of(step), walls)
 
     def _see_people(self, step: int, time: float) -> None:
         """The planner measures relative poses by the people whom robots see."""

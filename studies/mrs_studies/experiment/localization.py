@@ -83,7 +83,7 @@ CASES = (
          event_s=48.0),
     Case("L corridor, wheels", _L, wheels=True),
     Case("hall, wheels", _HALL, wheels=True),
-    Case("sonars dead", _L, Trouble(sonars=False)),
+    Case("sonars dead", _L, Trouble(sonars=0.0)),
     Case("map wrong by 1 m", _L, Trouble(known=True, map_off=1.0)),
     Case("robot_b says it is 1 m off", _L, Trouble(lies="robot_b")),
     Case("robot_b says it is 1 m off from 60 s on", _L, Trouble(lies="robot_b", lies_from=60.0),
@@ -157,9 +157,7 @@ def run_case(case: Case, seed: int) -> CaseScores:
     scene = load_scene(default_file("config", "scenes", case.scene))
     scene = dataclasses.replace(scene, robots=_changed(scene.robots, case))
     tour = tour_of(scene, seed)
-    settings = scene.odometry
-    sigmas = (settings.sigma, settings.sigma, settings.sigma_yaw)
-    run = LightTeam(tour, case.trouble, seed, sigmas).run()
+    run = LightTeam(tour, case.trouble, seed).run()
     since = case.event_s or 0.0
     placed = {
         "exact": run.people["exact"],

@@ -6,7 +6,7 @@ import pytest
 
 from mrs_people_sim.light.sensing import HEAD, Eyes
 
-SURE = dataclasses.replace(HEAD, missed=0.0)
+SURE = dataclasses.replace(HEAD, missed=0.0, found=((0.0,), (1.0,)))
 NOBODY = np.empty((0, 2))
 NOTHING = np.empty((0, 2, 2))
 
