@@ -32,6 +32,8 @@ from mrs_tools.installing import default_file
 RIGHT_M = 0.25
 #: ... for so long [s].
 _FOR_S = 2.0
+#: Wheels are known after so much of the way [m].
+SETTLED_M = 20.0
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,10 @@ CASES = (
          event_s=48.0),
     Case("L corridor, wheels", _L, wheels=True),
     Case("hall, wheels", _HALL, wheels=True),
+    *(Case(f"niches, wheels, sonars at 5 Hz{more}", "tour_niches.yaml",
+           Trouble(known=bool(more), sonars=5.0), wheels=True) for more in ("", ", walls known")),
+    Case("parallel walls, wheels, laser", "tour_parallel.yaml", wheels=True),
+    Case("slanted walls, wheels", "tour_slanted.yaml", wheels=True),
     Case("sonars dead", _L, Trouble(sonars=0.0)),
     Case("map wrong by 1 m", _L, Trouble(known=True, map_off=1.0)),
     Case("robot_b says it is 1 m off", _L, Trouble(lies="robot_b")),
@@ -107,6 +113,7 @@ class CaseScores:
             odometry alone.
         named: What was said to be wrong, and how long after the event, or the start [s].
         right_s: For each seed, how long after the event the team was right again [s]; NaN: never.
+        settled: As `localized`, once the team has driven `SETTLED_M`.
     """
 
     localized: PoseScores = field(default_factory=PoseScores)
@@ -114,6 +121,7 @@ class CaseScores:
     people: Mapping[str, tuple[Frame, ...]] = field(default_factory=dict)
     named: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     right_s: tuple[float, ...] = ()
+    settled: PoseScores = field(default_factory=PoseScores)
 
     def __add__(self, other: CaseScores) -> CaseScores:
         def joined(one: Mapping[str, tuple], two: Mapping[str, tuple]) -> dict[str, tuple]:
@@ -125,6 +133,7 @@ class CaseScores:
             joined(self.people, other.people),
             joined(self.named, other.named),
             self.right_s + other.right_s,
+            self.settled + other.settled,
         )
 
     def report(self) -> dict[str, Any]:
@@ -134,6 +143,7 @@ class CaseScores:
             "odometry": self.odometry.report(),
             "people": {way: summary(frames)["people"] for way, frames in self.people.items()},
             "named_s": {what: [*times] for what, times in self.named.items()},
+            "settled": {"relative": self.settled.report()["relative"]},
             "right_again_s": [None if np.isnan(s) else s for s in self.right_s],
         }
 
@@ -170,7 +180,19 @@ def run_case(case: Case, seed: int) -> CaseScores:
         {way: tuple(score(run.truth, people)) for way, people in placed.items()},
         {what: (at - since,) for what, at in run.named.items()},
         () if case.event_s is None else (_right_after(run, case.event_s),),
+        score_poses(run.true, _settled(run)) or PoseScores(),
     )
+
+
+def _settled(run: TeamRun) -> dict[str, PoseTrack]:
+    """The localizers' poses once the first robot has driven `SETTLED_M`."""
+    first = next(iter(run.true.values()))
+    way = np.hypot(*np.diff(first.poses[:, :2], axis=0).T).cumsum()
+    later = first.stamps_ns[1:][way >= SETTLED_M]
+    return {
+        name: track.select(track.stamps_ns >= later.min(initial=track.stamps_ns[-1]))
+        for name, track in run.localized.items()
+    }
 
 
 def _changed(robots: Mapping[str, Robot], case: Case) -> dict[str, Robot]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mrs_people_sim.common import number
-from mrs_studies.experiment.localization import RIGHT_M, Case
+from mrs_studies.experiment.localization import RIGHT_M, SETTLED_M, Case
 from mrs_studies.experiment.suite_report import table
 
 #: The heading of what `mrs localization --out` replaces.
@@ -29,7 +29,8 @@ def markdown(cases: Sequence[Case], reports: Sequence[Mapping[str, Any]]) -> str
         "### Poses",
         "",
         "Median and 95 % of the errors' magnitudes, in cm and degrees: of robots to each other, in "
-        "the team's own frame, and in the map.",
+        "the team's own frame, and in the map; relative also after the first "
+        f"{SETTLED_M:.0f} m.",
         "",
         *_poses(rows),
         "",
@@ -60,12 +61,17 @@ def _pair(errors: Mapping[str, float | None], factor: float, digits: int) -> str
     return " / ".join(number(errors[key], factor, digits) for key in ("median", "p95"))
 
 
+def _position_heading(errors: Mapping[str, Any]) -> tuple[str, str]:
+    return _pair(errors["position_m"], 100, 1), _pair(errors["heading_deg"], 1, 2)
+
+
 def _poses(rows: _Rows) -> list[str]:
     head = (
         "tour",
         "tours",
         "relative",
         "heading",
+        f"relative after {SETTLED_M:.0f} m",
         "in the team",
         "heading",
         "along",
@@ -82,14 +88,9 @@ def _poses(rows: _Rows) -> list[str]:
             [
                 name,
                 str(poses["runs"]),
-                *(
-                    text
-                    for errors in (poses["relative"], poses["in_team"])
-                    for text in (
-                        _pair(errors["position_m"], 100, 1),
-                        _pair(errors["heading_deg"], 1, 2),
-                    )
-                ),
+                *_position_heading(poses["relative"]),
+                _pair(report["settled"]["relative"]["position_m"], 100, 1),
+                *_position_heading(poses["in_team"]),
                 *(_pair(poses[key], 100, 1) for key in ("along_m", "across_m")),
                 number(poses["along_in_3_sigma"], 1, 3),
                 f"{number(nees['mean'], 1, 2)} ({bounds})",
