@@ -28,6 +28,8 @@ Rng = np.random.Generator
 STEP_S = 0.05
 #: Pieces of walls are looked for in such steps [m]; shorter ones are left out.
 _GRAIN, _SHORTEST = 0.05, 0.3
+#: A robot that was turned looks at the group again after this time [s].
+_TURNS_BACK_S = 5.0
 #: Positions are smoothed over so many samples: the way has corners of centimetres.
 _SMOOTH = 13
 
@@ -117,7 +119,10 @@ def _places(
 def _robot(
     way: Way, middle: NDArray, robot: Robot, people: NDArray, times: NDArray, rng: Rng
 ) -> NDArray:
-    """A robot on its post that looks at the group, more or less, shape (n, 3)."""
+    """A robot on its post that looks at the group, more or less, shape (n, 3).
+
+    One that is turned while it is carried turns back to the group.
+    """
     ahead, left = robot.post
     places = _places(way, middle + ahead, left, 0.08, times, rng)
     x, y = (people.mean(axis=1) - places).T
@@ -127,7 +132,7 @@ def _robot(
         later = times > time
         cos, sin = np.cos(yaw[later]), np.sin(yaw[later])
         places[later] += np.stack([cos * forth - sin * aside, sin * forth + cos * aside], axis=1)
-        yaw = yaw + turn * later
+        yaw = yaw + turn * later * np.clip(1.0 - (times - time) / _TURNS_BACK_S, 0.0, 1.0)
     return np.column_stack([places, yaw])
 
 
