@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.guiding.way import Way
 from mrs_people_loc.localization.walls import Walls
 from mrs_people_sim.layouts import expand
@@ -63,11 +64,20 @@ def tour_of(scene: Scene, seed: int) -> Tour:
     Args:
         scene: The scene, its layout not expanded.
         seed: Of everything that is left to chance, in place of the scene's.
+
+    Raises:
+        ConfigError: Nobody walks, or robots have no post.
     """
     rng = np.random.default_rng([seed, 31])
     way, walls = way_of(scene), walls_of(scene)
     expanded = expand(dataclasses.replace(scene, seed=seed))
     posts = expanded.robots
+    if not (posts and expanded.people and all(robot.post for robot in posts.values())):
+        raise ConfigError(
+            f"{scene.name}: {len(expanded.people)} people, robots with a post: "
+            f"{', '.join(name for name, r in posts.items() if r.post) or 'none'}; wanted: people, "
+            "such as layout: {people: 5, activity: group}, and robots that have a post each"
+        )
     lead = max(robot.post[0] for robot in posts.values())
     spots = np.array([(person.x, person.y) for person in expanded.people])
     along = way.nearest(spots)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mrs_people_loc.errors import ConfigError
 from mrs_people_sim.light.sensing import (
     HEAD,
     in_frames,
@@ -113,6 +114,32 @@ def test_a_wall_out_of_range_or_view_is_not_seen():
         poses = np.array([pose])
         assert len(seen_walls(far, poses, NOBODY, rng(), SURE)[0]) == 0
     assert len(seen_walls(LEFT, np.array([[0.0, 0.0, -math.pi / 2]]), NOBODY, rng(), SURE)[0]) == 0
+
+
+def test_a_wall_is_found_in_its_share_of_the_views():
+    poses = np.tile([0.0, 0.0, math.pi / 2], (3000, 1))
+    views = seen_walls(LEFT, poses, np.empty((3000, 0, 2)), rng())
+    assert np.mean([len(walls) for walls in views]) == pytest.approx(HEAD.found[1][0], abs=0.03)
+
+
+def test_a_scene_without_posts_is_no_tour():
+    scene = load_scene(SCENES / "guided_hall.yaml")
+    with pytest.raises(ConfigError, match="8 people, robots with a post: none; wanted: people"):
+        tour_of(scene, 1)
+
+
+def test_a_robot_that_was_turned_looks_at_the_group_again():
+    scene = load_scene(SCENES / "tour_hall.yaml")
+    turned = dataclasses.replace(scene.robots["robot_b"], carried=(60.0, 0.0, 0.0, 0.7))
+    other = dataclasses.replace(scene, robots={**scene.robots, "robot_b": turned})
+    one, two = (tour_of(each, 1) for each in (scene, other))
+    off = two.robots["robot_b"][:, 2] - one.robots["robot_b"][:, 2]
+    np.testing.assert_allclose(off[one.times <= 60.0], 0.0, atol=1e-12)
+    assert off[one.times > 60.01][0] == pytest.approx(0.7, abs=0.02)
+    np.testing.assert_allclose(off[one.times > 65.0], 0.0, atol=1e-12)
+    # Its odometry sees it turn back only.
+    believed = two.odometry["robot_b"][:, 2] - one.odometry["robot_b"][:, 2]
+    assert believed[-1] == pytest.approx(-0.7, abs=0.02)
 
 
 def test_people_hide_walls():

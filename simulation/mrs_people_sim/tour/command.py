@@ -16,10 +16,10 @@ from mrs_people_sim.evaluation.results import evaluate_bag
 from mrs_people_sim.evaluation.tables import robots_of_tours_table, tours_table
 from mrs_people_sim.guided import guided_scene
 from mrs_people_sim.light.guided_tour import POSES
+from mrs_people_sim.options import scene_file
 from mrs_people_sim.page import open_page
 from mrs_people_sim.tour.simulated_tour import Plan, run_tour
 from mrs_people_sim.tour.trouble import read_kill
-from mrs_tools.installing import default_file
 from mrs_tools.signals import Stop, stop_on_signals
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def simulate(
         raise typer.BadParameter(f"--poses is {poses!r}; allowed: {', '.join(POSES)}")
     if record is not None and record.exists():
         raise typer.BadParameter(f"--record: {record} exists already; wanted: a new bag")
-    what = guided_scene(_scene_file(scene), seed)
+    what = guided_scene(scene_file(scene, "guided_*.yaml"), seed)
     names = [*what.robots, "planner", "guide"]
     plan = Plan(what, poses, [read_kill(text, names) for text in kills], duration, images)
     with ExitStack() as stack:
@@ -72,15 +72,3 @@ def simulate(
         yield stop, result
         if page is not None:
             page.stay(console)
-
-
-def _scene_file(scene: str) -> Path:
-    """A scene's file, by its path or by the name of one of ours."""
-    if scene.endswith(".yaml"):
-        return Path(scene)
-    folder = default_file("config", "scenes")
-    path = folder / f"{scene}.yaml"
-    if not path.exists():
-        ours = ", ".join(sorted(one.stem for one in folder.glob("guided_*.yaml")))
-        raise typer.BadParameter(f"--scene is {scene!r}; allowed: a file NAME.yaml, or {ours}")
-    return path

@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ class Case:
 
     Attributes:
         name: What the table calls it.
-        scene: Its scene file.
+        scene: Its scene file, in `config/scenes` unless its path is absolute.
         trouble: What goes wrong.
         robots: By robot, what differs from the scene, as in `scene.Robot`.
         wheels: Whether the robots have the wheels of `WHEELS`, one after the other, and `BUMPS`.
@@ -148,23 +149,35 @@ class CaseScores:
         }
 
 
-def run_cases(cases: Sequence[Case], seeds: int, *, jobs: int = 1) -> Iterator[CaseScores]:
+def cases_in(scene: Path) -> tuple[Case, ...]:
+    """Cases in a scene of one's own: its odometry, or wheels that err, walls unknown or known."""
+    return tuple(
+        Case(", ".join([scene.stem, *wheels, *known]), str(scene.resolve()),
+             Trouble(known=bool(known)), wheels=bool(wheels))
+        for wheels in ([], ["wheels"]) for known in ([], ["walls known"])
+    )  # fmt: skip
+
+
+def run_cases(
+    cases: Sequence[Case], seeds: int, *, first: int = 1, jobs: int = 1
+) -> Iterator[CaseScores]:
     """Runs cases.
 
     Args:
         cases: The cases.
-        seeds: Seeds of each, from 1 on.
+        seeds: Seeds of each.
+        first: The first of them.
         jobs: Processes.
 
     Yields:
         The scores of each case, in their order.
     """
-    yield from added_up(run_case, cases, [seeds] * len(cases), CaseScores(), jobs=jobs)
+    yield from added_up(run_case, cases, [seeds] * len(cases), CaseScores(), first=first, jobs=jobs)
 
 
 def run_case(case: Case, seed: int) -> CaseScores:
     """Runs a case with one seed."""
-    scene = load_scene(default_file("config", "scenes", case.scene))
+    scene = load_scene(default_file("config", "scenes") / case.scene)
     scene = dataclasses.replace(scene, robots=_changed(scene.robots, case))
     tour = tour_of(scene, seed)
     run = LightTeam(tour, case.trouble, seed).run()

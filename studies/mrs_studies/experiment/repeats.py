@@ -42,6 +42,7 @@ def added_up(
     seeds: Sequence[int],
     none: _ScoresT,
     *,
+    first: int = 1,
     jobs: int = 1,
 ) -> Iterator[_ScoresT]:
     """Runs each case with its seeds, and adds up the scores.
@@ -49,8 +50,9 @@ def added_up(
     Args:
         run: Runs a case with a seed; a function of a module where `jobs` is more than 1.
         cases: The cases.
-        seeds: How many seeds each has; they are 1, 2, ...
+        seeds: How many seeds each has.
         none: The scores of nothing.
+        first: The first seed; others follow.
         jobs: Processes.
 
     Yields:
@@ -59,7 +61,7 @@ def added_up(
     todo = [
         (case, seed)
         for case, count in zip(cases, seeds, strict=True)
-        for seed in range(1, count + 1)
+        for seed in range(first, first + count)
     ]
     pool = ProcessPoolExecutor(jobs, get_context("spawn")) if jobs > 1 else None
     apply = map if pool is None else pool.map

@@ -9,13 +9,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mrs_people_loc.guiding.guidance import Guidance, Role
 from mrs_people_sim.guided import guided_scene
-from mrs_people_sim.light.guided_tour import LightTour, TourRun, Trouble
+from mrs_people_sim.light.guided_tour import POSES, LightTour, TourRun, Trouble
 from mrs_people_sim.scoring.positions import sums_of
 from mrs_people_sim.scoring.tours import TourScores, leaders_way, off_post, score_tour
 from mrs_studies.experiment.repeats import added_up
@@ -39,11 +40,11 @@ class Case:
 
     Attributes:
         name: What the table calls it.
-        scene: Its scene file.
+        scene: Its scene file, in `config/scenes` unless its path is absolute.
         poses: Where the team takes its poses from, one of `light.guided_tour.POSES`.
         trouble: What goes wrong.
-        robots: How many guide.
-        leavers: How many people leave for good.
+        robots: How many guide; None: they and the people are as in the scene.
+        leavers: How many people leave for good; None: as in the scene.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """
 
@@ -51,8 +52,8 @@ class Case:
     scene: str
     poses: str = "exact"
     trouble: Trouble = field(default_factory=Trouble)
-    robots: int = 3
-    leavers: int = 0
+    robots: int | None = 3
+    leavers: int | None = 0
     main: bool = False
 
 
@@ -131,30 +132,42 @@ class CaseScores:
         }
 
 
-def run_cases(cases: Sequence[Case], seeds: int, *, jobs: int = 1) -> Iterator[CaseScores]:
+def cases_in(scene: Path) -> tuple[Case, ...]:
+    """Cases in a scene of one's own, with all kinds of poses."""
+    return tuple(
+        Case(f"{scene.stem}, {poses} poses", str(scene.resolve()), poses,
+             robots=None, leavers=None, main=True)
+        for poses in POSES
+    )  # fmt: skip
+
+
+def run_cases(
+    cases: Sequence[Case], seeds: int, *, first: int = 1, jobs: int = 1
+) -> Iterator[CaseScores]:
     """Runs cases.
 
     Args:
         cases: The cases.
-        seeds: Seeds of each, from 1 on.
+        seeds: Seeds of each.
+        first: The first of them.
         jobs: Processes.
 
     Yields:
         The scores of each case, in their order.
     """
     counts = [seeds if case.main else min(seeds, FEW) for case in cases]
-    yield from added_up(run_case, cases, counts, CaseScores(), jobs=jobs)
+    yield from added_up(run_case, cases, counts, CaseScores(), first=first, jobs=jobs)
 
 
 def run_case(case: Case, seed: int) -> CaseScores:
     """Runs a case with one seed."""
     least, most = _PEOPLE
-    people = least + (seed - 1) % (most - least + 1)
-    scene = guided_scene(
-        default_file("config", "scenes", case.scene), seed, people=people, robots=case.robots
-    )
-    followers = dataclasses.replace(scene.followers, leavers=case.leavers)
-    scene = dataclasses.replace(scene, followers=followers)
+    people = None if case.robots is None else least + (seed - 1) % (most - least + 1)
+    path = default_file("config", "scenes") / case.scene
+    scene = guided_scene(path, seed, people=people, robots=case.robots)
+    if case.leavers is not None:
+        followers = dataclasses.replace(scene.followers, leavers=case.leavers)
+        scene = dataclasses.replace(scene, followers=followers)
     run = LightTour(scene, case.poses, case.trouble).run()
     stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)

@@ -75,6 +75,22 @@ def test_who_is_cut_off_has_its_odometry_until_it_hears_again():
     assert off[seconds > 8.0].min() > 1e-3
 
 
+def test_who_is_restarted_is_at_its_start_again():
+    alone = Trouble(stereo=False, sonars=0.0, lost=1.0, restarted=("robot_b", 5.0))
+    result = run("tour_hall", alone, frames=80)
+    track, odometry = result.localized["robot_b"], result.odometry["robot_b"]
+    seconds = (track.stamps_ns - result.start_ns) / 1e9
+    start = odometry.poses[0]
+    off = track.poses[:, :2] - odometry.at(track.stamps_ns)[:, :2]
+    assert np.abs(off[seconds < 4.95]).max() < 1e-9
+    assert np.hypot(*off[-1]) > 3.0
+    np.testing.assert_allclose(track.poses[seconds >= 4.95][0], start, atol=1e-9)
+    others = result.localized["robot_a"]
+    np.testing.assert_allclose(
+        others.poses[:, :2], result.odometry["robot_a"].at(others.stamps_ns)[:, :2], atol=1e-9
+    )
+
+
 def test_a_start_is_as_unsure_as_it_is_said():
     starts = []
     for seed in range(6):

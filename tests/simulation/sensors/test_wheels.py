@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from mrs_people_sim.scene import Odometry
+from mrs_people_sim.scene import Odometry, Robot
 from mrs_people_sim.sensors.wheels import LIMITS, Wheels
 
 DT = 0.05
 
 
-def made(mode="exact", start=(0.0, 0.0, 0.0), seed=1, **settings):
-    return Wheels(start, Odometry(mode=mode, **settings), np.random.default_rng(seed))
+def made(mode="exact", start=(0.0, 0.0, 0.0), seed=1, robot=Robot(), **settings):  # noqa: B008
+    return Wheels(start, Odometry(mode=mode, **settings), np.random.default_rng(seed), robot)
 
 
 def drive(wheels, seconds, speed, turn_rate, dt=DT):
@@ -78,3 +78,26 @@ def test_a_base_that_is_held_stays_while_its_odometry_goes_on():
     assert wheels.pose[:2] == pytest.approx(before)
     assert wheels.speed == 0.0
     assert wheels.odometry().x > before[0]
+
+
+EXACT = {"sigma": 0.0, "sigma_yaw": 0.0, "drift": 0.0, "drift_yaw": 0.0}
+
+
+def test_odometry_of_uneven_wheels_is_too_short_and_turns():
+    wheels = made("drift", robot=Robot(wheels=(0.03, 0.002, 0.0)), **EXACT)
+    drive(wheels, 10.0, 0.5, 0.0)
+    said, way = wheels.odometry(), float(wheels.pose[0])
+    assert way > 4.0
+    assert said.x == pytest.approx(way / 1.03, rel=1e-4)
+    assert said.yaw == pytest.approx(-0.002 * way / 1.03)
+
+
+@pytest.mark.parametrize("catches_up", [False, True])
+def test_odometry_that_hangs_repeats_and_goes_on(catches_up):
+    wheels = made("drift", robot=Robot(frozen=(2.02, 1.0), catches_up=catches_up), **EXACT)
+    drive(wheels, 2.0, 0.5, 0.0)
+    before = wheels.odometry().x
+    drive(wheels, 1.0, 0.5, 0.0)
+    assert wheels.odometry().x == before
+    drive(wheels, 1.0, 0.5, 0.0)
+    assert wheels.odometry().x == pytest.approx(before + (1.0 if catches_up else 0.5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 
@@ -13,6 +14,7 @@ pytest.importorskip("typer", reason="the mrs command needs typer")
 from typer.testing import CliRunner
 
 from mrs_people_sim.light.team import TeamRun
+from mrs_people_sim.scene import Robot
 from mrs_people_sim.scoring.poses import PoseScores, PoseTrack
 from mrs_studies.experiment import localization
 from mrs_studies.experiment.localization import Case, CaseScores, run_cases
@@ -82,10 +84,10 @@ def test_table_by_hand():
         in_team=np.array([0.015]), turned_in_team=np.array([0.0]),
     )  # fmt: skip
     people = dict.fromkeys(("exact", "localized", "odometry"), ())
-    scores = CaseScores(poses, poses, people, {"robot_b doubted": (2.0,)}, (math.nan,))
+    scores = CaseScores(poses, poses, people, {"robot_b doubted": (2.0,)}, (math.nan,), poses)
     text = markdown([Case("hall", "")], [scores.report()])
-    row = "| hall | 1 | 3.0 / 3.0 | 1.00 / 1.00 | 1.5 / 1.5 | 0.00 / 0.00 | 1.0 / 1.0 | 2.0 / 2.0 |"
-    assert f"{row} 0.000 | 3.00 (0.22 to " in text
+    row = "| hall | 1 | 3.0 / 3.0 | 1.00 / 1.00 | 3.0 / 3.0 | 1.5 / 1.5 | 0.00 / 0.00 |"
+    assert f"{row} 1.0 / 1.0 | 2.0 / 2.0 | 0.000 | 3.00 (0.22 to " in text
     assert "| hall | robot_b doubted (1 of 1, after 2 s) | never |" in text
 
 
@@ -106,6 +108,52 @@ def test_command_prints_and_writes(tmp_path, monkeypatch):
     assert page.read_text().endswith(result.output)
     (name,) = json.loads(figures.read_text())
     assert name == "hall, no wall in range"
+
+
+def test_robots_of_a_case_have_wheels_and_faults():
+    robots = {"robot_a": Robot(), "robot_b": Robot()}
+    case = Case("one", "", robots={"robot_b": {"frozen": (1.0, 2.0)}}, wheels=True)
+    changed = localization._changed(robots, case)
+    assert [robot.wheels for robot in changed.values()] == [*localization.WHEELS[:2]]
+    assert [robot.frozen for robot in changed.values()] == [(), (1.0, 2.0)]
+    assert localization._changed(robots, Case("other", "")) == robots
+
+
+def test_the_way_until_wheels_are_known_is_left_out():
+    run = team(np.zeros(400))
+    driven = {"a": track(np.arange(400) * 0.1), "b": run.true["b"]}  # 1 m/s
+    settled = localization._settled(dataclasses.replace(run, true=driven))
+    first_s = (settled["b"].stamps_ns[0] - START_NS) / 1e9
+    assert first_s == pytest.approx(localization.SETTLED_M, abs=0.2)
+
+
+def test_command_takes_a_scene_and_a_first_seed(tmp_path, monkeypatch):
+    ran = []
+
+    def run_case(case: Case, seed: int) -> CaseScores:
+        ran.append((case.name, case.scene, case.wheels, case.trouble.known, seed))
+        return CaseScores(people=dict.fromkeys(("exact", "localized", "odometry"), ()))
+
+    monkeypatch.setattr(localization, "run_case", run_case)
+    scene = tmp_path / "mine.yaml"
+    scene.write_text("{}")
+    arguments = ["--scene", scene, "--seed", 7, "--seeds", 2, "--only", "wheels", "-j", 1]
+    result = CliRunner().invoke(app, ["localization", *map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    assert ran == [
+        (f"mine, wheels{more}", str(scene), True, bool(more), seed)
+        for more in ("", ", walls known")
+        for seed in (7, 8)
+    ]
+
+
+@pytest.mark.parametrize("command", ["localization", "guiding"])
+@pytest.mark.parametrize("scene", ["moon", "moon.yaml"])
+def test_scenes_that_are_not_there_are_named(command, scene):
+    result = CliRunner().invoke(app, [command, "--scene", scene])
+    assert result.exit_code == 2
+    assert "moon" in result.output
+    assert {"localization": "tour_hall", "guiding": "guided_hall"}[command] in result.output
 
 
 def test_unknown_tours_are_named():

@@ -128,6 +128,16 @@ def test_command_prints_and_writes(tmp_path, monkeypatch):
     assert name == "corridor, no planner from 60 to 65 s"
 
 
+def test_own_scene_has_a_case_for_each_kind_of_poses(tmp_path):
+    cases = tours.cases_in(tmp_path / "mine.yaml")
+    assert [case.name for case in cases] == [
+        f"mine, {poses} poses" for poses in ("exact", "localized", "odometry")
+    ]
+    assert {(case.scene, case.robots, case.main) for case in cases} == {
+        (str(tmp_path / "mine.yaml"), None, True)
+    }
+
+
 def test_every_scene_of_the_cases_is_there():
     assert all(
         (tours.default_file("config", "scenes", case.scene)).is_file() for case in tours.CASES
