@@ -6,12 +6,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mrs_people_loc.arrays import Float
+from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.config import PlannerConfig
+from mrs_people_loc.geometry import quaternion_from_yaw
+from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import CameraModel
 from mrs_people_loc.sensing.images import Gray
 from mrs_tools.bags.message_types import default_typestore
+from mrs_tools.bags.truth import TRUTH_TOPIC, VISIBLE_TOPIC, true_pose_topic
 from mrs_tools.bags.writer import BagWriter
 
 
@@ -51,43 +55,91 @@ class RobotWriter:
 
     def odometry_at_origin(self, ns: int) -> None:
         """Writes the pose of a robot that stands at the origin of `map` (1 cm, 0.01 rad)."""
-        covariance = np.diag([1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-4]).reshape(-1)
-        zero = self._make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+        covariance = np.diag([1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-4])
+        self.odometry("map", (0.0, 0.0, 0.0), (0.0, 0.0), ns, covariance)
+
+    def odometry(
+        self,
+        frame: str,
+        place: tuple[float, float, float],
+        speed: tuple[float, float],
+        ns: int,
+        covariance: Float | None = None,
+    ) -> None:
+        """Writes odometry.
+
+        Args:
+            frame: Its frame.
+            place: x, y [m] and yaw [rad] in that frame.
+            speed: Forward [m/s], and turn to the left [rad/s].
+            ns: Its stamp [ns].
+            covariance: Of pose and twist, shape (6, 6); None: not stated.
+        """
+        stated = np.zeros(36) if covariance is None else covariance.reshape(-1)
+        forward, turn = (
+            self._make("geometry_msgs/msg/Vector3", x=x, y=0.0, z=z)
+            for x, z in ((speed[0], 0.0), (0.0, speed[1]))
+        )
         message = self._make(
             "nav_msgs/msg/Odometry",
-            header=self._header("map", ns),
+            header=self._header(frame, ns),
             child_frame_id=f"{self._robot}/base_link",
             pose=self._make(
-                "geometry_msgs/msg/PoseWithCovariance",
-                pose=self._pose(0.0, 0.0),
-                covariance=covariance,
+                "geometry_msgs/msg/PoseWithCovariance", pose=self._pose(*place), covariance=stated
             ),
             twist=self._make(
                 "geometry_msgs/msg/TwistWithCovariance",
-                twist=self._make("geometry_msgs/msg/Twist", linear=zero, angular=zero),
-                covariance=covariance,
+                twist=self._make("geometry_msgs/msg/Twist", linear=forward, angular=turn),
+                covariance=stated,
             ),
         )
         self._bag.write(f"/{self._robot}/odom", ns, message)
 
-    def ground_truth(self, positions: Float, ns: int) -> None:
+    def points(self, scan: Scan) -> None:
+        """Writes a scan, as the robot's node sends it."""
+        header = self._header(f"{self._robot}/base_link", scan.stamp_ns)
+        message = cloud_message(self._make, header, scan.cells.to_records())
+        self._bag.write(f"/{self._robot}/points", scan.stamp_ns, message)
+
+    def true_pose(self, place: tuple[float, float, float], ns: int) -> None:
+        """Writes where the robot is: x, y [m] and yaw [rad] in `map`."""
+        message = self._make(
+            "geometry_msgs/msg/PoseStamped",
+            header=self._header("map", ns),
+            pose=self._pose(*place),
+        )
+        self._bag.write(true_pose_topic(self._robot), ns, message)
+
+    def ground_truth(self, positions: Float, ns: int, seen: Bool | None = None) -> None:
         """Writes where the people are.
 
         Args:
             positions: x and y in `map` [m], shape (people, 2).
             ns: Time [ns].
+            seen: Which of them robots see, shape (people,); None: that is not known.
         """
-        poses = [self._pose(float(x), float(y)) for x, y in positions]
+        poses = [self._pose(float(x), float(y), 0.0) for x, y in positions]
         message = self._make(
             "geometry_msgs/msg/PoseArray", header=self._header("map", ns), poses=poses
         )
-        self._bag.write("/ground_truth/people_poses", ns, message)
+        self._bag.write(TRUTH_TOPIC, ns, message)
+        if seen is not None:
+            count = len(seen)
+            dimension = self._make(
+                "std_msgs/msg/MultiArrayDimension", label="people_seen", size=count, stride=count
+            )
+            layout = self._make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
+            array = self._make(
+                "std_msgs/msg/Int32MultiArray", layout=layout, data=seen.astype(np.int32)
+            )
+            self._bag.write(VISIBLE_TOPIC, ns, array)
 
-    def _pose(self, x: float, y: float) -> Any:
+    def _pose(self, x: float, y: float, yaw: float) -> Any:
+        qx, qy, qz, qw = quaternion_from_yaw(yaw)
         return self._make(
             "geometry_msgs/msg/Pose",
             position=self._make("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
-            orientation=self._make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation=self._make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
         )
 
     def _header(self, frame: str, ns: int) -> Any:
@@ -96,6 +148,37 @@ class RobotWriter:
 
     def _make(self, kind: str, **fields: Any) -> Any:
         return self._types[kind](**fields)
+
+
+#: PointField's numbers of the types in a scan.
+_FIELD_TYPES = {"f4": 7, "u4": 6}
+
+
+def cloud_message(make: Callable[..., Any], header: Any, records: NDArray[np.void]) -> Any:
+    """sensor_msgs/PointCloud2 of a structured array, shape (n,); see `image_message`."""
+    dtype = records.dtype
+    fields = [
+        make(
+            "sensor_msgs/msg/PointField",
+            name=name,
+            offset=offset,
+            datatype=_FIELD_TYPES[kind.str[1:]],
+            count=1,
+        )
+        for name, (kind, offset, *_) in (dtype.fields or {}).items()
+    ]
+    return make(
+        "sensor_msgs/msg/PointCloud2",
+        header=header,
+        height=1,
+        width=len(records),
+        fields=fields,
+        is_bigendian=False,
+        point_step=dtype.itemsize,
+        row_step=dtype.itemsize * len(records),
+        data=np.frombuffer(records.tobytes(), dtype=np.uint8),
+        is_dense=True,
+    )
 
 
 def image_message(make: Callable[..., Any], header: Any, image: Gray) -> Any:

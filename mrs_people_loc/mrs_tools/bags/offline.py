@@ -8,8 +8,9 @@
 
 What comes out is what the live nodes would say on an infinitely fast machine: messages are handed
 over in the order of their bag time, and bag time is the clock. Robots are discovered as namespaces
-of the bag; their images, or the `points` and `pose` that they sent, are where an interval starts
-from. To try another method, hand over other classes than `RobotPipeline` and `Planner`.
+of the bag; their images, or the `points` that they sent, are where an interval starts from. Beside
+`points` their poses are those on `pose`, or else made of odometry, as with images. To try another
+method, hand over other classes than `RobotPipeline` and `Planner`.
 """
 
 from __future__ import annotations
@@ -203,7 +204,7 @@ class BagRun:
             if not self._has:
                 raise BagError(
                     f"{self.path}: no robot, i.e. no namespace with left and right images or with "
-                    f"points and pose; topics: {', '.join(bag.topics)}"
+                    f"points and pose, odom or pose_in; topics: {', '.join(bag.topics)}"
                 )
         own = own_file(self.path, configs) if beside else None
         if own is not None:

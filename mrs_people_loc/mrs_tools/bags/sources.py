@@ -84,7 +84,7 @@ class BagRobot:
 
 
 def robots_of(bag: BagReader) -> dict[str, BagRobot]:
-    """The robots of a bag, by name: namespaces with images of a pair, or with `points`."""
+    """The robots of a bag, by name: namespaces with a pair of images, or `points` and poses."""
     types = {name: topic.type for name, topic in bag.topics.items() if topic.count}
     namespaces = {
         name.removesuffix(end)
@@ -104,7 +104,7 @@ def robots_of(bag: BagReader) -> dict[str, BagRobot]:
         poses = tuple(
             name for name, kind in _POSE_TOPICS.items() if types.get(f"{space}/{name}") == kind
         )
-        points = types.get(f"{space}/points") == _POINTS and "pose" in poses
+        points = types.get(f"{space}/points") == _POINTS and bool(poses)
         if images or points:
             robots[space.lstrip("/")] = BagRobot(space.lstrip("/"), images, points, poses)
     return robots
@@ -220,7 +220,7 @@ class Source:
 
     def _pose_topic(self) -> str:
         has = self.has.poses
-        if not self.has.images:
+        if not self.has.images and "pose" in has:
             return "pose"
         return next((name for name in (self.config.pose.source, *has) if name in has), "odom")
 

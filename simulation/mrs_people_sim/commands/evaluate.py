@@ -54,7 +54,7 @@ def command(
 ) -> None:
     """Run bags through the pipeline, as fast as it goes, and score them against their truth.
 
-    Robots are found in the bag as namespaces with images, or with points and pose; a bag that has
+    Robots are found in the bag as namespaces with images, or with points and poses; a bag that has
     neither but `tracked_people` is scored as recorded. JSON: for one bag an object, for several
     `{"bags": {name: object}, "total": object}`.
     """

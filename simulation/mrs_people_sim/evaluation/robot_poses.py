@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
@@ -89,4 +88,4 @@ def placed_at_start(odometry: PoseTrack, estimated: PoseTrack) -> PoseTrack | No
     x, y, yaw = estimated.poses[0]
     places = moved[:, :2] @ rotation_2d(yaw).T + (x, y)
     poses = np.column_stack([places, moved[:, 2] + yaw])
-    return dataclasses.replace(later, poses=poses, covariances=np.zeros((len(later), 3, 3)))
+    return PoseTrack(later.stamps_ns, poses, np.zeros((len(later), 3, 3)))

@@ -139,8 +139,8 @@ def _stragglers_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
 
 def _poses_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
     table = _table(
-        "robots' poses (medians and 95 % of errors, in cm and degrees)",
-        "bag|relative|p95|heading|p95|along|across|NEES|bounds",
+        "robots' poses (medians and 95 % of errors, in cm and degrees; mean NEES)",
+        "bag|relative|p95|NEES|heading|p95|along|across|NEES|bounds",
     )
     for name, report in reports.items():
         rows = {name: report["poses"], "  odometry alone": report["poses"]["odometry"]}
@@ -153,6 +153,7 @@ def _poses_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
                 table,
                 label,
                 *(number(relative["position_m"][key], 100, 1) for key in ("median", "p95")),
+                number(relative["nees"]["mean"], 1, 1),
                 *(number(relative["heading_deg"][key], 1, 2) for key in ("median", "p95")),
                 *(number(scores[key]["median"], 100, 1) for key in ("along_m", "across_m")),
                 number(nees["mean"], 1, 1),

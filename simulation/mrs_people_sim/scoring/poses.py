@@ -15,7 +15,8 @@ The rules, in one place:
 - **NEES**, the normalized estimation error squared e' P^-1 e of x, y and yaw (Bar-Shalom, Li &
   Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4). Errors
   of a run at successive times, and those of team-mates, are correlated: the 95 % bounds of the mean
-  are those of as many independent values as there are runs.
+  are those of as many independent values as there are runs. That of relative positions, x and y,
+  takes the covariances of two robots relative to their team (`Pose.in_team`) for independent.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mrs_people_loc.arrays import Float, StructOfArrays
+from mrs_people_loc.arrays import Float, Int, StructOfArrays
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.team.poses import Pose
 from mrs_people_sim.scoring.positions import nothing, percentile, ratio, sums_of
@@ -45,6 +46,8 @@ GAP_NS = 1_000_000_000
 _WAY_NS = 1_000_000_000
 #: ... if it is at least so long [m].
 _LEAST_WAY = 0.2
+#: Stands for covariances relative to the team that are not given.
+_AS_COVARIANCES: Any = None
 #: To align teams, each robot counts as its position and a point so far ahead of it [m].
 _AHEAD = 1.0
 
@@ -57,21 +60,31 @@ class PoseTrack(StructOfArrays):
         stamps_ns: Stamps [ns], ascending, int64, shape (n,).
         poses: x, y [m] and yaw [rad], shape (n, 3).
         covariances: Of these, shape (n, 3, 3); zero: not stated.
+        in_team: The same relative to the robot's team; `covariances` where that is not given.
     """
 
     stamps_ns: NDArray[np.int64]
     poses: Float
     covariances: Float
+    in_team: Float = _AS_COVARIANCES
+
+    def __post_init__(self) -> None:
+        """Checks the lengths."""
+        if self.in_team is _AS_COVARIANCES:
+            object.__setattr__(self, "in_team", self.covariances)
+        super().__post_init__()
 
     @classmethod
     def build(cls, poses: Iterable[Pose]) -> PoseTrack:
         """Puts poses together; of several with one stamp the last counts."""
         by_stamp = {pose.stamp_ns: pose for pose in poses}
         ordered = [by_stamp[stamp] for stamp in sorted(by_stamp)]
+        in_team = [pose.relative_to_team().covariance for pose in ordered]
         return cls(
             np.array([pose.stamp_ns for pose in ordered], dtype=np.int64),
             np.array([(pose.x, pose.y, pose.yaw) for pose in ordered]).reshape(-1, 3),
             np.array([pose.covariance for pose in ordered]).reshape(-1, 3, 3),
+            np.array(in_team).reshape(-1, 3, 3),
         )
 
     def at(self, stamps_ns: NDArray[np.int64]) -> Float:
@@ -84,17 +97,29 @@ class PoseTrack(StructOfArrays):
         """
         if not len(self):
             return np.full((len(stamps_ns), 3), np.nan)
+        before, after, part = self._around(stamps_ns)
+        step = self.poses[after] - self.poses[before]
+        step[:, 2] = wrapped(step[:, 2])
+        return np.asarray(self.poses[before] + part[:, np.newaxis] * step)
+
+    def in_team_at(self, stamps_ns: NDArray[np.int64]) -> Float:
+        """Covariances relative to the team at times, likewise, shape (m, 3, 3)."""
+        if not len(self):
+            return np.full((len(stamps_ns), 3, 3), np.nan)
+        before, after, part = self._around(stamps_ns)
+        part = part[:, np.newaxis, np.newaxis]
+        return np.asarray((1.0 - part) * self.in_team[before] + part * self.in_team[after])
+
+    def _around(self, stamps_ns: NDArray[np.int64]) -> tuple[Int, Int, Float]:
+        """The poses before and after times, and the part of the way between them; NaN: no pose."""
         after = np.clip(np.searchsorted(self.stamps_ns, stamps_ns), 1, max(len(self) - 1, 1))
         before, after = after - 1, np.minimum(after, len(self) - 1)
         begin, end = self.stamps_ns[before], self.stamps_ns[after]
         part = (stamps_ns - begin) / np.maximum(end - begin, 1)
-        step = self.poses[after] - self.poses[before]
-        step[:, 2] = wrapped(step[:, 2])
-        found = self.poses[before] + part[:, np.newaxis] * step
         at_one = (stamps_ns == begin) | (stamps_ns == end)
         inside = (begin <= stamps_ns) & (stamps_ns <= end) & (end - begin <= GAP_NS)
-        found[~(inside | at_one)] = np.nan
-        return found
+        part[~(inside | at_one)] = np.nan
+        return before, after, part
 
     def every(self, step_ns: int) -> PoseTrack:
         """The poses, thinned out to one in each period [ns]."""
@@ -121,6 +146,7 @@ class PoseScores:
         along_sigmas: Errors along the way in terms of their stated standard deviation, shape (n,);
             NaN likewise.
         apart: Errors of the position of a robot in a team-mate's base_link [m], shape (k,).
+        squares_apart: Of these the NEES; NaN: no covariance is stated.
         turned: Errors of the heading of a robot relative to a team-mate's [rad], shape (k,).
         in_team: Errors of the position in the team [m], shape (j,).
         turned_in_team: Likewise of the heading [rad].
@@ -133,6 +159,7 @@ class PoseScores:
     squares: Float = field(default_factory=nothing)
     along_sigmas: Float = field(default_factory=nothing)
     apart: Float = field(default_factory=nothing)
+    squares_apart: Float = field(default_factory=nothing)
     turned: Float = field(default_factory=nothing)
     in_team: Float = field(default_factory=nothing)
     turned_in_team: Float = field(default_factory=nothing)
@@ -142,14 +169,13 @@ class PoseScores:
 
     def report(self) -> dict[str, Any]:
         """The figures; magnitudes of errors, angles in degrees, what is undefined is None."""
-        squares = self.squares[np.isfinite(self.squares)]
         sigmas = np.abs(self.along_sigmas[np.isfinite(self.along_sigmas)])
-        low, high = nees_bounds(self.runs)
         return {
             "runs": self.runs,
             "relative": {
                 "position_m": _magnitudes(self.apart),
                 "heading_deg": _magnitudes(np.degrees(self.turned)),
+                "nees": _nees(self.squares_apart, self.runs, 2),
             },
             "in_team": {
                 "position_m": _magnitudes(self.in_team),
@@ -159,19 +185,31 @@ class PoseScores:
             "across_m": _magnitudes(self.across),
             "heading_deg": _magnitudes(np.degrees(self.heading)),
             "along_in_3_sigma": ratio(int((sigmas <= 3.0).sum()), len(sigmas)),
-            "nees": {
-                "mean": float(squares.mean()) if len(squares) else None,
-                "low": low,
-                "high": high,
-            },
+            "nees": _nees(self.squares, self.runs, 3),
         }
 
 
-def nees_bounds(runs: int) -> tuple[float | None, float | None]:
-    """The 95 % bounds of the mean NEES of x, y and yaw over independent runs; None of none."""
+def _nees(squares: Float, runs: int, freedom: int) -> dict[str, float | None]:
+    squares = squares[np.isfinite(squares)]
+    low, high = nees_bounds(runs, freedom)
+    return {
+        "mean": float(squares.mean()) if len(squares) else None,
+        "median": percentile(squares, 50),
+        "low": low,
+        "high": high,
+    }
+
+
+def nees_bounds(runs: int, freedom: int = 3) -> tuple[float | None, float | None]:
+    """The 95 % bounds of the mean NEES over independent runs; None of none.
+
+    Args:
+        runs: How many.
+        freedom: Of how many components the errors are: x, y and yaw.
+    """
     if not runs:
         return None, None
-    low, high = chi2.ppf((0.025, 0.975), 3 * runs) / runs
+    low, high = chi2.ppf((0.025, 0.975), freedom * runs) / runs
     return float(low), float(high)
 
 
@@ -204,11 +242,14 @@ def score_poses(
     if not len(total.heading):
         return None
     stamps = np.unique(np.concatenate([track.stamps_ns for track in chosen.values()]) // STEP_NS)
-    pairs = relative_errors(true, estimated, stamps * STEP_NS).reshape(-1, 3)
-    pairs = pairs[np.isfinite(pairs).all(axis=1)]
+    errors = relative_errors(true, estimated, stamps * STEP_NS)
+    covariances = relative_covariances(true, estimated, stamps * STEP_NS)
+    known = np.isfinite(errors).all(axis=2)
+    pairs, squares = errors[known], _squares(errors[known][:, :2], covariances[known])
     in_team = _errors_in_team(true, list(chosen), estimated, stamps * STEP_NS)
     return total + PoseScores(
         apart=np.hypot(pairs[:, 0], pairs[:, 1]),
+        squares_apart=squares,
         turned=pairs[:, 2],
         in_team=np.hypot(in_team[:, 0], in_team[:, 1]),
         turned_in_team=in_team[:, 2],
@@ -268,6 +309,39 @@ def relative_errors(
         errors[row] = relative_to(there[one], there[other]) - relative_to(here[one], here[other])
     errors[..., 2] = wrapped(errors[..., 2])
     return errors
+
+
+def relative_covariances(
+    true: Mapping[str, PoseTrack],
+    estimated: Mapping[str, PoseTrack],
+    stamps_ns: NDArray[np.int64],
+) -> Float:
+    """Covariances of team-mates' positions in robots' base_link, if errors are independent.
+
+    Arguments are those of `relative_errors`.
+
+    Returns:
+        Of x and y [m^2], shape (pairs, n, 2, 2), likewise NaN where a pose is not known.
+    """
+    names = sorted(set(true) & set(estimated))
+    poses = {name: estimated[name].at(stamps_ns) for name in names}
+    stated = {name: estimated[name].in_team_at(stamps_ns) for name in names}
+    covariances = np.empty((len(names) * (len(names) - 1), len(stamps_ns), 2, 2))
+    for row, (one, other) in enumerate(permutations(names, 2)):
+        x, y, _ = relative_to(poses[one], poses[other]).T
+        # By the pose of the robot, turned into its own frame: [[-1, 0, y], [0, -1, -x]].
+        by_one = np.zeros((len(stamps_ns), 2, 3))
+        by_one[:, 0, 0] = by_one[:, 1, 1] = -1.0
+        by_one[:, 0, 2], by_one[:, 1, 2] = y, -x
+        cos, sin = np.cos(poses[one][:, 2]), np.sin(poses[one][:, 2])
+        to_one = np.zeros((len(stamps_ns), 3, 3))
+        to_one[:, 0, 0] = to_one[:, 1, 1] = cos
+        to_one[:, 0, 1], to_one[:, 1, 0], to_one[:, 2, 2] = sin, -sin, 1.0
+        by_one, by_other = by_one @ to_one, to_one[:, :2, :]
+        with np.errstate(over="ignore", invalid="ignore"):  # DBL_MAX may stand for "unknown"
+            covariances[row] = by_one @ stated[one] @ by_one.transpose(0, 2, 1)
+            covariances[row] += by_other @ stated[other] @ by_other.transpose(0, 2, 1)
+    return covariances
 
 
 def _errors_in_team(

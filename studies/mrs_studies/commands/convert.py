@@ -1,9 +1,10 @@
 """`mrs convert`: foreign recordings as bags that the nodes and the offline tools read.
 
-Two sources, both real: the OAK-D stereo video that looks down on people who walk by, and PCL's
+Three sources, all real: the OAK-D stereo video that looks down on people who walk by, and PCL's
 RGB-D frame of five people. They prove that the same pipeline works on other cameras and mountings
 with its configuration changed and nothing else. The bags hold what a robot's cameras and base
-would send: images, `camera_info` and `odom` in frame `map`.
+would send: images, `camera_info` and `odom` in frame `map`. The third, MRCLAM, has wheels that
+drift and no images: its bags hold `odom` in frames of their own, and scans.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Annotated
 import typer
 
 from mrs_studies.recordings.frames import parse_frames
+from mrs_studies.recordings.mrclam import convert_mrclam
 from mrs_studies.recordings.oak import convert_oak
 from mrs_studies.recordings.pcl import convert_pcl
 from mrs_tools.plain import plain
@@ -64,3 +66,21 @@ def pcl_command(
         noise_grey=noise,
     )
     typer.echo(plain(f"{out}: {count} stereo pairs of {robot}"))
+
+
+@app.command("mrclam")
+def mrclam_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of Barcodes.dat, Robot1_Odometry.dat ...")],
+    out: Annotated[Path, typer.Argument(help="The new bag: a folder, or NAME.mcap.")],
+) -> None:
+    """Robots with wheel odometry that see landmarks and each other: UTIAS MRCLAM.
+
+    Landmarks become people who stand. The file of the team's parameters beside the bag says where
+    the robots start: `mrs evaluate --localize OUT` scores how well they know where they are.
+    """
+    made = convert_mrclam(folder, out)
+    for name, (scans, landmarks, robots) in made.counts.items():
+        typer.echo(plain(f"{name}: {scans} scans with {landmarks} landmarks, {robots} robots"))
+    if made.unknown:
+        typer.echo(plain(f"left out: {made.unknown} measurements of unknown barcodes"))
+    typer.echo(plain(f"{out}: {made.seconds:.1f} s of {len(made.counts)} robots"))

@@ -84,6 +84,31 @@ def test_poses_are_scored_where_the_bag_has_true_ones(bag):
     assert poses["people_with_exact_poses"]["recall"] == 1.0
 
 
+@pytest.mark.parametrize("localize", [False, True])
+def test_scans_without_poses_are_placed_by_odometry(tmp_path, localize):
+    with BagWriter(tmp_path / "bag") as writer:
+        made = Bag(writer)
+        for ms in range(0, 3001, 200):
+            x = ms / 1000
+            true_pose(made, "robot_a", ms, x, 0.0)
+            odometry(made, "robot_a", ms, x, 0.0)
+            made.truth(ms, (6.0, 0.3))
+            made.points("robot_a", ms, (5.0 - x, 0.0))
+    beside = (
+        "robot_a/robot_node: {ros__parameters: {pose: {map_from_odom: [1.0, 0.3, 0.0]}, "
+        "localization: {start_sigmas: [1.0, 1.0, 0.1]}}}"
+    )
+    (tmp_path / "bag.yaml").write_text(beside, encoding="utf-8")
+    paper = Path(__file__).resolve().parents[3] / "config" / "paper.yaml"
+    report = evaluate_bag(tmp_path / "bag", [paper], localize=localize).report()
+    assert report["poses"]["along_m"]["median"] == pytest.approx(1.0)
+    assert report["poses"]["across_m"]["median"] == pytest.approx(0.3)
+    assert report["people"]["error_m"]["mean"] == pytest.approx(0.0, abs=1e-6)
+    # The messages say 0.1 m.
+    nees = report["poses"]["nees"]["mean"]
+    assert 0.5 < nees < 1.1 if localize else nees == pytest.approx(109.0)
+
+
 def test_tables_of_poses_are_only_of_bags_that_have_them(bag, tmp_path):
     with BagWriter(tmp_path / "other") as writer:
         made = Bag(writer)

@@ -134,10 +134,43 @@ def test_nees_by_hand():
     assert report["along_in_3_sigma"] == 1.0
 
 
+def test_nees_of_relative_positions_by_hand():
+    # a takes b for 2 m ahead of it: b is 0.2 m farther, and 0.1 m to the left.
+    true = {"a": driving(), "b": driving((-0.1, 0.2, 0.0), y=2.0)}
+    of_a, exact = np.diag([0.1, 0.2, 0.05]) ** 2, 1e-9 * np.eye(3)
+    estimated = {"a": driving(covariance=of_a), "b": driving(y=2.0, covariance=exact)}
+    scores = score_poses(true, estimated)
+    assert scores is not None
+    from_a, from_b = np.split(scores.squares_apart, 2)
+    # From a, its heading moves b by 0.1 m, beside its own 0.1 m to the left (-x of the map).
+    np.testing.assert_allclose(from_a, 1.0 + 0.1**2 / (0.1**2 + 0.1**2), rtol=1e-5)
+    np.testing.assert_allclose(from_b, 1.0 + 1.0, rtol=1e-5)
+    nees = scores.report()["relative"]["nees"]
+    assert nees["median"] == pytest.approx(np.median(scores.squares_apart))
+    # Chi-square tables: 0.0506 and 7.378 with 2 degrees of freedom.
+    assert (nees["low"], nees["high"]) == pytest.approx((0.0506, 7.378), abs=5e-4)
+
+
+def test_covariances_of_relative_positions_are_those_in_the_team():
+    true = {"a": driving(), "b": driving(y=2.0)}
+    estimated = {
+        name: PoseTrack.build(
+            Pose(int(stamp), x + 0.1, y, yaw, np.eye(3), in_team=np.diag([0.005, 0.005, 1e-9]))
+            for stamp, (x, y, yaw) in zip(one.stamps_ns, one.poses, strict=True)
+        )
+        for name, one in {"a": driving(), "b": driving((0.0, 0.1, 0.0), y=2.0)}.items()
+    }
+    scores = score_poses(true, estimated)
+    assert scores is not None
+    np.testing.assert_allclose(scores.squares_apart, 0.1**2 / (2 * 0.005), rtol=1e-5)
+    assert scores.report()["nees"]["mean"] < 0.1
+
+
 def test_nees_of_exact_poses_is_undefined():
     scores = score_poses({"a": driving()}, {"a": driving((0.2, 0.0, 0.0))})
     assert scores is not None
     assert scores.report()["nees"]["mean"] is None
+    assert scores.report()["relative"]["nees"]["mean"] is None
     assert scores.report()["along_in_3_sigma"] is None
 
 
