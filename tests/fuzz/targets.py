@@ -42,6 +42,7 @@ from mrs_people_sim.estimates import read_estimate
 from mrs_people_sim.evaluation.labels import read_labels
 from mrs_people_sim.layouts import expand
 from mrs_people_sim.scene import load_scene
+from mrs_studies.recordings.mrclam import MrclamTuning, convert_mrclam
 from mrs_studies.recordings.oak import read_oak_calibration
 from mrs_studies.recordings.pcd import read_rgbd
 from mrs_tools.bags.message_types import default_typestore
@@ -689,6 +690,31 @@ def _oak() -> list[bytes]:
     return [json.dumps(document).encode()]
 
 
+#: The files of a data set of MRCLAM with one robot.
+_MRCLAM = (
+    "Barcodes", "Landmark_Groundtruth", "Robot1_Groundtruth", "Robot1_Odometry",
+    "Robot1_Measurement",
+)  # fmt: skip
+
+
+def take_mrclam(data: bytes) -> None:
+    """A data set of MRCLAM: its files, with form feeds between them."""
+    folder = _folder()
+    for name in _MRCLAM:
+        part, _, data = data.partition(b"\f")
+        (folder / f"{name}.dat").write_bytes(part)
+    with tempfile.TemporaryDirectory() as out:
+        convert_mrclam(folder, Path(out) / "bag.mcap", MrclamTuning(longest_s=5.0))
+
+
+def _mrclam() -> list[bytes]:
+    parts = (
+        "1 5\n6 72 # a landmark\n", "6 2.5 -1 0 0\n", "1.5 0 0 3.1\n2.5 0.1 0 -3.1\n4 0.2 0 3\n",
+        "1.25 0.1 0.5\n1.25 0.1 0\n3 0 0\n", "2 72 1.5 -0.25\n2.001 72 1.5 0\n2.5 43 1 0\n",
+    )  # fmt: skip
+    return ["\f".join(parts).encode()]
+
+
 def take_pcd(data: bytes) -> None:
     """A cloud of points with colours."""
     path = _folder() / "frame.pcd"
@@ -922,6 +948,7 @@ TARGETS: Mapping[str, Target] = {
     "sequence": Target(take_sequence, _sequences, 1_100, 40),
     "labels": Target(take_labels, _labels, 1_000, 500),
     "oak": Target(take_oak, _oak, 3_000, 500),
+    "mrclam": Target(take_mrclam, _mrclam, 500, 200),
     "pcd": Target(take_pcd, _pcds, 2_000, 1_000),
     "scene": Target(take_scene, lambda: [text.encode() for text in _SCENES], 2_000, 100),
     "walls": Target(take_walls, lambda: [text.encode() for text in _WALLS], 1_000, 300),

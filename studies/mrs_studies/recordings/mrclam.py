@@ -67,6 +67,7 @@ class MrclamTuning:
         robot: What robots look like.
         lowest: Lowest point of a body [m].
         points: Number of its points.
+        longest_s: What is longer is no recording [s].
     """
 
     odometry_s: float = 0.1
@@ -84,6 +85,7 @@ class MrclamTuning:
     robot: Look = Look(0.0, 0.6)
     lowest: float = 0.25
     points: int = 300
+    longest_s: float = 86_400.0
 
 
 MRCLAM_TUNING = MrclamTuning()
@@ -130,13 +132,14 @@ def convert_mrclam(folder: Path, out: Path, tuning: MrclamTuning = MRCLAM_TUNING
         BagError: A file is missing or wrong, the robots have no time in common, or `out` exists.
     """
     data = read_mrclam(folder)
-    times = common_times(data, tuning.odometry_s)
-    lasts = len(times) * tuning.odometry_s
-    if lasts < tuning.start_s:
+    begin, end = common_span(data)
+    if not tuning.start_s <= end - begin <= tuning.longest_s:
         raise BagError(
-            f"{folder}: all robots have odometry and truth at the same time for {lasts:.1f} s; "
-            f"wanted: {tuning.start_s:g} s at least"
+            f"{folder}: all robots have odometry and truth at the same time for "
+            f"{max(0.0, end - begin):.1f} s; allowed: {tuning.start_s:g} to {tuning.longest_s:g} s"
         )
+    count = math.floor((end - begin) / tuning.odometry_s + 1e-6) + 1
+    times = np.asarray(begin + tuning.odometry_s * np.arange(count))
     robots = {
         f"robot_{number}": _Robot(f"robot_{number}", recorded, data.landmarks, times, tuning)
         for number, recorded in data.robots.items()
@@ -212,13 +215,11 @@ def stamp_of(seconds: float) -> int:
     return EPOCH_NS + 1000 * round(seconds * 1e6)
 
 
-def common_times(data: Mrclam, period_s: float) -> Float:
-    """Times at which all robots have odometry and truth, one per period [s], shape (n,)."""
+def common_span(data: Mrclam) -> tuple[float, float]:
+    """When all robots have odometry and truth for the first and for the last time [s]."""
     tables = [table for r in data.robots.values() for table in (r.truth, r.odometry)]
     begin = max(float(table[0, 0]) for table in tables)
-    end = min(float(table[-1, 0]) for table in tables)
-    count = max(0, math.floor((end - begin) / period_s + 1e-6) + 1)
-    return np.asarray(begin + period_s * np.arange(count))
+    return begin, min(float(table[-1, 0]) for table in tables)
 
 
 # ------------------------------------------------------------------------------------ wheels

@@ -50,16 +50,17 @@ class Mrclam:
     landmarks: Mapping[int, tuple[float, float]]
 
 
-#: What the values of a column must be, beside finite: in words, and whether one is.
+#: What the values of a column must be: in words, and whether one is. NaN is none of them.
 _Check = tuple[str, Callable[[float], bool]]
-_ANY: _Check = "finite numbers", math.isfinite
+_ANY: _Check = "-100000 to 100000", lambda value: abs(value) <= 1e5
 _WHOLE: _Check = "whole numbers from 0 to 999", lambda value: value in range(1000)
-_POSITIVE: _Check = "more than 0", lambda value: 0.0 < value < math.inf
+_POSITIVE: _Check = "more than 0, at most 100000", lambda value: 0.0 < value <= 1e5
+_TIME: _Check = "0 to 10000000000", lambda value: 0.0 <= value <= 1e10
 _BARCODES = {"subject": _WHOLE, "barcode": _WHOLE}
 _LANDMARKS = {"subject": _WHOLE, "x": _ANY, "y": _ANY, "sigma of x": _ANY, "sigma of y": _ANY}
-_TRUTH = {"time": _POSITIVE, "x": _ANY, "y": _ANY, "yaw": _ANY}
-_ODOMETRY = {"time": _POSITIVE, "speed": _ANY, "turn": _ANY}
-_MEASUREMENTS = {"time": _POSITIVE, "barcode": _WHOLE, "range": _POSITIVE, "bearing": _ANY}
+_TRUTH = {"time": _TIME, "x": _ANY, "y": _ANY, "yaw": _ANY}
+_ODOMETRY = {"time": _TIME, "speed": _ANY, "turn": _ANY}
+_MEASUREMENTS = {"time": _TIME, "barcode": _WHOLE, "range": _POSITIVE, "bearing": _ANY}
 
 
 def read_mrclam(folder: Path) -> Mrclam:
