@@ -6,18 +6,25 @@ evidence: the log-odds that the matched people are the same against that all are
 which takes into account how wide the search is (Laplace's approximation; MacKay, Information
 Theory, Inference, and Learning Algorithms, 2003, chapter 28). So two people that match prove little
 where the pose is hardly known, and five prove it.
+
+Where nothing is known of the pose (`align_anywhere`), velocities are compared, too. Chance has many
+tries then. Evidence is the logarithm of a ratio of likelihoods in which the prior probabilities of
+all moves, turns and matches add up to 1: where nobody is the same, it is more than x with a
+probability of at most exp(-x) (Markov's inequality), and by simulation much less.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
-from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis
+from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis, wrap_angle
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,9 @@ class AlignmentTuning:
         distinct: Two hypotheses are different ones if they bring people to places that are farther
             apart than this, root mean square [m].
         tie: Of two matches that are equally good the first is better by this gain.
+        margin_of_spread: Added to the spread of people on each side, where their density is
+            measured, and to how far their middles are apart [m].
+        walk: Standard deviation of the velocity of a group that walks, on each axis [m/s].
     """
 
     gate: float = 3.5
@@ -46,9 +56,13 @@ class AlignmentTuning:
     steps: int = 3
     distinct: float = 0.25
     tie: float = 1e-9
+    margin_of_spread: float = 0.5
+    walk: float = 0.8
 
 
 ALIGNMENT_TUNING = AlignmentTuning()
+#: Of `align_anywhere`: 12 people on each side, at all turns.
+ANYWHERE_TUNING = AlignmentTuning(candidates=144, hypotheses=192, refined=12)
 
 
 @dataclass(frozen=True)
@@ -64,6 +78,19 @@ class Places(StructOfArrays):
     xy: Float
     covariance: Float
     sample: Int
+
+
+@dataclass(frozen=True)
+class MovingPlaces(Places):
+    """Places of people who may walk, likewise.
+
+    Attributes:
+        velocity: Shape (n, 2) [m/s].
+        velocity_covariance: Shape (n, 2, 2) [m^2/s^2].
+    """
+
+    velocity: Float
+    velocity_covariance: Float
 
 
 @dataclass(frozen=True)
@@ -107,30 +134,54 @@ def align(
     matches = _possible_matches(own, others, prior, tuning)
     if len(matches) < 2:
         return None
-    few = matches.select(slice(tuning.candidates))
-    states = _hypotheses(few, prior, tuning)
-    states = states[few.different(states, few.matched(states)[1], tuning)]
-    information = np.linalg.inv(prior)
-    for _ in range(tuning.steps):
-        matched, _ = matches.matched(states)
-        normal, gradient = matches.normal_equations(states, matched)
-        step = gradient - states @ information
-        states = states + np.linalg.solve(normal + information, step[:, :, np.newaxis])[:, :, 0]
-    matched, gain = matches.matched(states)
-    normal, gradient = matches.normal_equations(states, matched)
-    freedom = [_log_mean(states, normal, gradient, one) for one in priors]
-    evidence = gain + np.logaddexp.reduce(freedom) - math.log(len(priors))
-    evidence[matched.sum(axis=1) < 2] = -np.inf
-    best = int(evidence.argmax())
-    if not np.isfinite(evidence[best]):
+    return _likeliest(matches, priors, tuning)
+
+
+def align_anywhere(
+    own: MovingPlaces, others: MovingPlaces, *, tuning: AlignmentTuning = ANYWHERE_TUNING
+) -> Alignment | None:
+    """Finds the move and turn with which people are where others see people, whatever they are.
+
+    Of the turn nothing is known; of the move, that it brings the middle of the people near that of
+    the others: as near as people are spread. Covariances of the own people count as if they were
+    the same along and across, as the turn is not known.
+
+    Args:
+        own: People that the robot sees.
+        others: People that others see, relative to the same point.
+        tuning: Constants.
+
+    Returns:
+        The likeliest; None: no two people match.
+    """
+    fewer = min(len(own), len(others))
+    if fewer < 2:
         return None
-    other = matches.distance(states)[best] > tuning.distinct
-    margin = evidence[best] - evidence[other].max(initial=-np.inf)
-    which = np.flatnonzero(matched[best])
-    return Alignment(
-        states[best, :2], float(states[best, 2]), matches.own[which], matches.others[which],
-        float(evidence[best]), float(margin),
+    middle, there = own.xy.mean(axis=0), others.xy.mean(axis=0)
+    spread = [np.cov(one.xy, rowvar=False, bias=True) for one in (own, others)]
+    more = tuning.margin_of_spread**2 * np.eye(2)
+    variance = 0.5 * float(np.trace(spread[0] + spread[1] + more))
+    # People spread evenly over an ellipse have a quarter of its half axes squared for variances.
+    areas = [4.0 * math.pi * math.sqrt(np.linalg.det(one + more)) for one in spread]
+    density = max(tuning.density, len(own) / areas[0], len(others) / areas[1])
+    tuning = dataclasses.replace(tuning, density=density)
+    own = dataclasses.replace(
+        own, xy=own.xy - middle, covariance=_round(own.covariance),
+        velocity_covariance=_round(own.velocity_covariance),
     )  # fmt: skip
+    others = dataclasses.replace(others, xy=others.xy - there)
+    prior = np.diag([variance, variance, 2.0 * math.pi])  # the last one: see `_likeliest`
+    matches = _possible_matches(own, others, prior, tuning)
+    if len(matches) < 2:
+        return None
+    # Each number of matches is equally likely, and so is each choice of so many.
+    ways = [math.log((fewer + 1) * math.comb(fewer, m)) for m in range(fewer + 1)]
+    extra = _log_group(own, others, tuning) - np.array(ways)
+    found = _likeliest(_moving(matches, own, others), (prior,), tuning, extra)
+    if found is None:
+        return None
+    move = found.move + there - rotation_2d(found.turn) @ middle
+    return dataclasses.replace(found, move=move, turn=wrap_angle(found.turn))
 
 
 def fit(
@@ -161,6 +212,52 @@ def fit(
         off = others - turned - state[:2]
         state = state + covariance @ np.einsum("nji,nj->i", weighted, off)
     return state, covariance
+
+
+def _likeliest(
+    matches: _Matches,
+    priors: Sequence[Float],
+    tuning: AlignmentTuning,
+    extra: Float | None = None,
+) -> Alignment | None:
+    """The likeliest move and turn.
+
+    Args:
+        matches: Two at least.
+        priors: See `align`.
+        tuning: Constants.
+        extra: By number of matches, what is added to the evidence; None: nothing. If given, each
+            turn is as likely as the others: a normal distribution about it with a variance of
+            2 pi has a density of 1 / (2 pi) there.
+    """
+    prior = priors[-1]
+    few = matches.select(slice(tuning.candidates))
+    states = _hypotheses(few, prior, tuning)
+    states = states[few.different(states, few.matched(states)[1], tuning)]
+    information, known = np.linalg.inv(prior), np.array([1.0, 1.0, float(extra is None)])
+    for _ in range(tuning.steps):
+        matched, _ = matches.matched(states)
+        normal, gradient = matches.normal_equations(states, matched)
+        step = gradient - (states * known) @ information
+        states = states + np.linalg.solve(normal + information, step[:, :, np.newaxis])[:, :, 0]
+    matched, gain = matches.matched(states)
+    normal, gradient = matches.normal_equations(states, matched)
+    freedom = [_log_mean(states * known, normal, gradient, one) for one in priors]
+    evidence = gain + np.logaddexp.reduce(freedom) - math.log(len(priors))
+    count = matched.sum(axis=1)
+    if extra is not None:
+        evidence += extra[count]
+    evidence[count < 2] = -np.inf
+    best = int(evidence.argmax())
+    if not np.isfinite(evidence[best]):
+        return None
+    other = matches.distance(states, best) > tuning.distinct
+    margin = evidence[best] - evidence[other].max(initial=-np.inf)
+    which = np.flatnonzero(matched[best])
+    return Alignment(
+        states[best, :2], float(states[best, 2]), matches.own[which], matches.others[which],
+        float(evidence[best]), float(margin),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -233,11 +330,15 @@ class _Matches(StructOfArrays):
         y = s * self.here[:, 0] + c * self.here[:, 1]
         return self.there[:, 0] - x - states[:, :1], self.there[:, 1] - y - states[:, 1:2], x, y
 
-    def matched(self, states: Float) -> tuple[Bool, Float]:
-        """Which match with each move and turn, one to one, shape (h, k), and their gain, (h,)."""
+    def gain(self, states: Float) -> Float:
+        """Gain of each match with each move and turn, shape (h, k)."""
         dx, dy, _, _ = self.offsets(states)
         xx, xy, yy = self.information.T
-        gain = self.most - 0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy)
+        return np.asarray(self.most - 0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy))
+
+    def matched(self, states: Float) -> tuple[Bool, Float]:
+        """Which match with each move and turn, one to one, shape (h, k), and their gain, (h,)."""
+        gain = self.gain(states)
         gain -= ALIGNMENT_TUNING.tie * np.arange(len(self))
         matched = gain > 0.0
         for groups in self._rivals:
@@ -261,36 +362,72 @@ class _Matches(StructOfArrays):
         ).sum(axis=2)
         return normal, gradient
 
-    def distance(self, states: Float) -> Float:
-        """Distances of the own places, moved and turned by one state and another [m].
+    def distance(self, states: Float, one: int) -> Float:
+        """Distances of the own places, moved and turned by one state and by each [m].
 
         Root mean square: that of the centres of gravity, and the turn times the radius of gyration.
 
         Args:
             states: Shape (h, 3).
+            one: Index of the one.
 
         Returns:
-            Shape (h, h).
+            Shape (h,).
         """
         centre = self.here.mean(axis=0)
         squared_radius = np.square(self.here - centre).sum(axis=1).mean()
         c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
         x = states[:, 0] + c * centre[0] - s * centre[1]
         y = states[:, 1] + s * centre[0] + c * centre[1]
-        turned = 2.0 - 2.0 * np.cos(states[:, 2] - states[:, 2:])
-        squared = (x - x[:, np.newaxis]) ** 2 + (y - y[:, np.newaxis]) ** 2
+        turned = 2.0 - 2.0 * np.cos(states[:, 2] - states[one, 2])
+        squared = (x - x[one]) ** 2 + (y - y[one]) ** 2
         return np.asarray(np.sqrt(squared + squared_radius * turned))
 
     def different(self, states: Float, score: Float, tuning: AlignmentTuning) -> list[int]:
         """Indices of states that are different from each other, the best first."""
-        near = self.distance(states) < tuning.distinct
         left = score.copy()
         found: list[int] = []
         while len(found) < tuning.refined and np.isfinite(left).any():
             best = int(left.argmax())
             found.append(best)
-            left[near[best]] = -np.inf
+            left[self.distance(states, best) < tuning.distinct] = -np.inf
         return found
+
+    def disagreement(self, first: Int, second: Int, turn: Float) -> Float:
+        """What speaks against turns of two matches each, beside the places: here nothing."""
+        return np.zeros(len(turn))
+
+
+@dataclass(frozen=True)
+class _MovingMatches(_Matches):
+    """Possible matches of people who may walk.
+
+    Attributes:
+        velocity: The same, of the velocities: these are turned, and not moved.
+    """
+
+    velocity: _Matches
+
+    def disagreement(self, first: Int, second: Int, turn: Float) -> Float:
+        """Squared Mahalanobis lengths of the velocities' differences, beyond the expected 4."""
+        squared, c, s = np.zeros(len(turn)), np.cos(turn), np.sin(turn)
+        for k in (first, second):
+            v, total = self.velocity.here[k], self.velocity.total[k]
+            turned = np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=1)
+            squared += squared_mahalanobis(self.velocity.there[k] - turned, total)
+        return np.maximum(squared - 4.0, 0.0)
+
+    def gain(self, states: Float) -> Float:
+        """Gain of each match with each move and turn, shape (h, k)."""
+        return super().gain(states) + self.velocity.gain(states * (0.0, 0.0, 1.0))
+
+    def normal_equations(self, states: Float, matched: Bool) -> tuple[Float, Float]:
+        """Information of the matches on x, y, turn, shape (h, 3, 3), and gradient, shape (h, 3)."""
+        normal, gradient = super().normal_equations(states, matched)
+        of_turn = self.velocity.normal_equations(states * (0.0, 0.0, 1.0), matched)
+        normal[:, 2, 2] += of_turn[0][:, 2, 2]
+        gradient[:, 2] += of_turn[1][:, 2]
+        return normal, gradient
 
 
 def _possible_matches(
@@ -306,13 +443,82 @@ def _possible_matches(
     squared = squared_mahalanobis(there - here, moved @ prior @ moved.transpose(0, 2, 1) + total)
     near = np.flatnonzero(squared < tuning.gate**2)
     total = total[near]
+    information, most = _weights(total, tuning.density)
+    return _Matches(
+        i[near], j[near], own.sample[i[near]], here[near], there[near], total, information, most
+    )
+
+
+def _weights(total: Float, density: float | Float) -> tuple[Float, Float]:
+    """Information of matches: xx, xy, yy, shape (k, 3); and their gain at most, shape (k,).
+
+    Args:
+        total: Covariance of the difference, shape (k, 2, 2).
+        density: What a match has to beat.
+    """
     determinant = total[:, 0, 0] * total[:, 1, 1] - total[:, 0, 1] ** 2
     inverse = np.stack([total[:, 1, 1], -total[:, 0, 1], total[:, 0, 0]], axis=1)
-    most = -np.log(tuning.density * 2.0 * math.pi * np.sqrt(determinant))
-    return _Matches(
-        i[near], j[near], own.sample[i[near]], here[near], there[near], total,
-        inverse / determinant[:, np.newaxis], most,
-    )  # fmt: skip
+    most = -np.log(density * 2.0 * math.pi * np.sqrt(determinant))
+    return inverse / determinant[:, np.newaxis], most
+
+
+def _moving(matches: _Matches, own: MovingPlaces, others: MovingPlaces) -> _MovingMatches:
+    """Possible matches of people who may walk."""
+    i, j = matches.own, matches.others
+    total = own.velocity_covariance[i] + others.velocity_covariance[j]
+    density = np.maximum(_velocity_density(own)[i], _velocity_density(others)[j])
+    information, most = _weights(total, density)
+    here, there = own.velocity[i], others.velocity[j]
+    velocity = _Matches(i, j, matches.sample, here, there, total, information, most)
+    return _MovingMatches(**vars(matches), velocity=velocity)
+
+
+def _round(covariance: Float) -> Float:
+    """Covariances of the same mean variance that are the same at any turn, shape (n, 2, 2)."""
+    half = 0.5 * np.trace(covariance, axis1=1, axis2=2)
+    return np.asarray(half[:, np.newaxis, np.newaxis] * np.eye(2))
+
+
+def _velocity_density(people: MovingPlaces) -> Float:
+    """How dense velocities are at that of each person, at most [s^2/m^2], shape (n,).
+
+    The larger one of a normal distribution of all, and of what the others have: of people who all
+    walk alike, or stand, a velocity tells none from another.
+    """
+    everybody = _spread_of_velocities(people) + people.velocity_covariance
+    normal = _normal_density(people.velocity - people.velocity.mean(axis=0), everybody)
+    offset = (people.velocity - people.velocity[:, np.newaxis]).reshape(-1, 2)
+    covariance = people.velocity_covariance
+    both = (covariance + covariance[:, np.newaxis]).reshape(-1, 2, 2)
+    of_others = _normal_density(offset, both).reshape(len(people), -1)
+    np.fill_diagonal(of_others, 0.0)
+    return np.asarray(np.maximum(normal, of_others.sum(axis=1) / (len(people) - 1)))
+
+
+def _spread_of_velocities(people: MovingPlaces) -> Float:
+    return np.asarray(np.cov(people.velocity, rowvar=False, bias=True))
+
+
+def _normal_density(offset: Float, covariance: Float) -> Float:
+    """Of a normal distribution about zero, at offsets of shape (m, 2)."""
+    scale = 2.0 * math.pi * np.sqrt(np.linalg.det(covariance))
+    return np.asarray(np.exp(-0.5 * squared_mahalanobis(offset, covariance)) / scale)
+
+
+def _log_group(own: MovingPlaces, others: MovingPlaces, tuning: AlignmentTuning) -> float:
+    """What it proves that two groups walk alike, or stand, as a whole [log-odds].
+
+    Every other group stands; the others walk with any velocity.
+    """
+    gains = []
+    for people in (own, others):
+        mean = people.velocity.mean(axis=0)[np.newaxis]
+        unsure = _spread_of_velocities(people) + people.velocity_covariance.mean(axis=0)
+        stands, walks = unsure[np.newaxis], (unsure + tuning.walk**2 * np.eye(2))[np.newaxis]
+        chance = 0.5 * float(_normal_density(mean, stands)[0] + _normal_density(mean, walks)[0])
+        chance = max(chance, 1e-99)  # nobody walks like that
+        gains.append(-math.log(2.0 * math.pi * math.sqrt(np.linalg.det(unsure)) * chance))
+    return min(gains)
 
 
 def _hypotheses(matches: _Matches, prior: Float, tuning: AlignmentTuning) -> Float:
@@ -325,6 +531,11 @@ def _hypotheses(matches: _Matches, prior: Float, tuning: AlignmentTuning) -> Flo
     k, n = k[two], n[two]
     here, there = matches.here[n] - matches.here[k], matches.there[n] - matches.there[k]
     away, other_away = np.hypot(*here.T), np.hypot(*there.T)
+    # Most of them fail by far: a variance is at most the trace.
+    trace = matches.total[:, 0, 0] + matches.total[:, 1, 1]
+    rough = (away - other_away) ** 2 < tuning.gate**2 * (trace[k] + trace[n])
+    k, n, here, there = k[rough], n[rough], here[rough], there[rough]
+    away, other_away = away[rough], other_away[rough]
     total = matches.total[k] + matches.total[n]
     variance = np.einsum("ni,nij,nj->n", there, total, there) / np.maximum(other_away**2, 1e-9)
     mismatch = (away - other_away) ** 2 / variance
@@ -342,7 +553,9 @@ def _hypotheses(matches: _Matches, prior: Float, tuning: AlignmentTuning) -> Flo
     good = (np.minimum(away, other_away) > tuning.baseline) & (np.abs(turn) < allowed)
     good &= mismatch < tuning.gate**2
     index = np.flatnonzero(good)
-    index = index[np.argsort(mismatch[index], kind="stable")[: tuning.hypotheses]]
+    mismatch = mismatch[index] + matches.disagreement(k[index], n[index], turn[index])
+    order = np.argsort(mismatch, kind="stable")[: tuning.hypotheses]
+    index = index[order[mismatch[order] < tuning.gate**2]]
     return np.vstack([np.zeros(3), state[index]])
 
 

@@ -15,14 +15,20 @@ both robots stand, tau is the time that they have been standing.
 The sightings of a robot also enter its measurements with several others. With m robots, each
 measured with each, independent measurements would have m / 2 times the information that there is;
 the covariances are multiplied accordingly.
+
+The search is as wide as the poses are unsure. Two robots that it does not find for some windows, or
+of which one is lost, are searched whatever their poses are wrong by (`align_anywhere`), with the
+people and velocities of two windows. What is found has to be found again in the next window. Then
+the usual search begins there, and measures with the people of the last window.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,10 +37,13 @@ from mrs_people_loc.arrays import Float, Int, StructOfArrays
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.people.alignment import (
     ALIGNMENT_TUNING,
+    ANYWHERE_TUNING,
     Alignment,
     AlignmentTuning,
+    MovingPlaces,
     Places,
     align,
+    align_anywhere,
     fit,
 )
 from mrs_people_loc.localization.people.seen_people import SeenPeople
@@ -64,6 +73,8 @@ class RelativePosesTuning:
             with the square root of time [m/s].
         bend: Variance of the middle of a line that is fitted to a path with such changes, over
             `acceleration` squared and the cube of its span: by simulation 0.003 to 0.007, doubled.
+        slope: Variance of the slope of that line, against the velocity in the middle, over
+            `acceleration` squared and its span (exact: 33 / 560).
         lasting: Share of a sighting's variance that lasts over windows.
         lasting_s: For how long it lasts [s].
         least: Standard deviations of a relative pose, at least, likewise lasting: what all people
@@ -83,6 +94,20 @@ class RelativePosesTuning:
         stands_turn: ... and turned by no more than this [rad].
         unknown: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
         alignment: Constants of the search.
+        anywhere: Constants of the search whatever poses are wrong by.
+        anywhere_after: After so many comparisons in a row that found nothing, a pair of robots is
+            searched whatever their poses are wrong by ...
+        anywhere_people: ... if each of them sees so many people, at least.
+        anywhere_matches: People in an alignment of that search, at least; it counts if the last
+            window had the same.
+        anywhere_evidence: Log-odds of each of the two, at least ...
+        anywhere_both: ... and their sum, at least. Where nobody was the same, by simulation, less
+            than one of 1000 windows had the former by chance, and none of 30,000 both.
+        anywhere_margin: Log-odds of each over the next best one, at least.
+        anywhere_gate: The two are the same to within so many standard deviations.
+        anywhere_step, anywhere_sightings, anywhere_bend, anywhere_slope: `step`, `sightings`,
+            `bend` and `slope` over the two windows of that search. A path that bends, bends for
+            both robots.
     """
 
     window_ns: int = 700_000_000
@@ -95,6 +120,7 @@ class RelativePosesTuning:
     any_velocity: float = 1.0
     acceleration: float = 0.5
     bend: float = 0.01
+    slope: float = 0.06
     lasting: float = 0.35
     lasting_s: float = 4.0
     least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
@@ -111,7 +137,27 @@ class RelativePosesTuning:
     stands: float = 0.05
     stands_turn: float = math.radians(2.0)
     unknown: float = 1e6
+    anywhere_after: int = 3
+    anywhere_people: int = 3
+    anywhere_matches: int = 3
+    anywhere_evidence: float = 0.0
+    anywhere_both: float = 2.0
+    anywhere_margin: float = 3.5
+    anywhere_gate: float = 4.0
+    anywhere_step: float = 0.3
+    anywhere_sightings: int = 5
+    anywhere_bend: float = 0.0025
+    anywhere_slope: float = 0.015
     alignment: AlignmentTuning = ALIGNMENT_TUNING
+    anywhere: AlignmentTuning = ANYWHERE_TUNING
+
+    @property
+    def over_two_windows(self) -> RelativePosesTuning:
+        """Constants of the tracks of the search whatever poses are wrong by."""
+        return dataclasses.replace(
+            self, step=self.anywhere_step, sightings=self.anywhere_sightings,
+            bend=self.anywhere_bend, slope=self.anywhere_slope,
+        )  # fmt: skip
 
 
 RELATIVE_POSES_TUNING = RelativePosesTuning()
@@ -125,14 +171,25 @@ class Tracks(StructOfArrays):
         xy: Places at one time, on the map [m], shape (n, 2).
         white: Covariance of the places by errors that differ from scan to scan, shape (n, 2, 2).
         lasting: Likewise by errors that last [m^2], shape (n, 2, 2).
+        velocity: [m/s], shape (n, 2).
+        velocity_covariance: [m^2/s^2], shape (n, 2, 2).
     """
 
     xy: Float
     white: Float
     lasting: Float
+    velocity: Float
+    velocity_covariance: Float
+
+    def moving(self, pose: Pose) -> MovingPlaces:
+        """The people relative to the place of a robot."""
+        return MovingPlaces(
+            self.xy - (pose.x, pose.y), self.white + self.lasting, np.zeros(len(self), np.intp),
+            self.velocity, self.velocity_covariance,
+        )  # fmt: skip
 
 
-NOBODY = Tracks(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((0, 2, 2)))
+NOBODY = Tracks(*(np.empty((0, *shape)) for shape in ((2,), (2, 2), (2, 2), (2,), (2, 2))))
 
 
 @dataclass
@@ -141,10 +198,12 @@ class _Robot:
 
     Attributes:
         seen: By scan, the people, and its pose.
+        before: Likewise in the window before.
         stands: The first of its poses that is where it is now.
     """
 
     seen: list[tuple[SeenPeople, Pose]] = field(default_factory=list)
+    before: list[tuple[SeenPeople, Pose]] = field(default_factory=list)
     stands: Pose | None = None
 
     @property
@@ -164,6 +223,33 @@ class _Robot:
             self.stands = pose
 
 
+@dataclass(frozen=True)
+class _Far:
+    """An alignment that was found whatever the poses are wrong by.
+
+    Attributes:
+        evidence: See `Alignment`.
+        pose: Of the second robot, as it is believed to be.
+        off: What that is wrong by, x, y, yaw [m, m, rad], shape (3,).
+        covariance: Of `off`, shape (3, 3).
+    """
+
+    evidence: float
+    pose: Pose
+    off: Float
+    covariance: Float
+
+    def confirms(self, last: _Far | None, tuning: RelativePosesTuning) -> bool:
+        """Whether it is the last one again, and both together are evident."""
+        if last is None or self.evidence + last.evidence < tuning.anywhere_both:
+            return False
+        expected = _carried_on(last.off[:2], float(last.off[2]), last.pose, self.pose)
+        off = self.off - [*expected, last.off[2]]
+        off[2] = wrap_angle(off[2])
+        squared = off @ np.linalg.solve(self.covariance + last.covariance, off)
+        return bool(squared < tuning.anywhere_gate**2)
+
+
 @dataclass
 class _Pair:
     """Two robots.
@@ -173,23 +259,33 @@ class _Pair:
         measured_ns: When their relative pose was measured last [ns]; 0: never.
         guess: The last alignment that was good enough to be confirmed, and the pose of the second
             robot that it moves.
+        missed: Comparisons in a row that found nothing where both saw people enough.
+        far: The last alignment that was found whatever the poses are wrong by, and is to be
+            confirmed.
     """
 
     compared_ns: int = 0
     measured_ns: int = 0
     guess: tuple[Alignment, Pose] | None = None
+    missed: int = 0
+    far: _Far | None = None
 
     def confirms(self, found: Alignment, pose: Pose, tuning: RelativePosesTuning) -> bool:
         """Whether an alignment of the second robot, at a pose, is the last one again."""
         if self.guess is None:
             return False
         last, at = self.guess
-        way = np.array([pose.x - at.x, pose.y - at.y])
-        expected = last.move + rotation_2d(last.turn) @ way - way
+        expected = _carried_on(last.move, last.turn, at, pose)
         return bool(
             np.hypot(*(found.move - expected)) < tuning.same
             and abs(wrap_angle(found.turn - last.turn)) < tuning.same_turn
         )
+
+
+def _carried_on(move: Float, turn: float, at: Pose, pose: Pose) -> Float:
+    """The move of a robot at a pose, that is the same as one at another with a turn about it."""
+    way = np.array([pose.x - at.x, pose.y - at.y])
+    return np.asarray(move + rotation_2d(turn) @ way - way)
 
 
 class RelativePoses:
@@ -212,7 +308,10 @@ class RelativePoses:
         self._intervals = 0
 
     def step(
-        self, seen: Mapping[str, SeenPeople], poses: Mapping[str, Pose]
+        self,
+        seen: Mapping[str, SeenPeople],
+        poses: Mapping[str, Pose],
+        lost: Collection[str] = (),
     ) -> tuple[RelativePose, ...]:
         """Takes an interval.
 
@@ -222,6 +321,8 @@ class RelativePoses:
                 poses of a robot is taken for exact; where a robot is, for as sure as the
                 covariance says (that relative to the team, where it is known), or else wrong by
                 `mistaken` in the tuning.
+            lost: Robots that may be anywhere. So may others that were not measured for some
+                windows (`anywhere_after`), whatever their poses say.
 
         Returns:
             The measurements of a window that ends with this interval; none, as a rule.
@@ -234,14 +335,14 @@ class RelativePoses:
         span_ns = max(stamps, default=0) - min(stamps, default=0)
         if span_ns < self.tuning.window_ns or self._intervals < self.tuning.intervals:
             return ()
-        found = self._measure((max(stamps) + min(stamps)) // 2)
+        found = self._measure((max(stamps) + min(stamps)) // 2, lost)
         self._robots = {name: robot for name, robot in self._robots.items() if robot.seen}
         for robot in self._robots.values():
-            robot.seen.clear()
+            robot.before, robot.seen = robot.seen, []
         self._intervals = 0
         return found
 
-    def _measure(self, time_ns: int) -> tuple[RelativePose, ...]:
+    def _measure(self, time_ns: int, lost: Collection[str]) -> tuple[RelativePose, ...]:
         """Compares the robots that saw people in the window whose middle is at a time [ns]."""
         tracks, last = {}, {}
         for name, robot in self._robots.items():
@@ -252,8 +353,16 @@ class RelativePoses:
         for names in self._next_pairs(last):
             pair = self._pairs.setdefault(names, _Pair())
             one, other = ((last[name], tracks[name]) for name in names)
-            wrong_by = self._compare(pair, one, other, self._factor(names, pair, time_ns))
+            factor = self._factor(names, pair, time_ns)
+            wrong_by = self._compare(pair, one, other, factor)
             pair.compared_ns = time_ns
+            if wrong_by is not None:
+                pair.missed, pair.far = 0, None
+            elif self._is_anywhere(names, pair, one[1], other[1], lost):
+                far = self._anywhere(names, pair)
+                if far is not None:
+                    other = _moved(*other, far.off)
+                    wrong_by = self._compare(pair, one, other, factor, far.covariance)
             if wrong_by is not None:
                 found[names] = one[0], other[0], wrong_by
                 pair.measured_ns = time_ns
@@ -266,6 +375,52 @@ class RelativePoses:
             _relative(names, *measured, factor=(2 + used[names[0]] + used[names[1]]) / 4)
             for names, measured in found.items()
         )
+
+    def _is_anywhere(
+        self,
+        names: tuple[str, str],
+        pair: _Pair,
+        one: Tracks,
+        other: Tracks,
+        lost: Collection[str],
+    ) -> bool:
+        """Notes that two robots were not measured; whether their poses may be wrong by anything."""
+        pair.missed += min(len(one), len(other)) >= self.tuning.anywhere_people
+        is_lost = names[0] in lost or names[1] in lost
+        return is_lost or pair.missed >= self.tuning.anywhere_after
+
+    def _anywhere(self, names: tuple[str, str], pair: _Pair) -> _Far | None:
+        """What the pose of a robot is wrong by, relative to another's, whatever it is.
+
+        Their people over two windows are aligned. What these tell is used for nothing else: with
+        the pose corrected, the two are compared by the people of the last window, as usual.
+
+        Args:
+            names: The other, and the robot.
+            pair: The two.
+
+        Returns:
+            None: not found, or not yet confirmed.
+        """
+        tuning, last, pair.far = self.tuning.over_two_windows, pair.far, None
+        seen = [self._robots[name].before + self._robots[name].seen for name in names]
+        stamps = [people.stamp_ns for of_robot in seen for people, _ in of_robot]
+        time_ns, pose = (max(stamps) + min(stamps)) // 2, seen[1][-1][1]
+        there, own = (tracks_of(of_robot, time_ns, tuning).moving(pose) for of_robot in seen)
+        found = align_anywhere(own, there, tuning=tuning.anywhere)
+        if (
+            found is None
+            or len(found.own) < tuning.anywhere_matches
+            or found.evidence < tuning.anywhere_evidence
+            or found.margin < tuning.anywhere_margin
+        ):
+            return None
+        i, j = found.own, found.others
+        off, covariance = fit(
+            own.xy[i], own.covariance[i], there.xy[j], there.covariance[j], found.turn
+        )
+        pair.far = _Far(found.evidence, pose, off, covariance)
+        return pair.far if pair.far.confirms(last, tuning) else None
 
     def _next_pairs(self, poses: Mapping[str, Pose]) -> list[tuple[str, str]]:
         """The pairs of robots that were not compared for the longest time, the nearest first."""
@@ -286,27 +441,12 @@ class RelativePoses:
         lasts_s = max(self.tuning.lasting_s, (time_ns - stand_ns) / 1e9)
         return 1.0 + 2.0 * lasts_s / max(since_s, 1e-3)
 
-    def _compare(
-        self, pair: _Pair, one: tuple[Pose, Tracks], other: tuple[Pose, Tracks], factor: float
-    ) -> tuple[Float, Float] | None:
-        """What the pose of a robot is wrong by, relative to another's.
-
-        Args:
-            pair: The two robots.
-            one: Pose of the first, and the people that it sees.
-            other: Likewise of the second.
-            factor: What the variance of errors that last is multiplied by.
-
-        Returns:
-            x, y, yaw on the map [m, m, rad], shape (3,), and covariance, shape (3, 3); None: not
-            known.
-        """
-        tuning, (pose, own), there = self.tuning, other, one[1]
-        sees, seen = (
-            Places(t.xy - (pose.x, pose.y), t.white + t.lasting, np.zeros(len(t), np.intp))
-            for t in (own, there)
-        )
-        found = align(sees, seen, *_priors(one[0], pose, tuning), tuning=tuning.alignment)
+    def _alignment(
+        self, pair: _Pair, sees: Places, seen: Places, one: Pose, other: Pose
+    ) -> Alignment | None:
+        """Which people are the same as others, if it is sure; notes it if it is to be confirmed."""
+        tuning = self.tuning
+        found = align(sees, seen, *_priors(one, other, tuning), tuning=tuning.alignment)
         if (
             found is None
             or found.evidence < tuning.evidence_again
@@ -315,9 +455,40 @@ class RelativePoses:
             pair.guess = None
             return None
         sure = found.evidence >= tuning.evidence and found.margin >= tuning.margin
-        again = pair.confirms(found, pose, tuning)
-        pair.guess = found, pose
-        if not (sure or again):
+        again = pair.confirms(found, other, tuning)
+        pair.guess = found, other
+        return found if sure or again else None
+
+    def _compare(
+        self,
+        pair: _Pair,
+        one: tuple[Pose, Tracks],
+        other: tuple[Pose, Tracks],
+        factor: float,
+        settled: Float | None = None,
+    ) -> tuple[Float, Float] | None:
+        """What the pose of a robot is wrong by, relative to another's.
+
+        Args:
+            pair: The two robots.
+            one: Pose of the first, and the people that it sees.
+            other: Likewise of the second.
+            factor: What the variance of errors that last is multiplied by.
+            settled: Covariance of the pose of the second relative to the first, if it is known
+                which people are the same, shape (3, 3).
+
+        Returns:
+            x, y, yaw on the map [m, m, rad], shape (3,), and covariance, shape (3, 3); None: not
+            known.
+        """
+        tuning, (pose, own), there = self.tuning, other, one[1]
+        sees, seen = own.moving(pose), there.moving(pose)
+        if settled is None:
+            found = self._alignment(pair, sees, seen, one[0], pose)
+        else:
+            prior = settled + np.diag(np.square(tuning.told))
+            found = align(sees, seen, prior, tuning=tuning.alignment)
+        if found is None:
             return None
         i, j = found.own, found.others
         state, covariance = fit(
@@ -405,10 +576,14 @@ def _fitted(
     inverse = np.linalg.inv(normal[:, :, :4])
     span = float(np.ptp(seconds))
     bend = tuning.bend * tuning.acceleration**2 * span**3 * np.eye(2)
+    slope = tuning.slope * tuning.acceleration**2 * span * np.eye(2)
+    state = (inverse @ normal[:, :, 4:])[:, :, 0]
     return Tracks(
-        (inverse @ normal[:, :, 4:])[:, :2, 0],
+        state[:, :2],
         inverse[:, :2, :2] + bend,
         tuning.lasting * np.add.reduceat(covariance, first) / size[:, np.newaxis, np.newaxis],
+        state[:, 2:],
+        inverse[:, 2:, 2:] + slope,
     )
 
 
@@ -428,6 +603,19 @@ def _priors(one: Pose, other: Pose, tuning: RelativePosesTuning) -> list[Float]:
         return [most]
     priors = (total + np.diag(np.square(sigmas)) for sigmas in least)
     return [np.linalg.inv(np.linalg.inv(prior) + np.linalg.inv(most)) for prior in priors]
+
+
+def _moved(pose: Pose, people: Tracks, by: Float) -> tuple[Pose, Tracks]:
+    """A robot and its people, moved and turned about its place by x, y, yaw [m, m, rad]."""
+    x, y, turn = by.tolist()
+    moved = dataclasses.replace(pose, x=pose.x + x, y=pose.y + y, yaw=pose.yaw + turn)
+    rotation = rotation_2d(turn)
+    white, lasting, of_velocity = (
+        rotation @ one @ rotation.T
+        for one in (people.white, people.lasting, people.velocity_covariance)
+    )
+    xy = (people.xy - (pose.x, pose.y)) @ rotation.T + (moved.x, moved.y)
+    return moved, Tracks(xy, white, lasting, people.velocity @ rotation.T, of_velocity)
 
 
 def _relative(

@@ -35,6 +35,7 @@ class Team:
         lasts_s: For how long [s]: its correlation falls to 1 / e.
         noise: Standard deviations of the errors over those that are stated.
         ghosts: Places per scan where nobody is.
+        stated: Standard deviations of the errors along and across the line of sight [m].
     """
 
     people: np.ndarray
@@ -48,6 +49,7 @@ class Team:
     lasts_s: float = 4.0
     noise: float = 1.0
     ghosts: float = 0.0
+    stated: tuple = (ALONG, ACROSS)
     seed: int = 0
     #: Velocity of the people past the robots [m/s].
     pass_by: tuple = (0.0, 0.0)
@@ -93,7 +95,7 @@ class Team:
         here = np.concatenate([here, ghosts])
         sight = here / np.hypot(*here.T)[:, np.newaxis]
         axes = np.stack([sight, np.stack([-sight[:, 1], sight[:, 0]], 1)], axis=2)
-        root = axes * (ALONG, ACROSS)
+        root = axes * self.stated
         bias = np.concatenate([self.bias(name, t)[who], np.zeros_like(ghosts)])
         white = self.random.standard_normal(here.shape)
         error = math.sqrt(self.lasting) * bias + math.sqrt(1.0 - self.lasting) * white
