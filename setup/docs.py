@@ -51,7 +51,7 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "map": (
         "Map",
         "The scans of all robots on one map, for one interval.",
-        ("team.poses", "team.intervals", "team.fusion", "team.masking"),
+        ("team.poses", "team.intervals", "team.quarantine", "team.fusion", "team.masking"),
     ),
     "clusters": (
         "Clusters",

@@ -69,6 +69,7 @@ class People:
         too_wide: How many clusters are wider than a person and could not be split: each may hold
             more people than were found.
         times_ms: Duration of each stage, by name [ms].
+        quarantined: Robots that were left out (`team.quarantine`), sorted: the caller's part.
     """
 
     stamp_ns: int
@@ -80,6 +81,7 @@ class People:
     too_wide: int = 0
     events: tuple[str, ...] = ()
     times_ms: dict[str, float] = field(default_factory=dict)
+    quarantined: tuple[str, ...] = ()
 
     @property
     def group(self) -> Group | None:

@@ -374,7 +374,10 @@ def _people(stragglers: int = 0, words: str = "") -> bytes:
         stragglers=np.arange(stragglers, dtype=np.uint32),
         straggling_for=[_make(duration, sec=3, nanosec=0)] * stragglers,
     )  # fmt: skip
-    reported = _make(PEOPLE, header=_header(), scans=[scan], persons=[person], groups=[group])
+    reported = _make(
+        PEOPLE, header=_header(), scans=[scan], persons=[person], groups=[group],
+        quarantined=["robot_b"],
+    )  # fmt: skip
     return _encoded(PEOPLE, reported)
 
 
@@ -418,7 +421,7 @@ def _team_pose() -> bytes:
     told = _make(
         TEAM_POSE, header=_header(), robot="robot_b", pose=_pose(), odometry_x=1.0, odometry_y=2.0,
         odometry_yaw=0.5, position_variance=0.01, heading_variance=0.01, walls=walls,
-        covariance_in_team=0.01 * np.eye(3).reshape(-1),
+        status=1, doubted=["robot_a"], covariance_in_team=0.01 * np.eye(3).reshape(-1),
         absolute=[_make(POSE, header=_header(), pose=_pose())],
     )  # fmt: skip
     return _encoded(TEAM_POSE, told)

@@ -155,6 +155,7 @@ class Bag:
                 scans=[],
                 persons=persons,
                 groups=groups,
+                quarantined=[],
             ),
         )
 

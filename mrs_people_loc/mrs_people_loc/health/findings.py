@@ -66,6 +66,8 @@ class Code(str, Enum):
     CLOCK_ASTRAY = "clock_astray"
     LEFT_OUT_NO_POSE = "left_out_no_pose"
     LEFT_OUT_TOO_OLD = "left_out_too_old"
+    QUARANTINED = "quarantined"
+    DOUBTED = "doubted"
     STRANGE_POSE = "strange_pose"
     MISPLACED = "misplaced"
     SLOW = "slow"

@@ -92,6 +92,8 @@ class MemberState:
         pose_jumps: How often it jumped, so far.
         last_jump: From where to where it did last; None: not within the last seconds.
         misplaced: How it would have to be moved; None: its people are where the others see them.
+        quarantined: Why it is in quarantine; empty: it is not.
+        doubted_by: Robots that doubt its pose.
         expected_hz: Scans per second that are expected of it.
         map_frame: The common frame.
     """
@@ -116,6 +118,8 @@ class MemberState:
     pose_jumps: int = 0
     last_jump: tuple[Pose, Pose] | None = None
     misplaced: Misplaced | None = None
+    quarantined: str = ""
+    doubted_by: tuple[str, ...] = ()
     expected_hz: float = 0.0
     map_frame: str = "map"
 
@@ -171,7 +175,13 @@ def _clock(state: MemberState) -> _Verdict:
 
 
 def _losses(state: MemberState) -> _Verdict:
-    """Whether scans of it were left out lately."""
+    """Whether its scans are left out, or some were lately."""
+    if state.quarantined:
+        text = (
+            f"{state.robot} is in quarantine, its scans find no people: {state.quarantined}; they "
+            "are used again when its pose has fitted for half a second"
+        )
+        return WARN, Code.QUARANTINED, text
     for reason, (code, why) in LEFT_OUT.items():
         if reason in state.left_out_lately:
             return WARN, code, f"{state.dropped[reason]} scans left out: {why}"
@@ -195,6 +205,13 @@ def _place(state: MemberState) -> _Verdict:
             " its localization was lost or put right, or something else publishes its pose, too"
         )
         return WARN, Code.STRANGE_POSE, text
+    if state.doubted_by:
+        text = (
+            f"its pose does not fit what {', '.join(state.doubted_by)} can tell; its scans are "
+            "used, as it takes two, and most of the team, to leave a robot out: check whose pose "
+            "is wrong"
+        )
+        return WARN, Code.DOUBTED, text
     if state.misplaced is not None:
         (x, y), turn = state.misplaced.move, math.degrees(state.misplaced.turn)
         text = (

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mrs_people_loc import config as cfg
@@ -39,7 +39,10 @@ class Closed:
         left_out: By robot, why its scan takes no part.
         others: By robot whose scan takes no part, its pose at `time_ns`, or the one nearest to it
             within `robot_timeout`: it may be in view of those that do. Where a robot is whose poses
-            are older is not known.
+            are older is not known, nor where one in quarantine is.
+        quarantined: Robots in quarantine, sorted.
+        apart: Their scans, which find no people but tell where they are.
+        apart_poses: By robot, its pose at the stamp of that.
     """
 
     scans: tuple[Scan, ...]
@@ -47,11 +50,19 @@ class Closed:
     time_ns: int
     left_out: Mapping[str, str]
     others: Mapping[str, Pose]
+    quarantined: tuple[str, ...] = ()
+    apart: tuple[Scan, ...] = ()
+    apart_poses: Mapping[str, Pose] = field(default_factory=dict)
 
     @property
     def all_poses(self) -> dict[str, Pose]:
         """Every pose that is known, for `Planner.step`."""
         return {**self.others, **self.poses}
+
+    @property
+    def poses_of_scans(self) -> dict[str, Pose]:
+        """Those of all scans, of robots in quarantine, too: to measure where these are."""
+        return {**self.poses, **self.apart_poses}
 
 
 @dataclass
@@ -71,6 +82,7 @@ class RobotState:
         dropped: Scans that were not used, by reason: superseded, too_old, no_pose, clock_offset.
         order: Of its scans' stamps.
         clock: Its clock against the planner's.
+        apart: Whether it is in quarantine.
     """
 
     poses: PoseBuffer = field(default_factory=PoseBuffer)
@@ -83,6 +95,7 @@ class RobotState:
     dropped: Counter[str] = field(default_factory=Counter)
     order: StampOrder = field(default_factory=StampOrder)
     clock: ClockOffset = field(default_factory=ClockOffset)
+    apart: bool = False
 
     @property
     def ready(self) -> bool:
@@ -177,27 +190,37 @@ class IntervalCollector:
         if order is Order.RESTART:
             state.clock.add(scan.stamp_ns, now_ns, restarted=True)
             state.seen_ns, state.restarted = None, True
+        first = not state.apart and all(one.pending is None for one in self._taking_part)
         if state.pending is not None:
             state.dropped["superseded"] += 1
         state.pending, state.ahead_ns = scan, scan.stamp_ns - now_ns
-        if self._opened_ns is None:
+        if self._opened_ns is None or first:
             # What is too old is counted with the next interval, and makes none by itself.
             last_ns = self._last_seen_ns(now_ns, scan.stamp_ns)
             if last_ns is None or last_ns - scan.stamp_ns <= self._max_age_ns:
                 self._opened_ns = now_ns
 
-    def close(self, now_ns: int) -> Closed | None:
+    def close(self, now_ns: int, quarantined: Collection[str] = ()) -> Closed | None:
         """Closes the interval if its time has come.
 
         Args:
             now_ns: The time [ns].
+            quarantined: Robots in quarantine: their scans open no interval while others are heard,
+                and none waits for them.
 
         Returns:
             The interval (without scans if none of them can be used); None if it stays open.
         """
         self._at(now_ns)
+        for name, state in self.robots.items():
+            state.apart = name in quarantined
         if self._opened_ns is None:
             return None
+        if quarantined:
+            others = self._taking_part
+            heard = any(self._is_heard(state.heard_ns, now_ns) for state in others)
+            if heard and all(state.pending is None for state in others):
+                return None
         waited = now_ns - self._opened_ns >= self.config.max_wait * 1e9
         if not waited and self._awaits(now_ns):
             return None
@@ -286,11 +309,17 @@ class IntervalCollector:
             if state.heard_ns is not None:
                 state.heard_ns = min(state.heard_ns, now_ns)
 
+    @property
+    def _taking_part(self) -> list[RobotState]:
+        """The robots that are not in quarantine."""
+        return [state for state in self.robots.values() if not state.apart]
+
     def _awaits(self, now_ns: int) -> bool:
         """Whether a live robot is not ready; the one last waited for is looked at first."""
 
         def awaited(state: RobotState) -> bool:
-            return self._is_heard(state.heard_ns, now_ns) and not state.ready
+            is_heard = self._is_heard(state.heard_ns, now_ns)
+            return is_heard and not state.ready and not state.apart
 
         if self._awaited is None or not awaited(self._awaited):
             self._awaited = next(filter(awaited, self.robots.values()), None)
@@ -306,6 +335,7 @@ class IntervalCollector:
                 offsets[name] = max(offsets.get(name, state.ahead_ns), state.ahead_ns)
         off_ns, right_ns = self._astray(offsets, now_ns), self._right_ns(offsets, now_ns)
         pending, stamp_ns = self._take_pending(off_ns, left_out)
+        apart = {name: pending.pop(name) for name in list(pending) if self.robots[name].apart}
         # When each was made by the right clock: one that is a little ahead does not make the
         # others' scans old.
         made_ns = {
@@ -315,6 +345,7 @@ class IntervalCollector:
         seen_ns = self._last_seen_ns(now_ns, max(made_ns.values(), default=stamp_ns))
         newest_ns = max(*made_ns.values(), seen_ns or 0, 0)
         scans, poses = self._place(pending, newest_ns, left_out)
+        apart_scans, apart_poses = self._place(apart, newest_ns, left_out)
         for name in poses:
             self.robots[name].seen_ns, self.robots[name].restarted = made_ns[name], False
         time_ns = max((scan.stamp_ns for scan in scans), default=stamp_ns)
@@ -322,12 +353,16 @@ class IntervalCollector:
             time_ns = self._follow(time_ns, seen_ns, newest_ns, poses)
         others = {}
         for name, state in self.robots.items():
-            if name not in poses:
+            if name not in poses and not state.apart:
                 pose = self._standing(state, time_ns + off_ns.get(name, 0))
                 if pose is not None:
                     others[name] = pose
+        quarantined = tuple(sorted(name for name, state in self.robots.items() if state.apart))
         self._forget(now_ns)
-        return Closed(tuple(scans), poses, time_ns, left_out, others)
+        return Closed(
+            tuple(scans), poses, time_ns, left_out, others,
+            quarantined, tuple(apart_scans), apart_poses,
+        )  # fmt: skip
 
     def _take_pending(
         self, off_ns: Mapping[str, int], left_out: dict[str, str]

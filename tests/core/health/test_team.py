@@ -80,6 +80,13 @@ CHANGES: list[tuple[dict[str, Any], bytes, Code, str]] = [
         "0.2 s; use_sim_time",
     ),
     (
+        {"quarantined": "it says that it is lost"},
+        WARN,
+        Code.QUARANTINED,
+        "robot_a is in quarantine, its scans find no people: it says that it is lost; they are "
+        "used again when its pose has fitted for half a second",
+    ),
+    (
         {"left_out_lately": frozenset({"no_pose", "too_old"}), "dropped": {"no_pose": 4}},
         WARN,
         Code.LEFT_OUT_NO_POSE,
@@ -104,6 +111,13 @@ CHANGES: list[tuple[dict[str, Any], bytes, Code, str]] = [
         Code.STRANGE_POSE,
         "its pose jumped from (1.00, 2.00) m to (5.00, 2.00) m in 2.00 s (3 jumps so far): its "
         "localization was lost or put right, or something else publishes its pose, too",
+    ),
+    (
+        {"doubted_by": ("robot_b",)},
+        WARN,
+        Code.DOUBTED,
+        "its pose does not fit what robot_b can tell; its scans are used, as it takes two, and "
+        "most of the team, to leave a robot out: check whose pose is wrong",
     ),
     (
         {"misplaced": Misplaced(np.array([0.5, -0.25]), np.radians(12.0), 0.1, 0.9)},

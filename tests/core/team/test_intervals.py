@@ -412,7 +412,9 @@ def test_interval_does_not_wait_for_a_silent_robot():
     assert team.close(3000) is None  # 2 s
     assert team.close(3000.000001) == {"robot_a": 2950}
     team.scan("robot_a", 4000)
-    assert team.close(4000) == {"robot_a": 4000}
+    again = team.collector.close(4000 * MS, ["robot_b"])
+    assert again is not None
+    assert [scan.robot for scan in again.scans] == ["robot_a"]
     # It counts again with its next scan.
     team.scan("robot_b", 4100)
     team.scan("robot_a", 4100)
@@ -734,3 +736,66 @@ def test_robots_are_apart_by_the_distance_of_the_nearest():
     team.pose("robot_c", 100, x=-9.0)
     assert [team.collector.apart_m(name) for name in THREE] == [5.0, 5.0, 9.0]
     assert team.collector.apart_m("robot_d") is None  # nothing is known of it
+
+
+# --- quarantine -----------------------------------------------------------------------------------
+
+
+def played(offsets: dict[str, int], quarantined: Sequence[str] = ()) -> list[tuple[Any, ...]]:
+    """What closes while robots scan every 100 ms at offsets [ms], and one of them falls silent.
+
+    Returns:
+        Of each interval when it closes and its time [ms], its scans, and whose poses are known.
+    """
+    team, log = Team(*offsets), []
+    for now in range(1000, 6000, 10):
+        for robot, offset in offsets.items():
+            if now % 100 == offset and not (robot == "robot_a" and 2000 < now < 5000):
+                team.scan(robot, now)
+        closed = team.collector.close(now * MS, quarantined)
+        if closed is not None and closed.scans:
+            scans = {scan.robot: scan.stamp_ns // MS for scan in closed.scans}
+            log.append((now, closed.time_ns // MS, scans, set(closed.all_poses)))
+            assert closed.quarantined == tuple(quarantined)
+            assert {scan.robot for scan in closed.apart} <= set(quarantined)
+    return log
+
+
+@pytest.mark.parametrize("offset", range(0, 100, 10))
+def test_intervals_are_as_without_a_robot_in_quarantine(offset):
+    others = {"robot_a": 0, "robot_b": 40}
+    assert played({"robot_c": offset, **others}, ["robot_c"]) == played(others)
+
+
+def test_scans_of_a_robot_in_quarantine_are_apart():
+    team = live_team(*THREE)
+    for robot in THREE:
+        team.scan(robot, 1100)
+    closed = team.collector.close(1100 * MS, ["robot_b"])
+    assert closed is not None
+    assert [scan.robot for scan in closed.scans] == ["robot_a", "robot_c"]
+    assert [scan.robot for scan in closed.apart] == ["robot_b"]
+    assert closed.quarantined == ("robot_b",)
+    assert closed.all_poses.keys() == {"robot_a", "robot_c"}
+    assert closed.poses_of_scans.keys() == set(THREE)
+    for robot in THREE:
+        team.scan(robot, 1200)
+    assert team.close(1200) == dict.fromkeys(THREE, 1200)  # it is back
+    assert team.closed.quarantined == team.closed.apart == ()
+
+
+def test_robot_in_quarantine_that_is_alone_makes_intervals_without_scans():
+    team = live_team("robot_a", "robot_b")
+    closed = []
+    for now in range(1100, 4000, 100):
+        team.scan("robot_b", now)
+        closed.append(team.collector.close(now * MS, ["robot_b", "robot_c"]))
+    assert closed[:19] == [None] * 19  # the other one is waited for, until it is silent
+    for one in closed[20:]:
+        assert one is not None
+        assert (one.scans, one.quarantined) == ((), ("robot_b",))
+        assert len(one.apart) == 1
+    team.scan("robot_a", 4000)
+    again = team.collector.close(4000 * MS, ["robot_b"])
+    assert again is not None
+    assert [scan.robot for scan in again.scans] == ["robot_a"]

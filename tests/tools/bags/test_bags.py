@@ -660,6 +660,7 @@ def people():
         scans=[],
         persons=[person(4), person(9)],
         groups=[],
+        quarantined=["robot_b"],
     )
 
 
@@ -669,6 +670,7 @@ def check_people(path):
     assert (topic, at) == ("/tracked_people", START_NS)
     assert read.header.frame_id == "map"
     assert [p.id for p in read.persons] == [4, 9]
+    assert read.quarantined == ["robot_b"]
     assert read.persons[1].robots == ["robot_a", "robot_c"]
     assert (read.persons[0].height, read.persons[0].sigma) == (1.75, 0.125)
     np.testing.assert_array_equal(read.persons[0].pose.covariance, np.arange(36.0))
