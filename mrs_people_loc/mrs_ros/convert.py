@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +35,7 @@ from mrs_people_msgs.msg import (
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
 from mrs_people_msgs.msg import RelativePose as RelativePoseMessage
+from mrs_people_msgs.msg import StandingPerson as StandingPersonMessage
 from mrs_people_msgs.msg import TeamPose as TeamPoseMessage
 from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, PointCloud2, PointField
@@ -44,7 +45,12 @@ from stereo_msgs.msg import DisparityImage
 from mrs_people_loc.config import Disparity, Mounting
 from mrs_people_loc.geometry import quaternion_from_rotation, quaternion_from_yaw
 from mrs_people_loc.guiding.guidance import Guidance, Post
-from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.shared import (
+    RelativePose,
+    StandingPeople,
+    TeamMeasurement,
+    TeamPose,
+)
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.planner import People
@@ -185,6 +191,8 @@ def team_pose(told: TeamPose, frame_id: str) -> TeamPoseMessage:
         heading_variance=float(odometry.heading_variance),
         walls=[wall for seen in told.walls for wall in _walls(seen)],
         absolute=[pose_stamped(pose, frame_id) for pose in told.absolute],
+        status=TeamPoseMessage.LOST if told.lost else TeamPoseMessage.PLACED,
+        doubted=list(told.doubted),
     )
 
 
@@ -213,8 +221,10 @@ def _walls(seen: SeenWalls) -> list[Wall]:
     ]
 
 
-def relative_poses(stamp_ns: int, frame_id: str, measured: Iterable[RelativePose]) -> RelativePoses:
-    """Relative poses of an interval as the message on `relative_poses`."""
+def relative_poses(
+    stamp_ns: int, frame_id: str, measured: Sequence[TeamMeasurement]
+) -> RelativePoses:
+    """What was measured of robots in an interval as the message on `relative_poses`."""
     return RelativePoses(
         header=header(stamp_ns, frame_id),
         poses=[
@@ -227,8 +237,23 @@ def relative_poses(stamp_ns: int, frame_id: str, measured: Iterable[RelativePose
                 y=float(one.pose[1]),
                 yaw=float(one.pose[2]),
                 covariance=one.covariance.reshape(-1),
+                inflated=float(one.inflated),
             )
             for one in measured
+            if isinstance(one, RelativePose)
+        ],
+        standing=[
+            StandingPersonMessage(
+                stamp=time(one.stamp_ns),
+                robot=one.robot,
+                x=float(x),
+                y=float(y),
+                covariance=covariance.reshape(-1)[[0, 1, 3]],
+                inflated=float(one.inflated),
+            )
+            for one in measured
+            if isinstance(one, StandingPeople)
+            for (x, y), covariance in zip(one.xy, one.covariance, strict=True)
         ],
     )
 
@@ -299,6 +324,7 @@ def people(result: People, frame_id: str) -> PeopleMessage:
         ],
         persons=[_person(person) for person in result.persons],
         groups=[_group(group) for group in result.groups],
+        quarantined=list(result.quarantined),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -27,10 +28,11 @@ from mrs_people_loc.health.team import (
     of_people,
 )
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
-from mrs_people_loc.localization.people.seen_people import people_by_robot
+from mrs_people_loc.localization.people.seen_people import people_in
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.intervals import Closed, IntervalCollector
 from mrs_people_loc.team.masking import OccupancyGrid as Grid
+from mrs_people_loc.team.quarantine import Quarantine
 from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint, type_name
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
@@ -73,6 +75,7 @@ class PlannerNode(ManagedNode):
         self._agreement = Agreement()
         self._team_rates: dict[str, RateLimit] = {}
         self._relative_poses = RelativePoses()
+        self._quarantine = Quarantine()
         self._compared_ns: int | None = None
         self._outputs = Outputs(self)
         self._others = Others(self)
@@ -118,6 +121,7 @@ class PlannerNode(ManagedNode):
     def jumped_back(self) -> None:
         """Begins again: everybody gets a new id."""
         self._collector.reset()
+        self._quarantine.reset()
         self._reset()
 
     def _reset(self) -> None:
@@ -153,9 +157,10 @@ class PlannerNode(ManagedNode):
         rate = self._team_rates.setdefault(message.robot, RateLimit())
         if not rate.lets_through(messages.read_stamp(message), _TEAM_RATE_HZ):
             return
-        pose = messages.read_team_pose(message, self.config.map_frame).pose
-        assert pose.in_team is not None
-        self._collector.add_covariance_in_team(message.robot, pose.stamp_ns, pose.in_team)
+        told = messages.read_team_pose(message, self.config.map_frame)
+        assert told.pose.in_team is not None
+        self._collector.add_covariance_in_team(told.robot, told.pose.stamp_ns, told.pose.in_team)
+        self._quarantine.hear(told.robot, told.lost, told.doubted, self._now_ns())
 
     def _on_map(self, message: OccupancyGrid) -> None:
         self._grid = messages.read_occupancy_grid(message, self.config.map_frame)
@@ -166,28 +171,33 @@ class PlannerNode(ManagedNode):
 
     def _step(self) -> None:
         """Closes the interval if it is complete or has waited for long enough, and publishes it."""
-        closed = self._collector.close(self._now_ns())
+        now_ns = self._now_ns()
+        closed = self._collector.close(now_ns, self._quarantine.at(now_ns))
+        for event in self._quarantine.events():
+            self._outputs.publish_event(event)
         if closed is None:
             return
         for robot, reason in closed.left_out.items():
             if self._left_out_log.lets_through(robot):
                 self.get_logger().warning(f"{robot}: scan left out: {reason}")
-        if not closed.scans:
-            return
-        self._check_order(closed)
-        self._result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
-        self._intervals += 1
-        self._outputs.publish(self._result, self.config)
-        self._others.publish(self._result)
-        self._measure_robots(self._result)
+        if closed.scans:
+            self._check_order(closed)
+            result = self._planner.step(closed.scans, closed.all_poses, closed.time_ns)
+            self._result = dataclasses.replace(result, quarantined=closed.quarantined)
+            self._intervals += 1
+            self._outputs.publish(self._result, self.config)
+            self._others.publish(self._result)
+        self._measure_robots(closed)
 
-    def _measure_robots(self, result: People) -> None:
+    def _measure_robots(self, closed: Closed) -> None:
         """Publishes where robots are to each other, by the people whom both see, if any listens."""
-        if self._outputs.wants_relative_poses:
-            seen = people_by_robot(result.fused, result.poses, self.config)
-            measured = self._relative_poses.step(seen, result.poses)
+        if self._outputs.wants_relative_poses and closed.poses_of_scans:
+            persons = self._result.persons if self._result is not None and closed.scans else ()
+            measured = self._relative_poses.step(
+                people_in(closed, persons, self.config), closed.poses_of_scans, closed.quarantined
+            )
             if measured:
-                self._outputs.publish_relative_poses(result.stamp_ns, measured, self.config)
+                self._outputs.publish_relative_poses(closed.time_ns, measured, self.config)
 
     def _check_order(self, closed: Closed) -> None:
         back_ns = 0 if self._result is None else self._result.stamp_ns - closed.time_ns
@@ -245,6 +255,7 @@ class PlannerNode(ManagedNode):
         robots, now_ns, interval = self._roster.robots, self._now_ns(), self.config.interval
         rates_hz = {robot: self._roster.input(robot, "points").rate_hz for robot in robots}
         astray_ns = self._collector.clocks_astray(now_ns)
+        quarantined, doubts = self._quarantine.at(now_ns), self._quarantine.doubts(now_ns)
         for robot in robots:
             state, losses = self._collector.robot(robot), self._losses[robot]
             topic = self.resolve_topic_name(f"{robot}/points")
@@ -269,6 +280,8 @@ class PlannerNode(ManagedNode):
                 apart_m=self._collector.apart_m(robot),
                 pose_jumps=state.poses.jumps,
                 last_jump=state.poses.last_jump if losses[_JUMPS].lately else None,
+                quarantined=quarantined.get(robot, ""),
+                doubted_by=doubts.get(robot, ()),
                 misplaced=self._agreement.misplaced.get(robot),
                 map_frame=self.config.map_frame,
             )

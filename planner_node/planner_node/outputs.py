@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from geometry_msgs.msg import PointStamped, PoseArray
 from mrs_people_msgs.msg import People as PeopleMessage
@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc.config import PlannerConfig
-from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.localization.shared import TeamMeasurement
 from mrs_people_loc.planner import People
 from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode
@@ -44,7 +44,7 @@ class Outputs:
         return bool(self._relative_poses.get_subscription_count())
 
     def publish_relative_poses(
-        self, stamp_ns: int, measured: Iterable[RelativePose], config: PlannerConfig
+        self, stamp_ns: int, measured: Sequence[TeamMeasurement], config: PlannerConfig
     ) -> None:
         """Publishes where robots are to each other; `stamp_ns` is that of the interval."""
         message = convert.relative_poses(stamp_ns, config.map_frame, measured)
@@ -55,6 +55,11 @@ class Outputs:
         self._trails = Trails()
         self._events.publish(String(data="the time jumped back: everybody is new"))
 
+    def publish_event(self, event: str) -> None:
+        """Publishes a sentence on `events`, and logs it."""
+        self._node.get_logger().info(event)
+        self._events.publish(String(data=event))
+
     def publish(self, result: People, config: PlannerConfig) -> None:
         """Publishes an interval; the map and the markers only while somebody subscribes."""
         frame = config.map_frame
@@ -64,8 +69,7 @@ class Outputs:
         if centroid is not None:
             self._group_centroid.publish(centroid)
         for event in result.events:
-            self._node.get_logger().info(event)
-            self._events.publish(String(data=event))
+            self.publish_event(event)
         if self._short_term_map.get_subscription_count():
             self._short_term_map.publish(convert.short_term_map(result, frame))
         self._trails.add(result)

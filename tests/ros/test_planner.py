@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
-from mrs_people_msgs.msg import RelativePoses
+from mrs_people_msgs.msg import RelativePoses, TeamPose
 from sensor_msgs.msg import PointCloud
+from std_msgs.msg import String
 
 from mrs_people_loc.messages import read_relative_poses
 from ros.harness import ERROR, OK, STALE, WARN, Finding, Peer, Team, holds
@@ -32,12 +33,13 @@ from ros.planner_peer import (
     pose_of,
     robots_in,
 )
-from ros.recording import stamp_of
+from ros.recording import set_stamp, stamp_of
 
 SECOND = 1_000_000_000
 NAMES = ["robot_a", "robot_b", "robot_c"]
 PLACES = [(0.0, 0.0, 0.0), (4.0, 0.0, math.pi / 2), (2.0, 4.0, -2.0)]
 SOMEBODY = (2.0, 1.0)
+RELATIVE = "/team/relative_poses"
 
 
 @pytest.fixture(scope="module")
@@ -783,7 +785,7 @@ def test_relative_pose_is_measured_by_people_whom_both_see(
 ) -> None:
     """One robot says that it is 0.18 m and 3 degrees from where it is."""
     peer, (one, other, third) = planner.peer, robots
-    heard = peer.hear(RelativePoses, "/team/relative_poses")
+    heard = peer.hear(RelativePoses, RELATIVE)
     people = [(2.0, 1.0), (3.1, -0.6), (4.0, 1.7), (2.6, 2.9), (4.6, -0.2)]
     x, y, yaw = other.place
 
@@ -806,3 +808,92 @@ def test_relative_pose_is_measured_by_people_whom_both_see(
     sigmas = np.sqrt(np.diag(np.reshape(pose.covariance, (3, 3))))
     assert (sigmas < (0.2, 0.2, 0.1)).all()
     read_relative_poses(message)
+
+
+# --- quarantine -----------------------------------------------------------------------------------
+
+
+def test_scans_of_a_robot_that_is_lost_are_left_out_until_it_is_placed_again(
+    planner: PlannerPeer, robots: list[PlayedRobot]
+) -> None:
+    """What it believes to see is nobody, and where it believes to be somebody may stand."""
+    peer = planner.peer
+    events, measured = peer.hear(String, "/team/events"), peer.hear(RelativePoses, RELATIVE)
+    one, lost, third = robots
+    people = [(2.0, 1.0), (3.1, -0.6), (4.6, 1.7), (2.6, 2.9)]
+    there, believed = lost.place[:2], PlayedRobot(peer, lost.name, (9.0, 9.0, 0.0))
+    wrong = PlayedRobot(peer, lost.name, (*there, lost.place[2] + 0.03))
+
+    def tell(status: int) -> None:
+        message = TeamPose(robot="robot_b", status=status)
+        message.header.frame_id = "map"
+        set_stamp(message, planner.now())
+        peer.send("/team/team_poses", message)
+
+    def found() -> Any:
+        stamp_ns = planner.now()
+        lost.send_pose(pose_of(stamp_ns, *wrong.place))
+        lost.send_points(lost.scan(stamp_ns, *people))
+        for robot in (one, third):
+            robot.send(stamp_ns, *people, there)
+        return planner.people_at(stamp_ns)
+
+    assert len(places(_still_works(planner, robots))) == 1
+    tell(TeamPose.LOST)
+    finding = planner.until_finding(
+        "robot robot_b", lambda f: f.values.get("code") == "quarantined"
+    )
+    assert (finding.level, finding.message.partition(";")[0]) == (
+        WARN,
+        "robot_b is in quarantine, its scans find no people: it says that it is lost",
+    )
+    stamp_ns = planner.now()
+    believed.send(stamp_ns - 1, believed.place[:2], (8.0, 8.0))  # nobody waits for it, either
+    for robot in (one, third):
+        robot.send(stamp_ns, *people, there)
+    message = planner.people_at(stamp_ns)
+    assert robots_in(message) == ["robot_a", "robot_c"]
+    assert message.quarantined == ["robot_b"]
+    assert sorted(places(message)) == sorted([*people, there])
+    peer.until(lambda: events, "an event")
+    assert [event.data for event in events] == ["robot_b is left out: it says that it is lost"]
+    # By its scans it is found again.
+    measured.clear()
+    names = peer.until(
+        lambda: found() and [pose.other for m in measured for pose in m.poses],
+        lambda: planner.process.log,
+    )
+    assert "robot_b" in names
+    tell(TeamPose.PLACED)
+    peer.until(lambda: len(events) == 2, "an event")
+    assert events[1].data == "robot_b is no longer left out"
+    assert list(_still_works(planner, robots).quarantined) == []
+
+
+def test_robot_is_left_out_if_two_doubt_it(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
+    peer = planner.peer
+    events = peer.hear(String, "/team/events")
+
+    def tell(*names: str) -> Any:
+        peer.spin(0.1)
+        message = _still_works(planner, robots)
+        for name in names:
+            told = TeamPose(robot=name, doubted=["robot_b"])
+            told.header.frame_id = "map"
+            set_stamp(told, planner.now())
+            peer.send("/team/team_poses", told)
+        return message
+
+    def doubted() -> bool:
+        assert list(tell("robot_a").quarantined) == []
+        code = peer.findings(planner.node)["robot robot_b"].values.get("code")
+        return code == "doubted"  # (for some seconds it is that its pose has jumped)
+
+    peer.until(doubted, lambda: peer.findings(planner.node)["robot robot_b"])
+    tell("robot_a", "robot_c")
+    peer.until(lambda: events, "an event")
+    assert [event.data for event in events] == [
+        "robot_b is left out: robot_a, robot_c doubt its pose"
+    ]
+    peer.until(lambda: len(events) == 2, "an event")  # they are silent
+    assert list(_still_works(planner, robots).quarantined) == []

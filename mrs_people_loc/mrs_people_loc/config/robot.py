@@ -253,6 +253,10 @@ class PoseInput(Section):
             raise ConfigError(f"pose.sigmas is {list(self.sigmas)}; allowed: numbers of at least 0")
 
 
+#: Wheels with larger systematic errors are not those of a robot that was measured.
+MAX_WHEEL_ERROR = 0.3
+
+
 @dataclass(frozen=True)
 class Localization(Section):
     """Where the robot is: dead reckoning, corrected by walls, absolute poses and the team."""
@@ -285,6 +289,17 @@ class Localization(Section):
         0.02, "standard deviation that a radian of turn adds to the heading, likewise [rad]",
         low=0.0, high=1.0,
     )  # fmt: skip
+    wheels: tuple[float, ...] = field(
+        (0.0, 0.0, 0.0), "systematic errors of the wheels that the odometry is corrected by: the "
+        "true way is longer by this share, the true turn is greater by this many radians per metre "
+        "of way, and by this share",
+        kind="floats", length=3, live=False,
+    )  # fmt: skip
+    wheel_sigmas: tuple[float, ...] = field(
+        (0.02, 0.01, 0.03), "standard deviations of these at the start; what remains is estimated "
+        "on the way",
+        kind="floats", length=3, live=False,
+    )  # fmt: skip
     gate: float = field(
         0.999, "share of correct observations that pass the chi-square gate",
         low=0.5, high=0.999999, live=False,
@@ -294,10 +309,16 @@ class Localization(Section):
     )
 
     def _check_relations(self) -> None:
-        sigmas = self.start_sigmas
-        if not sigmas or any(sigma < 0 for sigma in sigmas):
+        for name in ("start_sigmas", "wheel_sigmas"):
+            sigmas = getattr(self, name)
+            if not sigmas or any(sigma < 0 for sigma in sigmas):
+                raise ConfigError(
+                    f"localization.{name} is {list(sigmas)}; allowed: 3 numbers of at least 0"
+                )
+        if not self.wheels or max(map(abs, self.wheels)) > MAX_WHEEL_ERROR:
             raise ConfigError(
-                f"localization.start_sigmas is {list(sigmas)}; allowed: 3 numbers of at least 0"
+                f"localization.wheels is {list(self.wheels)}; allowed: 3 numbers from "
+                f"-{MAX_WHEEL_ERROR:g} to {MAX_WHEEL_ERROR:g}"
             )
 
 

@@ -17,6 +17,7 @@ from mrs_people_loc.localization.filter.observations import (
     Joined,
     Left,
     Met,
+    PeopleStand,
     Placed,
     Reached,
     WallsSeen,
@@ -26,7 +27,11 @@ from mrs_people_loc.localization.filter.team_state import Misfit, Source, TeamSt
 from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.mailbox import Inbox, Measured, Outbox, RecentSet
 from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack
-from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.shared import (
+    StandingPeople,
+    TeamMeasurement,
+    TeamPose,
+)
 from mrs_people_loc.localization.walls import SeenWalls, Walls, moved
 from mrs_people_loc.team.poses import Pose
 
@@ -199,12 +204,15 @@ class Localizer:
         _check_rank(pose.covariance)
         self._take(pose)
 
-    def take_relative(self, relative: RelativePose) -> None:
-        """Takes a measured pose of one robot in the frame of another, likewise of both.
+    def take_relative(self, relative: TeamMeasurement) -> None:
+        """Takes what the planner measured of robots, likewise of these.
 
         Raises:
             PoseError: It is of a robot to itself, or its covariance has no full rank.
         """
+        if isinstance(relative, StandingPeople):
+            self._take(relative)
+            return
         if relative.robot == relative.other:
             raise PoseError(f"relative pose is of {relative.robot} to itself; wanted: two robots")
         if not np.isfinite(relative.pose).all():
@@ -290,8 +298,11 @@ class Localizer:
         newest = self._track.newest
         if newest is None:
             raise PoseError("no odometry has arrived")
-        pose = self._own_pose(newest, self._history.newest)
-        return self._outbox.message(self.robot, pose, newest)
+        state = self._history.newest
+        told = self._outbox.message(self.robot, self._own_pose(newest, state), newest)
+        own, doubted = state.trust.get(self.robot), self._doubted(state)
+        lost = own is not None and own.lost
+        return dataclasses.replace(told, lost=lost, doubted=tuple(sorted(doubted)))
 
     @property
     def state(self) -> LocalizationState:
@@ -330,7 +341,9 @@ class Localizer:
             for robot, trust in state.trust.items()
             if robot != self.robot
             and (
-                trust.claims_refused >= tuning.claims_refused or trust.disputed >= tuning.lost_after
+                trust.lost
+                or trust.claims_refused >= tuning.claims_refused
+                or trust.disputed >= tuning.lost_after
             )
         }
 
@@ -339,7 +352,7 @@ class Localizer:
     def _add_due(self) -> None:
         """Adds the measurements that there is odometry for by now."""
         for seen in self._inbox.due():
-            if not isinstance(seen, RelativePose):
+            if isinstance(seen, SeenWalls | Pose):
                 newest = self._track.newest
                 assert newest is not None
                 self._outbox.add(seen, newest.stamp_ns)
@@ -352,6 +365,11 @@ class Localizer:
         if isinstance(seen, Pose):
             place, covariance = _arrays(seen)
             return self._history.add(Placed(robot, track.at(seen.stamp_ns), place, covariance))
+        if isinstance(seen, StandingPeople):
+            odometry = self._track_of(seen.robot).at(seen.stamp_ns)
+            return self._history.add(
+                PeopleStand(seen.robot, odometry, seen.xy, seen.covariance, seen.inflated)
+            )
         return self._history.add(
             Met(
                 seen.robot,
@@ -360,6 +378,7 @@ class Localizer:
                 self._track_of(seen.other).at(seen.other_stamp_ns),
                 np.asarray(seen.pose, dtype=np.float64),
                 seen.covariance,
+                seen.inflated,
             )
         )
 
@@ -438,7 +457,7 @@ def _check_rank(covariance: Float) -> None:
 
 def _walls_of(state: TeamState) -> Walls:
     """The walls of a state in the map's normal form."""
-    count, begin = len(state.walls), 3 * len(state.odometry)
+    count, begin = len(state.walls), state.wall_at(0)
     lines = state.mean[begin:].reshape(-1, 2)
     blocks = state.covariance[begin:, begin:].reshape(count, 2, count, 2)
     anchors = np.array([wall.anchor for wall in state.walls]).reshape(-1, 2)

@@ -7,7 +7,12 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 from mrs_people_loc.localization.odometry import Odometry, OdometryTrack
-from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.shared import (
+    RelativePose,
+    StandingPeople,
+    TeamMeasurement,
+    TeamPose,
+)
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.team.poses import Pose
 
@@ -32,7 +37,7 @@ class MailTuning:
 
 
 MAIL_TUNING = MailTuning()
-Measured = SeenWalls | Pose | RelativePose
+Measured = SeenWalls | Pose | TeamMeasurement
 
 
 class RecentSet:
@@ -79,7 +84,7 @@ class Inbox:
         A stamp of walls or poses that another measurement of this kind has is made a little newer:
         two sensors may measure at once.
         """
-        if not isinstance(seen, RelativePose):
+        if isinstance(seen, SeenWalls | Pose):
             stamp_ns = seen.stamp_ns
             while (type(seen), stamp_ns) in self._stamps:
                 stamp_ns += 1
@@ -114,6 +119,8 @@ class Inbox:
         """Whose odometry a measurement needs, and at which stamps [ns]."""
         if isinstance(seen, RelativePose):
             return [(seen.robot, seen.stamp_ns), (seen.other, seen.other_stamp_ns)]
+        if isinstance(seen, StandingPeople):
+            return [(seen.robot, seen.stamp_ns)]
         return [(self._robot, seen.stamp_ns)]
 
 

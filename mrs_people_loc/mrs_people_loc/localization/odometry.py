@@ -3,7 +3,9 @@
 The errors of a differential drive are modelled as in Chong & Kleeman 1997 ("Accurate odometry and
 error modelling for a mobile robot"): white in the way, so that variances grow in proportion to the
 way and to the turn. Carrying the covariance on from step to step is the uncertainty evolution of
-Watanabe & Yuta 1990 (POEM).
+Watanabe & Yuta 1990 (POEM). Beside them are errors that stay the same for long (`Wheels`), as those
+of unequal wheels and of a wrong wheelbase (Borenstein & Feng 1996, "Measurement and correction of
+systematic odometry errors in mobile robots").
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from mrs_people_loc.clocks import Order, StampOrder
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
-from mrs_people_loc.team.poses import Pose, frame_of, is_jump
+from mrs_people_loc.team.poses import Pose, is_jump
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,9 @@ class OdometryTuning:
         turn_speed: ... and this speed [rad/s] explain, starts again ...
         jump_variances: ... and what the robot did meanwhile is unknown: variances of position and
             heading [m^2, rad^2].
+        turns_from: A turn of so many standard deviations is more than noise.
+        wander: Systematic errors of wheels change in a metre of way, and that of turns in a radian,
+            by this share of what they may be at the start; it grows with the root.
     """
 
     max_ahead_ns: int = 100_000_000
@@ -44,6 +49,8 @@ class OdometryTuning:
     turn: float = 1.0
     turn_speed: float = 6.0
     jump_variances: tuple[float, float] = (0.5**2, 0.2**2)
+    turns_from: float = 3.0
+    wander: float = 0.05
 
 
 _TUNING = OdometryTuning()
@@ -74,8 +81,51 @@ class Odometry:
     heading_variance: float
 
 
+#: Systematic errors of wheels, shape (3,): the true way is longer than that of the odometry by this
+#: share, the true turn is greater by this many radians per metre (driven backwards: less), and by
+#: this share.
+Wheels = Float
+#: What odometry without systematic errors has.
+TRUE_WHEELS: Wheels = np.zeros(3)
+
+
+def by_wheels(moved: Float, wheels: Wheels, noise: float = 0.0) -> tuple[Float, Float]:
+    """What a robot moved, by what its odometry says and the systematic errors of its wheels.
+
+    The turn by which the odometry is wrong accrues evenly along the way. Noise of the odometry must
+    not look like a way: where a turn is not more than noise, or a motion is to the side, it tells
+    nothing about wheels (errors in variables: their estimates would shrink towards no motion).
+
+    Args:
+        moved: x, y [m] and yaw [rad] of the end in base_link at the beginning by odometry, shape
+            (3,); a way so short that its chord is as long.
+        wheels: The errors.
+        noise: Variance of the turn [rad^2].
+
+    Returns:
+        The same, corrected, and its Jacobian by `wheels`, shape (3, 3).
+    """
+    way, aside, turn = moved.tolist()
+    scale, per_metre, per_radian = wheels.tolist()
+    squared = turn * turn
+    least = _TUNING.turns_from**2 * noise
+    driven = turn * (1.0 - least / squared) if squared > least else 0.0
+    more = per_metre * way + per_radian * driven
+    c, s = math.cos(0.5 * more), math.sin(0.5 * more)
+    longer = (1.0 + scale) * way
+    x, y = c * longer - s * aside, s * longer + c * aside
+    jacobian = np.array(
+        [
+            [c * way, -0.5 * y * way, -0.5 * y * driven],
+            [s * way, 0.5 * x * way, 0.5 * x * driven],
+            [0.0, way, driven],
+        ]
+    )
+    return np.array([x, y, turn + more]), jacobian
+
+
 def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
-    """What a robot moved between two times.
+    """What a robot moved between two times, by its odometry.
 
     The heading's errors accrue evenly along a straight way, so that they contribute a third of
     what the final heading error would across the way, and correlate with it.
@@ -100,6 +150,17 @@ def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
         ]
     )
     return np.array([dx, dy, wrap_angle(end.yaw - begin.yaw)]), covariance
+
+
+def wandered(begin: Odometry, end: Odometry) -> Float:
+    """What systematic errors of wheels gain between two times, shape (3,).
+
+    Returns:
+        Variances over those at the start.
+    """
+    way = math.hypot(end.x - begin.x, end.y - begin.y)
+    turn = abs(wrap_angle(end.yaw - begin.yaw))
+    return _TUNING.wander**2 * np.array([way, way, turn])
 
 
 def carried_on(place: Float, moved: Float) -> tuple[Float, Float]:
@@ -140,7 +201,6 @@ class DeadReckoning:
     order: StampOrder = field(default_factory=StampOrder)
     jumps: int = 0
     _last: tuple[Pose, Odometry] | None = None
-    _frame: Pose = field(default_factory=lambda: Pose(0, 0.0, 0.0, 0.0))  # of the odometry, in ours
 
     def take(self, pose: Pose) -> Odometry:
         """Takes the pose in the odometry's frame.
@@ -154,23 +214,33 @@ class DeadReckoning:
         newest_ns, order = self.order.newest_ns, self.order.take(pose.stamp_ns)
         if order is Order.LATE:
             raise PoseError(f"stamp is {pose.stamp_ns} ns; wanted: newer than {newest_ns} ns")
-        position = heading = 0.0
         if order is Order.NEWER and self._last is not None:
-            before, so_far = self._last
-            if is_jump(before, pose) or _is_turned(before, pose):
-                position, heading = _TUNING.jump_variances
-                self._frame = frame_of(self._frame @ before, pose)
-                self.jumps += 1
-            else:
-                position, heading = self._growth(before, pose)
-            position += so_far.position_variance
-            heading += so_far.heading_variance
+            made = self._after(*self._last, pose)
         else:
-            self._frame = Pose(0, 0.0, 0.0, 0.0)
-        at = self._frame @ pose
-        made = Odometry(pose.stamp_ns, at.x, at.y, at.yaw, position, heading)
+            made = Odometry(pose.stamp_ns, pose.x, pose.y, pose.yaw, 0.0, 0.0)
         self._last = pose, made
         return made
+
+    def _after(self, before: Pose, so_far: Odometry, pose: Pose) -> Odometry:
+        """Dead reckoning at a pose, after that at the pose before."""
+        x, y, yaw = so_far.x, so_far.y, so_far.yaw
+        if is_jump(before, pose) or _is_turned(before, pose):
+            position, heading = _TUNING.jump_variances
+            self.jumps += 1
+        else:
+            position, heading = self._growth(before, pose)
+            east, north = pose.x - before.x, pose.y - before.y
+            c, s = math.cos(before.yaw), math.sin(before.yaw)
+            turn = wrap_angle(pose.yaw - before.yaw)
+            moved = np.array([c * east + s * north, c * north - s * east, turn])
+            moved, _ = by_wheels(moved, np.array(self.config.wheels))
+            (x, y, yaw), _ = carried_on(np.array([x, y, yaw]), moved)
+        return Odometry(
+            pose.stamp_ns,
+            float(x), float(y), wrap_angle(float(yaw)),
+            so_far.position_variance + position,
+            so_far.heading_variance + heading,
+        )  # fmt: skip
 
     def _growth(self, before: Pose, pose: Pose) -> tuple[float, float]:
         """What a step adds to the variances of position [m^2] and heading [rad^2]."""

@@ -12,7 +12,7 @@ from mrs_people_loc.clocks import Order, RateLimit, StampOrder
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.localization.localizer import LocalizationState, Localizer
-from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.shared import TeamMeasurement, TeamPose
 from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.localization.walls.finder import Mounting, WallFinder
 from mrs_people_loc.localization.walls.known import read_walls
@@ -136,8 +136,8 @@ class RobotLocalization:
         """Takes what a team-mate says; what it said before is recognized."""
         self._localizer.take_teammate(told)
 
-    def take_relative(self, relative: RelativePose) -> None:
-        """Takes a measured pose of one robot in the frame of another.
+    def take_relative(self, relative: TeamMeasurement) -> None:
+        """Takes what the planner measured of robots.
 
         Raises:
             PoseError: It is of a robot to itself, or its covariance has no full rank.

@@ -9,6 +9,9 @@ from mrs_people_loc.localization.odometry import Odometry
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.team.poses import Pose
 
+#: The variance of a heading that nothing is known of [rad^2], and of what is not known, at least.
+YAW_UNKNOWN = 100.0
+
 
 @dataclass(frozen=True)
 class TeamPose:
@@ -21,6 +24,8 @@ class TeamPose:
         walls: What it saw lately; the same may come several times, so that a lost message costs
             nothing.
         absolute: Poses in the map that it measured lately (not from walls or team-mates), likewise.
+        lost: Whether it does not know where it is.
+        doubted: Team-mates whose poses do not fit what it knows.
     """
 
     robot: str
@@ -28,11 +33,13 @@ class TeamPose:
     odometry: Odometry
     walls: tuple[SeenWalls, ...] = ()
     absolute: tuple[Pose, ...] = ()
+    lost: bool = False
+    doubted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class RelativePose:
-    """Where one robot is in the base_link of another, measured with people whom both see.
+    """Where one robot is in the base_link of another: by people whom both see, or by sight.
 
     Attributes:
         robot: The robot whose base_link is the frame.
@@ -40,7 +47,9 @@ class RelativePose:
         other: The other robot.
         other_stamp_ns: Time of the other's base_link [ns].
         pose: x, y [m] and yaw [rad] of the other's base_link in the robot's, shape (3,).
-        covariance: Of `pose`, shape (3, 3).
+        covariance: Of `pose`, shape (3, 3); where the variance of yaw is `YAW_UNKNOWN` or more,
+            yaw is not measured.
+        inflated: The covariance is so many times that of a single measurement, as errors last.
     """
 
     robot: str
@@ -49,3 +58,27 @@ class RelativePose:
     other_stamp_ns: int
     pose: Float
     covariance: Float
+    inflated: float = 1.0
+
+
+@dataclass(frozen=True)
+class StandingPeople:
+    """People who do not walk, as one robot sees them: landmarks for a while.
+
+    Attributes:
+        robot: The robot.
+        stamp_ns: Time [ns].
+        xy: Places in its base_link [m], shape (n, 2).
+        covariance: Of the places, shape (n, 2, 2).
+        inflated: As for `RelativePose`.
+    """
+
+    robot: str
+    stamp_ns: int
+    xy: Float
+    covariance: Float
+    inflated: float = 1.0
+
+
+#: What the planner measures of robots.
+TeamMeasurement = RelativePose | StandingPeople

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,7 +12,12 @@ from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.geometry import wrap_angle
 from mrs_people_loc.localization.odometry import Odometry
-from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.shared import (
+    RelativePose,
+    StandingPeople,
+    TeamMeasurement,
+    TeamPose,
+)
 from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.messages.poses import MAX_COORDINATE_M, MAX_VARIANCE, pose_of
 from mrs_people_loc.messages.stamps import Message, read_stamp, stamp_ns_of
@@ -20,6 +25,13 @@ from mrs_people_loc.team.poses import Pose
 
 #: More walls, or absolute poses, than one robot measures in the time that a message covers.
 _MAX_WALLS, _MAX_ABSOLUTE = 200, 100
+#: More people than all robots of a team see at once.
+_MAX_STANDING = 1000
+#: More team-mates than a robot has.
+_MAX_DOUBTED = 100
+#: Value of `status` of a robot that knows where it is; it is lost with any other, also one that is
+#: not known here: its pose is then not relied on.
+_PLACED = 0
 #: What a message of the team repeats is of the seconds around its own stamp [ns].
 _MAX_REPEATED_NS = 5_000_000_000
 #: Longest name of a robot: that of a topic in DDS.
@@ -34,7 +46,8 @@ def read_team_pose(message: Message, map_frame: str) -> TeamPose:
         map_frame: The frame that its poses must be in: the common one.
 
     Raises:
-        PoseError: A frame, a name, a pose, a wall or a covariance cannot be used.
+        PoseError: A frame, a name, a pose, a wall or a covariance cannot be used, or there are too
+            many.
         StampError: A stamp is 0.
     """
     pose = _pose_in(map_frame, message)
@@ -52,6 +65,8 @@ def read_team_pose(message: Message, map_frame: str) -> TeamPose:
     count = len(message.absolute)
     if count > _MAX_ABSOLUTE:
         raise PoseError(f"message has {count} absolute poses; allowed: up to {_MAX_ABSOLUTE}")
+    if len(message.doubted) > _MAX_DOUBTED:
+        raise PoseError(f"message doubts {len(message.doubted)} robots; allowed: {_MAX_DOUBTED}")
     absolute = tuple(_pose_in(map_frame, one) for one in message.absolute)
     for one in absolute:
         _check_near(one.stamp_ns, pose.stamp_ns, "an absolute pose")
@@ -60,7 +75,8 @@ def read_team_pose(message: Message, map_frame: str) -> TeamPose:
     walls = _seen_walls(message.walls, pose.stamp_ns)
     in_team = _covariance(message.covariance_in_team, "pose in the team")
     pose = dataclasses.replace(pose, in_team=in_team)
-    return TeamPose(_robot_name(message.robot), pose, odometry, walls, absolute)
+    lost, doubted = message.status != _PLACED, tuple(map(_robot_name, message.doubted))
+    return TeamPose(_robot_name(message.robot), pose, odometry, walls, absolute, lost, doubted)
 
 
 def _pose_in(map_frame: str, message: Message) -> Pose:
@@ -158,7 +174,7 @@ def _seen_walls(walls: Sequence[Message], of_message_ns: int) -> tuple[SeenWalls
     return tuple(found)
 
 
-def read_relative_poses(message: Message) -> tuple[RelativePose, ...]:
+def read_relative_poses(message: Message) -> tuple[TeamMeasurement, ...]:
     """Reads mrs_people_msgs/RelativePoses.
 
     Raises:
@@ -166,7 +182,37 @@ def read_relative_poses(message: Message) -> tuple[RelativePose, ...]:
         StampError: Its stamp is 0.
     """
     of_message_ns = read_stamp(message)
-    return tuple(_relative_pose(one, of_message_ns) for one in message.poses)
+    return (
+        *(_relative_pose(one, of_message_ns) for one in message.poses),
+        *_standing_people(message.standing, of_message_ns),
+    )
+
+
+def _standing_people(people: Sequence[Message], of_message_ns: int) -> Iterator[StandingPeople]:
+    """By robot and stamp, the people who stand."""
+    if len(people) > _MAX_STANDING:
+        raise PoseError(f"message has {len(people)} people; allowed: up to {_MAX_STANDING}")
+    sights: dict[tuple[str, int], list[Message]] = {}
+    for one in people:
+        sights.setdefault((_robot_name(one.robot), stamp_ns_of(one.stamp)), []).append(one)
+    for (robot, stamp_ns), seen in sights.items():
+        _check_near(stamp_ns, of_message_ns, "a person who stands")
+        xy = np.array([(one.x, one.y) for one in seen], np.float64)
+        if not np.isfinite(xy).all() or (np.abs(xy) > MAX_COORDINATE_M).any():
+            raise PoseError(f"people who stand are at {xy.tolist()}; wanted: finite numbers")
+        triples = np.array([np.asarray(one.covariance) for one in seen], np.float64)
+        covariance = triples[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+        _check_covariances(covariance, "a person who stands", positive=True)
+        inflated = max(_inflated(one) for one in seen)
+        yield StandingPeople(robot, stamp_ns, xy, covariance, inflated)
+
+
+def _inflated(message: Message) -> float:
+    """How many times larger a covariance is than that of a single measurement."""
+    inflated = float(message.inflated) or 1.0
+    if not 1.0 <= inflated <= MAX_VARIANCE:
+        raise PoseError(f"inflated is {inflated}; wanted: 0, or from 1 to {MAX_VARIANCE:g}")
+    return inflated
 
 
 def _relative_pose(message: Message, of_message_ns: int) -> RelativePose:
@@ -181,4 +227,5 @@ def _relative_pose(message: Message, of_message_ns: int) -> RelativePose:
         raise PoseError(f"a relative pose is {values.tolist()}; wanted: finite numbers")
     covariance = _covariance(message.covariance, "a relative pose", positive=True)
     values[2] = wrap_angle(values[2])
-    return RelativePose(robot, stamps[0], other, stamps[1], values, covariance)
+    inflated = _inflated(message)
+    return RelativePose(robot, stamps[0], other, stamps[1], values, covariance, inflated)

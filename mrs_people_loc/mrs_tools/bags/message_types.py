@@ -28,6 +28,7 @@ OUR_MESSAGES = tuple(
         "Wall",
         "RelativePose",
         "RelativePoses",
+        "StandingPerson",
         "GuideStatus",
         "RobotPost",
     )

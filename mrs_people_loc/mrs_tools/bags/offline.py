@@ -114,7 +114,7 @@ class _Playback:
 
     def _take_pose(self, source: Source, pose: Pose, now_ns: int) -> None:
         self._collector.add_pose(source.has.name, pose, now_ns)
-        self._team.share(source.has.name)
+        self._team.share(source.has.name, now_ns)
         source.poses += 1
 
     def _take_scan(self, source: Source, made: RobotView | Scan, now_ns: int) -> None:
@@ -134,14 +134,18 @@ class _Playback:
 
     def close(self, now_ns: int) -> Iterator[Interval]:
         """The interval that closes now, if one does and has scans."""
-        closed = self._collector.close(now_ns)
+        closed = self._collector.close(now_ns, self._team.quarantine.at(now_ns))
         if closed is None:
             return
         for robot, reason in closed.left_out.items():
             self.reasons.setdefault(robot, reason)
+        people: People | None = None
         if closed.scans:
             people = self.planner.step(closed.scans, closed.all_poses, closed.time_ns)
-            self._team.measure(people, self._config)
+            if closed.quarantined:
+                people = dataclasses.replace(people, quarantined=closed.quarantined)
+        self._team.measure(closed, people, self._config)
+        if people is not None:
             names = [scan.robot for scan in closed.scans if scan.robot in self._waiting]
             views = {name: self._waiting[name] for name in names}
             yield Interval(now_ns, closed.scans, people, views)

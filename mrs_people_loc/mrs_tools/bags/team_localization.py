@@ -12,10 +12,12 @@ from typing import Any
 from mrs_people_loc import messages
 from mrs_people_loc.config import PlannerConfig, WallSensors
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
-from mrs_people_loc.localization.people.seen_people import people_by_robot
+from mrs_people_loc.localization.people.seen_people import people_in
 from mrs_people_loc.localization.robot_localization import RobotLocalization
 from mrs_people_loc.localization.walls.finder import Mounting
 from mrs_people_loc.planner import People
+from mrs_people_loc.team.intervals import Closed
+from mrs_people_loc.team.quarantine import Quarantine
 
 
 def range_handlers(
@@ -51,27 +53,38 @@ class TeamLocalization:
 
     Args:
         robots: By name, those that localize.
+
+    Attributes:
+        quarantine: What they told.
     """
 
     def __init__(self, robots: Mapping[str, RobotLocalization]) -> None:
         self._robots = robots
         self._relative = RelativePoses()
+        self.quarantine = Quarantine()
 
-    def share(self, robot: str) -> None:
-        """A robot that has new odometry tells the others where it is, if it is time."""
+    def share(self, robot: str, now_ns: int) -> None:
+        """A robot that has new odometry tells the others where it is, if it is time [ns]."""
         mine = self._robots.get(robot)
         told = None if mine is None else mine.share()
         if told is None:
             return
+        self.quarantine.hear(told.robot, told.lost, told.doubted, now_ns)
         for name, other in self._robots.items():
             if name != robot:
                 other.take_teammate(told)
 
-    def measure(self, people: People, config: PlannerConfig) -> None:
-        """Takes an interval of the planner: where robots are to each other, by their people."""
-        if not self._robots:
+    def measure(self, closed: Closed, people: People | None, config: PlannerConfig) -> None:
+        """Takes an interval: where robots are to each other, by their people.
+
+        Args:
+            closed: The interval.
+            people: Whom the planner found; None: all of its scans are of robots in quarantine.
+            config: What is human.
+        """
+        if not self._robots or not closed.poses_of_scans:
             return
-        seen = people_by_robot(people.fused, people.poses, config)
-        for relative in self._relative.step(seen, people.poses):
+        seen = people_in(closed, () if people is None else people.persons, config)
+        for relative in self._relative.step(seen, closed.poses_of_scans, closed.quarantined):
             for robot in self._robots.values():
                 robot.take_relative(relative)

@@ -19,10 +19,11 @@ from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.localizer import Localizer
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
 from mrs_people_loc.localization.people.seen_people import SeenPeople
-from mrs_people_loc.localization.shared import RelativePose, TeamPose
+from mrs_people_loc.localization.shared import TeamMeasurement, TeamPose
 from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.planner import Planner
 from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.quarantine import Quarantine
 from mrs_people_sim.estimates import estimate_of
 from mrs_people_sim.light.ranging import RangeSensors
 from mrs_people_sim.light.sensing import (
@@ -88,6 +89,7 @@ class TeamRun:
         truth: Where the people are.
         people: People by the planner with exact poses, with those of the localizers and with
             odometry alone.
+        used: By robot, the poses of the localizers that people were placed with.
         named: What the localizers' states said that is wrong, and when they first did [s].
         start_ns: Stamp of the beginning [ns].
     """
@@ -97,6 +99,7 @@ class TeamRun:
     odometry: dict[str, PoseTrack]
     truth: Truth
     people: dict[str, list[Estimate]]
+    used: dict[str, PoseTrack]
     named: dict[str, float] = field(default_factory=dict)
     start_ns: int = START_NS
 
@@ -157,7 +160,8 @@ class LightTeam:
             for name in self.names
         }
         self._relative = RelativePoses()
-        self._underway: list[tuple[str, TeamPose | RelativePose]] = []
+        self._quarantine = Quarantine()
+        self._underway: list[tuple[str, TeamPose | TeamMeasurement]] = []
 
     def _made_localizer(self, name: str) -> Localizer:
         start = tuple(map(float, self._start[name]))
@@ -174,6 +178,7 @@ class LightTeam:
         localized: dict[str, list[Pose]] = {name: [] for name in self.names}
         people: dict[str, list[Estimate]] = {way: [] for way in WAYS}
         named: dict[str, float] = {}
+        used: dict[str, list[Pose]] = {name: [] for name in self.names}
         restarted = self._trouble.restarted
         planner = Planner(PlannerConfig(tracking=Tracking(enabled=False)))
         for step in range(0, len(tour.times), _VIEW):
@@ -192,12 +197,17 @@ class LightTeam:
                 for localizer in self._localizers.values():
                     told = self._told(localizer)
                     self._underway += [(o, told) for o in self.names if o != localizer.robot]
+                    if not self._is_cut_off(localizer.robot, time):
+                        self._quarantine.hear(told.robot, told.lost, told.doubted, stamp_of(step))
             self._see_people(step, time)
             if step % _SCORED == 0:
                 for fault in self._faults():
                     named.setdefault(fault, time)
                 for way, poses in self._poses(step, localized).items():
                     people[way].append(self._plan(planner, step, poses))
+                    if way == "localized":
+                        for name, pose in poses.items():
+                            used[name].append(pose)
         return TeamRun(
             {name: self._track(poses) for name, poses in tour.robots.items()},
             {name: PoseTrack.build(poses) for name, poses in localized.items()},
@@ -208,6 +218,7 @@ class LightTeam:
                 self._visible(),
             ),
             people,
+            {name: PoseTrack.build(poses) for name, poses in used.items()},
             named,
         )
 
@@ -231,7 +242,7 @@ class LightTeam:
         heard = [name for name in self.names if not self._is_cut_off(name, time)]
         seen = {name: seen_places(stamp_ns, self._people[name][step // _VIEW]) for name in heard}
         poses = {name: self._localizers[name].pose_at(stamp_ns) for name in heard}
-        for relative in self._relative.step(seen, poses):
+        for relative in self._relative.step(seen, poses, self._quarantine.at(stamp_ns)):
             self._underway += [(name, relative) for name in self.names]
 
     def _told(self, localizer: Localizer) -> TeamPose:
@@ -278,7 +289,11 @@ class LightTeam:
         stamp_ns, tour = stamp_of(step), self._tour
         return {
             "exact": {name: pose_at(stamp_ns, tour.robots[name][step]) for name in self.names},
-            "localized": {name: poses[-1] for name, poses in localized.items()},
+            "localized": {
+                name: poses[-1]
+                for name, poses in localized.items()
+                if name not in self._quarantine.at(stamp_ns)
+            },
             "odometry": {
                 name: pose_at(stamp_ns, self._by_odometry(name)[step]) for name in self.names
             },
@@ -286,7 +301,7 @@ class LightTeam:
 
     def _plan(self, planner: Planner, step: int, poses: Mapping[str, Pose]) -> Estimate:
         stamp_ns, view = stamp_of(step), step // _VIEW
-        scans = [scan_of(name, stamp_ns, self._people[name][view]) for name in self.names]
+        scans = [scan_of(name, stamp_ns, self._people[name][view]) for name in poses]
         return estimate_of(planner.step(scans, poses, stamp_ns))
 
     def _visible(self) -> list[NDArray[np.bool_]]:

@@ -184,7 +184,7 @@ def run_case(case: Case, seed: int) -> CaseScores:
     since = case.event_s or 0.0
     placed = {
         "exact": run.people["exact"],
-        "localized": in_true_frame(run.people["localized"], run.true, run.localized),
+        "localized": in_true_frame(run.people["localized"], run.true, run.used),
         "odometry": in_true_frame(run.people["odometry"], run.true, run.odometry),
     }
     return CaseScores(

@@ -16,7 +16,7 @@ from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.team.poses import Pose
 
 S = 1_000_000_000
-CONFIG = Localization(start_sigmas=(0.1, 0.1, 0.05))
+CONFIG = Localization(start_sigmas=(0.1, 0.1, 0.05), wheel_sigmas=(0.0, 0.0, 0.0))
 
 
 def covariance(*sigmas):
@@ -405,6 +405,16 @@ def test_wrong_start_gives_way_to_absolute_poses():
     localizer.take_odometry(Pose(20 * S, 0.0, 0.0, 0.0))
     localizer.take_absolute(Pose(20 * S, 0.0, 0.8, 0.0, covariance(0.05, 0.05, 0.02)))
     assert localizer.pose_at(20 * S).y == pytest.approx(0.8, abs=0.02)
+
+
+def test_robot_tells_that_it_is_lost_until_something_fits():
+    localizer = Localizer("a", CONFIG)
+    localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
+    assert not localizer.share().lost
+    place_by(localizer, 0.8, 2 * S, 5.0)
+    assert (localizer.state.trust["a"].lost, localizer.share().lost) == (True, True)
+    place_by(localizer, 0.8, 10 * S, 1.0)
+    assert (localizer.state.trust["a"].lost, localizer.share().lost) == (False, False)
 
 
 def test_walls_of_its_own_do_not_hide_that_a_robot_was_carried():

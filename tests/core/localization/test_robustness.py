@@ -152,6 +152,7 @@ def test_team_mate_that_lies_by_a_metre_is_named_and_does_no_harm(which, since):
     for robot in tour.team[:2]:
         # Not the honest one.
         assert set(robot.localizer.state.doubted) == {"c"}
+        assert robot.localizer.share().doubted == ("c",)
         # By walls alone the filters settle on less.
         assert 0.1 < robot.localizer.state.doubted["c"] < 1.4
     # Without what it knows, the others know a little less.

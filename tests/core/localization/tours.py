@@ -15,7 +15,8 @@ from mrs_people_loc.localization.walls import SeenWalls, Walls
 from mrs_people_loc.team.poses import Pose
 
 START = (0.02, 0.02, 0.01)
-CONFIG = Localization(start_sigmas=START)
+#: Wheels without systematic errors, and known to be so.
+CONFIG = Localization(start_sigmas=START, wheel_sigmas=(0.0, 0.0, 0.0))
 #: Standard deviations of a wall's distance and bearing, and of a relative pose.
 WALL_SIGMAS = (0.02, 0.01)
 MET_SIGMAS = (0.04, 0.04, 0.025)

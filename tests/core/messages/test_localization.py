@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from mrs_people_loc import messages
 from mrs_people_loc.errors import PeopleLocError, PoseError, StampError
+from mrs_people_loc.localization.shared import RelativePose, StandingPeople
 
 NAN, INF = math.nan, math.inf
 STAMP_NS = 12_500_000_000
@@ -52,7 +53,7 @@ def team_pose(**changes: Any) -> SimpleNamespace:
     values: dict[str, Any] = {
         "header": header(), "robot": "robot_b", "pose": pose(), "odometry_x": 3.0,
         "odometry_y": -1.0, "odometry_yaw": 0.25, "position_variance": 0.5,
-        "heading_variance": 0.125, "walls": [], "absolute": [],
+        "heading_variance": 0.125, "walls": [], "absolute": [], "status": 0, "doubted": [],
         "covariance_in_team": [0.01, 0.0, 0.0, 0.0, 0.02, 0.001, 0.0, 0.001, 0.004],
     }  # fmt: skip
     return SimpleNamespace(**values | changes)
@@ -77,6 +78,13 @@ def test_team_pose_has_the_values_of_the_message():
     assert told.walls == ()
     (one,) = told.absolute
     assert (one.stamp_ns, one.x) == (STAMP_NS - 10, 1.0)
+    assert (told.lost, told.doubted) == (False, ())
+
+
+@pytest.mark.parametrize("status", [1, 2, 255])
+def test_robot_of_unknown_status_is_lost(status):
+    told = messages.read_team_pose(team_pose(status=status, doubted=["robot_c", "robot_a"]), "map")
+    assert (told.lost, told.doubted) == (True, ("robot_c", "robot_a"))
 
 
 def test_walls_are_grouped_by_their_stamps_in_order():
@@ -110,6 +118,9 @@ def test_walls_are_grouped_by_their_stamps_in_order():
         ({"position_variance": -1e-9}, "variances of odometry are .*; wanted: from 0"),
         ({"heading_variance": 1e300}, "variances of odometry are"),
         ({"walls": [wall()] * 201}, "message has 201 walls; allowed: up to 200"),
+        ({"doubted": ["robot_a"] * 101}, "message doubts 101 robots; allowed: 100"),
+        ({"doubted": ["robot_a", ""]}, "name has 0 characters; wanted: 1 to 255"),
+        ({"doubted": ["a" * 256]}, "name has 256 characters"),
         ({"absolute": [absolute()] * 101}, "message has 101 absolute poses"),
         ({"absolute": [absolute(header=header("odom"))]}, "frame_id is 'odom'"),
         (
@@ -149,21 +160,61 @@ def relative(**changes: Any) -> SimpleNamespace:
     values: dict[str, Any] = {
         "stamp": stamp(STAMP_NS - 5), "robot": "robot_a", "other_stamp": stamp(STAMP_NS - 7),
         "other": "robot_b", "x": 1.0, "y": -2.0, "yaw": 0.5,
-        "covariance": np.diag([0.01, 0.02, 0.003]).reshape(-1),
+        "covariance": np.diag([0.01, 0.02, 0.003]).reshape(-1), "inflated": 0.0,
     }  # fmt: skip
     return SimpleNamespace(**values | changes)
 
 
-def relatives(*poses: Any, stamp_ns: int = STAMP_NS) -> SimpleNamespace:
-    return SimpleNamespace(header=header(stamp_ns=stamp_ns), poses=list(poses))
+def standing(**changes: Any) -> SimpleNamespace:
+    values: dict[str, Any] = {
+        "stamp": stamp(STAMP_NS - 5), "robot": "robot_a", "x": 1.0, "y": -2.0,
+        "covariance": [0.01, 0.002, 0.02], "inflated": 3.0,
+    }  # fmt: skip
+    return SimpleNamespace(**values | changes)
+
+
+def relatives(*poses: Any, people: Any = (), stamp_ns: int = STAMP_NS) -> SimpleNamespace:
+    return SimpleNamespace(
+        header=header(stamp_ns=stamp_ns), poses=list(poses), standing=list(people)
+    )
 
 
 def test_relative_pose_has_the_values_of_the_message():
     (read,) = messages.read_relative_poses(relatives(relative(yaw=0.5 - 2 * math.pi)))
+    assert isinstance(read, RelativePose)
     assert (read.robot, read.stamp_ns) == ("robot_a", STAMP_NS - 5)
+    assert read.inflated == 1.0
     assert (read.other, read.other_stamp_ns) == ("robot_b", STAMP_NS - 7)
     np.testing.assert_allclose(read.pose, [1.0, -2.0, 0.5])
     np.testing.assert_array_equal(read.covariance, np.diag([0.01, 0.02, 0.003]))
+
+
+def test_people_who_stand_come_by_robot_and_stamp():
+    late = stamp(STAMP_NS - 9)
+    people = standing(), standing(x=3.0), standing(stamp=late), standing(robot="robot_b")
+    one, two, three = messages.read_relative_poses(relatives(people=people))
+    assert isinstance(one, StandingPeople)
+    assert (one.robot, one.stamp_ns, one.inflated) == ("robot_a", STAMP_NS - 5, 3.0)
+    np.testing.assert_array_equal(one.xy, [(1.0, -2.0), (3.0, -2.0)])
+    np.testing.assert_array_equal(one.covariance, [[[0.01, 0.002], [0.002, 0.02]]] * 2)
+    assert (two.robot, two.stamp_ns) == ("robot_a", STAMP_NS - 9)
+    assert three.robot == "robot_b"
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"robot": ""}, "name has 0 characters"),
+        ({"x": NAN}, "people who stand are at .*nan"),
+        ({"stamp": stamp(STAMP_NS - 12_500_000_000)}, "stamp of a person who stands is -12.500 s"),
+        ({"covariance": [0.01, 0.02, 0.01]}, "covariance of a person who stands .*definite"),
+        ({"inflated": 0.5}, "inflated is 0.5"),
+        ({"inflated": NAN}, "inflated is nan"),
+    ],
+)
+def test_a_person_who_cannot_stand_there_is_refused(changes, error):
+    with pytest.raises(PoseError, match=error):
+        messages.read_relative_poses(relatives(people=[standing(**changes)]))
 
 
 def test_no_relative_poses_are_none():

@@ -37,7 +37,7 @@ def team(error: np.ndarray) -> TeamRun:
     still = np.zeros(len(error))
     true = {"a": track(still), "b": track(still + 2.0)}
     wrong = {"a": track(still), "b": track(error + 2.0)}
-    return TeamRun(true, wrong, wrong, Truth.build([], []), {}, start_ns=START_NS)
+    return TeamRun(true, wrong, wrong, Truth.build([], []), {}, {}, start_ns=START_NS)
 
 
 def test_a_team_is_right_again_when_it_stays_so():

@@ -11,6 +11,7 @@ pytest.importorskip("embreex", reason="the simulator needs embreex")
 
 from mrs_people_loc.config import RobotConfig
 from mrs_people_loc.localization.robot_localization import RobotLocalization
+from mrs_people_loc.team.quarantine import Quarantine
 from mrs_people_sim.evaluation.results import evaluate_bag
 from mrs_people_sim.render_scene import simulate
 from mrs_people_sim.scene import read_scene
@@ -65,6 +66,15 @@ def test_a_run_begins_anew_each_time(bag):
     )
     # StereoBM varies a little from call to call.
     assert one == pytest.approx(other, abs=0.01)
+
+
+def test_robot_in_quarantine_is_left_out(bag, monkeypatch):
+    monkeypatch.setattr(Quarantine, "at", lambda self, now_ns: {"robot_b": "it is lost"})
+    intervals = list(BagRun(bag, localize=True).intervals())
+    assert len(intervals) > 10
+    assert {robot for one in intervals for robot in one.people.poses} == {"robot_a"}
+    assert {scan.robot for one in intervals for scan in one.scans} == {"robot_a"}
+    assert {one.people.quarantined for one in intervals} == {("robot_b",)}
 
 
 def test_topics_of_range_sensors_follow_the_configuration():

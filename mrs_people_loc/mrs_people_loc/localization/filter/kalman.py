@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
-from mrs_people_loc.localization.filter.team_state import Source, TeamState, changed
+from mrs_people_loc.localization.filter.team_state import Source, TeamState, Trust, changed
 
 #: Residual and Jacobian of the prediction, given the part of the state that is concerned.
 Model = Callable[[Float], tuple[Float, Float]]
@@ -25,6 +25,11 @@ class UpdateTuning:
         done: or until a further one changes this share of `iterate_from`.
         weights: Weights of a claim that are tried, from 0 to ...
         largest_weight: ... this.
+        noise_gain: The logarithm of the odometry's noise changes by this, times how much an
+            observation's normalized square is beyond what is expected ...
+        surprise: ... where it counts as at most this ...
+        margin: ... times this, so that chance alone does not add noise.
+        most_noise: The modelled variances of odometry are multiplied by this, at most.
     """
 
     iterate_from: float = 0.03
@@ -32,6 +37,10 @@ class UpdateTuning:
     done: float = 1e-3
     weights: int = 20
     largest_weight: float = 0.95
+    noise_gain: float = 0.04
+    surprise: float = 5.0
+    margin: float = 1.3
+    most_noise: float = 50.0
 
 
 _TUNING = UpdateTuning()
@@ -52,9 +61,24 @@ def gates_of(share: float) -> dict[int, float]:
     return {m: float(chdtri(m, 1.0 - share)) for m in (1, 2, 3)}
 
 
+@dataclass(frozen=True)
+class Residual:
+    """How an observation differs from its prediction.
+
+    Attributes:
+        squared: Squared Mahalanobis length.
+        freedom: Its degrees of freedom.
+        expected: What the normalized square is on average where the model is right.
+    """
+
+    squared: float
+    freedom: int
+    expected: float = 1.0
+
+
 def corrected(
-    state: TeamState, columns: Int, model: Model, noise: Float
-) -> tuple[TeamState, float]:
+    state: TeamState, columns: Int, model: Model, noise: Float, inflated: float = 1.0
+) -> tuple[TeamState, Residual]:
     """The state after an observation: iterated Kalman update (Bell & Cathey 1993).
 
     The correction is applied, and the covariance carried over to the corrected mean, by
@@ -65,14 +89,15 @@ def corrected(
         columns: Indices of the part of the state that it concerns, the pose of a robot first,
             shape (k,).
         model: Residual, shape (m,), and Jacobian, shape (m, k), at that part.
-        noise: Covariance of the observation, shape (m, m).
+        noise: Covariance of the observation, shape (m, m) ...
+        inflated: ... which is so many times what single observations differ by.
 
     Returns:
-        The state, and the squared Mahalanobis length of the residual before.
+        The state, and the residual before.
     """
     residual, jacobian = model(state.mean[columns])
     rows = state.covariance[:, columns]
-    across, gain, squared = _gain(rows, columns, jacobian, noise, residual)
+    across, gain, found = _gain(rows, columns, jacobian, noise, residual, inflated)
     step = gain @ residual
     everything = np.arange(len(step))
     mean, carried = state.stepped(step, columns[:3])
@@ -90,16 +115,23 @@ def corrected(
             break
     covariance = carried @ (state.covariance - gain @ across.T) @ carried.T
     covariance = 0.5 * (covariance + covariance.T)
-    return changed(state, mean=mean, covariance=covariance), squared
+    return changed(state, mean=mean, covariance=covariance), found
 
 
 def _gain(
-    rows: Float, columns: Int, jacobian: Float, noise: Float, residual: Float
-) -> tuple[Float, Float, float]:
-    """Covariance of state and prediction, the gain, and the residual's squared length."""
-    across = rows @ jacobian.T
+    rows: Float,
+    columns: Int,
+    jacobian: Float,
+    noise: Float,
+    residual: Float,
+    inflated: float = 1.0,
+) -> tuple[Float, Float, Residual]:
+    """Covariance of state and prediction, the gain, and the residual."""
+    across, freedom = rows @ jacobian.T, len(residual)
     inverse = np.linalg.inv(jacobian @ across[columns] + noise)
-    return across, across @ inverse, float(residual @ inverse @ residual)
+    squared, share = float(residual @ inverse @ residual), float((inverse * noise).sum()) / freedom
+    expected = 1.0 - (1.0 - 1.0 / inflated) * share
+    return across, across @ inverse, Residual(squared, freedom, expected)
 
 
 def wrapped(residual: Float) -> Float:
@@ -129,16 +161,46 @@ def share_of_claim(own: Float, claimed: Float, others: int = 3) -> float:
     return float(weights[np.argmax(gains + (3 + others) * np.log1p(-weights))])
 
 
+#: What is seen of people and of robots, by whose errors odometry is judged also where they do not
+#: fit: walls that do not may be others.
+_SIGHTS = ("relative", "sighting", "standing people")
+
+
+def _wheels_noted(state: TeamState, robot: str, accepted: bool, found: Residual) -> TeamState:
+    """The state after the noise of a robot's odometry was adapted to what an observation says.
+
+    Innovations that are larger than the filter expects come of wheels that are worse than their
+    model, or than a base states: the noise grows until innovations are as large as expected, as in
+    covariance matching (Mehra 1972, "Approaches to adaptive filtering"), and what it should have
+    been since an observation fitted last is added.
+    """
+    trust = state.trust.get(robot, Trust())
+    beyond = min(found.squared / found.freedom, _TUNING.surprise)
+    beyond -= _TUNING.margin * found.expected
+    noise = min(max(trust.noise * math.exp(_TUNING.noise_gain * beyond), 1.0), _TUNING.most_noise)
+    now = state.odometry[robot]
+    if not accepted and trust.reached is not None and noise > trust.noise:
+        position = now.position_variance - trust.reached.position_variance
+        heading = now.heading_variance - trust.reached.heading_variance
+        aside = heading * ((now.x - trust.reached.x) ** 2 + (now.y - trust.reached.y) ** 2) / 3.0
+        more = (noise - trust.noise) * np.array([position + aside, position + aside, heading])
+        x, y, yaw = np.sqrt(np.maximum(more, 0.0)).tolist()
+        state = state.widened(robot, (x, y, yaw))
+    trust = changed(trust, noise=noise, reached=now if accepted else trust.reached)
+    return changed(state, trust={**state.trust, robot: trust})
+
+
 def noted(
     state: TeamState,
     robot: str,
     kind: str,
     accepted: bool,
-    squared: float,
-    freedom: int,
+    found: Residual,
     stamp_ns: int,
 ) -> TeamState:
-    """The state with one more observation in `sources`."""
+    """The state with one more observation in `sources`, and what it tells of the odometry."""
+    if kind in _SIGHTS or (accepted and kind != "claim"):
+        state = _wheels_noted(state, robot, accepted, found)
     before = state.sources.get((robot, kind), Source())
-    now = before.noted(accepted, squared, freedom, stamp_ns)
+    now = before.noted(accepted, found.squared, found.freedom, stamp_ns)
     return changed(state, sources={**state.sources, (robot, kind): now})

@@ -83,13 +83,30 @@ class Met(Observation):
         other: The other robot.
         other_odometry: Its dead reckoning at the time of its base_link.
         place: Shape (3,).
-        covariance: Shape (3, 3).
+        covariance: Shape (3, 3) ...
+        inflated: ... which is so many times that of a single measurement.
     """
 
     other: str
     other_odometry: Odometry
     place: Float
     covariance: Float
+    inflated: float = 1.0
+
+
+@dataclass(frozen=True)
+class PeopleStand(Observation):
+    """People who do not walk, in base_link.
+
+    Attributes:
+        xy: Shape (n, 2).
+        covariance: Shape (n, 2, 2) ...
+        inflated: ... which is so many times that of a single measurement.
+    """
+
+    xy: Float
+    covariance: Float
+    inflated: float = 1.0
 
 
 def wall_from(part: Float, anchor: Point, side: float = 1.0) -> tuple[Float, Float]:

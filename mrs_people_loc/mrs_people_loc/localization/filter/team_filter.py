@@ -19,6 +19,7 @@ import numpy as np
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.config import Localization
 from mrs_people_loc.localization.filter.kalman import (
+    Residual,
     corrected,
     gates_of,
     noted,
@@ -31,13 +32,17 @@ from mrs_people_loc.localization.filter.observations import (
     Left,
     Met,
     Observation,
+    PeopleStand,
     Placed,
     Reached,
     WallsSeen,
     pose_from,
 )
+from mrs_people_loc.localization.filter.standing_people import StandingLandmarks
 from mrs_people_loc.localization.filter.team_state import Source, TeamState, Trust, changed
 from mrs_people_loc.localization.filter.wall_landmarks import Verdict, WallLandmarks
+from mrs_people_loc.localization.odometry import carried_on, turned
+from mrs_people_loc.localization.shared import YAW_UNKNOWN
 from mrs_people_loc.localization.walls import Walls
 
 
@@ -48,6 +53,10 @@ class FilterTuning:
     Attributes:
         lost_after: A robot is lost after so many observations in a row that do not fit ...
         lost_after_s: ... and this time [s].
+        far: Relative poses by people that are off by so many gates are no errors of odometry:
+        far_after: ... after so many in a row a robot is lost.
+        restart: A team-mate that begins again farther than this from where it was [m] ...
+        restart_speed: ... and this speed explains [m/s] is not believed until something fits.
         contradicted_s: Likewise where other walls of the same sights fit, as they do if it was
             carried along them [s].
         start_patience: It takes so many times as many absolute poses, and as long, where none has
@@ -66,6 +75,10 @@ class FilterTuning:
 
     lost_after: int = 5
     lost_after_s: float = 0.4
+    far: float = 10.0
+    far_after: int = 2
+    restart: float = 2.0
+    restart_speed: float = 1.0
     contradicted_s: float = 2.0
     start_patience: int = 5
     lost_sigmas: tuple[float, float, float] = (1.0, 1.0, math.radians(30.0))
@@ -97,6 +110,8 @@ class TeamFilter:
         self.tuning = tuning
         self.gates = gates_of(config.gate)
         self.walls = WallLandmarks(known, self.gates)
+        self.people = StandingLandmarks(self.gates)
+        self._wheels = np.square(config.wheel_sigmas)
         self._apply: dict[type[Observation], Callable[[TeamState, Any], TeamState]] = {
             Reached: lambda state, _: state,
             Joined: self._joined,
@@ -105,6 +120,7 @@ class TeamFilter:
             Placed: self._placed,
             Claimed: self._claimed,
             Met: self._met,
+            PeopleStand: lambda state, seen: self.people.take(state, seen),
         }
 
     def apply(self, state: TeamState, observation: Observation) -> TeamState:
@@ -113,12 +129,24 @@ class TeamFilter:
             if observation.robot not in state.odometry:
                 return state
             state = state.carried_on(observation.robot, observation.odometry)
+            trust = state.trust.get(observation.robot)
+            if trust is not None and trust.astray and isinstance(observation, _OF_PLACES):
+                return state
         return self._apply[type(observation)](state, observation)
 
     def _joined(self, state: TeamState, seen: Joined) -> TeamState:
-        if seen.robot in state.odometry:
-            state = state.without_robot(seen.robot)
-        return state.with_robot(seen.robot, seen.odometry, seen.place, seen.covariance)
+        robot, stamp_ns, astray = seen.robot, seen.odometry.stamp_ns, False
+        if robot in state.odometry:
+            i = state.at(robot)
+            way = np.hypot(*(seen.place[:2] - state.mean[i : i + 2]))
+            seconds = (stamp_ns - state.odometry[robot].stamp_ns) / 1e9
+            astray = way > self.tuning.restart + self.tuning.restart_speed * max(seconds, 0.0)
+            state = state.without_robot(robot)
+        state = state.with_robot(robot, seen.odometry, seen.place, seen.covariance, self._wheels)
+        if not astray:
+            return state
+        trust = Trust(lost=True, astray=True, lost_ns=stamp_ns, times_lost=1, off=float(way))
+        return _with_trust(state, robot, trust)
 
     def _walls_seen(self, state: TeamState, seen: WallsSeen) -> TeamState:
         state, verdict = self.walls.take(state, seen)
@@ -147,11 +175,9 @@ class TeamFilter:
 
     def _placed(self, state: TeamState, seen: Placed) -> TeamState:
         robot, stamp_ns = seen.robot, seen.odometry.stamp_ns
-        made, squared = self._with_pose(state, seen)
-        accepted = squared <= self.gates[3]
-        state = noted(
-            made if accepted else state, robot, "absolute", accepted, squared, 3, stamp_ns
-        )
+        made, found = self._with_pose(state, seen)
+        accepted = found.squared <= self.gates[3]
+        state = noted(made if accepted else state, robot, "absolute", accepted, found, stamp_ns)
         if not accepted:
             return self._misplaced(state, robot, stamp_ns)
         return self._fitted(state, robot, stamp_ns, True)
@@ -187,7 +213,7 @@ class TeamFilter:
         squared = float(offset @ np.linalg.solve(bound, offset))
         trust = self._heard(state.trust.get(robot, Trust()), stamp_ns)
         accepted = squared <= self.gates[3] and self._believes(trust, offset, own, stamp_ns)
-        state = noted(state, robot, "claim", accepted, squared, 3, stamp_ns)
+        state = noted(state, robot, "claim", accepted, Residual(squared, 3), stamp_ns)
         if not accepted:
             off, refused = math.hypot(offset[0], offset[1]), trust.claims_refused + 1
             trust = changed(trust, claims_refused=refused, off=off)
@@ -244,8 +270,8 @@ class TeamFilter:
         agrees = not _beyond(offset, tuning.agree_within).any()
         return agrees or (near and trust.pulled < tuning.max_offset)
 
-    def _with_pose(self, state: TeamState, seen: Placed) -> tuple[TeamState, float]:
-        """The state after a measured pose, and the squared length of its residual."""
+    def _with_pose(self, state: TeamState, seen: Placed) -> tuple[TeamState, Residual]:
+        """The state after a measured pose, and its residual."""
         columns = state.at(seen.robot) + np.arange(3)
 
         def model(part: Float) -> tuple[Float, Float]:
@@ -259,35 +285,66 @@ class TeamFilter:
         state = state.carried_on(seen.other, seen.other_odometry)
         columns = np.r_[state.at(seen.robot) + np.arange(3), state.at(seen.other) + np.arange(3)]
 
+        freedom = 2 if seen.covariance[2, 2] >= YAW_UNKNOWN else 3
+
         def model(part: Float) -> tuple[Float, Float]:
             predicted, by_robot, by_other = pose_from(part[:3], part[3:])
-            return wrapped(seen.place - predicted), np.hstack([by_robot, by_other])
+            residual = wrapped(seen.place - predicted)
+            return residual[:freedom], np.hstack([by_robot, by_other])[:freedom]
 
-        made, squared = corrected(state, columns, model, seen.covariance)
+        covariance = seen.covariance[:freedom, :freedom]
+        made, found = corrected(state, columns, model, covariance, seen.inflated)
         stamp_ns = seen.odometry.stamp_ns
-        accepted = squared <= self.gates[3]
+        accepted = found.squared <= self.gates[freedom]
         state = made if accepted else state
+        kind = "relative" if freedom == 3 else "sighting"
         for robot in (seen.robot, seen.other):
-            state = noted(state, robot, "relative", accepted, squared, 3, stamp_ns)
-        return self._meeting(state, seen, accepted, squared)
+            state = noted(state, robot, kind, accepted, found, stamp_ns)
+        return self._meeting(state, seen, accepted, found)
 
-    def _meeting(self, state: TeamState, seen: Met, fits: bool, squared: float) -> TeamState:
+    def _meeting(self, state: TeamState, seen: Met, fits: bool, found: Residual) -> TeamState:
         """Notes how a relative pose fitted; if it does not for long, one of the two is lost."""
         pair = min(seen.robot, seen.other), max(seen.robot, seen.other)
         stamp_ns = seen.odometry.stamp_ns
-        met = state.meetings.get(pair, Source()).noted(fits, squared, 3, stamp_ns)
+        met = state.meetings.get(pair, Source()).noted(fits, found.squared, found.freedom, stamp_ns)
         state = _with_meetings(state, pair, met)
         if fits:
             for robot in pair:
                 if state.trust.get(robot, Trust()).lost:
                     state = self._fitted(state, robot, stamp_ns, True)
             return state
-        if not self._is_long(met.in_a_row, met.since_ns, stamp_ns):
-            return state
-        state = _with_meetings(state, pair, met.restarted())
-        for robot in self._suspects(state, pair, stamp_ns):
-            state = self._lost(state, robot, stamp_ns)
+        far = found.freedom == 3 and found.squared > self.tuning.far * self.gates[3]
+        suspects: tuple[str, ...] = ()
+        if self._is_long(met.in_a_row, met.since_ns, stamp_ns):
+            suspects = self._suspects(state, pair, stamp_ns)
+            state = _with_meetings(state, pair, met.restarted())
+        elif far and met.in_a_row >= self.tuning.far_after:
+            since_ns = met.since_ns - 1
+            lonely = [r for r in pair if self._confirmed_ns(state, r, pair) <= since_ns]
+            suspects = tuple(lonely) if len(lonely) == 1 else ()
+        for robot in suspects:
+            if not state.trust.get(robot, Trust()).lost:
+                state = self._lost(state, robot, stamp_ns)
+        lost = [robot for robot in pair if state.trust.get(robot, Trust()).lost]
+        if far and len(lost) == 1:
+            state = self._found_again(state, seen, lost[0])
         return state
+
+    def _found_again(self, state: TeamState, seen: Met, robot: str) -> TeamState:
+        """Places a lost robot by its pose relative to one that is not, whatever it was before."""
+        mate = seen.other if robot == seen.robot else seen.robot
+        i, of_mate = state.at(robot), state.at(mate)
+        place, covariance = seen.place, seen.covariance
+        if robot == seen.robot:
+            place, by_place, _ = pose_from(seen.place, np.zeros(3))
+            covariance = by_place @ covariance @ by_place.T
+        placed, by_mate = carried_on(state.mean[of_mate : of_mate + 3], place)
+        across = by_mate @ state.covariance[of_mate : of_mate + 3]
+        across[:, i : i + 3] = 0.0
+        own = across[:, of_mate : of_mate + 3] @ by_mate.T
+        own += turned(covariance, float(state.mean[of_mate + 2]))
+        state = state.replaced(robot, placed, across, own)
+        return self._fitted(state, robot, seen.odometry.stamp_ns, True)
 
     def _suspects(self, state: TeamState, pair: tuple[str, str], stamp_ns: int) -> tuple[str, ...]:
         """Which of two robots, whose relative pose does not fit, are lost.
@@ -297,24 +354,24 @@ class TeamFilter:
         that does not, either: both if they fitted each other before; else the team-mate if it is
         the own robot that does not fit, and of two team-mates none, until more is known.
         """
-
-        def fitted_ns(robot: str) -> int:
-            met = (
-                value.stamp_ns
-                for other, value in state.meetings.items()
-                if robot in other and other != pair
-            )
-            absolute = state.sources.get((robot, "absolute"), Source()).stamp_ns
-            known = state.sources.get((robot, "known walls"), Source()).stamp_ns
-            return max(absolute, known, *met)
-
         for since_ns in (stamp_ns - round(1e9 * self.tuning.fitted_lately_s), 0):
-            lonely = tuple(robot for robot in pair if fitted_ns(robot) <= since_ns)
+            lonely = tuple(r for r in pair if self._confirmed_ns(state, r, pair) <= since_ns)
             if len(lonely) == 1:
                 return lonely
         if state.meetings[pair].accepted:
             return pair
         return tuple(robot for robot in pair if robot != self.robot and self.robot in pair)
+
+    def _confirmed_ns(self, state: TeamState, robot: str, pair: tuple[str, str]) -> int:
+        """When a third robot or the map confirmed last where one of two is [ns]; 0: never."""
+        met = (
+            value.stamp_ns
+            for other, value in state.meetings.items()
+            if robot in other and other != pair
+        )
+        absolute = state.sources.get((robot, "absolute"), Source()).stamp_ns
+        known = state.sources.get((robot, "known walls"), Source()).stamp_ns
+        return max(absolute, known, *met)
 
     def _is_long(self, refused: int, since_ns: int, stamp_ns: int, patience: int = 1) -> bool:
         return (
@@ -325,12 +382,14 @@ class TeamFilter:
     def _fitted(self, state: TeamState, robot: str, stamp_ns: int, shared: bool) -> TeamState:
         """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""
         before = state.trust.get(robot, Trust())
+        alone = len(state.odometry) == 1
         trust = changed(
             before,
             refused=0,
             since_ns=0,
             fitted_ns=stamp_ns,
-            lost=False,
+            lost=before.lost and not (shared or alone),
+            astray=before.astray and not (shared or alone),
             disputed=0 if shared else before.disputed,
         )
         return _with_trust(state, robot, trust)
@@ -380,8 +439,10 @@ def _with_meetings(state: TeamState, pair: tuple[str, str], meetings: Source) ->
     return changed(state, meetings={**state.meetings, pair: meetings})
 
 
+#: Of a robot that is nowhere near where it says, they would be taken for others.
+_OF_PLACES = (WallsSeen, PeopleStand, Claimed)
 #: At one stamp, in this order.
-_ORDER = (Joined, Reached, Placed, WallsSeen, Met, Claimed, Left)
+_ORDER = (Joined, Reached, Placed, WallsSeen, Met, PeopleStand, Claimed, Left)
 _Key = tuple[int, int, str, str, int]
 
 

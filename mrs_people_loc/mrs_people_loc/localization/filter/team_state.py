@@ -14,7 +14,15 @@ from mrs_people_loc.arrays import Float, Int
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.filter.observations import Point
 from mrs_people_loc.localization.filter.team_frame import STATE_TUNING, covariance_in_team
-from mrs_people_loc.localization.odometry import Odometry, carried_on, motion, turned
+from mrs_people_loc.localization.odometry import (
+    TRUE_WHEELS,
+    Odometry,
+    by_wheels,
+    carried_on,
+    motion,
+    turned,
+    wandered,
+)
 
 _Value = TypeVar("_Value")
 
@@ -73,6 +81,19 @@ class Landmark:
 
 
 @dataclass(frozen=True)
+class Standing:
+    """A person of the state who stands, except for their place.
+
+    Attributes:
+        first: The robot that has seen them first.
+        seen_ns: When they were seen last [ns].
+    """
+
+    first: str
+    seen_ns: int
+
+
+@dataclass(frozen=True)
 class Source:
     """How the observations of one kind fit, of one robot or of two that meet.
 
@@ -127,6 +148,7 @@ class Trust:
         since_ns: When the first of these was [ns].
         fitted_ns: When one fitted last [ns]; 0: never.
         lost: Whether it was carried away or placed wrongly, and nothing has fitted since.
+        astray: Whether it began again where it cannot be, and nothing has fitted since.
         lost_ns: When that was noticed last [ns]; 0: never.
         times_lost: How often.
         contradicted: Sights with walls that fit and walls that contradict, since it recognized one
@@ -139,12 +161,15 @@ class Trust:
         contact_ns: When it was heard again after its last silence [ns]; 0: it was never silent.
         pulled: By how much its claims moved the team since then, or since filters had time to agree
             [m].
+        noise: What the modelled noise of its odometry is multiplied by, as observations say.
+        reached: Its dead reckoning when one fitted last; None: never.
     """
 
     refused: int = 0
     since_ns: int = 0
     fitted_ns: int = 0
     lost: bool = False
+    astray: bool = False
     lost_ns: int = 0
     times_lost: int = 0
     contradicted: int = 0
@@ -155,6 +180,11 @@ class Trust:
     claimed_ns: int = 0
     contact_ns: int = 0
     pulled: float = 0.0
+    noise: float = 1.0
+    reached: Odometry | None = None
+
+
+_UNKNOWN = Trust()
 
 
 @dataclass(frozen=True)
@@ -177,12 +207,16 @@ class TeamState:
     """Poses of robots and walls with their joint covariance; never changed, only replaced.
 
     Attributes:
-        mean: x, y [m], yaw [rad] of each robot, then distance [m] and bearing [rad] of each wall,
-            shape (n,).
+        mean: x, y [m], yaw [rad] of each robot, then the systematic errors of the wheels of each
+            (`Wheels`), then x, y [m] of people who stand, then distance [m] and bearing [rad] of
+            each wall, shape (n,).
         covariance: Shape (n, n).
         odometry: By robot, in the order of `mean`: dead reckoning at the time that its pose in
             `mean` is of. It is carried on only when something is observed.
-        walls: In the order of `mean`.
+        wheels: Variances of the systematic errors of wheels at the start, shape (3,).
+        people: In the order of `mean`.
+        people_ns: Time that the places of people are of [ns].
+        walls: Likewise.
         sources: How observations fit, by robot and kind.
         trust: By robot.
         meetings: How relative poses fit, by pair of robots.
@@ -192,6 +226,9 @@ class TeamState:
     mean: Float = field(default_factory=lambda: np.zeros(0))
     covariance: Float = field(default_factory=lambda: np.zeros((0, 0)))
     odometry: Mapping[str, Odometry] = field(default_factory=dict)
+    wheels: Float = field(default_factory=lambda: np.zeros(3))
+    people: tuple[Standing, ...] = ()
+    people_ns: int = 0
     walls: tuple[Landmark, ...] = ()
     sources: Mapping[tuple[str, str], Source] = field(default_factory=dict)
     trust: Mapping[str, Trust] = field(default_factory=dict)
@@ -202,9 +239,17 @@ class TeamState:
         """Where a robot's pose begins in `mean`."""
         return 3 * list(self.odometry).index(robot)
 
+    def wheels_at(self, robot: str) -> int:
+        """Where the systematic errors of a robot's wheels begin in `mean`."""
+        return 3 * len(self.odometry) + self.at(robot)
+
     def wall_at(self, index: int) -> int:
         """Where a wall begins in `mean`."""
-        return 3 * len(self.odometry) + 2 * index
+        return self.person_at(len(self.people)) + 2 * index
+
+    def person_at(self, index: int) -> int:
+        """Where a person's place begins in `mean`."""
+        return 6 * len(self.odometry) + 2 * index
 
     def columns(self, robot: str, wall: int) -> Int:
         """Indices of a robot's pose and of a wall, shape (5,)."""
@@ -214,39 +259,55 @@ class TeamState:
     def pose_of(self, robot: str, odometry: Odometry) -> tuple[Float, Float]:
         """A robot's pose when its dead reckoning is this: shape (3,), covariance (3, 3)."""
         i = self.at(robot)
-        before, moved_by = self.odometry[robot], odometry
         place, own = self.mean[i : i + 3], self.covariance[i : i + 3, i : i + 3]
-        if before.stamp_ns == moved_by.stamp_ns:
+        if self.odometry[robot].stamp_ns == odometry.stamp_ns:
             return place, own
-        moved, noise = motion(before, moved_by)
-        made, jacobian = carried_on(place, moved)
-        return made, jacobian @ own @ jacobian.T + turned(noise, place[2])
+        made, jacobian, noise = self._ahead(robot, odometry)
+        both = np.r_[i : i + 3, self.wheels_at(robot) + np.arange(3)]
+        joint = self.covariance[np.ix_(both, both)]
+        return made, jacobian @ joint @ jacobian.T + noise
+
+    def _ahead(self, robot: str, odometry: Odometry) -> tuple[Float, Float, Float]:
+        """A robot's pose when its dead reckoning is this.
+
+        Returns:
+            The pose, shape (3,), its Jacobian by the pose before and the wheels, shape (3, 6), and
+            the covariance that the way adds, shape (3, 3).
+        """
+        i, w = self.at(robot), self.wheels_at(robot)
+        moved, noise = motion(self.odometry[robot], odometry)
+        noise = self.trust.get(robot, _UNKNOWN).noise * noise
+        moved, by_errors = by_wheels(moved, self.mean[w : w + 3], float(noise[2, 2]))
+        yaw = float(self.mean[i + 2])
+        made, by_place = carried_on(self.mean[i : i + 3], moved)
+        rotation = np.eye(3)
+        rotation[:2, :2] = rotation_2d(yaw)
+        return made, np.hstack([by_place, rotation @ by_errors]), turned(noise, yaw)
 
     def in_team(self, robot: str, odometry: Odometry, others: Collection[str]) -> Float:
         """Covariance of a robot's pose relative to it and these others, likewise, shape (3, 3)."""
         team = [name for name in self.odometry if name == robot or name in others]
-        i, at = self.at(robot), np.concatenate([self.at(n) + np.arange(3) for n in team])
+        at = np.concatenate([self.at(n) + np.arange(3) for n in team])
         places = self.mean[at].reshape(-1, 3)
         own = covariance_in_team(places, self.covariance[np.ix_(at, at)], team.index(robot))
-        before = self.odometry[robot]
-        if before.stamp_ns == odometry.stamp_ns:
+        if self.odometry[robot].stamp_ns == odometry.stamp_ns:
             return own
-        moved, noise = motion(before, odometry)
-        _, jacobian = carried_on(self.mean[i : i + 3], moved)
-        return np.asarray(jacobian @ own @ jacobian.T + turned(noise, self.mean[i + 2]))
+        _, jacobian, noise = self._ahead(robot, odometry)
+        return np.asarray(jacobian[:, :3] @ own @ jacobian[:, :3].T + noise)
 
     def carried_on(self, robot: str, odometry: Odometry) -> TeamState:
         """The state with a robot's pose at the time of this dead reckoning."""
-        before, i = self.odometry[robot], self.at(robot)
+        before, i, w = self.odometry[robot], self.at(robot), self.wheels_at(robot)
         if before.stamp_ns == odometry.stamp_ns:
             return self
-        block = slice(i, i + 3)
-        moved, noise = motion(before, odometry)
+        block, both = slice(i, i + 3), np.r_[i : i + 3, w : w + 3]
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[block], jacobian = carried_on(self.mean[block], moved)
-        covariance[block] = jacobian @ covariance[block]
-        covariance[:, block] = covariance[:, block] @ jacobian.T
-        covariance[block, block] += turned(noise, self.mean[i + 2])
+        mean[block], jacobian, noise = self._ahead(robot, odometry)
+        covariance[block] = jacobian @ covariance[both]
+        covariance[:, block] = covariance[:, both] @ jacobian.T
+        covariance[block, block] += noise
+        own = range(w, w + 3)
+        covariance[own, own] += self.wheels * wandered(before, odometry)
         return changed(
             self,
             mean=mean,
@@ -255,16 +316,52 @@ class TeamState:
         )
 
     def with_robot(
-        self, robot: str, odometry: Odometry, place: Float, covariance: Float
+        self, robot: str, odometry: Odometry, place: Float, covariance: Float, wheels: Float
     ) -> TeamState:
-        """The state with one more robot, whose pose is independent of the rest."""
-        i = 3 * len(self.odometry)
+        """The state with one more robot, whose pose is independent of the rest.
+
+        Args:
+            robot: Its name.
+            odometry: Its dead reckoning.
+            place: Its pose, shape (3,).
+            covariance: Of the pose, shape (3, 3).
+            wheels: Variances of the systematic errors of its wheels, shape (3,).
+        """
+        i, n = 3 * len(self.odometry), len(self.mean)
+        mean = np.insert(np.insert(self.mean, 2 * i, TRUE_WHEELS), i, place)
+        made = _inserted(self.covariance, 2 * i, np.zeros((3, n)), np.diag(wheels))
+        made = _inserted(made, i, np.zeros((3, n + 3)), covariance)
         return changed(
             self,
-            mean=np.insert(self.mean, i, place),
-            covariance=_inserted(self.covariance, i, np.zeros((3, len(self.mean))), covariance),
+            mean=mean,
+            covariance=made,
             odometry={**self.odometry, robot: odometry},
+            wheels=wheels,
         )
+
+    def replaced(self, robot: str, place: Float, across: Float, covariance: Float) -> TeamState:
+        """The state with a robot at another place, without what only it has seen.
+
+        Args:
+            robot: The robot.
+            place: Its pose, shape (3,).
+            across: Covariance of that pose with the state, shape (3, n); that with what was the
+                robot's pose does not count.
+            covariance: Of that pose, shape (3, 3).
+        """
+        i = self.at(robot)
+        mean, joint = self.mean.copy(), self.covariance.copy()
+        mean[i : i + 3] = place
+        joint[i : i + 3], joint[:, i : i + 3] = across, across.T
+        joint[i : i + 3, i : i + 3] = covariance
+        state = changed(self, mean=mean, covariance=joint)
+        for k in reversed(range(len(self.walls))):
+            if self.walls[k].known < 0 and set(self.walls[k].sights) == {robot}:
+                state = state.without_wall(k)
+        for k in reversed(range(len(self.people))):
+            if self.people[k].first == robot:
+                state = state.without_person(k)
+        return state
 
     def with_wall(self, wall: Landmark, line: Float, across: Float, covariance: Float) -> TeamState:
         """The state with one more wall.
@@ -283,12 +380,30 @@ class TeamState:
             walls=(*self.walls, wall),
         )
 
+    def with_person(
+        self, person: Standing, place: Float, across: Float, covariance: Float
+    ) -> TeamState:
+        """The state with one more person; the arguments are those of `with_wall`."""
+        i = self.person_at(len(self.people))
+        return changed(
+            self,
+            mean=np.insert(self.mean, i, place),
+            covariance=_inserted(self.covariance, i, across, covariance),
+            people=(*self.people, person),
+        )
+
+    def without_person(self, index: int) -> TeamState:
+        """The state without a person."""
+        i = self.person_at(index)
+        people = self.people[:index] + self.people[index + 1 :]
+        return changed(self._without(np.array([i, i + 1])), people=people)
+
     def without_robot(self, robot: str) -> TeamState:
         """The state without a robot, and without what was noted about it."""
-        i = self.at(robot)
+        i, w = self.at(robot), self.wheels_at(robot)
         others = {name: value for name, value in self.odometry.items() if name != robot}
         return changed(
-            self._without(range(i, i + 3)),
+            self._without(np.r_[i : i + 3, w : w + 3]),
             odometry=others,
             sources={key: value for key, value in self.sources.items() if key[0] != robot},
             trust={name: value for name, value in self.trust.items() if name != robot},
@@ -299,7 +414,7 @@ class TeamState:
         """The state without a wall."""
         i = self.wall_at(index)
         walls = self.walls[:index] + self.walls[index + 1 :]
-        return changed(self._without(range(i, i + 2)), walls=walls)
+        return changed(self._without(np.array([i, i + 1])), walls=walls)
 
     def widened(self, robot: str, sigmas: tuple[float, float, float]) -> TeamState:
         """The state with a robot's pose less sure by these, independently [m, m, rad]."""
@@ -318,7 +433,7 @@ class TeamState:
         map, as in the right-invariant EKF (Barrau & Bonnabel 2015, "An EKF-SLAM algorithm with
         consistency properties"): the same error of all poses is a motion of the whole team. The
         rest of a robot's error turns with it: what walls tell is in its base_link, and the way
-        along them stays unknown when its heading is corrected.
+        along them stays unknown when its heading is corrected; known walls do not turn with it.
 
         Args:
             step: Correction, shape (n,).
@@ -339,9 +454,12 @@ class TeamState:
         i = np.arange(0, robots, 3)
         carried[i, i + 2], carried[i + 1, i + 2] = -way.imag, way.real
         shape = np.zeros((robots, robots))
-        if np.abs(turn).max() > STATE_TUNING.least_turn:
+        is_known = any(wall.known >= 0 for wall in self.walls)
+        if not is_known and np.abs(turn).max() > STATE_TUNING.least_turn:
             shape = self._turned_shape(turn)
         carried[:robots, :robots] += shape
+        if self.people:
+            self._step_people(step, int(reference[0]), shape, mean, carried)
         if self.walls:
             self._step_walls(step, int(reference[0]), shape, mean, carried)
         return mean, carried
@@ -354,17 +472,18 @@ class TeamState:
         A line has no error along it, but where a motion brings it depends on that, too, once its
         bearing is corrected: it is taken from the robot that has seen it first.
         """
-        robots = len(shape)
-        origin = np.array([self._tied_to(wall, reference) for wall in self.walls])
+        robots, begin = len(shape), self.wall_at(0)
+        firsts = (next(iter(wall.sights), "") for wall in self.walls)
+        origin = np.array([self._tied_to(first, reference) for first in firsts])
         dx, dy, turn = step[origin], step[origin + 1], step[origin + 2]
         off = self.mean[origin] + 1j * self.mean[origin + 1]
         off -= np.array([complex(*wall.anchor) for wall in self.walls])
         shift = dx + 1j * dy - 1j * turn * off
-        before = np.exp(1j * self.mean[robots + 1 :: 2])
-        after = np.exp(1j * mean[robots + 1 :: 2])
+        before = np.exp(1j * self.mean[begin + 1 :: 2])
+        after = np.exp(1j * mean[begin + 1 :: 2])
         rise = after - before
-        mean[robots::2] += (before.conj() * (_chord(shift, -step[robots + 1 :: 2]) - shift)).real
-        lines = np.arange(robots, len(step), 2)
+        mean[begin::2] += (before.conj() * (_chord(shift, -step[begin + 1 :: 2]) - shift)).real
+        lines = np.arange(begin, len(step), 2)
         x, y = after.real[:, np.newaxis], after.imag[:, np.newaxis]
         carried[lines, :robots] += x * shape[origin] + y * shape[origin + 1]
         carried[lines, origin] += rise.real
@@ -395,10 +514,24 @@ class TeamState:
         made[i + 1] = s[:, np.newaxis] * own[i] + c[:, np.newaxis] * own[i + 1]
         return made
 
-    def _tied_to(self, wall: Landmark, reference: int) -> int:
-        """Where the pose of the robot that has seen a wall first begins in `mean`."""
-        first = next(iter(wall.sights), None)
-        return reference if first not in self.odometry else self.at(str(first))
+    def _step_people(
+        self, step: Float, reference: int, shape: Float, mean: Float, carried: Float
+    ) -> None:
+        """Completes `stepped` for people, in place: likewise."""
+        robots, i = len(shape), np.arange(self.person_at(0), self.wall_at(0), 2)
+        origin = np.array([self._tied_to(person.first, reference) for person in self.people])
+        straight = step[i] + 1j * step[i + 1]
+        way = _chord(straight, step[origin + 2])
+        mean[i] += (way - straight).real
+        mean[i + 1] += (way - straight).imag
+        carried[i, :robots] += shape[origin]
+        carried[i + 1, :robots] += shape[origin + 1]
+        carried[i, origin + 2] -= way.imag
+        carried[i + 1, origin + 2] += way.real
+
+    def _tied_to(self, first: str, reference: int) -> int:
+        """Where the pose of the robot that has seen something first begins in `mean`."""
+        return self.at(first) if first in self.odometry else reference
 
     def moved(self, origin: Float, target: Float) -> TeamState:
         """The state moved and turned as a whole, so that one pose becomes another.
@@ -416,8 +549,11 @@ class TeamState:
             mean[i : i + 2] = rotation @ self.mean[i : i + 2] + shift
             mean[i + 2] += turn
             jacobian[i : i + 2, i : i + 2] = rotation
+        for i in range(self.person_at(0), self.wall_at(0), 2):
+            mean[i : i + 2] = rotation @ self.mean[i : i + 2] + shift
+            jacobian[i : i + 2, i : i + 2] = rotation
         for k, wall in enumerate(self.walls):
-            i = robots + 2 * k
+            i = self.wall_at(k)
             bearing = float(mean[i + 1]) + turn
             c, s = math.cos(bearing), math.sin(bearing)
             dx, dy = rotation @ wall.anchor + shift - wall.anchor
@@ -426,7 +562,7 @@ class TeamState:
         covariance = jacobian @ self.covariance @ jacobian.T
         return changed(self, mean=mean, covariance=covariance)
 
-    def _without(self, indices: range) -> TeamState:
+    def _without(self, indices: Int) -> TeamState:
         keep = np.delete(np.arange(len(self.mean)), indices)
         return changed(self, mean=self.mean[keep], covariance=self.covariance[np.ix_(keep, keep)])
 

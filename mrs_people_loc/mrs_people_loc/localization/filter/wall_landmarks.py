@@ -10,7 +10,7 @@ import numpy as np
 
 from mrs_people_loc.arrays import Float
 from mrs_people_loc.geometry import squared_mahalanobis, wrap_angle
-from mrs_people_loc.localization.filter.kalman import corrected, noted, wrapped
+from mrs_people_loc.localization.filter.kalman import Residual, corrected, noted, wrapped
 from mrs_people_loc.localization.filter.observations import (
     Point,
     WallsSeen,
@@ -178,9 +178,8 @@ class WallLandmarks:
         close = [c for c in against if self._is_close(c)]
         for candidate in (strong + close)[:1]:
             wall = state.walls[candidate.index]
-            state = noted(
-                state, seen.robot, _kind(wall), False, candidate.squared, 2, seen.stamp_ns
-            )
+            found = Residual(candidate.squared, 2)
+            state = noted(state, seen.robot, _kind(wall), False, found, seen.stamp_ns)
             if not strong:
                 return state, verdict
             missed_ns = wall.sights[seen.robot].stamp_ns if seen.robot in wall.sights else 0
@@ -238,7 +237,7 @@ class WallLandmarks:
     def _candidates(self, state: TeamState, seen: _Seen) -> list[_Candidate]:
         """Walls that are roughly where one is seen."""
         place, sigmas = _place_of(state, seen.robot)
-        lines = state.mean[3 * len(state.odometry) :].reshape(-1, 2).tolist()
+        lines = state.mean[state.wall_at(0) :].reshape(-1, 2).tolist()
         found = [
             self._candidate(k, True, wall, lines[k], place, seen, sigmas)
             for k, wall in enumerate(state.walls)
@@ -328,8 +327,8 @@ class WallLandmarks:
 
         columns = state.columns(seen.robot, index)
         noise = seen.covariance + self._of_direction(state, seen, index)
-        state, squared = corrected(state, columns, model, noise)
-        state = noted(state, seen.robot, _kind(wall), True, squared, 2, seen.stamp_ns)
+        state, found = corrected(state, columns, model, noise)
+        state = noted(state, seen.robot, _kind(wall), True, found, seen.stamp_ns)
         if wall.known >= 0:
             state = self._ends(state, seen, index, side)
         landmark = wall.seen_by(seen.robot, candidate.extent, seen.stamp_ns)
@@ -372,12 +371,10 @@ class WallLandmarks:
                 predicted, jacobian = end_from(part, wall.anchor, end, side)
                 return at - predicted, jacobian
 
-            made, squared = corrected(state, columns, model, noise)
-            accepted = squared <= self.gates[1]
-            state = noted(
-                made if accepted else state,
-                seen.robot, "corners", accepted, squared, 1, seen.stamp_ns,
-            )  # fmt: skip
+            made, found = corrected(state, columns, model, noise)
+            accepted = found.squared <= self.gates[1]
+            state = made if accepted else state
+            state = noted(state, seen.robot, "corners", accepted, found, seen.stamp_ns)
         return state
 
     def _contradicts(self, state: TeamState, seen: _Seen, candidate: _Candidate) -> bool:
@@ -441,9 +438,8 @@ class WallLandmarks:
             count = before.count + 1
             mean = before.offset + (candidate.offset - before.offset) / count
             misfits[candidate.index] = Misfit(count, mean)
-            state = noted(
-                state, seen.robot, "known walls", False, candidate.squared, 2, seen.stamp_ns
-            )
+            found = Residual(candidate.squared, 2)
+            state = noted(state, seen.robot, "known walls", False, found, seen.stamp_ns)
         return changed(state, misfits=misfits)
 
     def _added(self, state: TeamState, seen: _Seen) -> TeamState:

@@ -47,7 +47,8 @@ from mrs_people_loc.localization.people.alignment import (
     fit,
 )
 from mrs_people_loc.localization.people.seen_people import SeenPeople
-from mrs_people_loc.localization.shared import RelativePose
+from mrs_people_loc.localization.people.sighted_robots import SightedRobots
+from mrs_people_loc.localization.shared import RelativePose, StandingPeople, TeamMeasurement
 from mrs_people_loc.neighbours import connected
 from mrs_people_loc.team.fusion import map_from_robot
 from mrs_people_loc.team.poses import Pose
@@ -77,6 +78,7 @@ class RelativePosesTuning:
             `acceleration` squared and its span (exact: 33 / 560).
         lasting: Share of a sighting's variance that lasts over windows.
         lasting_s: For how long it lasts [s].
+        lasting_alone: That share where nobody else sees them from another side.
         least: Standard deviations of a relative pose, at least, likewise lasting: what all people
             have in common, x, y, yaw [m, m, rad].
         told: Standard deviations of what a pose may be wrong by, beside its covariance, where that
@@ -90,6 +92,8 @@ class RelativePosesTuning:
         same: ... this distance [m] and ...
         same_turn: ... this turn [rad].
         memory_ns: After so long a pair of robots is a new one [ns].
+        alone_ns: A robot shares nobody with others if no relative pose of it was measured for so
+            long [ns].
         stands: A robot stands if it is no farther from where it was than this [m] ...
         stands_turn: ... and turned by no more than this [rad].
         unknown: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
@@ -123,6 +127,7 @@ class RelativePosesTuning:
     slope: float = 0.06
     lasting: float = 0.35
     lasting_s: float = 4.0
+    lasting_alone: float = 0.7
     least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
     told: tuple[float, float, float] = (0.1, 0.1, math.radians(2.0))
     mistaken: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
@@ -134,6 +139,7 @@ class RelativePosesTuning:
     same: float = 0.3
     same_turn: float = math.radians(7.0)
     memory_ns: int = 10_000_000_000
+    alone_ns: int = 2_000_000_000
     stands: float = 0.05
     stands_turn: float = math.radians(2.0)
     unknown: float = 1e6
@@ -300,19 +306,21 @@ class RelativePoses:
         self._robots: dict[str, _Robot] = {}
         self._pairs: dict[tuple[str, str], _Pair] = {}
         self._intervals = 0
+        self._sighted = SightedRobots()
 
     def reset(self) -> None:
         """Forgets all sightings: the time jumped back."""
         self._robots.clear()
         self._pairs.clear()
         self._intervals = 0
+        self._sighted = SightedRobots()
 
     def step(
         self,
         seen: Mapping[str, SeenPeople],
         poses: Mapping[str, Pose],
         lost: Collection[str] = (),
-    ) -> tuple[RelativePose, ...]:
+    ) -> tuple[TeamMeasurement, ...]:
         """Takes an interval.
 
         Args:
@@ -325,22 +333,44 @@ class RelativePoses:
                 windows (`anywhere_after`), whatever their poses say.
 
         Returns:
-            The measurements of a window that ends with this interval; none, as a rule.
+            The robots that see each other now, whose headings are unknown; and if a window ends
+            with this interval, its measurements, and who may stand for robots without any.
         """
+        in_team = {name: pose.relative_to_team() for name, pose in poses.items()}
+        sighted = self._sighted.step(seen, in_team)
         for name, people in seen.items():
-            pose = poses[name].relative_to_team()
-            self._robots.setdefault(name, _Robot()).take(people, pose, self.tuning)
+            self._robots.setdefault(name, _Robot()).take(people, in_team[name], self.tuning)
         self._intervals += 1
         stamps = [people.stamp_ns for r in self._robots.values() for people, _ in r.seen]
         span_ns = max(stamps, default=0) - min(stamps, default=0)
         if span_ns < self.tuning.window_ns or self._intervals < self.tuning.intervals:
-            return ()
+            return sighted
         found = self._measure((max(stamps) + min(stamps)) // 2, lost)
+        standing = self._standing(max(stamps))
         self._robots = {name: robot for name, robot in self._robots.items() if robot.seen}
         for robot in self._robots.values():
             robot.before, robot.seen = robot.seen, []
         self._intervals = 0
-        return found
+        return sighted + found + standing
+
+    def _standing(self, now_ns: int) -> tuple[StandingPeople, ...]:
+        """People who may stand, of the last scans of robots that share nobody with another one.
+
+        Who tells a pair where they are to each other must not do so twice.
+        """
+        tuning, lately_ns = self.tuning, now_ns - self.tuning.alone_ns
+        pairs = (names for names, pair in self._pairs.items() if pair.measured_ns > lately_ns)
+        sharing = {name for names in pairs for name in names}
+        factor = 1.0 + 2.0 * tuning.lasting_alone * tuning.lasting_s / (tuning.window_ns / 1e9)
+        found = []
+        for name, robot in self._robots.items():
+            if name in sharing or not robot.seen:
+                continue
+            people, _ = robot.seen[-1]
+            if people.stands.any():
+                xy, covariance = people.xy[people.stands], people.covariance[people.stands]
+                found.append(StandingPeople(name, people.stamp_ns, xy, factor * covariance, factor))
+        return tuple(found)
 
     def _measure(self, time_ns: int, lost: Collection[str]) -> tuple[RelativePose, ...]:
         """Compares the robots that saw people in the window whose middle is at a time [ns]."""
@@ -364,7 +394,8 @@ class RelativePoses:
                     other = _moved(*other, far.off)
                     wrong_by = self._compare(pair, one, other, factor, far.covariance)
             if wrong_by is not None:
-                found[names] = one[0], other[0], wrong_by
+                inflated = 1.0 + self.tuning.lasting * (factor - 1.0)
+                found[names] = one[0], other[0], wrong_by, inflated
                 pair.measured_ns = time_ns
         oldest_ns = time_ns - self.tuning.memory_ns
         self._pairs = {
@@ -619,7 +650,13 @@ def _moved(pose: Pose, people: Tracks, by: Float) -> tuple[Pose, Tracks]:
 
 
 def _relative(
-    pair: tuple[str, str], one: Pose, other: Pose, wrong_by: tuple[Float, Float], *, factor: float
+    pair: tuple[str, str],
+    one: Pose,
+    other: Pose,
+    wrong_by: tuple[Float, Float],
+    inflated: float,
+    *,
+    factor: float,
 ) -> RelativePose:
     """The relative pose of two robots.
 
@@ -628,7 +665,8 @@ def _relative(
         one: Pose of the first.
         other: Pose of the second.
         wrong_by: What that is wrong by, x, y, yaw, and covariance.
-        factor: What the covariance is multiplied by.
+        inflated: By how much the covariance is larger than that of a single measurement.
+        factor: What it is multiplied by.
     """
     (x, y, yaw), covariance = wrong_by
     to_one = np.eye(3)
@@ -641,4 +679,5 @@ def _relative(
         other_stamp_ns=other.stamp_ns,
         pose=np.array([*place, wrap_angle(other.yaw + yaw - one.yaw)]),
         covariance=factor * (to_one @ covariance @ to_one.T),
+        inflated=factor * inflated,
     )

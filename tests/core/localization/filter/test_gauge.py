@@ -19,7 +19,12 @@ from mrs_people_loc.localization.filter.observations import (
     wall_from,
 )
 from mrs_people_loc.localization.filter.team_filter import TeamFilter
-from mrs_people_loc.localization.filter.team_state import Landmark, TeamState, changed
+from mrs_people_loc.localization.filter.team_state import (
+    Landmark,
+    Standing,
+    TeamState,
+    changed,
+)
 from mrs_people_loc.localization.odometry import Odometry
 
 S = 1_000_000_000
@@ -47,14 +52,16 @@ def information(state):
 
 @st.composite
 def states(draw):
-    """Three robots and two walls with some covariance."""
+    """Three robots, their wheels, two people and two walls with some covariance."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     poses = np.array([draw(POSES) for _ in NAMES])
     walls = tuple(Landmark(tuple(rng.uniform(-20, 20, 2)), (-1.0, 1.0)) for _ in range(2))
-    mean = np.concatenate([poses.ravel(), rng.normal(size=4)])
-    root = 0.2 * rng.normal(size=(13, 13))
-    covariance = root @ root.T + 0.01 * np.eye(13)
-    return TeamState(mean, covariance, dict.fromkeys(NAMES, STILL), walls)
+    people = Standing("b", 0), Standing("somebody who left", 0)
+    mean = np.concatenate([poses.ravel(), 0.01 * rng.normal(size=9), 5.0 * rng.normal(size=8)])
+    root = 0.2 * rng.normal(size=(26, 26))
+    covariance = root @ root.T + 0.01 * np.eye(26)
+    odometry = dict.fromkeys(NAMES, STILL)
+    return TeamState(mean, covariance, odometry, people=people, walls=walls)
 
 
 @given(states(), GAUGES)
@@ -68,15 +75,27 @@ def test_correction_that_is_a_motion_of_the_team_moves_the_team(state, by):
     np.testing.assert_allclose(carried @ gauge(state), gauge(after), atol=1e-6)
 
 
-@given(states(), st.sampled_from(["robot", "wall"]), st.floats(0.1, 0.5), st.floats(-0.5, 0.5))
+@given(
+    states(),
+    st.sampled_from(["robot", "person", "wall"]),
+    st.floats(0.1, 0.5),
+    st.floats(-0.5, 0.5),
+)
 def test_relative_observation_tells_nothing_about_the_motion(state, kind, offset, turn):
     """However far it corrects the state."""
-    columns = np.arange(6) if kind == "robot" else state.columns("a", 1)
+    columns = {
+        "robot": np.arange(6),
+        "person": np.r_[0:3, state.person_at(1) + np.arange(2)],
+        "wall": state.columns("a", 1),
+    }[kind]
     off = np.array([offset, -offset, turn]) if kind == "robot" else np.array([offset, turn])
 
     def predicted(part):
         if kind == "wall":
             return wall_from(part, state.walls[1].anchor)
+        if kind == "person":
+            value, by_robot, by_other = pose_from(part[:3], np.array([*part[3:], 0.0]))
+            return value[:2], np.hstack([by_robot[:2], by_other[:2, :2]])
         value, by_robot, by_other = pose_from(part[:3], part[3:])
         return value, np.hstack([by_robot, by_other])
 
