@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -15,12 +16,16 @@ from mrs_people_loc.localization.localizer import LocalizationState
 UNCORRECTED_S = 30.0
 #: ... where its position's standard deviation is larger [m].
 UNSURE_M = 0.15
+#: Odometry with errors that are so many times those that are stated is reported.
+NOISY = 3.0
 #: Observations of a kind are reported after so many in a row that were refused ...
 _REFUSED = 3
 #: ... until none was for so long [ns].
 _REFUSED_FOR_NS = 10_000_000_000
 #: A robot that was carried is reported for so long, also when its pose is right again [ns].
 _CARRIED_FOR_NS = 10_000_000_000
+#: Systematic errors of wheels, in the order of `Wheels`.
+_WHEELS = ("scale", "turn_per_metre", "turn_per_radian")
 #: Odometry that is older tells nothing about the time now [ns].
 _ODOMETRY_FOR_NS = 500_000_000
 
@@ -133,6 +138,19 @@ def _problems(health: LocalizationHealth) -> Iterator[tuple[Code, str]]:
             f"nothing has corrected the pose for {age_s:.0f} s: no wall in sight, no absolute "
             "pose, no team-mate that sees the same; it is dead reckoning",
         )
+    noise = _odometry_noise(health)
+    if noise >= NOISY:
+        yield (
+            Code.ODOMETRY_NOISY,
+            f"the odometry is {noise:.1f} times less certain than its covariances and "
+            "localization.*_noise say",
+        )
+
+
+def _odometry_noise(health: LocalizationHealth) -> float:
+    """What standard deviations of the odometry are multiplied by."""
+    own = health.state.trust.get(health.robot)
+    return 1.0 if own is None else math.sqrt(own.noise)
 
 
 def _is_unsure(state: LocalizationState, robot: str) -> bool:
@@ -166,5 +184,8 @@ def _values(health: LocalizationHealth) -> dict[str, object]:
         "late": state.late,
         "resets": state.resets,
         "odometry_jumps": state.jumps,
+        "odometry_noise": f"{_odometry_noise(health):.2f}",
     }
+    for name, error, sigma in zip(_WHEELS, state.wheels, state.wheel_sigmas, strict=True):
+        values |= {f"wheel_{name}": f"{error:.5f}", f"wheel_{name}.sigma": f"{sigma:.5f}"}
     return values

@@ -26,7 +26,7 @@ from mrs_people_loc.localization.filter.team_filter import History, TeamFilter
 from mrs_people_loc.localization.filter.team_state import Misfit, Source, TeamState, Trust
 from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.mailbox import Inbox, Measured, Outbox, RecentSet
-from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack
+from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack, Wheels
 from mrs_people_loc.localization.shared import (
     StandingPeople,
     TeamMeasurement,
@@ -74,7 +74,12 @@ class LocalizationState:
         poses: Of the robots in the map, each at its newest odometry.
         sources: How observations fit, by robot and kind: `walls`, `known walls`, `corners`,
             `absolute`, `relative` (both robots), `claim` (what team-mates say about themselves).
-        trust: By robot: whether it was carried away, whether its claims fit.
+        trust: By robot: whether it was carried away, whether its claims fit, how noisy its odometry
+            is.
+        wheels: Systematic errors of the robot's wheels (`Wheels`), with those that its odometry is
+            corrected by, shape (3,) ...
+        wheel_sigmas: ... and their standard deviations, shape (3,).
+        way: What it has driven so far [m].
         doubted: Team-mates that say or see what does not fit, and by how much [m].
         misfits: Known walls that are not where the map says, by index.
         walls: Walls of the state in the map, with their covariances.
@@ -89,6 +94,9 @@ class LocalizationState:
     poses: Mapping[str, Pose]
     sources: Mapping[tuple[str, str], Source]
     trust: Mapping[str, Trust]
+    wheels: Wheels
+    wheel_sigmas: Float
+    way: float
     doubted: Mapping[str, float]
     misfits: Mapping[int, Misfit]
     walls: Walls
@@ -314,11 +322,15 @@ class Localizer:
             last = self._track_of(robot).newest
             if last is not None:
                 poses[robot] = _pose(last, state, robot)
+        wheels, wheel_sigmas = self._wheels(state)
         return LocalizationState(
             stamp_ns=newest_ns,
             poses=poses,
             sources=state.sources,
             trust=state.trust,
+            wheels=wheels,
+            wheel_sigmas=wheel_sigmas,
+            way=self._reckoning.way,
             doubted=self._doubted(state),
             misfits={k: m for k, m in state.misfits.items() if m.count >= _TUNING.misfits},
             walls=_walls_of(state),
@@ -333,6 +345,14 @@ class Localizer:
             resets=self._resets,
             jumps=self._reckoning.jumps,
         )
+
+    def _wheels(self, state: TeamState) -> tuple[Wheels, Float]:
+        """Systematic errors of the robot's wheels, to first order, and standard deviations."""
+        wheels, sigmas = np.array(self.config.wheels), np.array(self.config.wheel_sigmas)
+        if self.robot not in state.odometry:
+            return wheels, sigmas
+        i = state.wheels_at(self.robot) + np.arange(3)
+        return wheels + state.mean[i], np.sqrt(state.covariance[i, i])
 
     def _doubted(self, state: TeamState) -> dict[str, float]:
         tuning = self._filter.tuning

@@ -39,6 +39,7 @@ class OdometryTuning:
         jump_variances: ... and what the robot did meanwhile is unknown: variances of position and
             heading [m^2, rad^2].
         turns_from: A turn of so many standard deviations is more than noise.
+        step: Ways are counted in steps of this, at least [m].
         wander: Systematic errors of wheels change in a metre of way, and that of turns in a radian,
             by this share of what they may be at the start; it grows with the root.
     """
@@ -50,6 +51,7 @@ class OdometryTuning:
     turn_speed: float = 6.0
     jump_variances: tuple[float, float] = (0.5**2, 0.2**2)
     turns_from: float = 3.0
+    step: float = 0.1
     wander: float = 0.05
 
 
@@ -195,11 +197,14 @@ class DeadReckoning:
         config: The noise.
         order: Of the stamps.
         jumps: How often the odometry jumped, as it does when a base starts again, so far.
+        way: What the robot drove since it began [m]; to and fro within `_TUNING.step` is none.
     """
 
     config: Localization
     order: StampOrder = field(default_factory=StampOrder)
     jumps: int = 0
+    way: float = 0.0
+    _counted: tuple[float, float] | None = None
     _last: tuple[Pose, Odometry] | None = None
 
     def take(self, pose: Pose) -> Odometry:
@@ -218,8 +223,18 @@ class DeadReckoning:
             made = self._after(*self._last, pose)
         else:
             made = Odometry(pose.stamp_ns, pose.x, pose.y, pose.yaw, 0.0, 0.0)
+            self.way, self._counted = 0.0, (made.x, made.y)
         self._last = pose, made
+        self._count(made.x, made.y)
         return made
+
+    def _count(self, x: float, y: float) -> None:
+        """Counts the way to a place."""
+        assert self._counted is not None
+        way = math.dist((x, y), self._counted)
+        if way > _TUNING.step:
+            self.way += way
+            self._counted = x, y
 
     def _after(self, before: Pose, so_far: Odometry, pose: Pose) -> Odometry:
         """Dead reckoning at a pose, after that at the pose before."""

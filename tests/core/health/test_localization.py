@@ -32,7 +32,10 @@ WELL = LocalizationState(
         ("robot_a", "known walls"): Source(7, 2, 1.25, NOW_NS - 500_000_000),
         ("robot_b", "absolute"): Source(3, 90, 9.0, NOW_NS),
     },
-    trust={"robot_a": Trust(times_lost=1)},
+    trust={"robot_a": Trust(times_lost=1, noise=2.25)},
+    wheels=np.array([0.031, -0.0012, 0.01]),
+    wheel_sigmas=np.array([0.002, 0.0003, 0.004]),
+    way=40.0,
     doubted={},
     misfits={},
     walls=NO_WALLS,
@@ -58,7 +61,10 @@ def test_figures_are_those_of_the_robot_itself():
         "known_walls.accepted": 7, "known_walls.refused": 2, "known_walls.innovation": "1.25",
         "known_walls.age_s": "0.5",
         "team": "robot_a, robot_b", "walls": 0, "times_lost": 1, "late": 4, "resets": 1,
-        "odometry_jumps": 0,
+        "odometry_jumps": 0, "odometry_noise": "1.50",
+        "wheel_scale": "0.03100", "wheel_scale.sigma": "0.00200",
+        "wheel_turn_per_metre": "-0.00120", "wheel_turn_per_metre.sigma": "0.00030",
+        "wheel_turn_per_radian": "0.01000", "wheel_turn_per_radian.sigma": "0.00400",
     }  # fmt: skip
 
 
@@ -81,6 +87,11 @@ def test_figures_are_those_of_the_robot_itself():
             {"sources": {("robot_a", "walls"): Source(7, 2, 1.0, NOW_NS - 31 * SECOND)}},
             Code.NOT_CORRECTED,
             "nothing has corrected the pose for 31 s",
+        ),
+        (
+            {"trust": {"robot_a": Trust(noise=9.0)}},
+            Code.ODOMETRY_NOISY,
+            "3.0 times less certain than its covariances",
         ),
     ],
 )
