@@ -148,6 +148,15 @@ class ManagedNode(LifecycleNode):
         self.until_cleanup(lambda: self.destroy_lifecycle_publisher(publisher))
         return publisher
 
+    def serve(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Answers a service while the node is configured."""
+        service = self.create_service(service_type, name, callback)
+        self.until_cleanup(lambda: self.destroy_service(service))
+
+    def keep(self, name: str, value: tuple[Any, ...]) -> None:
+        """Sets a parameter for the next start (see `NodeConfig.keep`)."""
+        self._node_config.keep(name, value)
+
     def until_cleanup(self, end: Callable[[], object]) -> None:
         """Has something that `set_up` made ended when the node is cleaned up."""
         self._made.callback(end)

@@ -72,6 +72,7 @@ class NodeConfig:
         self._definitions = {p.name: p for p in config_type.parameters()}
         self._may_restructure = may_restructure
         self._changed = changed
+        self._kept = ""  # the parameter that is kept for the next start just now
         ours = {
             name: value
             for name, value in given_parameters(node).items()
@@ -82,6 +83,21 @@ class NodeConfig:
             declare(node, definition, _lookup(self.value, definition.name))
         node.add_pre_set_parameters_callback(self._typed)
         node.add_on_set_parameters_callback(self._on_set)
+
+    def keep(self, name: str, value: tuple[Any, ...]) -> None:
+        """Sets a list for the next start, also if it is not live and the node is configured.
+
+        Raises:
+            ConfigError: It is not allowed.
+        """
+        self._kept = name
+        try:
+            made = RosParameter(name, _TYPES[self._definitions[name].kind], list(value))
+            (result,) = self._node.set_parameters([made])
+        finally:
+            self._kept = ""
+        if not result.successful:
+            raise ConfigError(result.reason)
 
     def _typed(self, changes: list[RosParameter]) -> list[RosParameter]:
         """Gives `1` for a number, `1.0` for a whole one and empty lists the type declared."""
@@ -110,7 +126,8 @@ class NodeConfig:
             value = type(self.value).from_mapping(ours, base=self.value)
             for name in ours:
                 same = _lookup(value, name) == _lookup(self.value, name)
-                if not same and not self._definitions[name].live and not self._may_restructure():
+                may = self._definitions[name].live or name == self._kept
+                if not same and not may and not self._may_restructure():
                     raise ConfigError(
                         f"{name} is set while the node runs; "
                         "allowed: in the lifecycle state unconfigured (deactivate, clean up first)"

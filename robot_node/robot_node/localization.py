@@ -7,11 +7,12 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from mrs_people_msgs.msg import RelativePoses
 from mrs_people_msgs.msg import TeamPose as TeamPoseMessage
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.errors import PoseError
+from mrs_people_loc.errors import PeopleLocError, PoseError
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.localization import (
     LocalizationHealth,
@@ -62,6 +63,7 @@ class LocalizationTopics:
         self._listens = False
         self._told: Any = None
         self._drawn: Any = None
+        node.serve(Trigger, "~/keep_wheels", self._keep_wheels)
         if self._robot and may_localize(self._config):
             self._told = node.offer(TeamPoseMessage, f"{self._parent}/team_poses", TEAM)
             self._drawn = node.offer(MarkerArray, f"{self._parent}/walls", 2)
@@ -122,6 +124,18 @@ class LocalizationTopics:
     def _on_relative_poses(self, message: RelativePoses) -> None:
         for relative in messages.read_relative_poses(message):
             self._own.take_relative(relative)
+
+    def _keep_wheels(self, _: Any, response: Any) -> Any:
+        """Writes the estimated errors of the wheels into the parameter, for the next start."""
+        try:
+            wheels = self._own.wheels_to_keep()
+            self._node.keep("localization.wheels", wheels)
+        except PeopleLocError as err:
+            response.success, response.message = False, str(err)
+        else:
+            response.success = True
+            response.message = f"localization.wheels is {list(wheels)}, from the next start on"
+        return response
 
     # ---- what is told of it ----
 

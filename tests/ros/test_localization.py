@@ -16,6 +16,7 @@ from mrs_people_msgs.msg import TeamPose
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan, Range
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from mrs_people_loc.health.findings import Code
@@ -123,7 +124,8 @@ def make(team: Team, peer: Peer) -> Callable[..., Driven]:
 
 @pytest.fixture(scope="module")
 def first(make: Callable[..., Driven]) -> Driven:
-    return make("robot_a", [10.0, 20.0, math.pi / 2])
+    # Exact wheels: systematic errors would add to the covariance.
+    return make("robot_a", [10.0, 20.0, math.pi / 2], localization__wheel_sigmas=[0.0, 0.0, 0.0])
 
 
 def test_pose_has_the_covariance_of_dead_reckoning(first: Driven) -> None:
@@ -160,6 +162,32 @@ def test_absolute_pose_corrects_and_an_outlier_is_refused(first: Driven, peer: P
     assert float(refused.values["absolute.innovation"]) > 10.0
     assert refused.level == OK, "of one outlier nobody need know"
     assert planar(first.stepped().pose.pose) == pytest.approx((x + 0.2, y - 0.1, yaw), abs=0.02)
+
+
+def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven]) -> None:
+    """The true way is 2 % longer than the odometry's; before 10 m nothing is kept."""
+    driven = make("robot_w", [0.0, 0.0, 0.0])
+    service, parameter = f"{driven.node}/keep_wheels", "localization.wheels"
+
+    def keep() -> Any:
+        return driven.peer.call(Trigger, service, Trigger.Request())
+
+    refused = keep()
+    assert (refused.success, refused.message) == (False, "the robot has driven 0.0 m; wanted: 10 m")
+    for k in range(1, 201):
+        driven.stepped(0.1 * k, 0.0, 0.0)
+        driven.tell_absolute(0.102 * k, 0.0, 0.0, 0.01)
+    (given,) = driven.peer.set(driven.node, localization__wheels=[0.02, 0.0, 0.0])
+    assert not given.successful, "it is not live"
+    before = planar(driven.stepped().pose.pose)
+    kept = keep()
+    assert kept.success, kept
+    (wheels,) = driven.peer.get(driven.node, parameter)
+    assert list(wheels) == pytest.approx([0.02, 0.0, 0.0], abs=3e-3)
+    assert planar(driven.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
+    finding = driven.localization(lambda f: float(f.values["wheel_scale"]) > 0.017)
+    assert finding.values["wheel_scale"] == f"{wheels[0]:.5f}"
+    driven.process.stop()
 
 
 # --- the team -------------------------------------------------------------------------------------

@@ -150,7 +150,13 @@ class Localizer:
         self._begin()
 
     def configure(self, config: Localization) -> None:
-        """Takes another noise of the odometry, from the next one on; the start and gate stay."""
+        """Takes another noise of the odometry, from the next one on.
+
+        The start, the gate and the wheels stay: what is estimated is in addition to these.
+        """
+        config = dataclasses.replace(
+            config, wheels=self.config.wheels, wheel_sigmas=self.config.wheel_sigmas
+        )
         self.config = self._reckoning.config = config
 
     def take_known(self, walls: Walls) -> None:

@@ -6,10 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Float32
 from mrs_people_loc.clocks import Order, RateLimit, StampOrder
 from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.config.robot import MAX_WHEEL_ERROR
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.localization.localizer import LocalizationState, Localizer
 from mrs_people_loc.localization.shared import TeamMeasurement, TeamPose
@@ -20,6 +23,10 @@ from mrs_people_loc.localization.walls.ranges import LaserScan, SonarRange
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose
+
+
+#: Systematic errors of wheels are kept for the next start from this way on [m].
+_LEAST_WAY = 10.0
 
 
 def may_localize(config: RobotConfig) -> bool:
@@ -91,6 +98,20 @@ class RobotLocalization:
     def state(self) -> LocalizationState:
         """What it knows now."""
         return self._localizer.state
+
+    def wheels_to_keep(self) -> tuple[float, ...]:
+        """Systematic errors of the wheels for `localization.wheels` of the next start.
+
+        Raises:
+            PoseError: They are not known yet.
+        """
+        if not self.has_begun:
+            raise PoseError("localization does not run, or no odometry has arrived")
+        state = self.state
+        if state.way < _LEAST_WAY:
+            raise PoseError(f"the robot has driven {state.way:.1f} m; wanted: {_LEAST_WAY:g} m")
+        wheels = np.clip(state.wheels, -MAX_WHEEL_ERROR, MAX_WHEEL_ERROR)
+        return tuple(round(error, 6) for error in wheels.tolist())
 
     # -------------------------------------------------------------------------------------- poses
 

@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 from mrs_people_loc.config import Localization
 from mrs_people_loc.errors import PoseError
 from mrs_people_loc.localization.odometry import (
+    TRUE_WHEELS,
     DeadReckoning,
     Odometry,
     OdometryTrack,
+    by_wheels,
     carried_on,
     motion,
+    wandered,
 )
 from mrs_people_loc.team.poses import Pose
 
@@ -183,3 +186,89 @@ def test_motion_of_unknown_errors_stays_finite():
     _, covariance = motion(odometry(), odometry(stamp_ns=S, x=1.0, position=1e12, heading=1e12))
     assert np.linalg.eigvalsh(covariance)[0] > 0
     assert covariance.max() <= 1.1e4
+
+
+# -------------------------------------------------------------------------------- systematic errors
+
+
+@pytest.mark.parametrize(
+    ("moved", "wheels", "wanted"),
+    [
+        ((2.0, 0.0, 0.0), (0.1, 0.0, 0.0), (2.2, 0.0, 0.0)),
+        # A metre straight on that is an arc of 0.2 rad: its chord is turned by half of that.
+        ((1.0, 0.0, 0.0), (0.0, 0.2, 0.0), (math.cos(0.1), math.sin(0.1), 0.2)),
+        # Backwards: the same circle.
+        ((-1.0, 0.0, 0.0), (0.0, 0.2, 0.0), (-math.cos(0.1), math.sin(0.1), -0.2)),
+        ((-2.0, 0.0, 0.0), (0.1, 0.0, 0.0), (-2.2, 0.0, 0.0)),
+        ((0.0, 0.0, 0.5), (0.1, 0.2, 0.04), (0.0, 0.0, 0.52)),
+        ((0.0, 0.0, -0.5), (0.1, 0.2, 0.04), (0.0, 0.0, -0.52)),
+        # No wheel drives to the side.
+        ((0.0, 0.3, 0.0), (0.1, 0.2, 0.04), (0.0, 0.3, 0.0)),
+    ],
+    ids=["scale", "per metre", "backwards", "scale backwards", "per radian", "right", "aside"],
+)
+def test_systematic_errors_by_hand(moved, wheels, wanted):
+    np.testing.assert_allclose(by_wheels(np.array(moved), np.array(wheels))[0], wanted, atol=1e-12)
+
+
+WHEELS = st.tuples(*[st.floats(-0.3, 0.3)] * 3).map(np.array)
+STEPS = st.tuples(st.floats(-2.0, 2.0), st.floats(-0.5, 0.5), st.floats(-1.5, 1.5)).map(np.array)
+
+
+@given(STEPS, WHEELS, st.floats(0.0, 0.01))
+def test_jacobian_by_wheels(moved, wheels, noise):
+    _, jacobian = by_wheels(moved, wheels, noise)
+    for k, axis in enumerate(1e-6 * np.eye(3)):
+        up, down = (by_wheels(moved, wheels + by, noise)[0] for by in (axis, -axis))
+        np.testing.assert_allclose(jacobian[:, k], (up - down) / 2e-6, atol=1e-6)
+
+
+@given(STEPS)
+def test_true_wheels_change_nothing(moved):
+    np.testing.assert_array_equal(by_wheels(moved, TRUE_WHEELS, 1e-4)[0], moved)
+
+
+def test_turn_that_may_be_noise_tells_nothing_about_wheels():
+    wheels, sigma = np.array([0.0, 0.0, 0.1]), 0.02
+    for turn in (0.0, sigma, -2.9 * sigma):
+        made, jacobian = by_wheels(np.array([0.0, 0.0, turn]), wheels, sigma**2)
+        assert made[2] == turn
+        np.testing.assert_array_equal(jacobian, np.zeros((3, 3)))
+    # Of one of twice three sigmas three quarters count, of a long one nearly all.
+    for count, share in ((6.0, 0.75), (-300.0, 0.9999)):
+        turn = count * sigma
+        made, jacobian = by_wheels(np.array([0.0, 0.0, turn]), wheels, sigma**2)
+        assert made[2] == pytest.approx(turn + 0.1 * share * turn)
+        assert jacobian[2, 2] == pytest.approx(share * turn)
+
+
+def test_wheels_wander_with_the_way_and_the_turn():
+    # By 5 % of what they may be, after 1 m and after 1 rad.
+    made = wandered(odometry(), odometry(x=0.6, y=0.8, yaw=-0.5))
+    np.testing.assert_allclose(made, 0.05**2 * np.array([1.0, 1.0, 0.5]))
+
+
+@pytest.mark.parametrize("wheels", [(0.05, 0.0, 0.0), (0.0, -0.02, 0.0), (-0.03, 0.01, 0.06)])
+def test_known_systematic_errors_are_corrected(wheels):
+    """An S of 9 m, then back, in steps of 1 cm: the true way is known again."""
+    scale, per_metre, per_radian = wheels
+    true, said = np.zeros(3), np.array([3.0, -1.0, 2.0])
+    reckoning = DeadReckoning(Localization(wheels=wheels))
+    made = reckoning.take(Pose(S, *said))
+    begin = np.array([made.x, made.y, made.yaw])
+    for k in range(1, 1200):
+        way, turn = (0.01 if k < 900 else -0.01), 0.008 * math.sin(k / 150)
+        seen_way = way / (1.0 + scale)
+        seen_turn = (turn - per_metre * seen_way) / (1.0 + per_radian)
+        true = carried_on(true, along_arc(way, turn))[0]
+        said = carried_on(said, along_arc(seen_way, seen_turn))[0]
+        made = reckoning.take(Pose(S + k * S // 20, said[0], said[1], said[2]))
+    wanted = carried_on(begin, true)[0]
+    np.testing.assert_allclose([made.x, made.y], wanted[:2], atol=5e-4)
+    assert math.remainder(made.yaw - wanted[2], 2 * math.pi) == pytest.approx(0.0, abs=1e-4)
+    assert math.hypot(*(said - wanted)[:2]) > 0.1
+
+
+def along_arc(way, turn):
+    """What a robot moves that drives a short way while it turns evenly, shape (3,)."""
+    return np.array([way * math.cos(0.5 * turn), way * math.sin(0.5 * turn), turn])

@@ -1,5 +1,6 @@
 """What a robot senses, given to its localizer."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ from core.localization.walls.test_laser import AHEAD
 from core.localization.walls.test_laser import scan as ranges_to
 from core.localization.walls.test_people_in_view import scan as view_of
 from mrs_people_loc.config import Localization, PoseInput, RobotConfig, WallSensors
+from mrs_people_loc.errors import PoseError
 from mrs_people_loc.localization.robot_localization import RobotLocalization, localizes
 from mrs_people_loc.localization.walls.ranges import LaserScan
 from mrs_people_loc.team.poses import Pose
@@ -56,6 +58,36 @@ def test_team_hears_a_robot_at_the_configured_rate():
         own.take_odometry(Pose(S + step * S // 100, 0.0, 0.0, 0.0))
         told.append(own.share())
     assert sum(one is not None for one in told) == 10
+
+
+def test_wheels_are_kept_after_ten_metres_and_not_taken_before_the_next_start():
+    """The true way is 2 % longer than the odometry's, of which the robot is told 1.5 %."""
+    localization = Localization(start=(0.0, 0.0, 0.0), wheels=(0.015, 0.0, 0.0))
+    own = RobotLocalization("robot_a", RobotConfig(localization=localization))
+    with pytest.raises(PoseError, match="does not run"):
+        own.wheels_to_keep()
+
+    def drive(first: int, last: int) -> None:
+        for step in range(first, last):
+            stamp_ns, x = S + step * S // 10, 0.05 * step
+            own.take_odometry(Pose(stamp_ns, x, 0.0, 0.0))
+            if step % 20 == 0:
+                covariance = np.diag([1e-4, 1e-4, 1e-4])
+                own.take_absolute(Pose(stamp_ns, 1.02 * x, 0.0, 0.0, covariance))
+
+    drive(0, 200)
+    with pytest.raises(PoseError, match="driven 9.9 m; wanted: 10 m"):
+        own.wheels_to_keep()
+    drive(200, 601)
+    kept = own.wheels_to_keep()
+    assert kept == pytest.approx((0.02, 0.0, 0.0), abs=2e-3)
+    before = own.state
+    own.configure(RobotConfig(localization=dataclasses.replace(localization, wheels=kept)))
+    drive(601, 602)
+    assert own.state.wheels == pytest.approx(before.wheels, abs=1e-9)
+    assert own.state.poses["robot_a"].x == pytest.approx(1.02 * 30.05, abs=0.01)
+    own.reset()
+    assert own.state.wheels == pytest.approx(kept)
 
 
 def walls_known(own: RobotLocalization, stamp_ns: int) -> int:

@@ -155,19 +155,27 @@ class Robot:
     odometry: np.ndarray
     #: Where it is beside its place in the formation: x, y, yaw.
     beside: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    #: Systematic errors of its wheels (`Wheels`).
+    wheels: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def carry(self, beside):
         """Moves it; its odometry does not notice."""
         self.beside = self.beside + beside
         self.truth = _moved(self.truth, beside)
 
-    def drive(self, place, rng, config=CONFIG):
+    def drive(self, place, rng, config=CONFIG, noise=1.0):
+        """Drives it there; the noise of its odometry is so many times what the model says."""
         rotation = rotation_2d(-self.truth[2])
         moved = rotation @ (place[:2] - self.truth[:2])
         turn = wrap_angle(place[2] - self.truth[2])
+        longer, per_metre, per_radian = self.wheels
+        moved = moved / (1.0 + longer)
         way = math.hypot(*moved)
-        moved = moved + rng.normal(size=2) * config.position_noise * math.sqrt(way)
-        turn += rng.normal() * math.hypot(
+        more = turn - (turn - per_metre * way) / (1.0 + per_radian)
+        # An arc's chord has half of its turn.
+        moved, turn = rotation_2d(-0.5 * more) @ moved, turn - more
+        moved = moved + noise * rng.normal(size=2) * config.position_noise * math.sqrt(way)
+        turn += noise * rng.normal() * math.hypot(
             config.heading_noise * math.sqrt(way), config.turn_noise * math.sqrt(abs(turn))
         )
         self.odometry[:2] += rotation_2d(self.odometry[2]) @ moved
@@ -242,6 +250,10 @@ class Tour:
     config: Localization = CONFIG
     known: Walls | None = None
     duration: float | None = None
+    #: Systematic errors of the wheels of each robot; empty: none.
+    wheels: tuple[tuple[float, float, float], ...] = ()
+    #: Noise of the odometry: so many times what the model says.
+    noise: float = 1.0
     #: Changes what is told, by sender and receiver; None: it does not arrive.
     on_message: Callable | None = None
     #: Called before each step with it and the robots.
@@ -250,6 +262,8 @@ class Tour:
     def run(self) -> Record:
         rng = np.random.default_rng(self.seed)
         robots = [self._robot(name, behind, aside, rng) for name, behind, aside in self.robots]
+        for robot, wheels in zip(robots, self.wheels, strict=bool(self.wheels)):
+            robot.wheels = wheels
         duration = self.duration or (self.world.length - 1.0) / self.speed
         record: list[list] = []
         for step in range(int(duration * self.rate)):
@@ -274,7 +288,7 @@ class Tour:
             self.on_step(step, robots)
         for k, robot in enumerate(robots):
             place = self.world.place(way - robot.behind, robot.aside)
-            robot.drive(_moved(place, robot.beside), rng, self.config)
+            robot.drive(_moved(place, robot.beside), rng, self.config, self.noise)
             said = Pose(stamp_ns, *robot.odometry)
             poses.append(robot.localizer.take_odometry(said))
             if self.walls_every and (step + k) % self.walls_every == 0:

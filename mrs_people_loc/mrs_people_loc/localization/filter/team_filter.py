@@ -54,7 +54,7 @@ class FilterTuning:
         lost_after: A robot is lost after so many observations in a row that do not fit ...
         lost_after_s: ... and this time [s].
         far: Relative poses by people that are off by so many gates are no errors of odometry:
-        far_after: ... after so many in a row a robot is lost.
+        far_after: ... after so many in a row a robot is lost; after one if the two never fitted.
         restart: A team-mate that begins again farther than this from where it was [m] ...
         restart_speed: ... and this speed explains [m/s] is not believed until something fits.
         contradicted_s: Likewise where other walls of the same sights fit, as they do if it was
@@ -318,8 +318,9 @@ class TeamFilter:
         if self._is_long(met.in_a_row, met.since_ns, stamp_ns):
             suspects = self._suspects(state, pair, stamp_ns)
             state = _with_meetings(state, pair, met.restarted())
-        elif far and met.in_a_row >= self.tuning.far_after:
-            since_ns = met.since_ns - 1
+        elif far and (met.in_a_row >= self.tuning.far_after or not met.accepted):
+            lately_ns = stamp_ns - round(1e9 * self.tuning.fitted_lately_s)
+            since_ns = met.since_ns - 1 if met.accepted else lately_ns
             lonely = [r for r in pair if self._confirmed_ns(state, r, pair) <= since_ns]
             suspects = tuple(lonely) if len(lonely) == 1 else ()
         for robot in suspects:

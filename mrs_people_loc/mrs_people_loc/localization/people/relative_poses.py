@@ -268,6 +268,8 @@ class _Pair:
         missed: Comparisons in a row that found nothing where both saw people enough.
         far: The last alignment that was found whatever the poses are wrong by, and is to be
             confirmed.
+        known: The last one that was confirmed, or measured again since, and ...
+        known_ns: ... when [ns].
     """
 
     compared_ns: int = 0
@@ -275,6 +277,8 @@ class _Pair:
     guess: tuple[Alignment, Pose] | None = None
     missed: int = 0
     far: _Far | None = None
+    known: _Far | None = None
+    known_ns: int = 0
 
     def confirms(self, found: Alignment, pose: Pose, tuning: RelativePosesTuning) -> bool:
         """Whether an alignment of the second robot, at a pose, is the last one again."""
@@ -387,12 +391,16 @@ class RelativePoses:
             wrong_by = self._compare(pair, one, other, factor)
             pair.compared_ns = time_ns
             if wrong_by is not None:
-                pair.missed, pair.far = 0, None
-            elif self._is_anywhere(names, pair, one[1], other[1], lost):
-                far = self._anywhere(names, pair)
-                if far is not None:
-                    other = _moved(*other, far.off)
-                    wrong_by = self._compare(pair, one, other, factor, far.covariance)
+                pair.missed, pair.far, pair.known = 0, None, None
+            else:
+                is_anywhere = self._is_anywhere(names, pair, one[1], other[1], lost)
+                other, wrong_by = self._known_again(pair, one, other, factor, time_ns)
+                if wrong_by is None and is_anywhere:
+                    far = self._anywhere(names, pair)
+                    if far is not None:
+                        other = _moved(*other, far.off)
+                        wrong_by = self._compare(pair, one, other, factor, far.covariance)
+                        pair.known, pair.known_ns = far, time_ns
             if wrong_by is not None:
                 inflated = 1.0 + self.tuning.lasting * (factor - 1.0)
                 found[names] = one[0], other[0], wrong_by, inflated
@@ -406,6 +414,30 @@ class RelativePoses:
             _relative(names, *measured, factor=(2 + used[names[0]] + used[names[1]]) / 4)
             for names, measured in found.items()
         )
+
+    def _known_again(
+        self,
+        pair: _Pair,
+        one: tuple[Pose, Tracks],
+        other: tuple[Pose, Tracks],
+        factor: float,
+        time_ns: int,
+    ) -> tuple[tuple[Pose, Tracks], tuple[Float, Float] | None]:
+        """The second robot where it was found to be lately, and what that is wrong by.
+
+        Who is the same as whom is then told by far less than a search anywhere needs.
+        """
+        known, (pose, people) = pair.known, other
+        if known is None or time_ns - pair.known_ns > self.tuning.memory_ns:
+            return other, None
+        turn = float(known.off[2])
+        off = np.array([*_carried_on(known.off[:2], turn, known.pose, pose), turn])
+        there = _moved(pose, people, off)
+        wrong_by = self._compare(pair, one, there, factor, known.covariance, again=True)
+        if wrong_by is None:
+            return other, None
+        pair.known, pair.known_ns = dataclasses.replace(known, pose=pose, off=off), time_ns
+        return there, wrong_by
 
     def _is_anywhere(
         self,
@@ -497,6 +529,8 @@ class RelativePoses:
         other: tuple[Pose, Tracks],
         factor: float,
         settled: Float | None = None,
+        *,
+        again: bool = False,
     ) -> tuple[Float, Float] | None:
         """What the pose of a robot is wrong by, relative to another's.
 
@@ -507,6 +541,7 @@ class RelativePoses:
             factor: What the variance of errors that last is multiplied by.
             settled: Covariance of the pose of the second relative to the first, if it is known
                 which people are the same, shape (3, 3).
+            again: Whether the people have to confirm that.
 
         Returns:
             x, y, yaw on the map [m, m, rad], shape (3,), and covariance, shape (3, 3); None: not
@@ -519,7 +554,8 @@ class RelativePoses:
         else:
             prior = settled + np.diag(np.square(tuning.told))
             found = align(sees, seen, prior, tuning=tuning.alignment)
-        if found is None:
+        least = tuning.evidence_again, tuning.margin_again
+        if found is None or (again and (found.evidence < least[0] or found.margin < least[1])):
             return None
         i, j = found.own, found.others
         state, covariance = fit(
