@@ -346,6 +346,7 @@ JAZZY_KEYS = {
     "rosidl_default_runtime",
     "sensor_msgs",
     "std_msgs",
+    "std_srvs",
     "stereo_msgs",
     "visualization_msgs",
 }

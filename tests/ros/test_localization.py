@@ -185,8 +185,7 @@ def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven
     (wheels,) = driven.peer.get(driven.node, parameter)
     assert list(wheels) == pytest.approx([0.02, 0.0, 0.0], abs=3e-3)
     assert planar(driven.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
-    finding = driven.localization(lambda f: float(f.values["wheel_scale"]) > 0.017)
-    assert finding.values["wheel_scale"] == f"{wheels[0]:.5f}"
+    driven.localization(lambda f: abs(float(f.values["wheel_scale"]) - wheels[0]) < 1e-4)
     driven.process.stop()
 
 

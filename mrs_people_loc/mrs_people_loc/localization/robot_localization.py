@@ -24,7 +24,6 @@ from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.team.poses import Pose
 
-
 #: Systematic errors of wheels are kept for the next start from this way on [m].
 _LEAST_WAY = 10.0
 
