@@ -62,6 +62,7 @@ class Code(str, Enum):
     MATE_CLOCK = "mate_clock"
     CORRECTIONS_REFUSED = "corrections_refused"
     NOT_CORRECTED = "not_corrected"
+    ODOMETRY_HANGS = "odometry_hangs"
     ODOMETRY_NOISY = "odometry_noisy"
     # of a robot, as the planner receives it
     CLOCK_ASTRAY = "clock_astray"

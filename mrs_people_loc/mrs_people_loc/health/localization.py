@@ -107,6 +107,12 @@ def _problems(health: LocalizationHealth) -> Iterator[tuple[Code, str]]:
             "what the robot sees did not fit where it was: it was carried or its wheels slipped; "
             + ("its pose is uncertain until observations fit" if own.lost else "they fit again"),
         )
+    if state.hung_ns and state.stamp_ns - state.hung_ns < _CARRIED_FOR_NS:
+        yield (
+            Code.ODOMETRY_HANGS,
+            "the odometry said the same from one moment to the next, while the robot drove: its "
+            "driver hangs, or the robot was stopped hard; the pose is as unsure as if it drove on",
+        )
     if state.doubted:
         yield (
             Code.MATE_DOUBTED,

@@ -88,6 +88,7 @@ class LocalizationState:
         late: Observations that came too late, or for whose time there is no odometry, so far.
         resets: How often the clock jumped back, so far.
         jumps: How often the odometry jumped, so far.
+        hung_ns: When it hung last: it said the same after a step at speed [ns]; 0: never.
     """
 
     stamp_ns: int
@@ -105,6 +106,7 @@ class LocalizationState:
     late: int
     resets: int
     jumps: int
+    hung_ns: int = 0
 
 
 @dataclass
@@ -350,6 +352,7 @@ class Localizer:
             late=self._late + self._inbox.late,
             resets=self._resets,
             jumps=self._reckoning.jumps,
+            hung_ns=self._reckoning.hung_ns,
         )
 
     def _wheels(self, state: TeamState) -> tuple[Wheels, Float]:

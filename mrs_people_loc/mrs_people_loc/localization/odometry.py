@@ -40,6 +40,11 @@ class OdometryTuning:
             heading [m^2, rad^2].
         turns_from: A turn of so many standard deviations is more than noise.
         step: Ways are counted in steps of this, at least [m].
+        stops_dead: Odometry that says the same after a step of at least this speed [m/s] ...
+        hangs_after_s: ... for longer than this [s] hangs: no robot stops so suddenly. It may drive
+            on as before, for ...
+        hangs_s: ... so long at most [s], ...
+        hangs_turn: ... and turn by this standard deviation [rad/s].
         wander: Systematic errors of wheels change in a metre of way, and that of turns in a radian,
             by this share of what they may be at the start; it grows with the root.
     """
@@ -52,6 +57,10 @@ class OdometryTuning:
     jump_variances: tuple[float, float] = (0.5**2, 0.2**2)
     turns_from: float = 3.0
     step: float = 0.1
+    stops_dead: float = 0.2
+    hangs_after_s: float = 0.3
+    hangs_s: float = 5.0
+    hangs_turn: float = 0.1
     wander: float = 0.05
 
 
@@ -197,13 +206,18 @@ class DeadReckoning:
         config: The noise.
         order: Of the stamps.
         jumps: How often the odometry jumped, as it does when a base starts again, so far.
+        hangs_s: For how long it hangs, as that of a driver that has died [s]; 0: it does not.
+        hung_ns: When it hung last [ns]; 0: never.
         way: What the robot drove since it began [m]; to and fro within `_TUNING.step` is none.
     """
 
     config: Localization
     order: StampOrder = field(default_factory=StampOrder)
     jumps: int = 0
+    hangs_s: float = 0.0
+    hung_ns: int = 0
     way: float = 0.0
+    _speed: float = 0.0  # of the last step, or of the one before it stopped dead [m/s]
     _counted: tuple[float, float] | None = None
     _last: tuple[Pose, Odometry] | None = None
 
@@ -211,7 +225,8 @@ class DeadReckoning:
         """Takes the pose in the odometry's frame.
 
         The first one, or the first after the clock jumped back, begins with variances of zero.
-        Where the odometry jumps, the robot stays where it was, less surely.
+        Where the odometry jumps, the robot stays where it was, less surely; where it hung before,
+        that is what it drove meanwhile.
 
         Raises:
             PoseError: The stamp is not newer than the last one.
@@ -223,6 +238,7 @@ class DeadReckoning:
             made = self._after(*self._last, pose)
         else:
             made = Odometry(pose.stamp_ns, pose.x, pose.y, pose.yaw, 0.0, 0.0)
+            self.hangs_s = self._speed = 0.0
             self.way, self._counted = 0.0, (made.x, made.y)
         self._last = pose, made
         self._count(made.x, made.y)
@@ -239,7 +255,12 @@ class DeadReckoning:
     def _after(self, before: Pose, so_far: Odometry, pose: Pose) -> Odometry:
         """Dead reckoning at a pose, after that at the pose before."""
         x, y, yaw = so_far.x, so_far.y, so_far.yaw
-        if is_jump(before, pose) or _is_turned(before, pose):
+        hung = self._hung(before, pose)
+        if hung is not None:
+            position, heading = hung
+        elif not self._catches_up(before, pose) and (
+            is_jump(before, pose) or _is_turned(before, pose)
+        ):
             position, heading = _TUNING.jump_variances
             self.jumps += 1
         else:
@@ -256,6 +277,32 @@ class DeadReckoning:
             so_far.position_variance + position,
             so_far.heading_variance + heading,
         )  # fmt: skip
+
+    def _hung(self, before: Pose, pose: Pose) -> tuple[float, float] | None:
+        """What a step adds to the variances while the odometry hangs; None: it does not."""
+        seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
+        if (pose.x, pose.y, pose.yaw) != (before.x, before.y, before.yaw):
+            return None
+        if self._speed < _TUNING.stops_dead:
+            self._speed = 0.0
+            return None
+        begin, end = self.hangs_s, self.hangs_s + seconds
+        self.hangs_s = end
+        if end <= _TUNING.hangs_after_s:
+            return 0.0, 0.0
+        self.hung_ns = pose.stamp_ns
+        # From its beginning on: what it drove meanwhile grows with time, and its variance squared.
+        begin = 0.0 if begin <= _TUNING.hangs_after_s else min(begin, _TUNING.hangs_s)
+        more = min(end, _TUNING.hangs_s) ** 2 - begin**2
+        return self._speed**2 * more, _TUNING.hangs_turn**2 * more
+
+    def _catches_up(self, before: Pose, pose: Pose) -> bool:
+        """Whether odometry that hung says now what the robot drove meanwhile; it hangs no more."""
+        way = math.hypot(pose.x - before.x, pose.y - before.y)
+        seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
+        hung, most = self.hangs_s > _TUNING.hangs_after_s, 2.0 * self._speed * self.hangs_s
+        self.hangs_s, self._speed = 0.0, way / seconds
+        return hung and way < most
 
     def _growth(self, before: Pose, pose: Pose) -> tuple[float, float]:
         """What a step adds to the variances of position [m^2] and heading [rad^2]."""

@@ -279,6 +279,8 @@ class LightTeam:
             yield from (f"{robot} was carried" for robot, t in state.trust.items() if t.times_lost)
             yield from (f"{robot} doubted" for robot in state.doubted)
             yield from (f"known wall {k} is off" for k in state.misfits)
+            if state.hung_ns:
+                yield f"odometry of {name} hangs"
             if state.jumps:
                 yield f"odometry of {name} jumped"
 

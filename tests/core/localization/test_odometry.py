@@ -272,3 +272,40 @@ def test_known_systematic_errors_are_corrected(wheels):
 def along_arc(way, turn):
     """What a robot moves that drives a short way while it turns evenly, shape (3,)."""
     return np.array([way * math.cos(0.5 * turn), way * math.sin(0.5 * turn), turn])
+
+
+def hanging(speed, *, stands_s, then=0.0, rate=20):
+    """Dead reckoning of a base that drives 2 s, says the same for a while, and goes on `then`."""
+    reckoning, x, made = DeadReckoning(Localization(wheel_sigmas=(0.0, 0.0, 0.0))), 0.0, []
+    for k in range(round((2.0 + stands_s) * rate)):
+        if k < 2 * rate:
+            x += speed / rate
+        made.append(reckoning.take(Pose(S + k * S // rate, x, 0.0, 0.0)))
+    made.append(reckoning.take(Pose(made[-1].stamp_ns + S // rate, x + then, 0.0, 0.0)))
+    return reckoning, made
+
+
+def test_odometry_that_stops_dead_hangs_and_is_as_unsure_as_if_it_drove_on():
+    reckoning, made = hanging(0.5, stands_s=3.0)
+    grown = made[-1].position_variance - made[39].position_variance
+    assert grown == pytest.approx((0.5 * 3.05) ** 2, rel=0.05)
+    assert reckoning.hung_ns == made[-1].stamp_ns
+    # It does not grow for ever.
+    grown = (again := hanging(0.5, stands_s=9.0)[1])[-1].position_variance - again[
+        39
+    ].position_variance
+    assert grown == pytest.approx((0.5 * 5.0) ** 2, rel=0.05)
+
+
+def test_odometry_that_hung_and_catches_up_has_not_jumped():
+    reckoning, made = hanging(0.5, stands_s=3.0, then=1.5)
+    assert (reckoning.jumps, made[-1].x) == (0, pytest.approx(2.5))
+    reckoning, made = hanging(0.5, stands_s=3.0, then=9.0)
+    assert (reckoning.jumps, made[-1].x) == (1, pytest.approx(1.0))
+
+
+@pytest.mark.parametrize(("speed", "stands_s"), [(0.1, 3.0), (0.5, 0.2)])
+def test_robot_that_was_slow_or_stood_for_a_moment_does_not_hang(speed, stands_s):
+    reckoning, made = hanging(speed, stands_s=stands_s)
+    assert reckoning.hung_ns == 0
+    assert made[-1].position_variance == made[39].position_variance
