@@ -164,31 +164,6 @@ def test_absolute_pose_corrects_and_an_outlier_is_refused(first: Driven, peer: P
     assert planar(first.stepped().pose.pose) == pytest.approx((x + 0.2, y - 0.1, yaw), abs=0.02)
 
 
-def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven]) -> None:
-    """The true way is 2 % longer than the odometry's; before 10 m nothing is kept."""
-    driven = make("robot_w", [0.0, 0.0, 0.0])
-    service, parameter = f"{driven.node}/keep_wheels", "localization.wheels"
-
-    def keep() -> Any:
-        return driven.peer.call(Trigger, service, Trigger.Request())
-
-    refused = keep()
-    assert (refused.success, refused.message) == (False, "the robot has driven 0.0 m; wanted: 10 m")
-    for k in range(1, 201):
-        driven.stepped(0.1 * k, 0.0, 0.0)
-        driven.tell_absolute(0.102 * k, 0.0, 0.0, 0.01)
-    (given,) = driven.peer.set(driven.node, localization__wheels=[0.02, 0.0, 0.0])
-    assert not given.successful, "it is not live"
-    before = planar(driven.stepped().pose.pose)
-    kept = keep()
-    assert kept.success, kept
-    (wheels,) = driven.peer.get(driven.node, parameter)
-    assert list(wheels) == pytest.approx([0.02, 0.0, 0.0], abs=3e-3)
-    assert planar(driven.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
-    driven.localization(lambda f: abs(float(f.values["wheel_scale"]) - wheels[0]) < 1e-4)
-    driven.process.stop()
-
-
 # --- the team -------------------------------------------------------------------------------------
 
 
@@ -418,6 +393,31 @@ def test_known_wall_in_sonar_ranges_corrects_the_pose(
 
     peer.until(drive, lambda: f"{driven.place} {peer.findings(driven.node).get('localization')}")
     assert driven.place[0] < 8.0
+    driven.process.stop()
+
+
+def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven]) -> None:
+    """The true way is 2 % longer than the odometry's; before 10 m nothing is kept."""
+    driven = make("robot_w", [0.0, 0.0, 0.0])
+    service, parameter = f"{driven.node}/keep_wheels", "localization.wheels"
+
+    def keep() -> Any:
+        return driven.peer.call(Trigger, service, Trigger.Request())
+
+    refused = keep()
+    assert (refused.success, refused.message) == (False, "the robot has driven 0.0 m; wanted: 10 m")
+    for k in range(1, 201):
+        driven.stepped(0.1 * k, 0.0, 0.0)
+        driven.tell_absolute(0.102 * k, 0.0, 0.0, 0.01)
+    (given,) = driven.peer.set(driven.node, localization__wheels=[0.02, 0.0, 0.0])
+    assert not given.successful, "it is not live"
+    before = planar(driven.stepped().pose.pose)
+    kept = keep()
+    assert kept.success, kept
+    (wheels,) = driven.peer.get(driven.node, parameter)
+    assert list(wheels) == pytest.approx([0.02, 0.0, 0.0], abs=3e-3)
+    assert planar(driven.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
+    driven.localization(lambda f: abs(float(f.values["wheel_scale"]) - wheels[0]) < 1e-4)
     driven.process.stop()
 
 
