@@ -19,7 +19,7 @@ import dataclasses
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -57,12 +57,14 @@ class Interval:
         scans: What it was made from.
         people: What came out.
         views: By robot, the view behind its scan; not for robots whose `points` were recorded.
+        apart: By robot in quarantine, its pose: its scan takes no part.
     """
 
     closed_ns: int
     scans: Sequence[Scan]
     people: People
     views: Mapping[str, RobotView]
+    apart: Mapping[str, Pose] = field(default_factory=dict)
 
 
 class _Playback:
@@ -148,7 +150,7 @@ class _Playback:
         if people is not None:
             names = [scan.robot for scan in closed.scans if scan.robot in self._waiting]
             views = {name: self._waiting[name] for name in names}
-            yield Interval(now_ns, closed.scans, people, views)
+            yield Interval(now_ns, closed.scans, people, views, closed.apart_poses)
 
     def unused(self) -> Counter[str]:
         """How many scans and images were not used, by robot and reason."""

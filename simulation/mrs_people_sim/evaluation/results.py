@@ -194,8 +194,14 @@ def evaluate_bag(
         bag, configs, beside=beside, use_map=use_map, tracking=tracking, localize=localize,
         planner=beside_exact if true else Planner,
     )  # fmt: skip
+
+    def on_each(interval: Interval) -> None:
+        beside_exact.take_poses(interval.apart)
+        if on_interval is not None:
+            on_interval(interval)
+
     result = evaluate_bag(
-        run, labels=labels, beside=False, on_interval=on_interval, on_progress=on_progress
+        run, labels=labels, beside=False, on_interval=on_each, on_progress=on_progress
     )
     with BagReader(bag) as reader:
         _team_scored(result, reader, beside_exact.used(), beside_exact.estimates)

@@ -126,12 +126,16 @@ class PlannerBesideExact:
         exact = {name: self._exact(name, pose) for name, pose in poses.items()}
         self.estimates.append(estimate_of(self._other.step(scans, exact, time_ns)))
         people = self._planner.step(scans, poses, time_ns)
-        for name, pose in people.poses.items():
-            self._used.setdefault(name, {})[pose.stamp_ns] = pose
+        self.take_poses(people.poses)
         return people
 
+    def take_poses(self, poses: Mapping[str, Pose]) -> None:
+        """Takes poses of scans, also those of robots in quarantine."""
+        for name, pose in poses.items():
+            self._used.setdefault(name, {})[pose.stamp_ns] = pose
+
     def used(self) -> dict[str, PoseTrack]:
-        """By robot, the poses that its scans were placed with."""
+        """By robot, the poses of its scans."""
         return {name: PoseTrack.build(poses.values()) for name, poses in self._used.items()}
 
     def _exact(self, name: str, pose: Pose) -> Pose:
