@@ -1,10 +1,21 @@
 """Who is lost, when relative poses of two robots do not fit; who is doubted after a silence."""
 
+import math
+
 import numpy as np
 import pytest
 
+from core.localization.tours import as_walls
 from mrs_people_loc.config import Localization
-from mrs_people_loc.localization.filter.observations import Claimed, Joined, Met, pose_from
+from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.localization.filter.observations import (
+    Claimed,
+    Joined,
+    Met,
+    PeopleStand,
+    WallsSeen,
+    pose_from,
+)
 from mrs_people_loc.localization.filter.team_filter import FilterTuning, TeamFilter
 from mrs_people_loc.localization.filter.team_state import TeamState
 from mrs_people_loc.localization.odometry import Odometry
@@ -121,3 +132,130 @@ def test_team_mate_that_pulled_the_team_far_after_a_silence_is_not_doubted_once_
     # Nor if it differs by a little, but it is if it differs by much.
     assert refused_after(1.05, *np.arange(30.0, 35.0, 0.25)) == 0
     assert refused_after(1.5, 35.0, 35.25, 35.5) == 3
+
+
+# ------------------------------------------------------------------------------------ found again
+
+#: b is turned by 90 degrees and 3 m from where it was.
+CARRIED = {**TRUE, "b": TRUE["b"] + (1.8, -2.4, math.pi / 2)}
+PAIRS = ("a", "b"), ("b", "c"), ("a", "c")
+
+
+def meeting(team, state, seconds, places=TRUE, pairs=PAIRS):
+    """The state after these pairs have met at each of these times."""
+    for second in seconds:
+        for pair in pairs:
+            state = met(team, state, pair, second, 1, places)
+    return state
+
+
+def wrong(state, robot, places):
+    """What the pose of a robot is wrong by relative to a: shape (3,)."""
+    i, k = state.at("a"), state.at(robot)
+    said, *_ = pose_from(state.mean[i : i + 3], state.mean[k : k + 3])
+    true, *_ = pose_from(places["a"], places[robot])
+    return np.array([*(said - true)[:2], wrap_angle(said[2] - true[2])])
+
+
+def test_robot_that_was_turned_and_carried_is_placed_by_one_relative_pose():
+    team, state = joined("")
+    state = meeting(team, state, np.arange(1.0, 3.0, 0.8))
+    state = meeting(team, state, [4.0], CARRIED)
+    assert lost(state) == set()
+    before = state.mean[state.at("b") : state.at("b") + 3].copy()
+    # It is lost as soon as it is known that it is not the other, and placed by that pose.
+    state = meeting(team, state, [4.8], CARRIED)
+    assert lost(state) == {"b"}
+    assert not state.trust["b"].lost
+    assert np.hypot(*(state.mean[state.at("b") :][:2] - before[:2])) == pytest.approx(3.0, abs=0.1)
+    np.testing.assert_allclose(wrong(state, "b", CARRIED), 0.0, atol=0.02)
+    np.testing.assert_allclose(wrong(state, "c", CARRIED), 0.0, atol=0.02)
+    # Not surer than the relative pose; the innocent are as sure as before.
+    i = state.at("b")
+    assert state.covariance[i, i] < 2 * 0.04**2
+    assert np.linalg.eigvalsh(state.covariance)[0] > -1e-12
+    state = meeting(team, state, np.arange(5.6, 10.0, 0.8), CARRIED)
+    assert {robot: trust.times_lost for robot, trust in state.trust.items()} == {
+        "a": 0, "b": 1, "c": 0
+    }  # fmt: skip
+
+
+def test_robots_that_fit_each_other_are_not_lost_because_a_third_was_carried():
+    team, state = joined("", own="b")
+    state = meeting(team, state, np.arange(1.0, 3.0, 0.8))
+    state = meeting(team, state, np.arange(4.0, 8.0, 0.8), CARRIED)
+    # Also in the filter of the robot that was carried itself.
+    assert lost(state) == {"b"}
+    np.testing.assert_allclose(wrong(state, "b", CARRIED), 0.0, atol=0.02)
+
+
+def test_what_only_the_lost_robot_has_seen_is_dropped():
+    team, state = joined("")
+    state = meeting(team, state, np.arange(1.0, 3.0, 0.8))
+    two = np.array([(2.0, 0.4), (2.5, -0.6)]), np.tile(0.01 * np.eye(2), (2, 1, 1))
+    for robot in "ab":
+        state = team.apply(state, PeopleStand(robot, standing(3.0), two[0], two[1]))
+        line = (0.0, 1.5, 4.0, 1.5) if robot == "a" else (-1.0, -2.0, 3.0, -2.0)
+        state = team.apply(state, WallsSeen(robot, standing(3.0), as_walls([line], (0.02, 0.01))))
+    assert [person.first for person in state.people] == ["a", "a", "b", "b"]
+    assert [set(wall.sights) for wall in state.walls] == [{"a"}, {"b"}]
+    state = meeting(team, state, [4.0, 4.8], CARRIED)
+    assert lost(state) == {"b"}
+    assert [person.first for person in state.people] == ["a", "a"]
+    assert [set(wall.sights) for wall in state.walls] == [{"a"}]
+    assert len(state.mean) == 6 * 3 + 2 * 2 + 2
+
+
+# ------------------------------------------------------------------------ begins again elsewhere
+
+ELSEWHERE = np.array([40.0, 3.0, 1.0])
+
+
+def restarted(place=ELSEWHERE, second=4.0):
+    """a, b and c have met; then b begins again and says to be at a place."""
+    team, state = joined("")
+    state = meeting(team, state, np.arange(1.0, 3.0, 0.8))
+    covariance = np.diag([0.1**2, 0.1**2, 0.05**2])
+    return team, team.apply(state, Joined("b", standing(second), place, covariance))
+
+
+def test_team_mate_that_begins_again_far_off_is_not_believed():
+    team, state = restarted()
+    assert state.trust["b"].astray
+    others = [state.at(robot) + k for robot in "ac" for k in range(3)]
+    before, people, walls = state.mean[others].copy(), state.people, state.walls
+    for second in np.arange(4.1, 6.0, 0.25):
+        wall = as_walls([(0.0, 1.5, 4.0, 1.5)], (0.02, 0.01))
+        seen = np.array([(2.0, 0.4)]), 0.01 * np.eye(2)[np.newaxis]
+        for told in (
+            WallsSeen("b", standing(second), wall),
+            PeopleStand("b", standing(second), *seen),
+            Claimed("b", standing(second), ELSEWHERE + (0.5, 0.0, 0.0), np.diag([1e-4] * 3)),
+        ):
+            state = team.apply(state, told)
+    np.testing.assert_array_equal(state.mean[others], before)
+    assert (state.people, state.walls) == (people, walls)
+    assert state.trust["b"].lost
+
+
+@pytest.mark.parametrize("pair", [("a", "b"), ("b", "c")])
+def test_it_is_believed_once_a_relative_pose_says_where_it_is(pair):
+    team, state = restarted()
+    state = meeting(team, state, [5.0], pairs=[pair])
+    trust = state.trust["b"]
+    assert (trust.lost, trust.astray) == (False, False)
+    np.testing.assert_allclose(wrong(state, "b", TRUE), 0.0, atol=0.05)
+    state = meeting(team, state, np.arange(5.8, 8.0, 0.8))
+    assert {robot for robot, trust in state.trust.items() if trust.lost} == set()
+    assert not state.trust["a"].times_lost
+    assert not state.trust["c"].times_lost
+    seen = WallsSeen("b", standing(9.0), as_walls([(0.0, 1.5, 4.0, 1.5)], (0.02, 0.01)))
+    assert len(team.apply(state, seen).walls) == len(state.walls) + 1
+
+
+def test_team_mate_that_begins_again_where_it_was_is_believed():
+    _, state = restarted(TRUE["b"] + (0.3, 0.0, 0.0))
+    assert "b" not in state.trust
+    # So it is where it may have driven to meanwhile.
+    _, state = restarted(TRUE["b"] + (20.0, 0.0, 0.0), second=30.0)
+    assert "b" not in state.trust

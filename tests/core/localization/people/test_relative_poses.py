@@ -12,6 +12,7 @@ from mrs_people_loc.localization.people.relative_poses import (
     tracks_of,
 )
 from mrs_people_loc.localization.people.seen_people import SeenPeople
+from mrs_people_loc.localization.shared import StandingPeople
 from mrs_people_loc.team.poses import Pose
 
 #: Standard deviations along and across the line of sight [m].
@@ -424,3 +425,51 @@ def test_pairs_of_many_robots_come_in_turn():
         pairs.update((one.robot, one.other) for one in found)
     assert len(pairs) > 20
     assert max(pairs.values()) <= 3
+
+
+# ------------------------------------------------------------------------ people who may stand ----
+
+
+def standing(team, stands, seconds=3.0):
+    """Who may stand, as measured of each robot; `stands`: by robot, who of those it sees."""
+    relative, found = RelativePoses(), []
+    for t in np.arange(0.0, seconds, 0.1):
+        seen = {
+            name: replace(team.seen(name, t), stands=np.array(who)) for name, who in stands.items()
+        }
+        poses = {name: team.pose(name, t) for name in stands}
+        found += relative.step(seen, poses)
+    return [one for one in found if isinstance(one, StandingPeople)]
+
+
+def test_who_may_stand_is_told_of_a_robot_that_is_alone_once_a_window():
+    team = Team(FIVE, {"b": THREE_ROBOTS["b"]}, noise=0.0)
+    found = standing(team, {"b": [True, False, True, False, False]})
+    assert len(found) == 3
+    assert [one.stamp_ns for one in found] == [700_000_000, 1_500_000_000, 2_300_000_000]
+    expected = (FIVE[[0, 2]] - THREE_ROBOTS["b"][:2]) @ rotation_2d(THREE_ROBOTS["b"][2])
+    for one in found:
+        assert one.robot == "b"
+        np.testing.assert_allclose(one.xy, expected)
+        # Of errors that last, each measurement tells what white noise of this variance would.
+        assert one.inflated == pytest.approx(1.0 + 2.0 * 0.7 * 4.0 / 0.7)
+        variances = np.linalg.eigvalsh(one.covariance)
+        wanted = one.inflated * np.square([ACROSS, ALONG])
+        np.testing.assert_allclose(variances, [wanted] * 2)
+
+
+@pytest.mark.parametrize("who", [[False] * 5, []], ids=["walk", "unknown"])
+def test_of_people_who_walk_or_may_walk_nothing_is_told(who):
+    assert standing(Team(FIVE, {"b": THREE_ROBOTS["b"]}), {"b": who}) == []
+
+
+def test_robots_that_share_people_tell_of_nobody_who_stands():
+    """What they see is used already for where they are to each other."""
+    everybody = [True] * 5
+    assert standing(Team(FIVE, TWO_ROBOTS), dict.fromkeys("ab", everybody)) == []
+    # One that shares nobody does, beside them.
+    apart = {**TWO_ROBOTS, "c": (40.0, 0.0, 0.0)}
+    team = Team(np.concatenate([FIVE, FIVE + (38.0, -3.0)]), apart)
+    team.unseen = {"a": range(5, 10), "b": range(5, 10), "c": range(5)}
+    found = standing(team, dict.fromkeys("abc", everybody))
+    assert {one.robot for one in found} == {"c"}

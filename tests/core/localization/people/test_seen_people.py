@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.config import PlannerConfig
-from mrs_people_loc.localization.people.seen_people import people_by_robot
+from mrs_people_loc.localization.people.seen_people import people_by_robot, people_in
+from mrs_people_loc.people import Person
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.fusion import fuse
+from mrs_people_loc.team.intervals import Closed
 from mrs_people_loc.team.poses import Pose
 
 CONFIG = PlannerConfig()
@@ -83,3 +85,64 @@ def test_human_clusters_of_plain_cells(make_cells):
 def test_nothing_is_seen():
     assert people_by_robot(fuse([], {}), {}, CONFIG) == {}
     assert len(seen([Scan("a", 0, Cells.empty())])["a"].xy) == 0
+
+
+def test_who_is_known_to_walk_does_not_stand(bodies, person):
+    """Of four, in the map at x = 1, 2, 3, 4 m beside a: the second walks."""
+    rows = [(1.0, 0.0, 3.0), (2.0, 0.0, 3.0), (3.0, 0.0, 3.0), (4.0, 0.0, 3.0)]
+    scans = [Scan("a", 0, bodies(rows))]
+    fused = fuse(scans, POSES)
+
+    def stands(*persons):
+        return people_by_robot(fused, POSES, CONFIG, persons)["a"].stands.tolist()
+
+    assert stands() == [True] * 4
+    walking = person((3.1, 2.2), (0.0, 0.9))
+    assert stands(walking) == [True, False, True, True]
+    # Nobody knows how fast; too slow; not sure enough; somebody else.
+    for other in (
+        person((3.1, 2.2), None),
+        person((3.1, 2.2), (0.1, 0.1)),
+        person((3.1, 2.2), (0.3, 0.0), 0.2),
+        person((3.0, 3.0), (0.9, 0.0)),
+    ):
+        assert stands(other) == [True] * 4
+    assert stands(person((3.1, 2.2), (0.5, 0.0), 0.2)) == [True, False, True, True]
+
+
+@pytest.fixture
+def person():
+    """Somebody who is followed: place, velocity and its standard deviation."""
+
+    def make(place, velocity, sigma=0.05):
+        one = Person(np.array(place), 0.01 * np.eye(2), 1.7, 0.1, ("a",), -1)
+        if velocity is None:
+            return one
+        sure = sigma**2 * np.eye(2)
+        return dataclasses.replace(one, velocity=np.array(velocity), velocity_covariance=sure)
+
+    return make
+
+
+def test_unlikely_bodies_and_robots_are_others(bodies):
+    exact = {
+        name: dataclasses.replace(pose, covariance=np.zeros((3, 3))) for name, pose in POSES.items()
+    }
+    rows = [(3.0, 0.0, 3.0), (4.0, 1.0, -1.0), (8.0, 0.0, 2.0)]  # the last is b
+    found = seen([Scan("a", 0, bodies(rows)), Scan("b", 0, Cells.empty())], exact)
+    np.testing.assert_allclose(found["a"].others, [(4.0, 1.0), (8.0, 0.0)], atol=1e-6)
+    np.testing.assert_allclose(found["a"].others_covariance[1], np.diag([0.01, 0.0025]), atol=1e-6)
+    assert found["b"].others.shape == (0, 2)
+    assert found["b"].others_covariance.shape == (0, 2, 2)
+
+
+def test_whether_those_stand_whom_a_robot_in_quarantine_sees_is_not_known(bodies, person):
+    scan = Scan("b", 0, bodies([(2.0, 0.0, 3.0)]))
+    closed = Closed(
+        scans=(Scan("a", 0, bodies([(2.0, 0.0, 3.0)])),), poses={"a": POSES["a"]}, time_ns=0,
+        left_out={}, others={}, quarantined=("b",), apart=(scan,), apart_poses={"b": POSES["b"]},
+    )  # fmt: skip
+    found = people_in(closed, (), CONFIG)
+    assert found["a"].stands.tolist() == [True]
+    np.testing.assert_allclose(found["b"].xy, [(2.0, 0.0)], atol=1e-6)
+    assert found["b"].stands.shape == (0,)
