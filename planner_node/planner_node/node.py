@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
+import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import TeamPose
@@ -158,8 +159,11 @@ class PlannerNode(ManagedNode):
         if not rate.lets_through(messages.read_stamp(message), _TEAM_RATE_HZ):
             return
         told = messages.read_team_pose(message, self.config.map_frame)
-        assert told.pose.in_team is not None
-        self._collector.add_covariance_in_team(told.robot, told.pose.stamp_ns, told.pose.in_team)
+        pose, in_team = told.pose, told.pose.in_team
+        assert in_team is not None
+        # Equal: it hears nobody, or its pose is not estimated.
+        if not np.array_equal(in_team, pose.covariance):
+            self._collector.add_covariance_in_team(told.robot, pose.stamp_ns, in_team)
         self._quarantine.hear(told.robot, told.lost, told.doubted, self._now_ns())
 
     def _on_map(self, message: OccupancyGrid) -> None:

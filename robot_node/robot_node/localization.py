@@ -20,12 +20,15 @@ from mrs_people_loc.health.localization import (
     of_localization,
     own_sources,
 )
+from mrs_people_loc.localization.anchor import Anchor
 from mrs_people_loc.localization.localizer import LocalizationState
 from mrs_people_loc.localization.robot_localization import (
     RobotLocalization,
     localizes,
     may_localize,
 )
+from mrs_people_loc.localization.shared import TeamPose
+from mrs_people_loc.team.poses import Pose
 from mrs_ros import convert, tf
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.markers import wall_markers
@@ -64,8 +67,10 @@ class LocalizationTopics:
         self._told: Any = None
         self._drawn: Any = None
         node.serve(Trigger, "~/keep_wheels", self._keep_wheels)
-        if self._robot and may_localize(self._config):
+        self._anchor = Anchor(self._robot)
+        if self._robot:
             self._told = node.offer(TeamPoseMessage, f"{self._parent}/team_poses", TEAM)
+        if self._robot and may_localize(self._config):
             self._drawn = node.offer(MarkerArray, f"{self._parent}/walls", 2)
 
     def start(self) -> None:
@@ -91,7 +96,15 @@ class LocalizationTopics:
         """Publishes what the team is to hear after an odometry; subscribes after the first one."""
         if not self._listens:
             self._listen()
-        told = None if self._told is None else self._own.share()
+        if self._told is not None:
+            self._tell(self._own.share())
+
+    def tell_anchor(self, pose: Pose) -> None:
+        """Publishes what the team is to hear of a pose in the map that is not estimated here."""
+        if self._told is not None:
+            self._tell(self._anchor.tell(pose, self._config.localization.share_rate))
+
+    def _tell(self, told: TeamPose | None) -> None:
         if told is not None:
             self._told.publish(convert.team_pose(told, self._config.pose.map_frame))
 

@@ -215,11 +215,13 @@ class PoseSource:
 
         Args:
             pose: The pose in the map.
-            came_in: The frame that it came in.
+            came_in: The frame that it came in; empty: the map.
         """
         config = self._config.pose
         self._last = pose
         self._pose.publish(convert.pose_stamped(pose, config.map_frame))
+        if came_in in ("", config.map_frame):
+            self._topics.tell_anchor(pose)
         if self._frames_out is None or config.source == "tf":
             return
         known = config.source == "static" or (config.source, came_in) == ("odom", config.map_frame)

@@ -421,6 +421,34 @@ def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven
     driven.process.stop()
 
 
+def test_static_robot_holds_its_team_in_place(
+    team: Team, make: Callable[..., Driven], peer: Peer
+) -> None:
+    """By its pose relative to that one, a robot that is told 0.16 m wrong is right."""
+    heard = peer.hear(TeamPose, f"/{TEAM}/team_poses", TEAM_QOS)
+    static = {"pose.source": "static", "pose.static": "[4.0, 1.0, 0.5]"}
+    tripod = team.start("robot_node", namespace=f"/{TEAM}/robot_t", params=static)
+    driven = make("robot_s", [0.15, -0.05, 0.03])
+
+    def told() -> Any:
+        return next((m for m in reversed(heard) if m.robot == "robot_t"), None)
+
+    peer.until(told, lambda: tripod.log)
+
+    def right() -> bool:
+        there, stamp_ns = told(), driven.step()
+        place, covariance = np.array([4.0, 1.0, 0.5]), np.diag([0.03**2, 0.03**2, 0.01**2])
+        seen = RelativePose("robot_s", stamp_ns, "robot_t", stamp_of(there), place, covariance)
+        peer.send(f"/{TEAM}/relative_poses", convert.relative_poses(stamp_ns, "map", [seen]))
+        return math.hypot(*planar(driven.stepped().pose.pose)[:2]) < 0.03
+
+    peer.until(right, lambda: str(peer.findings(driven.node).get("localization")))
+    measured = peer.until(lambda: next((m for m in heard if m.absolute), None), "its place")
+    assert planar(measured.absolute[0].pose.pose) == pytest.approx((4.0, 1.0, 0.5))
+    for process in (driven.process, tripod):
+        process.stop()
+
+
 # --- what goes wrong ------------------------------------------------------------------------------
 
 
