@@ -175,8 +175,12 @@ class Robot:
         # An arc's chord has half of its turn.
         moved, turn = rotation_2d(-0.5 * more) @ moved, turn - more
         moved = moved + noise * rng.normal(size=2) * config.position_noise * math.sqrt(way)
-        turn += noise * rng.normal() * math.hypot(
-            config.heading_noise * math.sqrt(way), config.turn_noise * math.sqrt(abs(turn))
+        turn += (
+            noise
+            * rng.normal()
+            * math.hypot(
+                config.heading_noise * math.sqrt(way), config.turn_noise * math.sqrt(abs(turn))
+            )
         )
         self.odometry[:2] += rotation_2d(self.odometry[2]) @ moved
         self.odometry[2] += turn
