@@ -71,6 +71,8 @@ class FilterTuning:
         max_turn: ... and this [rad].
         agree_within: Filters that hear each other may differ by this [m, rad].
         agree_gain: What is more shrinks by this share with each claim.
+        pull_kept: Of how far claims pulled, this share counts at the next one: filters whose
+            headings differ by what they may drift apart slowly and for long.
     """
 
     lost_after: int = 5
@@ -91,6 +93,7 @@ class FilterTuning:
     max_turn: float = 0.15
     agree_within: tuple[float, float] = (0.05, 0.02)
     agree_gain: float = 0.1
+    pull_kept: float = 0.95
 
 
 FILTER_TUNING = FilterTuning()
@@ -234,7 +237,8 @@ class TeamFilter:
         else:
             step = self.tuning.agree_gain * _beyond(offset, self.tuning.agree_within)
         pulled = math.hypot(step[0], step[1])
-        trust = changed(trust, pulled=trust.pulled + pulled if pulled else 0.0)
+        kept = 1.0 if again else self.tuning.pull_kept
+        trust = changed(trust, pulled=kept * trust.pulled + pulled if pulled else 0.0)
         if not step.any():
             return _with_trust(state, robot, trust)
         return _with_trust(state.moved(place, place + step), robot, trust)

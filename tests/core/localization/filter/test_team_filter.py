@@ -134,6 +134,24 @@ def test_team_mate_that_pulled_the_team_far_after_a_silence_is_not_doubted_once_
     assert refused_after(1.5, 35.0, 35.25, 35.5) == 3
 
 
+@pytest.mark.parametrize(("speed", "doubted"), [(0.02, False), (0.1, True)])
+def test_filters_may_drift_apart_slowly_for_long(speed, doubted):
+    """What b states runs away from where a has it, and pulls a's whole team along."""
+    team, covariance, state = (
+        TeamFilter("a", Localization()),
+        np.diag([1.0, 1.0, 0.01]),
+        TeamState(),
+    )
+    for robot in "ab":
+        state = team.apply(state, Joined(robot, standing(0), TRUE[robot], covariance))
+    for second in np.arange(0.25, 60.0, 0.25):
+        said = TRUE["b"] + (speed * second, 0.0, 0.0)
+        state = team.apply(state, Claimed("b", standing(second), said, covariance))
+    assert (state.trust["b"].claims_refused > 0) == doubted
+    if not doubted:
+        assert off(state, "a") > 0.9 * speed * 60.0 - 0.1
+
+
 # ------------------------------------------------------------------------------------ found again
 
 #: b is turned by 90 degrees and 3 m from where it was.
