@@ -173,6 +173,7 @@ class LocalizationTopics:
             began_ns=self._own.began_ns,
             now_ns=now_ns,
             refused=self._refusals.refused(now_ns),
+            dead_sonars=self._walls.sonars.dead(),
         )
         return [of_localization(health)]
 

@@ -9,6 +9,7 @@ from sensor_msgs.msg import LaserScan, Range
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import WallSensors
+from mrs_people_loc.health.sonars import SonarWatch
 from mrs_people_loc.localization.robot_localization import RobotLocalization
 from mrs_people_loc.localization.walls.finder import Mounting
 from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
@@ -39,6 +40,9 @@ class WallTopics:
         base_frame: Its base_link.
         frames: Looks frames up in TF.
         localization: Takes what comes.
+
+    Attributes:
+        sonars: Knows which sonars are dead.
     """
 
     def __init__(
@@ -54,6 +58,7 @@ class WallTopics:
         self._localization = localization
         self._mountings: dict[str, Mounting] = {}
         self._has_map = False
+        self.sonars = SonarWatch()
 
     def start(self, team: str) -> None:
         """Subscribes to sensors and to the map.
@@ -69,7 +74,7 @@ class WallTopics:
         for k, sonar in enumerate(config.sonars):
             topic = sonar if sonar.startswith("/") else f"{space}/{sonar}"
             given = config.sonar_mountings[3 * k : 3 * k + 3]
-            node.listen(Range, topic, partial(self._on_range, given), TEAM)
+            node.listen(Range, topic, partial(self._on_range, topic, given), TEAM)
         if config.occupancy_grid:
             node.listen(OccupancyGrid, f"{team}/map", self._on_map, MAP, once=True)
 
@@ -78,9 +83,10 @@ class WallTopics:
         if self._localization.has_begun:
             self._localization.take_laser(scan, self._mounting(scan.frame_id, given))
 
-    def _on_range(self, given: tuple[float, ...], message: Range) -> None:
+    def _on_range(self, topic: str, given: tuple[float, ...], message: Range) -> None:
         measured = messages.read_range(message)
         if self._localization.has_begun:
+            self.sonars.take(topic, measured, self._localization.way)
             mounting = self._mounting(measured.frame_id, given)
             self._localization.take_range(measured, mounting)
 

@@ -64,6 +64,7 @@ class Code(str, Enum):
     NOT_CORRECTED = "not_corrected"
     ODOMETRY_HANGS = "odometry_hangs"
     ODOMETRY_NOISY = "odometry_noisy"
+    SONAR_DEAD = "sonar_dead"
     # of a robot, as the planner receives it
     CLOCK_ASTRAY = "clock_astray"
     LEFT_OUT_NO_POSE = "left_out_no_pose"

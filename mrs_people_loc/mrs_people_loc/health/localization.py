@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mrs_people_loc.health.findings import WARN, Code, Finding
+from mrs_people_loc.health.sonars import SameReading
 from mrs_people_loc.localization.filter.team_state import Source
 from mrs_people_loc.localization.localizer import LocalizationState
 
@@ -74,6 +75,7 @@ class LocalizationHealth:
         began_ns: When it began [ns].
         now_ns: The time, by the same clock as the stamps of odometry [ns].
         refused: Kinds of its observations that are refused again and again.
+        dead_sonars: Its sonars that say the same all the time, by topic.
     """
 
     robot: str
@@ -81,6 +83,7 @@ class LocalizationHealth:
     began_ns: int
     now_ns: int
     refused: frozenset[str] = frozenset()
+    dead_sonars: Mapping[str, SameReading] = field(default_factory=dict)
 
     @property
     def own(self) -> dict[str, Source]:
@@ -151,6 +154,16 @@ def _problems(health: LocalizationHealth) -> Iterator[tuple[Code, str]]:
             f"the odometry is {noise:.1f} times less certain than its covariances and "
             "localization.*_noise say",
         )
+    if health.dead_sonars:
+        dead = ", ".join(
+            f"{topic} ({_reading(same)} for {same.seconds:.0f} s and {same.way:.1f} m)"
+            for topic, same in health.dead_sonars.items()
+        )
+        yield Code.SONAR_DEAD, f"sonars say the same all the time while the robot drives: {dead}"
+
+
+def _reading(same: SameReading) -> str:
+    return "no echo" if same.value is None else f"{same.value:.3f} m"
 
 
 def _odometry_noise(health: LocalizationHealth) -> float:

@@ -170,6 +170,11 @@ class Localizer:
         self._filter.walls = WallLandmarks(walls, self._filter.gates)
 
     @property
+    def way(self) -> float:
+        """What the robot has driven so far [m]."""
+        return self._reckoning.way
+
+    @property
     def has_begun(self) -> bool:
         """Whether there was odometry; what comes before is not used."""
         return self._track.newest is not None
@@ -338,7 +343,7 @@ class Localizer:
             trust=state.trust,
             wheels=wheels,
             wheel_sigmas=wheel_sigmas,
-            way=self._reckoning.way,
+            way=self.way,
             doubted=self._doubted(state),
             misfits={k: m for k, m in state.misfits.items() if m.count >= _TUNING.misfits},
             walls=_walls_of(state),

@@ -94,6 +94,11 @@ class RobotLocalization:
         return self._localizer.has_begun
 
     @property
+    def way(self) -> float:
+        """What the robot has driven since it began, or its clock jumped back [m]."""
+        return self._localizer.way
+
+    @property
     def state(self) -> LocalizationState:
         """What it knows now."""
         return self._localizer.state

@@ -62,6 +62,8 @@ _ADVICE = {
     "robots, and whether the planner runs: docs/robots.md",
     Code.ODOMETRY_NOISY: "look at its wheels, encoders and floor; else state larger covariances on "
     "odom, or raise localization.position_noise, heading_noise, turn_noise",
+    Code.SONAR_DEAD: "look at its cable, its driver and what covers it; normal where nothing is "
+    "within its range",
     Code.SLOW: "its computer or the network is too slow: see cpu, and *_ms",
     Code.NO_MAP: "publish one (map_server), or see that nothing is in the way: docs/guiding.md",
     Code.TOUR_HALTED: "it goes on by itself once they come again: look at the planner, the robots' "

@@ -14,6 +14,7 @@ from mrs_people_loc.health.localization import (
     RefusalWatch,
     of_localization,
 )
+from mrs_people_loc.health.sonars import SameReading
 from mrs_people_loc.localization.filter.team_state import Misfit, Source, Trust
 from mrs_people_loc.localization.localizer import LocalizationState
 from mrs_people_loc.localization.walls import Walls
@@ -107,6 +108,15 @@ def test_refused_kinds_are_named():
     finding = of(refused=frozenset({"known walls"}))
     assert finding.code == Code.CORRECTIONS_REFUSED
     assert finding.message.endswith("known walls (1.2 sigma, 2 so far)")
+
+
+def test_dead_sonars_are_named():
+    dead = {"/a/sonar/left": SameReading(None, 25.0, 4.2), "/a/sonar/x": SameReading(1.5, 30.0, 5)}
+    finding = of(dead_sonars=dead)
+    assert (finding.level, finding.code) == (WARN, Code.SONAR_DEAD)
+    assert finding.message.endswith(
+        "/a/sonar/left (no echo for 25 s and 4.2 m), /a/sonar/x (1.500 m for 30 s and 5.0 m)"
+    )
 
 
 def test_first_problem_is_the_most_serious_and_all_are_told():

@@ -128,6 +128,7 @@ def test_reports_of_nodes_are_shown_with_advice():
         (Code.CORRECTIONS_REFUSED, "mounting"),
         (Code.NOT_CORRECTED, "sensors of walls"),
         (Code.ODOMETRY_NOISY, "encoders"),
+        (Code.SONAR_DEAD, "cable"),
         (Code.NO_MAP, "map_server"),
         (Code.TOUR_HALTED, "by itself"),
         (Code.PEOPLE_LOST, "pace.patience"),
