@@ -308,6 +308,8 @@ class TeamFilter:
 
     def _meeting(self, state: TeamState, seen: Met, fits: bool, found: Residual) -> TeamState:
         """Notes how a relative pose fitted; if it does not for long, one of the two is lost."""
+        if found.freedom == 2 and not fits:
+            return state  # what was sighted may be something else
         pair = min(seen.robot, seen.other), max(seen.robot, seen.other)
         stamp_ns = seen.odometry.stamp_ns
         met = state.meetings.get(pair, Source()).noted(fits, found.squared, found.freedom, stamp_ns)
@@ -317,7 +319,7 @@ class TeamFilter:
                 if state.trust.get(robot, Trust()).lost:
                     state = self._fitted(state, robot, stamp_ns, True)
             return state
-        far = found.freedom == 3 and found.squared > self.tuning.far * self.gates[3]
+        far = found.squared > self.tuning.far * self.gates[3]
         suspects: tuple[str, ...] = ()
         if self._is_long(met.in_a_row, met.since_ns, stamp_ns):
             suspects = self._suspects(state, pair, stamp_ns)
