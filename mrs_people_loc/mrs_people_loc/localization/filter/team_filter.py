@@ -308,8 +308,8 @@ class TeamFilter:
 
     def _meeting(self, state: TeamState, seen: Met, fits: bool, found: Residual) -> TeamState:
         """Notes how a relative pose fitted; if it does not for long, one of the two is lost."""
-        if found.freedom == 2 and not fits:
-            return state  # what was sighted may be something else
+        if found.freedom == 2:
+            return state  # what was sighted may be something else, or turned
         pair = min(seen.robot, seen.other), max(seen.robot, seen.other)
         stamp_ns = seen.odometry.stamp_ns
         met = state.meetings.get(pair, Source()).noted(fits, found.squared, found.freedom, stamp_ns)

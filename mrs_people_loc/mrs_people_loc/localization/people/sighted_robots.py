@@ -130,10 +130,10 @@ class SightedRobots:
     def _factor(self, robot: str, mate: str, stamp_ns: int) -> float:
         """What a sighting's variance is multiplied by, as its error lasts (`relative_poses`)."""
         tuning, pair = self.tuning, (robot, mate)
-        since_s = (stamp_ns - self._last_ns.get(pair, 0)) / 1e9
-        self._last_ns[pair] = stamp_ns
-        if since_s <= 0.0:
+        last_ns, self._last_ns[pair] = self._last_ns.get(pair), stamp_ns
+        if last_ns is None or last_ns >= stamp_ns:
             return 1.0
+        since_s = (stamp_ns - last_ns) / 1e9
         return 1.0 + tuning.lasting * 2.0 * tuning.lasting_s / since_s
 
 
