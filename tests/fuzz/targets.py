@@ -439,8 +439,14 @@ def _relative_poses() -> bytes:
     pose = _make(
         "mrs_people_msgs/msg/RelativePose", stamp=stamp, robot="robot_a", other_stamp=stamp,
         other="robot_b", x=1.0, y=2.0, yaw=0.5, covariance=0.01 * np.eye(3).reshape(-1),
+        inflated=2.0,
     )  # fmt: skip
-    return _encoded(RELATIVE_POSES, _make(RELATIVE_POSES, header=_header(), poses=[pose, pose]))
+    person = _make(
+        "mrs_people_msgs/msg/StandingPerson", stamp=stamp, robot="robot_a", x=1.0, y=2.0,
+        covariance=np.array([0.01, 0.0, 0.01]), inflated=2.0,
+    )  # fmt: skip
+    message = _make(RELATIVE_POSES, header=_header(), poses=[pose, pose], standing=[person])
+    return _encoded(RELATIVE_POSES, message)
 
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -941,7 +947,7 @@ TARGETS: Mapping[str, Target] = {
     "path": Target(take_path, lambda: [_path()], 1_000, 1_000),
     "people": Target(take_people, lambda: [_people(), _people(2)], 3_000, 3_000),
     "team_pose": Target(take_team_pose, lambda: [_team_pose()], 1_500, 3_000),
-    "relative_poses": Target(take_relative_poses, lambda: [_relative_poses()], 600, 3_000),
+    "relative_poses": Target(take_relative_poses, lambda: [_relative_poses()], 800, 3_000),
     "shown": Target(
         take_shown, lambda: [b"p" + _people(2, "[/b]\x1b[1m"), b"d" + _diagnostics()], 3_000, 300
     ),

@@ -38,7 +38,7 @@ class OdometryTuning:
         turn_speed: ... and this speed [rad/s] explain, starts again ...
         jump_variances: ... and what the robot did meanwhile is unknown: variances of position and
             heading [m^2, rad^2].
-        turns_from: A turn of so many standard deviations is more than noise.
+        turns_from: A faster turn is more than noise, whatever the steps that it is read in [rad/s].
         step: Ways are counted in steps of this, at least [m].
         stops_dead: Odometry that says the same after a step of at least this speed [m/s] ...
         hangs_after_s: ... for longer than this [s] hangs: no robot stops so suddenly. It may drive
@@ -55,7 +55,7 @@ class OdometryTuning:
     turn: float = 1.0
     turn_speed: float = 6.0
     jump_variances: tuple[float, float] = (0.5**2, 0.2**2)
-    turns_from: float = 3.0
+    turns_from: float = 0.1
     step: float = 0.1
     stops_dead: float = 0.2
     hangs_after_s: float = 0.3
@@ -100,7 +100,7 @@ Wheels = Float
 TRUE_WHEELS: Wheels = np.zeros(3)
 
 
-def by_wheels(moved: Float, wheels: Wheels, noise: float = 0.0) -> tuple[Float, Float]:
+def by_wheels(moved: Float, wheels: Wheels, seconds: float = 0.0) -> tuple[Float, Float]:
     """What a robot moved, by what its odometry says and the systematic errors of its wheels.
 
     The turn by which the odometry is wrong accrues evenly along the way. Noise of the odometry must
@@ -111,7 +111,7 @@ def by_wheels(moved: Float, wheels: Wheels, noise: float = 0.0) -> tuple[Float, 
         moved: x, y [m] and yaw [rad] of the end in base_link at the beginning by odometry, shape
             (3,); a way so short that its chord is as long.
         wheels: The errors.
-        noise: Variance of the turn [rad^2].
+        seconds: How long it took [s]; 0: there is no noise.
 
     Returns:
         The same, corrected, and its Jacobian by `wheels`, shape (3, 3).
@@ -119,7 +119,7 @@ def by_wheels(moved: Float, wheels: Wheels, noise: float = 0.0) -> tuple[Float, 
     way, aside, turn = moved.tolist()
     scale, per_metre, per_radian = wheels.tolist()
     squared = turn * turn
-    least = _TUNING.turns_from**2 * noise
+    least = (_TUNING.turns_from * seconds) ** 2
     driven = turn * (1.0 - least / squared) if squared > least else 0.0
     more = per_metre * way + per_radian * driven
     c, s = math.cos(0.5 * more), math.sin(0.5 * more)

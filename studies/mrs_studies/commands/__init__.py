@@ -56,4 +56,5 @@ EXAMPLES = {
     },
     "convert oak": {"overhead overhead.mcap --frames 0:600:3": "every third of 600 frames"},
     "convert pcl": {"five_people.pcd five.mcap": "PCL's frame of five people"},
+    "convert mrclam": {"MRCLAM_Dataset6 mrclam6.mcap": "five robots with real wheels"},
 }

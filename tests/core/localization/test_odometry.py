@@ -215,29 +215,31 @@ WHEELS = st.tuples(*[st.floats(-0.3, 0.3)] * 3).map(np.array)
 STEPS = st.tuples(st.floats(-2.0, 2.0), st.floats(-0.5, 0.5), st.floats(-1.5, 1.5)).map(np.array)
 
 
-@given(STEPS, WHEELS, st.floats(0.0, 0.01))
-def test_jacobian_by_wheels(moved, wheels, noise):
-    _, jacobian = by_wheels(moved, wheels, noise)
+@given(STEPS, WHEELS, st.floats(0.0, 1.0))
+def test_jacobian_by_wheels(moved, wheels, seconds):
+    _, jacobian = by_wheels(moved, wheels, seconds)
     for k, axis in enumerate(1e-6 * np.eye(3)):
-        up, down = (by_wheels(moved, wheels + by, noise)[0] for by in (axis, -axis))
+        up, down = (by_wheels(moved, wheels + by, seconds)[0] for by in (axis, -axis))
         np.testing.assert_allclose(jacobian[:, k], (up - down) / 2e-6, atol=1e-6)
 
 
 @given(STEPS)
 def test_true_wheels_change_nothing(moved):
-    np.testing.assert_array_equal(by_wheels(moved, TRUE_WHEELS, 1e-4)[0], moved)
+    np.testing.assert_array_equal(by_wheels(moved, TRUE_WHEELS, 0.1)[0], moved)
 
 
-def test_turn_that_may_be_noise_tells_nothing_about_wheels():
-    wheels, sigma = np.array([0.0, 0.0, 0.1]), 0.02
-    for turn in (0.0, sigma, -2.9 * sigma):
-        made, jacobian = by_wheels(np.array([0.0, 0.0, turn]), wheels, sigma**2)
+@pytest.mark.parametrize("seconds", [0.05, 0.2, 1.0])
+def test_turn_that_may_be_noise_tells_nothing_about_wheels(seconds):
+    wheels = np.array([0.0, 0.0, 0.1])
+    for rate in (0.0, 0.05, -0.099):
+        turn = rate * seconds
+        made, jacobian = by_wheels(np.array([0.0, 0.0, turn]), wheels, seconds)
         assert made[2] == turn
         np.testing.assert_array_equal(jacobian, np.zeros((3, 3)))
-    # Of one of twice three sigmas three quarters count, of a long one nearly all.
-    for count, share in ((6.0, 0.75), (-300.0, 0.9999)):
-        turn = count * sigma
-        made, jacobian = by_wheels(np.array([0.0, 0.0, turn]), wheels, sigma**2)
+    # Of a turn at twice that rate three quarters count, of a fast one nearly all.
+    for rate, share in ((0.2, 0.75), (-1.0, 0.99)):
+        turn = rate * seconds
+        made, jacobian = by_wheels(np.array([0.0, 0.0, turn]), wheels, seconds)
         assert made[2] == pytest.approx(turn + 0.1 * share * turn)
         assert jacobian[2, 2] == pytest.approx(share * turn)
 

@@ -67,8 +67,9 @@ class FilterTuning:
         claims_refused: From so many claims in a row that do not fit, a robot is doubted.
         silence_s: A robot that claimed nothing for so long was out of contact [s].
         agree_s: After that, filters have this time to agree [s].
-        max_offset: Otherwise claims differ, and pull, by less than this [m] ...
-        max_turn: ... and this [rad].
+        max_differ: Otherwise claims differ by less than this [m] ...
+        max_turn: ... and this [rad] ...
+        max_offset: ... and pull by less than this [m].
         agree_within: Filters that hear each other may differ by this [m, rad].
         agree_gain: What is more shrinks by this share with each claim.
         pull_kept: Of how far claims pulled, this share counts at the next one: filters whose
@@ -89,8 +90,9 @@ class FilterTuning:
     claims_refused: int = 3
     silence_s: float = 2.0
     agree_s: float = 3.0
-    max_offset: float = 0.3
+    max_differ: float = 0.45
     max_turn: float = 0.15
+    max_offset: float = 0.3
     agree_within: tuple[float, float] = (0.05, 0.02)
     agree_gain: float = 0.1
     pull_kept: float = 0.95
@@ -269,7 +271,7 @@ class TeamFilter:
         tuning = self.tuning
         if self._is_in_contact_again(trust, stamp_ns):
             return trust.pulled < tuning.max_offset + 3.0 * math.sqrt(own[0, 0] + own[1, 1])
-        near = math.hypot(offset[0], offset[1]) < tuning.max_offset
+        near = math.hypot(offset[0], offset[1]) < tuning.max_differ
         near = near and bool(abs(offset[2]) < tuning.max_turn)
         agrees = not _beyond(offset, tuning.agree_within).any()
         return agrees or (near and trust.pulled < tuning.max_offset)

@@ -275,9 +275,11 @@ class TeamState:
             the covariance that the way adds, shape (3, 3).
         """
         i, w = self.at(robot), self.wheels_at(robot)
-        moved, noise = motion(self.odometry[robot], odometry)
+        before = self.odometry[robot]
+        seconds = (odometry.stamp_ns - before.stamp_ns) / 1e9
+        moved, noise = motion(before, odometry)
         noise = self.trust.get(robot, _UNKNOWN).noise * noise
-        moved, by_errors = by_wheels(moved, self.mean[w : w + 3], float(noise[2, 2]))
+        moved, by_errors = by_wheels(moved, self.mean[w : w + 3], seconds)
         yaw = float(self.mean[i + 2])
         made, by_place = carried_on(self.mean[i : i + 3], moved)
         rotation = np.eye(3)
