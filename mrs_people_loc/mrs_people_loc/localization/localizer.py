@@ -27,11 +27,7 @@ from mrs_people_loc.localization.filter.team_state import Misfit, Source, TeamSt
 from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.mailbox import Inbox, Measured, Outbox, RecentSet
 from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack, Wheels
-from mrs_people_loc.localization.shared import (
-    StandingPeople,
-    TeamMeasurement,
-    TeamPose,
-)
+from mrs_people_loc.localization.shared import StandingPeople, TeamMeasurement, TeamPose
 from mrs_people_loc.localization.walls import SeenWalls, Walls, moved
 from mrs_people_loc.team.poses import Pose
 
@@ -73,7 +69,8 @@ class LocalizationState:
         stamp_ns: Of the robot's newest odometry [ns].
         poses: Of the robots in the map, each at its newest odometry.
         sources: How observations fit, by robot and kind: `walls`, `known walls`, `corners`,
-            `absolute`, `relative` (both robots), `claim` (what team-mates say about themselves).
+            `absolute`, `relative` and `sighting` (both robots), `standing people`, `claim` (what
+            team-mates say about themselves).
         trust: By robot: whether it was carried away, whether its claims fit, how noisy its odometry
             is.
         wheels: Systematic errors of the robot's wheels (`Wheels`), with those that its odometry is

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
-from mrs_people_loc.geometry import rotation_2d
+from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis
 from mrs_people_loc.localization.filter.kalman import corrected, noted
 from mrs_people_loc.localization.filter.observations import PeopleStand, pose_from
 from mrs_people_loc.localization.filter.team_state import Standing, TeamState, changed
@@ -92,9 +92,7 @@ class StandingLandmarks:
         jacobian[:, :, :2], jacobian[:, :, 3:] = -rotation.T, rotation.T
         jacobian[:, :, 2] = np.stack([offset[:, 1], -offset[:, 0]], axis=1) @ rotation
         total = jacobian @ joint @ jacobian.transpose(0, 2, 1) + covariance
-        residual = xy - offset @ rotation
-        solved = np.linalg.solve(total, residual[:, :, np.newaxis])[..., 0]
-        return np.asarray((residual * solved).sum(axis=1))
+        return squared_mahalanobis(xy - offset @ rotation, total)
 
     def _recognized(
         self, state: TeamState, seen: PeopleStand, index: int, xy: Float, covariance: Float

@@ -290,7 +290,6 @@ class TeamFilter:
             return state
         state = state.carried_on(seen.other, seen.other_odometry)
         columns = np.r_[state.at(seen.robot) + np.arange(3), state.at(seen.other) + np.arange(3)]
-
         freedom = 2 if seen.covariance[2, 2] >= YAW_UNKNOWN else 3
 
         def model(part: Float) -> tuple[Float, Float]:
@@ -306,12 +305,12 @@ class TeamFilter:
         kind = "relative" if freedom == 3 else "sighting"
         for robot in (seen.robot, seen.other):
             state = noted(state, robot, kind, accepted, found, stamp_ns)
+        if freedom == 2:
+            return state  # what was sighted may be something else, or turned
         return self._meeting(state, seen, accepted, found)
 
     def _meeting(self, state: TeamState, seen: Met, fits: bool, found: Residual) -> TeamState:
         """Notes how a relative pose fitted; if it does not for long, one of the two is lost."""
-        if found.freedom == 2:
-            return state  # what was sighted may be something else, or turned
         pair = min(seen.robot, seen.other), max(seen.robot, seen.other)
         stamp_ns = seen.odometry.stamp_ns
         met = state.meetings.get(pair, Source()).noted(fits, found.squared, found.freedom, stamp_ns)

@@ -157,6 +157,10 @@ class RelativePosesTuning:
     alignment: AlignmentTuning = ALIGNMENT_TUNING
     anywhere: AlignmentTuning = ANYWHERE_TUNING
 
+    def may_count(self, found: Alignment) -> bool:
+        """Whether an alignment counts if it is the last one again."""
+        return found.evidence >= self.evidence_again and found.margin >= self.margin_again
+
     @property
     def over_two_windows(self) -> RelativePosesTuning:
         """Constants of the tracks of the search whatever poses are wrong by."""
@@ -510,11 +514,7 @@ class RelativePoses:
         """Which people are the same as others, if it is sure; notes it if it is to be confirmed."""
         tuning = self.tuning
         found = align(sees, seen, *_priors(one, other, tuning), tuning=tuning.alignment)
-        if (
-            found is None
-            or found.evidence < tuning.evidence_again
-            or found.margin < tuning.margin_again
-        ):
+        if found is None or not tuning.may_count(found):
             pair.guess = None
             return None
         sure = found.evidence >= tuning.evidence and found.margin >= tuning.margin
@@ -554,8 +554,7 @@ class RelativePoses:
         else:
             prior = settled + np.diag(np.square(tuning.told))
             found = align(sees, seen, prior, tuning=tuning.alignment)
-        least = tuning.evidence_again, tuning.margin_again
-        if found is None or (again and (found.evidence < least[0] or found.margin < least[1])):
+        if found is None or (again and not tuning.may_count(found)):
             return None
         i, j = found.own, found.others
         state, covariance = fit(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.geometry import rotation_2d, wrap_angle
+from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis, wrap_angle
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.localization.shared import YAW_UNKNOWN, RelativePose
 from mrs_people_loc.team.poses import Pose
@@ -79,7 +79,8 @@ class SightedRobots:
             offset = what.others[:, np.newaxis] - places
             own = what.others_covariance + self.tuning.outline**2 * np.eye(2)
             total = own[:, np.newaxis] + covariances
-            squared = np.einsum("nmi,nmi->nm", offset, _solved(total, offset))
+            squared = squared_mahalanobis(offset.reshape(-1, 2), total.reshape(-1, 2, 2))
+            squared = squared.reshape(offset.shape[:2])
             surprise = squared + np.log(np.linalg.det(total))
             for k, j in self._recognized(squared, surprise, covariances):
                 factor = self._factor(robot, mates[j], what.stamp_ns)
@@ -135,7 +136,3 @@ class SightedRobots:
             return 1.0
         since_s = (stamp_ns - last_ns) / 1e9
         return 1.0 + tuning.lasting * 2.0 * tuning.lasting_s / since_s
-
-
-def _solved(matrices: Float, vectors: Float) -> Float:
-    return np.asarray(np.linalg.solve(matrices, vectors[..., np.newaxis])[..., 0])
