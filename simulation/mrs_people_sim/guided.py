@@ -19,9 +19,10 @@ from mrs_people_loc.guiding.tour import Tour, tour_of
 from mrs_people_sim.layouts import expand
 from mrs_people_sim.models.rooms import SIZES, floor_plan
 from mrs_people_sim.motion import Place
-from mrs_people_sim.scene import Scene, load_scene
+from mrs_people_sim.scene import Person, Scene, load_scene
 from mrs_people_sim.sensors.wheels import Wheels
 from mrs_people_sim.tours import walls_of
+from mrs_people_sim.walking.bystanders import Bystanders
 from mrs_people_sim.walking.crowd import Crowd
 from mrs_people_sim.walking.crowd_ground import Clearance
 from mrs_people_sim.walking.stragglers import Straggling
@@ -45,7 +46,7 @@ _STOPS = 0.2, 0.75
 def guided_scene(
     path: str | Path, seed: int, *, people: int | None = None, robots: int | None = None
 ) -> Scene:
-    """Reads the scene of a guided tour, everybody in their place.
+    """Reads the scene of a guided tour, everybody in their place: bystanders are the last people.
 
     Args:
         path: The scene file.
@@ -67,6 +68,8 @@ def guided_scene(
     ):  # fmt: skip
         if not there:
             raise ConfigError(f"{path}: has no {what}; wanted: tour, robots, people")
+    others = tuple(Person(x=one.path[0], y=one.path[1]) for one in scene.bystanders)
+    scene = dataclasses.replace(scene, people=scene.people + others)
     return scene if robots is None else _with_robots(scene, robots)
 
 
@@ -127,15 +130,19 @@ class GuidedWorld:
             for k, (name, robot) in enumerate(scene.robots.items())
         }  # fmt: skip
         self._clearance = Clearance(self.plan)
-        spots = np.array([(person.x, person.y) for person in scene.people])
-        self.crowd = Crowd(spots, self._clearance, scene.seed, self._stragglers())
+        guided = len(scene.people) - len(scene.bystanders)
+        spots = np.array([(person.x, person.y) for person in scene.people[:guided]])
+        self.crowd = Crowd(
+            spots, self._clearance, scene.seed, self._stragglers(guided),
+            bystanders=Bystanders(scene.bystanders),
+        )  # fmt: skip
         self.crowd.yaw = np.array([person.yaw for person in scene.people])
         self.leader, self.time, self.bumps = "", 0.0, 0
         self._bumped: dict[str, float] = {}
 
-    def _stragglers(self) -> tuple[Straggling, ...]:
+    def _stragglers(self, count: int) -> tuple[Straggling, ...]:
         """Who stays behind or leaves, and where: evenly along it, by chance within each part."""
-        followers, count = self.scene.followers, len(self.scene.people)
+        followers = self.scene.followers
         rng = np.random.default_rng([self.scene.seed, 92])
         number = min(followers.stragglers + followers.leavers, count)
         who = rng.permutation(count)[:number]
@@ -172,8 +179,8 @@ class GuidedWorld:
 
     @property
     def groups(self) -> Int:
-        """Number of each person's group, shape (people,): one, to which everybody belongs."""
-        return np.ones(len(self.crowd.xy), dtype=np.intp)
+        """Number of each person's group, shape (people,): 1; 0: a bystander, who has none."""
+        return np.asarray(np.arange(len(self.crowd.xy)) < self.crowd.guided, dtype=np.intp)
 
     def poses(self) -> Float:
         """The robots' true x, y [m] and yaw [rad], in the order of `names`, shape (m, 3)."""

@@ -19,6 +19,7 @@ fields here; what is not named has its default, what is not known is an error::
     odometry: {mode: exact}
     layout: {people: 4}           # ... and what `layouts.py` adds at random
     tour: {points: [[1.0, 1.0], [6.0, 1.0]]}   # where the team guides people (docs/guiding.md)
+    bystanders: [{path: [6.0, 1.2, 1.0, 1.2], near: 4.0}]   # ... past somebody who comes
 
 Positions are metres in `map`, whose origin is a corner of the room; angles are radians; a path is
 a flat list x0, y0, x1, y1, ...
@@ -437,6 +438,22 @@ class Followers(Section):
 
 
 @dataclass(frozen=True)
+class Bystander(Section):
+    """Somebody on a guided tour who is not of the group: they walk along a path, or stand."""
+
+    path: tuple[float, ...] = _field(
+        (), "x0, y0, x1, y1, ... of their way; one point: they stand there [m]", kind="floats"
+    )
+    speed: float = _field(1.2, "walking speed [m/s]", low=0.1, high=3.0)
+    near: float = _field(
+        0.0, "they set out once the leading robot is so near to them; 0: at once [m]",
+        low=0.0, high=200.0,
+    )  # fmt: skip
+    waits: float = _field(0.0, "... and so much later [s]", low=0.0, high=3600.0)
+    ignores: bool = _field(False, "walks as if there were no robots")
+
+
+@dataclass(frozen=True)
 class Visibility(Section):
     """Whom `/ground_truth/visible` calls seen: enough of a person, within the working range."""
 
@@ -472,6 +489,7 @@ class Scene:
         layout: What is added at random.
         walk: How the group walks.
         followers: What people do who are guided.
+        bystanders: Who is there and is not guided.
         tour: Where they are guided, as the file of a tour holds it; empty: nowhere.
         tracks: A file of recorded pedestrians (`obsmat.txt`), or "".
         tracks_window: First and last time of the recording to be used [s], and the x, y that
@@ -495,6 +513,7 @@ class Scene:
     layout: Layout = Layout()
     walk: Walk = Walk()
     followers: Followers = Followers()
+    bystanders: tuple[Bystander, ...] = ()
     tour: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     tracks: str = ""
     tracks_window: tuple[float, ...] = ()
@@ -552,6 +571,13 @@ def _check(scene: Scene) -> None:
         for item in items:
             _check_path(item.path, kind)
     _check_path(scene.walk.path, "walk")
+    for bystander in scene.bystanders:
+        if not bystander.path:
+            raise ConfigError("bystanders: path is empty; wanted x0, y0, ...: a point at least")
+        if len(bystander.path) != 2:
+            _check_path(bystander.path, "bystanders")
+    if scene.bystanders and not scene.tour:
+        raise ConfigError("has bystanders, but no tour; wanted: both")
     lasts_s = (scene.timing.frames - 1) / scene.timing.rate
     if lasts_s > _MAX_S:
         raise ConfigError(
@@ -631,6 +657,7 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     "layout": partial(_section, Layout, "layout"),
     "walk": partial(_section, Walk, "walk"),
     "followers": partial(_section, Followers, "followers"),
+    "bystanders": partial(_list, Bystander, "bystanders"),
     "tour": lambda value: _mapping(value or {}, "tour"),
     "tracks": str,
     "tracks_window": lambda value: tuple(map(float, value)),

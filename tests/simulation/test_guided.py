@@ -24,7 +24,7 @@ def test_tours_of_the_scenes_are_about_60_m_and_can_be_driven(path):
     assert one.tour.stops
     check_tour(one.tour, FreeSpace(one.plan), 0.35)
     assert one.looks_back == ("robot_a",)
-    assert len(one.crowd.xy) == 10
+    assert one.crowd.guided == 10
     apart = np.linalg.norm(one.crowd.xy[:, None] - one.poses()[None, :, :2], axis=2)
     assert apart.min() > 0.9
 
@@ -41,6 +41,39 @@ def test_robots_obey_and_people_follow_the_one_that_leads():
     assert (one.poses()[1:] == begin[1:]).all()
     assert (one.crowd.xy - people)[:, 0].mean() > 2.0
     assert one.bumps == 0
+
+
+def test_bystanders_set_out_once_the_leader_is_near_and_belong_to_no_group():
+    one = world("guided_bystanders", people=5)
+    assert one.groups.tolist() == [1] * 5 + [0] * 4
+    assert len(one.scene.people) == len(one.crowd.xy) == 9
+    one.leader = "robot_a"
+    for _ in range(100):
+        one.step()
+    start = one.crowd.xy[5:].copy()
+    np.testing.assert_allclose(start[0], [20.0, 1.9], atol=0.1)
+    one.wheels["robot_a"].pose = np.array([12.0, 0.6, 0.0])
+    for _ in range(160):
+        one.step()
+    assert one.crowd.xy[5, 0] < 14.0  # it has passed the robot, or been held up by it
+    np.testing.assert_allclose(one.crowd.xy[6:], start[1:], atol=0.1)
+
+
+def test_one_who_ignores_robots_walks_into_them_and_others_evade_them():
+    scene = guided_scene(SCENES / "guided_bystanders.yaml", 1, people=5)
+    nearest = {}
+    for ignores in (False, True):
+        others = tuple(dataclasses.replace(b, ignores=ignores, near=0.0) for b in scene.bystanders)
+        others = (dataclasses.replace(others[0], near=100.0), *others[1:])
+        one = GuidedWorld(dataclasses.replace(scene, bystanders=others))
+        one.leader = "robot_a"
+        one.wheels["robot_a"].pose = np.array([12.0, 1.72, 0.0])
+        away = []
+        for _ in range(300):
+            one.step()
+            away.append(np.linalg.norm(one.crowd.xy[5] - [12.0, 1.72]))
+        nearest[ignores] = min(away)
+    assert nearest[True] < 0.45 < 0.6 < nearest[False]
 
 
 @pytest.mark.parametrize("into", ["wall", "person"])

@@ -22,6 +22,7 @@ from mrs_people_loc.localization.people.relative_poses import RelativePoses
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.quarantine import Quarantine
 from mrs_people_sim.estimates import estimate_of
 from mrs_people_sim.guided import STEP_S, GuidedWorld
 from mrs_people_sim.light.ranging import RangeSensors
@@ -47,6 +48,10 @@ _LATE_S = 0.15
 #: The recording goes on for so long after the tour [s].
 _AFTER_S = 1.0
 _CONFIG = GuideConfig()
+#: What a blind head sees.
+_NOBODY = PeopleInView(np.empty(0, dtype=np.intp), np.empty((0, 2)), np.empty(0), np.empty(0))
+#: How wrong a pose is, see `Trouble.misplaced` [m].
+OFF_M = 3.0
 
 #: Where the team takes its poses from: the truth, localizers, or odometry alone.
 POSES = ("exact", "localized", "odometry")
@@ -61,11 +66,18 @@ class Trouble:
         back: When it is there again [s]; None: never.
         planner_gone: From when to when there is no planner [s]: what it has not published yet is
             never published; another one then begins again.
+        misplaced: A robot whose pose is wrong by `OFF_M` in x from a time on [s], and it does not
+            know.
+        silent: A robot whose head delivers nothing from a time on [s], while its pose lives; ...
+        blind: ... one whose head sees nobody and no walls.
     """
 
     killed: tuple[str, float] | None = None
     back: float | None = None
     planner_gone: tuple[float, float] | None = None
+    misplaced: tuple[str, float] | None = None
+    silent: tuple[str, float] | None = None
+    blind: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -128,7 +140,7 @@ class LightTour:
             name: RangeSensors(scene, name, world.walls, self._rng) for name in world.names
         }
         self._localizers = self._made_localizers() if poses == "localized" else {}
-        self._relative = RelativePoses()
+        self._relative, self._quarantine = RelativePoses(), Quarantine()
         self._planner = self._made_planner()
         config = dataclasses.replace(config, robots=tuple(world.names), looks_back=world.looks_back)
         space = FreeSpace(
@@ -214,6 +226,10 @@ class LightTour:
             return True
         return back is not None and self.world.time >= back
 
+    def _has(self, trouble: tuple[str, float] | None, name: str) -> bool:
+        """Whether a robot has a trouble now."""
+        return trouble is not None and trouble[0] == name and self.world.time >= trouble[1]
+
     def _is_planner_gone(self) -> bool:
         gone = self._trouble.planner_gone
         return gone is not None and gone[0] <= self.world.time + 1e-9 < gone[1]
@@ -232,46 +248,66 @@ class LightTour:
                 localizer.take_walls(seen)
         elif wheels.map_from_odom is not None:
             pose = Pose(0, *wheels.map_from_odom) @ pose
+        pose = self._misplaced(name, pose)
         self._poses[name] = pose
         self._log.poses[name].append(pose)
         self._guide.take_pose(name, pose, now_ns)
+
+    def _misplaced(self, name: str, pose: Pose) -> Pose:
+        is_off = self._has(self._trouble.misplaced, name)
+        return dataclasses.replace(pose, x=pose.x + OFF_M) if is_off else pose
 
     def _look(self, alive: list[str], now_ns: int) -> None:
         """Robots see people and walls; a planner makes people of what they see."""
         world, dt = self.world, _IMAGE * STEP_S
         places = dict(zip(self._names, world.poses(), strict=True))
-        views = {}
+        views: dict[str, PeopleInView] = {}
         for name in alive:
+            if self._has(self._trouble.silent, name):
+                continue
             mates = np.array([p[:2] for other, p in places.items() if other != name])
             views[name] = self._eyes[name].people(
                 places[name], world.crowd.xy, mates.reshape(-1, 2), world.solid, dt
             )
+            if self._has(self._trouble.blind, name):
+                views[name] = _NOBODY
         if self._localizers:
-            self._localize(places, views, now_ns)
+            self._localize(places, views, alive, now_ns)
         if self._is_planner_gone():
             self._planner = self._made_planner()
             return
-        scans = [scan_of(name, now_ns, view) for name, view in views.items()]
+        apart = self._quarantine.at(now_ns)
+        scans = [scan_of(name, now_ns, view) for name, view in views.items() if name not in apart]
         if scans:
-            people = self._planner.step(scans, {name: self._poses[name] for name in alive}, now_ns)
+            poses = {name: self._poses[name] for name in alive if name not in apart}
+            people = self._planner.step(scans, poses, now_ns)
+            people = dataclasses.replace(people, quarantined=tuple(sorted(apart)))
             self._log.estimates.append(estimate_of(people))
             self._underway.append((world.time + _LATE_S, people))
 
     def _localize(
-        self, places: dict[str, Float], views: dict[str, PeopleInView], now_ns: int
+        self,
+        places: dict[str, Float],
+        views: dict[str, PeopleInView],
+        alive: list[str],
+        now_ns: int,
     ) -> None:
         """Robots see walls, and share what they know; the planner measures relative poses."""
         world = self.world
         told = []
-        for name in views:
+        for name in alive:
             walls = self._eyes[name].walls(world.walls, places[name], self._bodies(name))
-            if len(walls):
+            sees = name in views and not self._has(self._trouble.blind, name)
+            if len(walls) and sees:
                 self._localizers[name].take_walls(SeenWalls(now_ns, walls))
-            told.append(self._localizers[name].share())
+            said = self._localizers[name].share()
+            said = dataclasses.replace(said, pose=self._misplaced(name, said.pose))
+            self._quarantine.hear(name, said.lost, said.doubted, now_ns)
+            told.append(said)
         poses = {name: self._poses[name] for name in views}
         seen = {name: seen_places(now_ns, view) for name, view in views.items()}
-        relative = self._relative.step(seen, poses)
-        for name in views:
+        relative = self._relative.step(seen, poses, self._quarantine.at(now_ns))
+        for name in alive:
             for message in told:
                 if message.robot != name:
                     self._localizers[name].take_teammate(message)

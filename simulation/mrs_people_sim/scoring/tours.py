@@ -12,9 +12,13 @@ The rules, in one place:
 - A person is lost who is not there at the end, or farther than `LOST_M` from the group's middle,
   the median of all people, or, once the guide calls the tour finished, farther than `LEFT_M` from
   the end of the way. Those whom the guide gave up are counted by themselves.
+- Who is of no group at any time of the tour is a bystander: only distances count of them.
 - Distances of robots to people are between their axes, every `STEP_NS`. A robot comes near by its
   own motion if its velocity towards the person is higher than `TOWARDS_MPS`.
-- A contact is a time without a gap in which a robot and a person are within `TOUCH_M`.
+- A contact is a time without a gap in which a robot and a person are within `TOUCH_M`; it is the
+  robot's if it comes near by its own motion in it.
+- Robots stand off while one that is farther than `AWAY_M` from its post has not got as far as
+  `STANDS_M` for `STANDS_NS`, and a person is within `BESIDE_M` of it.
 - The formation's error is the distance of a robot from its post, at each status. The post of a
   leader that drives is ahead of it, wherever it is: there it is the distance from the leaders' way,
   the nearest of all posts of leaders.
@@ -25,6 +29,7 @@ The rules, in one place:
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -53,6 +58,9 @@ TOUCH_M = 0.45
 PERSONAL_M, OWN_MOTION_M = 0.50, 0.45
 #: A robot that comes nearer to a person faster than this does so by its own motion [m/s].
 TOWARDS_MPS = 0.05
+#: A robot that has not got as far as this [m] in this time [ns], although it is so far from its
+#: post [m], is held up.
+STANDS_M, STANDS_NS, AWAY_M = 0.15, 3_000_000_000, 0.5
 #: A straggler with a robot within this distance is not alone [m].
 BESIDE_M = 2.0
 #: Distances are measured so often [ns].
@@ -109,9 +117,14 @@ class TourScores:
         detected: ... is detected, likewise.
         formation_m: Distances of robots from their posts [m].
         least_m: Least distance of a robot to a person in each tour [m], shape (tours,).
-        contacts: How often a robot and a person touched.
+        contacts: How often a robot and a person touched, ...
+        own_contacts: ... by the robot's own motion.
+        bystander_m: Least distance of a robot to a bystander in each tour with one [m], shape (k,).
         near_s: How long each robot was within `PERSONAL_M` of each person, added up [s].
         own_motion_s: How long within `OWN_MOTION_M` and nearing by its own motion, likewise [s].
+        own_longest_s: ... without a gap, the longest time of each tour [s], shape (tours,).
+        stood_off_s: How long robots stood off, added up [s].
+        leaders: How often the leader changed.
         path_m: What each robot drove [m].
         stragglers: Episodes.
         back: How many of them ended with the straggler back.
@@ -130,8 +143,13 @@ class TourScores:
     formation_m: Float = field(default_factory=nothing)
     least_m: Float = field(default_factory=nothing)
     contacts: int = 0
+    own_contacts: int = 0
+    bystander_m: Float = field(default_factory=nothing)
     near_s: float = 0.0
     own_motion_s: float = 0.0
+    own_longest_s: Float = field(default_factory=nothing)
+    stood_off_s: float = 0.0
+    leaders: int = 0
     path_m: Float = field(default_factory=nothing)
     stragglers: int = 0
     back: int = 0
@@ -161,9 +179,14 @@ class TourScores:
                 "p95": percentile(self.formation_m, 95),
             },
             "distance_m": _least(self.least_m),
+            "bystander_m": _least(self.bystander_m),
             "contacts": self.contacts,
+            "contacts_by_own_motion": self.own_contacts,
             "within_0_50_m_s": self.near_s,
             "within_0_45_m_by_own_motion_s": self.own_motion_s,
+            "longest_by_own_motion_s": float(self.own_longest_s.max(initial=0.0)),
+            "stood_off_s": self.stood_off_s,
+            "leaders": self.leaders,
             "path_m": _mean(self.path_m),
             "stragglers": {
                 "true": self.stragglers,
@@ -184,12 +207,13 @@ def score_tour(record: TourRecord) -> TourScores:
         return TourScores(tours=1, way_m=np.zeros(1))
     begin_ns, end_ns = span
     last = max((s for s in record.statuses if s.stamp_ns <= end_ns), key=lambda s: s.stamp_ns)
-    truth = _during(record.truth, begin_ns, end_ns)
+    everybody = _during(record.truth, begin_ns, end_ns)
+    truth = _of_group(everybody)
     end = _end_of(record, end_ns) if last.state == State.FINISHED else None
     finished = last.state == State.FINISHED and _has_come(truth, end)
     there = np.isfinite(truth.positions).all(axis=2)
     return dataclasses.replace(
-        _driven(record, truth, begin_ns, end_ns),
+        _driven(record, everybody, begin_ns, end_ns),
         tours=1,
         finished=int(finished),
         times_s=np.array([(end_ns - begin_ns) / 1e9] if finished else []),
@@ -223,6 +247,20 @@ def _during(truth: Truth, begin_ns: int, end_ns: int) -> Truth:
     together = np.asarray(np.isfinite(positions).all(axis=2), dtype=np.intp)
     groups = together if truth.groups is None else truth.groups[rows]
     return Truth(truth.stamps_ns[rows], positions, truth.visible[rows], groups)
+
+
+def _members(truth: Truth) -> Bool:
+    """Who is of a group at some time, shape (m,)."""
+    assert truth.groups is not None
+    return np.asarray((truth.groups > 0).any(axis=0))
+
+
+def _of_group(truth: Truth) -> Truth:
+    """The truth without bystanders."""
+    assert truth.groups is not None
+    keep = _members(truth)
+    columns = (truth.positions[:, keep], truth.visible[:, keep], truth.groups[:, keep])
+    return Truth(truth.stamps_ns, *columns)
 
 
 def _detected(estimate: Estimate) -> Estimate:
@@ -311,12 +349,12 @@ def _driven(record: TourRecord, truth: Truth, begin_ns: int, end_ns: int) -> Tou
     """What robots drove, how near they came to people, and who was left alone."""
     stamps = np.arange(begin_ns, end_ns + 1, STEP_NS, dtype=np.int64)
     step_s = STEP_NS / 1e9
-    people = people_at(truth, stamps)
+    people, members = people_at(truth, stamps), _members(truth)
     nearest = np.full(people.shape[:2], np.inf)
-    near_s = own_motion_s = 0.0
-    contacts = 0
+    near_s = own_motion_s = own_longest_s = stood_off_s = 0.0
+    contacts = own_contacts = 0
     paths = []
-    for track in record.robots.values():
+    for name, track in record.robots.items():
         xy = track.at(stamps)[:, :2]
         ahead, behind = (track.at(stamps + sign * _HALF_NS)[:, :2] for sign in (1, -1))
         velocity = np.nan_to_num(ahead - behind) / (2 * _HALF_NS / 1e9)
@@ -326,26 +364,75 @@ def _driven(record: TourRecord, truth: Truth, begin_ns: int, end_ns: int) -> Tou
         near_s += float((away < PERSONAL_M).sum()) * step_s
         nearing = (away < OWN_MOTION_M) & (towards > TOWARDS_MPS)
         own_motion_s += float(nearing.sum()) * step_s
-        touching = np.pad(away <= TOUCH_M, ((1, 0), (0, 0)))
-        contacts += int((touching[1:] & ~touching[:-1]).sum())
+        own_longest_s = max(own_longest_s, step_s * max(map(len, _runs(nearing)), default=0))
+        touches = _runs(away <= TOUCH_M)
+        contacts += len(touches)
+        own_contacts += sum(bool((towards.T.ravel()[rows] > TOWARDS_MPS).any()) for rows in touches)
+        beside = (away <= BESIDE_M).any(axis=1)
+        stood_off_s += float((_are_held_up(record, name, stamps, xy) & beside).sum()) * step_s
         nearest = np.fmin(nearest, away)
         paths.append(float(np.nansum(np.linalg.norm(np.diff(xy, axis=0), axis=1))))
     behind_all = episodes(truth, config=cfg.Groups())
+    leaders = _leaders(record, begin_ns, end_ns)
     alone = np.zeros(people.shape[:2], dtype=bool)
     for one in behind_all:
         during = (stamps >= one.begin_ns) & (stamps <= one.end_ns)
         alone[during, one.person] = True
-    known = nearest[np.isfinite(nearest)]
+    known, others = (of[np.isfinite(of)] for of in (nearest, nearest[:, ~members]))
     return TourScores(
         least_m=np.array([known.min()] if len(known) else []),
         contacts=contacts,
+        own_contacts=own_contacts,
+        bystander_m=np.array([others.min()] if len(others) else []),
         near_s=near_s,
         own_motion_s=own_motion_s,
+        own_longest_s=np.array([own_longest_s]),
+        stood_off_s=stood_off_s,
+        leaders=sum(one != other for one, other in itertools.pairwise(leaders)),
         path_m=np.array(paths),
         stragglers=len(behind_all),
         back=sum(one.end_ns < int(truth.stamps_ns[-1]) for one in behind_all),
         alone_s=float((alone & (nearest > BESIDE_M)).sum()) * step_s,
     )
+
+
+def _runs(values: Bool) -> list[NDArray[np.intp]]:
+    """Each run of true values in a column: its rows in the columns, one after the other.
+
+    Args:
+        values: Shape (n, m).
+    """
+    padded = np.pad(values, ((0, 1), (0, 0))).T.ravel()
+    rows = np.flatnonzero(padded)
+    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    column = len(values) + 1
+    return [part - part[0] // column for part in parts if len(part)]
+
+
+def _are_held_up(record: TourRecord, name: str, stamps_ns: NDArray[np.int64], xy: Float) -> Bool:
+    """Whether a robot does not get on, although its post is elsewhere, shape (n,)."""
+    posted = [status for status in record.statuses if name in status.posts]
+    if not posted:
+        return np.zeros(len(xy), dtype=bool)
+    given = np.array([status.stamp_ns for status in posted], dtype=np.int64)
+    row = np.clip(np.searchsorted(given, stamps_ns, side="right") - 1, 0, None)
+    posts = np.array([status.posts[name].xy for status in posted])[row]
+    before = np.clip(np.arange(len(xy)) - STANDS_NS // STEP_NS, 0, None)
+    moved = np.linalg.norm(xy - xy[before], axis=1)
+    away = np.linalg.norm(posts - xy, axis=1) > AWAY_M
+    long_enough = np.arange(len(xy)) >= STANDS_NS // STEP_NS
+    return np.asarray(long_enough & (moved < STANDS_M) & away & away[before])
+
+
+def _leaders(record: TourRecord, begin_ns: int, end_ns: int) -> list[str]:
+    """Who leads, status by status of a tour."""
+    return [
+        name
+        for status in record.statuses
+        if begin_ns <= status.stamp_ns <= end_ns
+        for name, post in status.posts.items()
+        if post.role == Role.LEADER
+    ]
 
 
 def people_at(truth: Truth, stamps_ns: NDArray[np.int64]) -> Float:

@@ -8,7 +8,7 @@ crowds, Proc. R. Soc. B 276, 2009); in a group, away from members who are too cl
 centre from far (Moussaid et al., The walking behaviour of pedestrian social groups and its impact
 on crowd dynamics, PLoS ONE 5(4), 2010). How they follow a robot is ours: along its trail, each at
 their own distance and on their own side, with their own reaction time. While it stands they spread
-round it.
+round it. Bystanders follow nobody; some of them see no robots.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrs_people_loc.arrays import Float, Int
+from mrs_people_sim.walking.bystanders import Bystanders
 from mrs_people_sim.walking.crowd_ground import Clearance, Trail
 from mrs_people_sim.walking.stragglers import Stragglers, Straggling
 from mrs_people_sim.walking.walks import Wander, shortened, unit
@@ -64,7 +65,7 @@ class Habits:
 
 
 class Crowd:
-    """People who follow a robot.
+    """People who follow a robot, and bystanders, who are the last ones of all arrays.
 
     Args:
         xy: Where they stand at first [m], shape (n, 2).
@@ -72,8 +73,10 @@ class Crowd:
         seed: Of everything that is left to chance.
         stragglers: Who stays behind.
         habits: How people differ.
+        bystanders: Who is there, too.
 
     Attributes:
+        guided: How many follow.
         xy: Where they are [m], shape (n, 2).
         velocity: How they move [m/s], shape (n, 2).
         yaw: Where they face [rad], shape (n,).
@@ -89,10 +92,13 @@ class Crowd:
         seed: int,
         stragglers: tuple[Straggling, ...] = (),
         habits: Habits = Habits(),
+        bystanders: Bystanders | None = None,
     ) -> None:
         rng = np.random.default_rng([seed, 91])
-        count = len(xy)
-        self.xy: Float = np.array(xy, dtype=np.float64).reshape(-1, 2)
+        self._bystanders = bystanders or Bystanders()
+        self.guided = len(xy)
+        self.xy: Float = np.concatenate([np.reshape(xy, (-1, 2)), self._bystanders.start])
+        count = len(self.xy)
         self.velocity: Float = np.zeros((count, 2))
         self.yaw: Float = rng.uniform(-math.pi, math.pi, count)
         self.time = 0.0
@@ -106,7 +112,7 @@ class Crowd:
             )
         )  # fmt: skip
         # A larger group is longer: the distances of those in front stay, more are behind.
-        self._distance += 0.18 * max(count - 5, 0) * (self._distance - habits.distance[0])
+        self._distance += 0.18 * max(self.guided - 5, 0) * (self._distance - habits.distance[0])
         self._wander = Wander(count, (8.0, 25.0), rng)
         self._gaze = Wander(count, (4.0, 15.0), rng)
         self._hurries = np.zeros(count, dtype=bool)
@@ -131,9 +137,14 @@ class Crowd:
         goes_on = self.stragglers.step(self.time, dt, self.xy, self.walked, robots)
         self._hurries[goes_on] = True
         wish, cap = self._wishes(robots)
+        at = None if leader is None else robots[leader]
+        strolling = self._bystanders.step(self.time, self.xy[self.guided :], at)
+        wish[self.guided :], cap[self.guided :, 0] = strolling, 1.2 * self._bystanders.speed
         force = (wish - self.velocity) / _RELAXATION
         force += self._from_people() + self._from_walls() + self._together()
-        force += _evading(self.xy, self.velocity, robots, robot_velocities, nearer=0.25)
+        from_robots = _evading(self.xy, self.velocity, robots, robot_velocities, nearer=0.25)
+        from_robots[self.guided :][self._bystanders.ignores] = 0.0
+        force += from_robots
         self.velocity = self.velocity + shortened(force, _STRONGEST) * dt
         self.velocity = shortened(self.velocity, cap)
         before = self.xy
@@ -156,7 +167,7 @@ class Crowd:
             return
         at = robots[leader]
         if self._trail is None:
-            self._trail = Trail(self.xy.mean(axis=0))
+            self._trail = Trail(self.xy[: self.guided].mean(axis=0))
         elif leader != self._leader:
             self._trail.take_over(at)
             self._walks[:] = False
@@ -244,7 +255,8 @@ class Crowd:
 
     def _are_away(self) -> Int:
         """Who does not keep to the group, shape (k,)."""
-        return np.concatenate([self.stragglers.who, self.stragglers.leaving])
+        others = np.arange(self.guided, len(self.xy))
+        return np.concatenate([self.stragglers.who, self.stragglers.leaving, others])
 
     def _from_walls(self) -> Float:
         """Accelerations away from walls (Moussaid et al. 2009), shape (n, 2) [m/s^2]."""
@@ -288,6 +300,7 @@ class Crowd:
         if self._leader is not None and len(robots) > self._leader:
             toward = robots[self._leader] - self.xy
             standing = np.arctan2(toward[:, 1], toward[:, 0]) + 0.25 * self._gaze.at(self.time)
+            standing[self.guided :] = self.yaw[self.guided :]
         who = self.stragglers.who
         out = self._clearance.at(self.xy[who])[1]
         standing[who] = np.arctan2(-out[:, 1], -out[:, 0])

@@ -7,6 +7,8 @@ nodes. All figures depend on the seeds alone.
 from __future__ import annotations
 
 import dataclasses
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +18,7 @@ import numpy as np
 
 from mrs_people_loc.guiding.guidance import Guidance, Role
 from mrs_people_sim.guided import guided_scene
-from mrs_people_sim.light.guided_tour import POSES, LightTour, TourRun, Trouble
+from mrs_people_sim.light.guided_tour import OFF_M, POSES, LightTour, TourRun, Trouble
 from mrs_people_sim.scoring.positions import sums_of
 from mrs_people_sim.scoring.tours import TourScores, leaders_way, off_post, score_tour
 from mrs_studies.experiment.repeats import added_up
@@ -45,6 +47,7 @@ class Case:
         trouble: What goes wrong.
         robots: How many guide; None: they and the people are as in the scene.
         leavers: How many people leave for good; None: as in the scene.
+        ignored: Whether the scene's bystanders walk as if there were no robots.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """
 
@@ -54,6 +57,7 @@ class Case:
     trouble: Trouble = field(default_factory=Trouble)
     robots: int | None = 3
     leavers: int | None = 0
+    ignored: bool = False
     main: bool = False
 
 
@@ -73,6 +77,7 @@ CASES = (
     ),
     *(Case(f"hall, {count} robots", _SCENES["hall"], robots=count) for count in (2, 4)),
     Case("hall, one person leaves for good", _SCENES["hall"], leavers=1),
+    Case("hall, two people leave for good", _SCENES["hall"], leavers=2),
     Case("corridor, robot_a (leader) killed at 60 s", _CORRIDOR,
          trouble=Trouble(killed=("robot_a", 60.0))),
     Case("corridor, robot_b killed at 60 s", _CORRIDOR, trouble=Trouble(killed=("robot_b", 60.0))),
@@ -80,6 +85,18 @@ CASES = (
          trouble=Trouble(killed=("robot_c", 60.0), back=90.0)),
     Case("corridor, no planner from 60 to 65 s", _CORRIDOR,
          trouble=Trouble(planner_gone=(_PLANNER_ENDS_S, 65.0))),
+    Case(f"corridor, pose of robot_b {OFF_M:g} m off from 60 s on", _CORRIDOR, "localized",
+         Trouble(misplaced=("robot_b", 60.0))),
+    Case("corridor, robot_b delivers no scans from 60 s on", _CORRIDOR,
+         trouble=Trouble(silent=("robot_b", 60.0))),
+    Case("corridor, robot_b blind from 60 s on", _CORRIDOR,
+         trouble=Trouble(blind=("robot_b", 60.0))),
+    Case("narrow, 12 people, 4 robots", "guided_narrow.yaml", "localized",
+         robots=None, leavers=None),
+    Case("bystanders", "guided_bystanders.yaml", "localized"),
+    Case("bystanders who ignore robots", "guided_bystanders.yaml", "localized", ignored=True),
+    Case("narrow, somebody comes against 12 people, 4 robots", "guided_narrow_against.yaml",
+         "localized", robots=None, leavers=None),
 )  # fmt: skip
 #: Cases that are not `main` have so many seeds at most.
 FEW = 3
@@ -100,6 +117,7 @@ class CaseScores:
         others_s: ... when all but the successor of a leader were there [s],
         formed_s: ... and when all were [s].
         stood_s: Of each time without a planner: how long it took until all stood [s]; NaN: never.
+        events: How often the guide said what, by its words without numbers and names.
     """
 
     tour: TourScores = field(default_factory=TourScores)
@@ -111,6 +129,7 @@ class CaseScores:
     others_s: tuple[float, ...] = ()
     formed_s: tuple[float, ...] = ()
     stood_s: tuple[float, ...] = ()
+    events: Counter[str] = field(default_factory=Counter)
 
     def __add__(self, other: CaseScores) -> CaseScores:
         return CaseScores(**sums_of(self, other))
@@ -129,6 +148,7 @@ class CaseScores:
                 name: [None if np.isnan(s) else s for s in getattr(self, name)]
                 for name in ("reposted_s", "others_s", "formed_s", "stood_s")
             },
+            "events": dict(sorted(self.events.items())),
         }
 
 
@@ -168,14 +188,23 @@ def run_case(case: Case, seed: int) -> CaseScores:
     if case.leavers is not None:
         followers = dataclasses.replace(scene.followers, leavers=case.leavers)
         scene = dataclasses.replace(scene, followers=followers)
+    if case.ignored:
+        others = (dataclasses.replace(one, ignores=True) for one in scene.bystanders)
+        scene = dataclasses.replace(scene, bystanders=tuple(others))
     run = LightTour(scene, case.poses, case.trouble).run()
     stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)
     waited_for = sum(not s.fetched and _is_near(run, s.person, s.begin_s, s.end_s) for s in stays)
     return CaseScores(
         score_tour(run.record), len(stays), fetched, waited_for, run.world.bumps,
-        *_after_killed(run, case.trouble), _stood(run, case.trouble),
+        *_after_killed(run, case.trouble), _stood(run, case.trouble), _events(run),
     )  # fmt: skip
+
+
+def _events(run: TourRun) -> Counter[str]:
+    """What the guide said, without numbers and names."""
+    said = (event for status in run.record.statuses for event in status.events)
+    return Counter(re.sub(r"\b(robot_\w|\d[\d.]*)(, (robot_\w|\d+))*", "_", one) for one in said)
 
 
 def _is_near(run: TourRun, person: int, begin_s: float, end_s: float) -> bool:

@@ -14,6 +14,9 @@ from mrs_studies.experiment.tours import FORMED_M, WAITS_M, Case
 #: The heading of what `mrs guiding --out` replaces.
 HEADING = "## Results"
 
+#: Events of every tour.
+_USUAL = ("the tour", "sets off", "everybody is at", "goes on from", "goes on after")
+
 _Report = Mapping[str, Any]
 _Rows = Sequence[tuple[str, _Report]]
 
@@ -45,9 +48,13 @@ def markdown(cases: Sequence[Case], reports: Sequence[_Report]) -> str:
         "",
         *table(
             ("tour", "off the post [m]", "nearest person [m]", "within 0.50 m [s]",
-             "within 0.45 m by own motion [s]", "path [m]", "contacts", "bumps"),
+             "within 0.45 m by own motion [s]", "longest [s]", "path [m]", "contacts",
+             "by own motion", "bumps", "stand-offs [s]", "changes of leader"),
             [_robots(name, report) for name, report in rows],
         ),
+        "",
+        "Stand-offs: robots, added up, that had not got on for 3 s beside a person, although their "
+        "posts were elsewhere.",
     ]  # fmt: skip
     failures = [_failure(name, report) for name, report in rows if _has_failures(report)]
     if failures:
@@ -64,7 +71,36 @@ def markdown(cases: Sequence[Case], reports: Sequence[_Report]) -> str:
                 ("tour", "tours", "new posts", "others there", "all there", "standing"), failures
             ),
         ]
+    met = [_bystanders(name, report) for name, report in rows if _has_met(report)]
+    if met:
+        lines += ["", "### Bystanders", "", *table(("tour", "nearest bystander [m]"), met)]
+    lines += [
+        "",
+        "### Events",
+        "",
+        "What the guide said, how often in all tours of a row.",
+        "",
+        *table(("tour", "events"), [_events(name, report) for name, report in rows]),
+    ]
     return "\n".join(lines) + "\n"
+
+
+def _has_met(report: _Report) -> bool:
+    return report["tour"]["bystander_m"] is not None
+
+
+def _bystanders(name: str, report: _Report) -> list[str]:
+    return [name, number(report["tour"]["bystander_m"], 1, 2)]
+
+
+def _events(name: str, report: _Report) -> list[str]:
+    """What happened besides what happens on every tour."""
+    told = {event: count for event, count in report["events"].items() if not _is_usual(event)}
+    return [name, "; ".join(f"{event}: {count}" for event, count in told.items()) or "-"]
+
+
+def _is_usual(event: str) -> bool:
+    return event.startswith(_USUAL)
 
 
 def _tour(name: str, report: _Report) -> list[str]:
@@ -91,9 +127,13 @@ def _robots(name: str, report: _Report) -> list[str]:
         number(tour["distance_m"], 1, 2),
         number(tour["within_0_50_m_s"], 1, 1),
         number(tour["within_0_45_m_by_own_motion_s"], 1, 1),
+        number(tour["longest_by_own_motion_s"], 1, 1),
         number(tour["path_m"], 1, 0),
         str(tour["contacts"]),
+        str(tour["contacts_by_own_motion"]),
         str(report["bumps"]),
+        number(tour["stood_off_s"], 1, 0),
+        str(tour["leaders"]),
     ]
 
 

@@ -141,6 +141,45 @@ def test_contacts_are_counted_once_each():
     assert score_tour(record(people(0.0), {"a": track(x + 0.1)})).contacts == 0
 
 
+def test_contacts_by_whose_motion_and_times_by_own_motion():
+    # To 0.4 m of somebody at 0.5 m/s, from 0.45 m on for 0.1 s; and likewise the person comes.
+    x = np.minimum(0.5 * T, 1.6)
+    drives = score_tour(record(people(2.0), {"a": track(x)}))
+    assert (drives.contacts, drives.own_contacts) == (1, 1)
+    assert drives.own_longest_s == pytest.approx([0.1], abs=0.11)
+    comes = score_tour(record(people(2.0 - x), {"a": track(0.0)}))
+    assert (comes.contacts, comes.own_contacts, comes.own_longest_s.max()) == (1, 0, 0.0)
+
+
+def test_bystanders_count_by_their_distance_alone():
+    truth = people(T, 0.8)
+    member = np.tile([1, 0], (len(truth), 1))
+    truth = Truth(truth.stamps_ns, truth.positions, truth.visible, member)
+    scores = score_tour(record(truth, {"a": track(0.0)}))
+    assert (scores.people, scores.lost, len(scores.seen)) == (1, 0, 1)
+    assert scores.bystander_m == pytest.approx([np.hypot(0.8, 1.0)])
+    assert len(score_tour(record(people(T), {"a": track(0.0)})).bystander_m) == 0
+
+
+@pytest.mark.parametrize(("person", "post", "expected"), [(1.5, 3.0, 5.0), (9.0, 3.0, 0.0),
+                                                          (1.5, 0.2, 0.0)])  # fmt: skip
+def test_robots_stand_off_that_are_held_up_beside_somebody(person, post, expected):
+    # It stands all the time; the tour lasts for 8 s, 3 s of which tell that it stands.
+    posts = {"a": Post(Role.REAR, np.array([post, 0.0]), 0.0, 0.5)}
+    scores = score_tour(record(people(person), {"a": track(0.0)}, statuses=statuses(posts)))
+    assert scores.stood_off_s == pytest.approx(expected, abs=0.3)
+
+
+def test_changes_of_the_leader_are_counted():
+    def led(name: str) -> dict[str, Post]:
+        return {name: Post(Role.LEADER, np.zeros(2), 0.0, 0.5)}
+
+    said = statuses(led("a"))
+    said = [dataclasses.replace(one, posts=led("b")) if one.stamp_ns > 5 * S else one
+            for one in said]  # fmt: skip
+    assert score_tour(record(people(0.0), {"a": track(0.0)}, statuses=said)).leaders == 1
+
+
 def test_leader_that_drives_is_measured_from_its_way_and_one_that_waits_from_its_post():
     # 0.3 m beside the way, along x, on which its post is 1.5 m ahead.
     def driven(speed: float) -> list[Guidance]:

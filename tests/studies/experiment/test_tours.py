@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -101,6 +102,15 @@ def test_scores_are_added_and_reported():
     text = markdown([Case("hall", "")], [total])
     assert "| hall | 1 of 2 | - | 0 of 0 | - | - | - | 3 | 1 | 1 | 0 |" in text
     assert "| hall | 2 | 2.0 / never | 4.0 / never | - | 0.44 / 0.44 |" in text
+
+
+def test_events_are_counted_by_their_words():
+    said = ("robot_a leads", "person 12 is back", "robot_b leads", "sets off with people 1, 22, 3")
+    run = run_of([dataclasses.replace(status(1.0, a=0.0), events=said)])
+    assert tours._events(run) == {"_ leads": 2, "person _ is back": 1, "sets off with people _": 1}
+    scores = CaseScores(TourScores(tours=1), events=tours._events(run))
+    text = markdown([Case("hall", "")], [(scores + scores).report()])
+    assert "| hall | _ leads: 4; person _ is back: 2 |" in text
 
 
 def test_cases_are_run_with_their_seeds(monkeypatch):
