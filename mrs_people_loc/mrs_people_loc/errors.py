@@ -39,6 +39,14 @@ class StampError(PeopleLocError):
     """A message whose stamp is 0: its sender sets none."""
 
 
+class AheadError(PeopleLocError):
+    """A message whose stamp is ahead of the clock: its sender's clock is."""
+
+
+class SizeError(PeopleLocError):
+    """A message that is too large to be read in time."""
+
+
 class ScanError(PeopleLocError):
     """A scan (`points`) that cannot be used."""
 

@@ -60,6 +60,23 @@ def pairs_between(xy: Float, others: Float, reach: float) -> tuple[Int, Int, Flo
     return _near(xy, others, pairs["i"], pairs["j"], reach)
 
 
+def nearest_to(places: Float, xy: Float, most: int) -> Int:
+    """Which points are nearest to places, in their order.
+
+    Args:
+        places: [m], shape (k, 2).
+        xy: Points [m], shape (n, 2).
+        most: So many are taken.
+
+    Returns:
+        Indices, shape (min(n, most),).
+    """
+    if len(xy) <= most:
+        return np.arange(len(xy))
+    away = np.hypot(*(xy[:, np.newaxis] - places).T).min(axis=0, initial=np.inf)
+    return np.sort(np.argpartition(away, most - 1)[:most])
+
+
 def _nobody() -> tuple[Int, Int, Float]:
     return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)
 

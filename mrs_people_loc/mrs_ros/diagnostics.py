@@ -17,9 +17,10 @@ from rclpy.clock_type import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile
+from rclpy.serialization import deserialize_message
 
 from mrs_people_loc.clocks import Order
-from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.errors import PeopleLocError, SizeError
 from mrs_people_loc.health.findings import ERROR, SILENCE_S, Code, Finding
 from mrs_people_loc.health.inputs import InputState, of_input
 from mrs_people_loc.health.reception import Reception
@@ -99,6 +100,7 @@ class Input:
         once: One usable message is enough: silence after it is no fault.
         any_number: Any number of nodes may publish it, also none: the order of stamps, and silence,
             mean nothing.
+        most_bytes: Larger messages are refused unread; 0: none is too large.
 
     Attributes:
         reception: Counts its messages.
@@ -116,8 +118,10 @@ class Input:
         *,
         once: bool = False,
         any_number: bool = False,
+        most_bytes: int = 0,
     ) -> None:
         self.topic = topic
+        self._most_bytes = most_bytes
         self._once = once
         self._any_number = any_number
         self.reception = Reception()
@@ -134,8 +138,9 @@ class Input:
         self.subscription = node.create_subscription(
             message_type,
             topic,
-            self._take,
+            self._take_bytes if most_bytes else self._take,
             qos,
+            raw=bool(most_bytes),
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible),
         )
 
@@ -199,6 +204,14 @@ class Input:
     def refuse(self, error: PeopleLocError) -> None:
         """Counts and logs a message that the callback took, and that turned out to be unusable."""
         self._refuse(error, Order.NEWER)
+
+    def _take_bytes(self, data: bytes) -> None:
+        if len(data) > self._most_bytes:
+            self._arrivals.append(self._now())
+            text = f"message has {len(data)} bytes; allowed: {self._most_bytes}"
+            self._refuse(SizeError(text), self.reception.receive(0))
+        else:
+            self._take(deserialize_message(data, self._message_type))
 
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())

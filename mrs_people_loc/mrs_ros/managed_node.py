@@ -122,7 +122,7 @@ class ManagedNode(LifecycleNode):
         qos: QoSProfile,
         *,
         once: bool = False,
-        any_number: bool = False,
+        **how: Any,
     ) -> Input:
         """Subscribes to a topic until the node stops (see `Input`)."""
 
@@ -131,7 +131,7 @@ class ManagedNode(LifecycleNode):
                 self._check_is_of_now(message)
             callback(message)
 
-        made = Input(self, message_type, topic, take, qos, once=once, any_number=any_number)
+        made = Input(self, message_type, topic, take, qos, once=once, **how)
         self.inputs[topic] = made
         return made
 

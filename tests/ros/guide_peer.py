@@ -179,6 +179,9 @@ class GuideWorld:
         while True:
             count = len(self.statuses)
             handle, future = self.ask(goal, feedback)
+            if future is None:  # others asked too often
+                self.peer.spin(0.2)
+                continue
             self.peer.until(
                 lambda f=future, n=count: f.done() or len(self.statuses) > n,  # type: ignore[misc]
                 "no answer",
@@ -213,7 +216,7 @@ def people_of(stamp_ns: int, places: Any, velocities: Any, robots: Sequence[str]
     message = People()
     message.header.frame_id = "map"
     set_stamp(message, stamp_ns)
-    message.scans = [RobotScan(robot=robot) for robot in robots]
+    message.scans = [RobotScan(robot=robot, stamp=message.header.stamp) for robot in robots]
     for number, (place, velocity) in enumerate(zip(places, velocities, strict=True), start=1):
         person = Person(id=number, height=1.7, sigma=0.1, robots=list(robots))
         person.pose.pose.position = Point(x=float(place[0]), y=float(place[1]))

@@ -22,7 +22,10 @@ class SpaceTuning:
         near_end: A wall hides nothing that is nearer to its face, or inside, than this [m]: places
             have errors.
         sight: Distance of samples along lines of sight [cells].
-        nodes: Distance of the nodes in which paths are looked for [m] ...
+        farthest: Nobody is visible farther away than this, and no path is looked for [m].
+        nodes: Distance of the nodes in which paths are looked for [m], ...
+        most_nodes: ... more of it where a box would have more nodes than this, ...
+        widest: ... up to this [m]; no path is looked for in a greater box ...
         samples: ... and of samples along lines [m].
         detour: Paths are first looked for in the box of start and goal and so much around them [m].
         narrow: A metre of path costs up to 1 + this where clearance is only what is needed, ...
@@ -39,7 +42,10 @@ class SpaceTuning:
     margin: float = 10.0
     near_end: float = 0.2
     sight: float = 0.7
+    farthest: float = 60.0
     nodes: float = 0.15
+    most_nodes: int = 16_000
+    widest: float = 0.45
     samples: float = 0.08
     detour: float = 4.0
     narrow: float = 2.0
@@ -52,10 +58,13 @@ class SpaceTuning:
     longest_line: int = 40
     spare: float = 0.005
 
-    @property
-    def least(self) -> float:
-        """An edge between nodes with more clearance than half its length crosses no wall [m]."""
-        return 0.5 * self.nodes * 2**0.5 + self.spare
+    def least(self, nodes: float) -> float:
+        """An edge between nodes with more clearance than half its length crosses no wall [m].
+
+        Args:
+            nodes: Distance of the nodes [m].
+        """
+        return 0.5 * nodes * 2**0.5 + self.spare
 
 
 SPACE_TUNING = SpaceTuning()
@@ -137,6 +146,8 @@ class FreeSpace:
         if self._grid is None or not a.size:
             return np.ones(a.shape[:-1], dtype=bool)
         length = np.linalg.norm(b - a, axis=-1)[..., np.newaxis]
+        far = length > self.tuning.farthest
+        b, length = np.where(far, a, b), np.where(far, 0.0, length)
         longest = max(float(length.max()), self.tuning.near_end)
         step = self.tuning.sight * self._grid.resolution
         count = int(np.ceil(longest / step)) + 1
@@ -147,7 +158,7 @@ class FreeSpace:
         cell = np.clip(cell, 0, (width - 1, height - 1)).astype(np.intp)
         hit = self._occupied[cell[..., 1], cell[..., 0]]
         counts = np.minimum(part, 1.0 - part) * length > self.tuning.near_end
-        return np.asarray(~(hit & counts).any(axis=-1))
+        return np.asarray(~((hit & counts).any(axis=-1) | far[..., 0]))
 
     def path(
         self,
@@ -174,11 +185,12 @@ class FreeSpace:
         """
         start, goal = np.asarray(start, np.float64), np.asarray(goal, np.float64)
         discs = np.zeros((0, 3)) if blocked is None else blocked
-        if self.clearance(goal) < radius:
+        away = float(np.linalg.norm(goal - start))
+        if away > self.tuning.farthest or self.clearance(goal) < radius:
             return None
         cost = _Cost(self, start, radius, discs)
         line = np.stack([start, goal])
-        good = self.tuning.good_line * np.linalg.norm(goal - start)
+        good = self.tuning.good_line * away
         if cost.of_lines(start, goal[np.newaxis])[0] <= good:
             return line
         low, high = line.min(axis=0) - self.tuning.detour, line.max(axis=0) + self.tuning.detour
@@ -224,15 +236,20 @@ class _Cost:
         self._space, self._start, self._radius, self._discs = space, start, radius, discs
         self.tuning = space.tuning
 
-    def at(self, xy: Float) -> Float:
-        """Cost of a metre at places [m], shape (..., 2); inf where nobody may go."""
+    def at(self, xy: Float, nodes: float | None = None) -> Float:
+        """Cost of a metre at places [m], shape (..., 2); inf where nobody may go.
+
+        Args:
+            xy: The places.
+            nodes: Their distance from each other [m]; None: as usual.
+        """
         tuning, clearance = self.tuning, self._space.clearance(xy)
         room = (clearance - self._radius) / tuning.wide
         cost = 1.0 + tuning.narrow * np.clip(1.0 - room, 0.0, 1.0)
         too_near = clearance < self._radius
         escapes = np.linalg.norm(xy[too_near] - self._start, axis=-1) < tuning.escape
         cost[too_near] += np.where(escapes, tuning.too_near, np.inf)
-        cost[clearance < min(tuning.least, self._radius)] = np.inf
+        cost[clearance < min(tuning.least(nodes or tuning.nodes), self._radius)] = np.inf
         if len(self._discs):
             away = np.linalg.norm(xy[..., np.newaxis, :] - self._discs[:, :2], axis=-1)
             cost = cost + tuning.through_disc * (away < self._discs[:, 2]).any(axis=-1)
@@ -298,11 +315,14 @@ def _search(cost: _Cost, start: Float, goal: Float, low: Float, high: Float) -> 
     from scipy.sparse import coo_array  # here: they take long to load
     from scipy.sparse.csgraph import dijkstra
 
-    nodes_m = cost.tuning.nodes
+    tuning = cost.tuning
+    nodes_m = max(tuning.nodes, float(np.sqrt(np.prod(high - low) / tuning.most_nodes)))
+    if nodes_m > tuning.widest:
+        return None
     columns, rows = np.ceil((high - low) / nodes_m).astype(np.intp) + 1
     x, y = np.meshgrid(low[0] + nodes_m * np.arange(columns), low[1] + nodes_m * np.arange(rows))
     places = np.stack([x, y], axis=-1)
-    density = cost.at(places)
+    density = cost.at(places, nodes_m)
     free = np.isfinite(density).ravel()
     if not free.any():
         return None

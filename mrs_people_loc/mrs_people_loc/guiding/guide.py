@@ -105,7 +105,7 @@ class Guide:
         self._begun_ns, self._now_ns = now_ns, 0
         self._post_m = self._settled_s = self._there_s = 0.0
         self._nearest_m = math.inf
-        self._overtakes = False
+        self._overtakes = self._tells_many = self._tells_large = False
         self._next = 0
         self._turn(Cue.BEGINS)
 
@@ -168,9 +168,21 @@ class Guide:
         if not self.is_running:
             return None
         self._steering.take_people(people, stamp_ns, now_ns)
+        self._tell_limits(len(people))
         if self._misfit:
             return None
         return self._told(self._step(people, groups, stamp_ns))
+
+    def _tell_limits(self, count: int) -> None:
+        """Tells once where there are more people than count."""
+        most, guided = self._steering.most, self._group.tuning.most
+        if count > most and not self._tells_many:
+            self._events.append(f"{count} people: each robot keeps clear of the {most} nearest")
+            self._tells_many = True
+        if self._group.size > guided and not self._tells_large:
+            size = self._group.size
+            self._events.append(f"the group has {size} people; guides the {guided} nearest")
+            self._tells_large = True
 
     def check_age(self, now_ns: int) -> Guidance | None:
         """Halts the tour once people are outdated.

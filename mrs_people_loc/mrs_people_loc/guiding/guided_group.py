@@ -22,6 +22,7 @@ class GroupTuning:
     """Constants of the guided group; chosen.
 
     Attributes:
+        most: So many people are guided, newcomers included: the nearest to leader and start.
         longest_step_s: After a longer pause, for which the robots stood, times of people go on by
             no more than this [s].
         as_near: Groups are as near to the leader and the start as the nearest one within this [m].
@@ -29,7 +30,8 @@ class GroupTuning:
         front_share: The foremost count as no farther ahead of this share of the group than ...
         front_more: ... this [m].
         fastest: People do not come along the way faster than this [m/s].
-        reach: A person is sought along the way within this [m], and what people walk meanwhile.
+        reach: A person is sought along the way within this [m], and what people walk meanwhile ...
+        away_s: ... for this long, at most [s].
         astray: Who is farther than this from their place along the way is sought near the group,
             too [m]: ...
         nearer: ... they are there if that is nearer to them by this [m].
@@ -61,6 +63,7 @@ class GroupTuning:
         never: What two tracks that cannot be the same person's cost [m]: more than all others can.
     """
 
+    most: int = 30
     longest_step_s: float = 0.5
     as_near: float = 2.0
     start_reach: float = 12.0
@@ -68,6 +71,7 @@ class GroupTuning:
     front_more: float = 1.5
     fastest: float = 1.6
     reach: float = 1.0
+    away_s: float = 30.0
     astray: float = 2.5
     nearer: float = 0.5
     slack: float = 0.1
@@ -152,6 +156,8 @@ class GuidedGroup:
         way_m: How far along the way the group's middle has come [m]; never less than before.
         leader_m: How far along the way the leader is [m]; to be set before a step.
         events: What has happened in the last step.
+        size: Of the planner's group with which the tour begins; those beyond `tuning.most` are not
+            guided.
     """
 
     way: Way
@@ -160,6 +166,7 @@ class GuidedGroup:
     way_m: float = -math.inf
     leader_m: float = -math.inf
     events: list[str] = field(default_factory=list)
+    size: int = 0
     _now_s: float = math.inf
 
     @property
@@ -250,14 +257,18 @@ class GuidedGroup:
             sees: As for `step`.
         """
         by_id = {person.id: person for person in people if person.id}
-        members = [[by_id[i] for i in group.members if i in by_id] for group in groups]
+        members = [[i for i in group.members if i in by_id] for group in groups]
         parts = [part for part in members if part]
-        start = self.way.at(0.0)
-        away = [0.5 * (_distance(part, leader) + _distance(part, start)) for part in parts]
+        ends = np.stack([leader, self.way.at(0.0)])
+        places = {number: person.position for number, person in by_id.items()}
+        off = [_distances(np.array([places[i] for i in part]), ends) for part in parts]
+        away = [float(one.min(axis=0).mean()) for one in off]
         near = min(away, default=0.0) + self.tuning.as_near
         rows = [row for row, off in enumerate(away) if off <= near]
         rows.sort(key=lambda row: (-len(parts[row]), away[row]))
-        chosen = parts[rows[0]] if rows else []
+        self.size = len(parts[rows[0]]) if rows else 0
+        nearest = off[rows[0]].mean(axis=1).argsort(kind="stable") if rows else ()
+        chosen = [by_id[parts[rows[0]][k]] for k in sorted(nearest[: self.tuning.most])]
         known = {guest.id for guest in self.guests if guest.followed}
         if self.guests and (not chosen or not known.isdisjoint(p.id for p in chosen)):
             self.step(people, groups, now_s, sees)
@@ -426,8 +437,8 @@ class GuidedGroup:
         Where somebody of the group is hidden, they are that one.
         """
         known = {guest.id for guest in self.guests if guest.followed}
-        for number in sorted(home - known):
-            if number in by_id:
+        for number in sorted((home - known) & by_id.keys()):
+            if len(self.guests) < self.tuning.most:
                 xy = by_id[number].position[None]
                 (way_m,) = self.way.nearest(xy, self.way_m, self.tuning.start_reach)
                 guest = _guest(by_id[number], float(way_m), now_s)
@@ -459,7 +470,7 @@ class GuidedGroup:
         tuning = self.tuning
         xy = np.array([guest.xy for guest in there])
         before = np.array([guest.way_m for guest in there])
-        reach = tuning.reach + tuning.fastest * max(away_s, 0.0)
+        reach = tuning.reach + tuning.fastest * min(max(away_s, 0.0), tuning.away_s)
         found = self.way.nearest(xy, before, reach)
         off = np.hypot(*(self.way.at(found) - xy).T)
         near_group = self.way.nearest(xy, max(self.way_m, 0.0), tuning.start_reach)
@@ -566,5 +577,6 @@ def _take(guest: Guest, person: Person, now_s: float) -> None:
     guest.followed, guest.empty_s = True, 0.0
 
 
-def _distance(people: Sequence[Person], xy: Float) -> float:
-    return float(min(np.hypot(*(person.position - xy)) for person in people))
+def _distances(xy: Float, others: Float) -> Float:
+    """Of places, shape (n, 2), from others, shape (k, 2) [m], shape (n, k)."""
+    return np.asarray(np.linalg.norm(xy[:, np.newaxis] - others, axis=2))

@@ -15,6 +15,7 @@ from mrs_people_loc.guiding.drive import Drive, Situation, Velocity
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
 from mrs_people_loc.guiding.views import are_in_view
+from mrs_people_loc.neighbours import nearest_to
 from mrs_people_loc.people import Person
 from mrs_people_loc.team.poses import Pose, places_of
 
@@ -34,6 +35,8 @@ class SteeringTuning:
         people_s: Images become people in this time [s]; poses come at once.
         future_s: What comes from so far in the future is of no use [s]: the clock was set back.
         outside_s: A robot outside the tour is avoided for so long after its last pose [s].
+        most: So many people count for each robot: those who are nearest to it. Whoever is farther
+            away is behind these.
     """
 
     shortest_s: float = 0.01
@@ -46,6 +49,7 @@ class SteeringTuning:
     people_s: float = 0.2
     future_s: float = 0.05
     outside_s: float = 120.0
+    most: int = 24
 
 
 STEERING_TUNING = SteeringTuning()
@@ -74,8 +78,27 @@ class _Vanished:
     empty_s: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """The people that were heard of last.
+
+    Attributes:
+        xy: Where they are, and who vanished [m], shape (n, 2).
+        velocity: [m/s], 0 where unknown, shape (n, 2).
+        stamp_ns: [ns]; None: none have come.
+        came_ns: When they came [ns].
+    """
+
+    xy: Float
+    velocity: Float
+    stamp_ns: int | None = None
+    came_ns: int = 0
+
+
 class Steering:
     """Drives the robots of a tour to their posts.
+
+    `step` may be called by another thread than all the rest: what it reads is replaced as a whole.
 
     Robots are never faster than they can stop before the people, or their own pose, are as old as
     the timeout. What comes from the future counts as outdated. The age counts from the arrival;
@@ -105,14 +128,10 @@ class Steering:
         self._drives = {robot: Drive() for robot in self.robots}
         self._heard: dict[str, _Heard] = {}
         self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
-        self._posts: Mapping[str, Post] = {}
-        self._paths: dict[str, Float | None] = {}
+        self._posts: Mapping[str, tuple[Post, Float | None]] = {}  # and the paths to them
         self._followed: dict[int, Float] = {}
         self._vanished: list[_Vanished] = []
-        self._people = np.empty((0, 2))
-        self._people_velocity = np.empty((0, 2))
-        self._stamp_ns: int | None = None
-        self._came_ns = 0
+        self._seen = _Seen(np.empty((0, 2)), np.empty((0, 2)))
         self._stepped_ns: int | None = None
 
     def take_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
@@ -125,23 +144,33 @@ class Steering:
         kept = [one.xy for one in self._vanished]
         still = np.zeros(2)
         velocities = [still if one.velocity is None else one.velocity for one in people]
-        self._people = np.array([*(one.position for one in people), *kept]).reshape(-1, 2)
-        self._people_velocity = np.array([*velocities, *(still for _ in kept)]).reshape(-1, 2)
-        self._stamp_ns, self._came_ns = min(stamp_ns, now_ns), now_ns
+        self._seen = _Seen(
+            np.array([*(one.position for one in people), *kept]).reshape(-1, 2),
+            np.array([*velocities, *(still for _ in kept)]).reshape(-1, 2),
+            min(stamp_ns, now_ns),
+            now_ns,
+        )
+        for robot in self.avoided:
+            if now_ns - self._heard[robot].came_ns > self._tuning.outside_s * 1e9:
+                del self._heard[robot]
 
     def _keep_vanished(self, people: Sequence[Person], stamp_ns: int) -> None:
         """Who vanished is still there for some seconds, unless robots see that nobody is."""
-        tuning = self._tuning
-        since_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
+        tuning, last_ns = self._tuning, self._seen.stamp_ns
+        since_s = 0.0 if last_ns is None else (stamp_ns - last_ns) / 1e9
         before, self._followed = self._followed, {one.id: one.position for one in people if one.id}
         if since_s < tuning.kept_s:
             gone = [xy for number, xy in before.items() if number not in self._followed]
             self._vanished += [_Vanished(xy, stamp_ns) for xy in gone]
         if not self._vanished:
             return
-        places = np.array([one.xy for one in self._vanished])
-        others = np.array([one.position for one in people]).reshape(-1, 2)
         robots = {name: h.pose for name, h in self._heard.items() if name in self._drives}
+        team = places_of(robots.values())
+        places = np.array([one.xy for one in self._vanished])
+        near = nearest_to(team, places, tuning.most)
+        self._vanished, places = [self._vanished[row] for row in near], places[near]
+        others = np.array([one.position for one in people]).reshape(-1, 2)
+        others = others[nearest_to(team, others, tuning.most)]
         seen = are_in_view(places, others, robots, self.config, self.space)
         away = np.linalg.norm(places[:, None] - others, axis=2).min(axis=1, initial=math.inf)
         for one, is_seen in zip(self._vanished, seen, strict=True):
@@ -156,26 +185,34 @@ class Steering:
 
     def take_posts(self, posts: Mapping[str, Post]) -> None:
         """Takes new posts, and plans the paths to them; robots without one stand."""
-        self._posts = posts
-        self._paths = {
-            robot: self._path(robot, posts[robot])
-            for robot in self.robots
-            if robot in posts and robot in self._heard
+        self._posts = {
+            robot: (post, self._path(robot, post) if robot in self._heard else None)
+            for robot, post in posts.items()
         }
 
     def people_age_s(self, now_ns: int) -> float:
         """For how long people have been missing [s]: see the class."""
-        if self._stamp_ns is None:
+        return self._age_of(self._seen, now_ns)
+
+    def _age_of(self, seen: _Seen, now_ns: int) -> float:
+        if seen.stamp_ns is None:
             return math.inf
         people_ns = round(self._tuning.people_s * 1e9)
-        return self._age_s(now_ns, min(self._stamp_ns + people_ns, self._came_ns))
+        return self._age_s(now_ns, min(seen.stamp_ns + people_ns, seen.came_ns))
 
     def pose_age_s(self, robot: str, now_ns: int) -> float:
         """Age of a robot's pose [s]."""
-        heard = self._heard.get(robot)
+        return self._age_of_pose(self._heard.get(robot), now_ns)
+
+    def _age_of_pose(self, heard: _Heard | None, now_ns: int) -> float:
         if heard is None:
             return math.inf
         return self._age_s(now_ns, min(heard.pose.stamp_ns, heard.came_ns))
+
+    @property
+    def most(self) -> int:
+        """So many people count for each robot."""
+        return self._tuning.most
 
     @property
     def avoided(self) -> tuple[str, ...]:
@@ -200,45 +237,57 @@ class Steering:
         """
         since_s = math.inf if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
         self._stepped_ns = now_ns
-        tuning = self._tuning
-        for robot in self.avoided:
-            if now_ns - self._heard[robot].came_ns > tuning.outside_s * 1e9:
-                del self._heard[robot]
-        dt = min(max(since_s, tuning.shortest_s), tuning.longest_s)
-        poses = {robot: self._now(robot, now_ns) for robot in self._heard}
-        self._velocities = {robot: self._drive(robot, poses, now_ns, dt) for robot in self.robots}
-        return dict(self._velocities)
+        dt = min(max(since_s, self._tuning.shortest_s), self._tuning.longest_s)
+        heard, seen, posts = dict(self._heard), self._seen, self._posts
+        poses = {robot: self._now(robot, one.pose, now_ns) for robot, one in heard.items()}
+        people_s, safety = self._age_of(seen, now_ns), self.config.safety
+        driven = {}
+        for robot in self.robots:
+            left_s = min(
+                safety.people_timeout - people_s,
+                safety.pose_timeout - self._age_of_pose(heard.get(robot), now_ns),
+            )
+            driven[robot] = (
+                self._drive(robot, poses, seen, posts.get(robot), now_ns, left_s - dt, dt)
+                if left_s > dt  # before the next step
+                else (0.0, 0.0)
+            )
+        self._velocities = driven
+        return dict(driven)
 
-    def _drive(self, robot: str, poses: Mapping[str, Pose], now_ns: int, dt: float) -> Velocity:
-        safety = self.config.safety
-        left_s = min(
-            safety.people_timeout - self.people_age_s(now_ns),
-            safety.pose_timeout - self.pose_age_s(robot, now_ns),
-        )
-        if left_s <= dt:  # before the next step
-            return 0.0, 0.0
+    def _drive(
+        self,
+        robot: str,
+        poses: Mapping[str, Pose],
+        seen: _Seen,
+        post: tuple[Post, Float | None] | None,
+        now_ns: int,
+        stands_within: float,
+        dt: float,
+    ) -> Velocity:
+        pose = poses[robot]
+        near = nearest_to(np.array([[pose.x, pose.y]]), seen.xy, self._tuning.most)
         others = {name: pose for name, pose in poses.items() if name != robot}
         motions = [self._motion(name, pose) for name, pose in others.items()]
         now = Situation(
             config=self.config,
-            pose=poses[robot],
+            pose=pose,
             twist=self._velocities[robot],
-            post=self._posts.get(robot),
-            people=self._people,
-            people_velocity=self._people_velocity,
-            people_age=0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) / 1e9,
+            post=None if post is None else post[0],
+            people=seen.xy[near],
+            people_velocity=seen.velocity[near],
+            people_age=0.0 if seen.stamp_ns is None else (now_ns - seen.stamp_ns) / 1e9,
             robots=places_of(others.values()),
             robots_velocity=np.array(motions).reshape(-1, 2),
             space=self.space,
-            path=self._paths.get(robot),
-            stands_within=left_s - dt,
+            path=None if post is None else post[1],
+            stands_within=stands_within,
             dt=dt,
         )
         return self._drives[robot].step(now)
 
-    def _now(self, robot: str, now_ns: int) -> Pose:
+    def _now(self, robot: str, pose: Pose, now_ns: int) -> Pose:
         """Where a robot is by its last pose and its velocity since."""
-        pose = self._heard[robot].pose
         age_s = min(max((now_ns - pose.stamp_ns) / 1e9, 0.0), self.config.safety.pose_timeout)
         v, w = self._velocities.get(robot, (0.0, 0.0))
         middle = pose.yaw + 0.5 * w * age_s
@@ -258,16 +307,17 @@ class Steering:
         """The way to a post past walls, people and team-mates."""
         safety, tuning, pose = self.config.safety, self._tuning, self._heard[robot].pose
         mates = places_of(h.pose for name, h in self._heard.items() if name != robot)
-        places = np.concatenate([self._people, mates])
+        here = np.array([[pose.x, pose.y]])
+        people = self._seen.xy[nearest_to(here, self._seen.xy, tuning.most)]
+        places = np.concatenate([people, mates])
         radii = np.repeat(
             [safety.person_distance + tuning.detour, safety.robot_distance + tuning.detour],
-            [len(self._people), len(mates)],
+            [len(people), len(mates)],
         )
         away = np.linalg.norm(places - post.xy, axis=1)
         discs = np.column_stack([places, np.minimum(radii, away - tuning.at_post)])
-        start = np.array([pose.x, pose.y])
-        discs, before = discs[discs[:, 2] > 0.0], self._paths.get(robot)
-        return self.space.path(start, post.xy, safety.wall_distance, discs, before)
+        discs, (_, before) = discs[discs[:, 2] > 0.0], self._posts.get(robot, (None, None))
+        return self.space.path(here[0], post.xy, safety.wall_distance, discs, before)
 
     def _age_s(self, now_ns: int, then_ns: int) -> float:
         """Age [s]; infinite for what comes from the future."""

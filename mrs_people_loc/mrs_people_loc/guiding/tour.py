@@ -49,7 +49,7 @@ class TourLimits:
 
     shortest: float = 1.0
     longest: float = 5_000.0
-    points: int = 10_000
+    points: int = 1_000
     stops: int = 200
     farthest: float = 1e6
     beside: float = 2.0

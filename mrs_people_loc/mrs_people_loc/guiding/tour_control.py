@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.config import GuideConfig
-from mrs_people_loc.errors import TourError
+from mrs_people_loc.errors import AheadError, TourError
 from mrs_people_loc.guiding.drive import Velocity
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Guidance, Post, State
@@ -31,12 +32,16 @@ class ControlTuning:
         goals_s: Period of goals while there are no people [s].
         look_s: Period of looking for robots without a base [s].
         recorders: Nodes with these names subscribe to everything, and are no base.
+        ahead_s: Stamps that are farther ahead of the clock than this are refused [s].
+        late_s: Velocities that took longer than this are outdated: zero is sent instead [s].
     """
 
     most_robots: int = 4
     goals_s: float = 0.2
     look_s: float = 1.0
     recorders: tuple[str, ...] = ("mrs_record", "rosbag2_recorder")
+    ahead_s: float = 0.1
+    late_s: float = 0.05
 
 
 CONTROL_TUNING = ControlTuning()
@@ -126,6 +131,8 @@ class Host(Protocol):
 class TourControl:
     """Begins tours, drives their robots, and ends them.
 
+    `drive` may be called by another thread than all the rest.
+
     Args:
         config: Parameters.
         bases: Of the robots.
@@ -146,6 +153,8 @@ class TourControl:
         self.grid: OccupancyGrid | None = None
         self._poses: dict[str, tuple[Pose, int]] = {}  # stamped by `Now.ns`, and when it came [ns]
         self._people_came_s: float | None = None
+        self._people_before: tuple[int, Mapping[str, int]] | None = None  # stamps, of scans, too
+        self._told: set[str] = set()  # what is told once a tour
         self._have_ids = True
         self._used_ns: dict[str, int] = {}  # when a scan of a robot was used last
         self._people_ns = self._sent_ns = self._looked_ns = 0
@@ -158,10 +167,16 @@ class TourControl:
         if self.guide is not None:
             before, self.guide.config = self.guide.config.safety, config
             if config.safety.occupied_from != before.occupied_from:
-                self._take_walls(self.guide, now)
+                space = _space(self.grid, self.guide.tour, config)
+                self._go_on(self.guide, self.guide.take_space(space), now)
 
     def take_pose(self, robot: str, pose: Pose, now: Now) -> None:
-        """Takes a pose of any robot, unless it comes late."""
+        """Takes a pose of any robot, unless it comes late, or again.
+
+        Raises:
+            AheadError: Its stamp is ahead of the clock.
+        """
+        self._check_is_past(pose.stamp_ns, now, partial(self._host.pose, robot))
         pose = dataclasses.replace(pose, stamp_ns=now.of_stamp(pose.stamp_ns))
         before = self._poses.get(robot)
         if before is not None and 0 <= before[0].stamp_ns - pose.stamp_ns < RESET_NS:
@@ -175,21 +190,33 @@ class TourControl:
         stamp_ns: int,
         people: Sequence[Person],
         groups: Sequence[Group],
-        robots: Iterable[str],
+        scans: Mapping[str, int],
         now: Now,
     ) -> None:
-        """Takes the people of an interval.
+        """Takes the people of an interval, unless they come late, or again.
 
         Args:
             stamp_ns: Of the people [ns].
             people: Who is followed.
             groups: Their groups.
-            robots: Names of the robots whose scans were used.
+            scans: By robot whose scan was used, its stamp [ns].
             now: When they came.
+
+        Raises:
+            AheadError: The stamp is ahead of the clock.
         """
+        self._check_is_past(stamp_ns, now, self._host.people)
+        before = self._people_before
+        if before is not None:
+            is_same = bool(scans) and scans == before[1]
+            if is_same or 0 <= before[0] - stamp_ns < RESET_NS:
+                topic = self._host.people().topic
+                self._tell_once(f"people on {topic} come late, or again: these count as old")
+                return
+        self._people_before = stamp_ns, dict(scans)
         self._people_came_s = now.steady_s
         self._have_ids = not people or any(person.id for person in people)
-        self._used_ns |= dict.fromkeys(robots, now.ns)
+        self._used_ns |= dict.fromkeys(scans, now.ns)
         guide = self.guide
         if guide is None:
             return
@@ -201,30 +228,84 @@ class TourControl:
         in_time_ns = now.of_stamp(stamp_ns)
         self._go_on(guide, guide.take_people(people, groups, in_time_ns, now.ns), now)
 
-    def take_grid(self, grid: OccupancyGrid, now: Now) -> None:
-        """Takes the map."""
-        before, self.grid = self.grid, grid
-        if self.guide is not None and (before is None or not _are_same(before, grid)):
-            self._take_walls(self.guide, now)
+    def space_by(self, grid: OccupancyGrid) -> tuple[Guide, FreeSpace] | None:
+        """What a map makes of the free floor of the tour under way; another thread may call it.
+
+        Returns:
+            The tour, and its free floor; None: there is none, or the map is the same.
+        """
+        guide, before = self.guide, self.grid
+        if guide is None or (before is not None and _are_same(before, grid)):
+            return None
+        return guide, _space(grid, guide.tour, guide.config)
+
+    def take_grid(
+        self, grid: OccupancyGrid, made: tuple[Guide, FreeSpace] | None, now: Now
+    ) -> None:
+        """Takes the map, with what `space_by` has made of it."""
+        guide, known = self.guide, made is not None and made[0] is self.guide
+        if guide is not None:
+            made = made if known else self.space_by(grid)
+        self.grid = grid
+        if guide is not None and made is not None:
+            self._go_on(guide, guide.take_space(made[1]), now)
 
     def forget(self) -> None:
         """Forgets what has come: the time jumped back, or the node is deactivated."""
         self._poses.clear()
         self._used_ns.clear()
-        self._people_came_s = None
+        self._people_came_s = self._people_before = None
 
     def tick(self, now: Now) -> None:
-        """Drives the robots; to be called at the rate of velocities."""
+        """Halts a tour whose people are outdated, and moves goals; to be called often."""
         guide = self.guide
         if guide is None:
-            self._bases.keep_standing()
             return
         self._go_on(guide, guide.check_age(now.ns), now)
         if now.ns - self._sent_ns >= self._tuning.goals_s * 1e9:
             self._send_goals(guide, now)
-        self._bases.drive(guide.velocities(now.ns))
+
+    def drive(self, clock: Callable[[], Now]) -> None:
+        """Drives the robots; to be called at the rate of velocities.
+
+        Args:
+            clock: Tells the time: velocities that took too long are not sent.
+        """
+        guide = self.guide
+        if guide is None:
+            self._bases.keep_standing()
+            return
+        now = clock()
+        velocities = guide.velocities(now.ns)
+        is_late = clock().steady_s - now.steady_s > self._tuning.late_s
+        self._bases.drive({} if is_late else velocities)
+
+    def _check_is_past(self, stamp_ns: int, now: Now, ends: Callable[[], Ends]) -> None:
+        """Refuses what is of the future.
+
+        Raises:
+            AheadError: It is.
+        """
+        ahead_s, allowed = (stamp_ns - now.stamp_ns) / 1e9, self._tuning.ahead_s
+        if ahead_s > allowed:
+            self._tell_once(f"stamps on {ends().topic} are ahead of the clock: refused")
+            raise AheadError(f"stamp is {ahead_s:.2f} s ahead of the clock; allowed: {allowed:g} s")
+
+    def _tell_once(self, event: str) -> None:
+        if event not in self._told:
+            self._told.add(event)
+            self._host.say(event)
 
     # ---- a tour ----
+
+    def check_is_free(self) -> None:
+        """Checks whether a tour may begin, before it is read.
+
+        Raises:
+            TourError: Another one is under way.
+        """
+        if self.guide is not None:
+            raise TourError(f"the tour {self.guide.tour.name!r} is under way; cancel it first")
 
     def begin(self, tour: Tour, now: Now) -> Guide:
         """Begins a tour.
@@ -232,14 +313,14 @@ class TourControl:
         Raises:
             TourError: Something is wrong with it, or with the team.
         """
-        if self.guide is not None:
-            raise TourError(f"the tour {self.guide.tour.name!r} is under way; cancel it first")
+        self.check_is_free()
         tour = dataclasses.replace(tour, name=tour.name or "tour")
         config = dataclasses.replace(self.config, robots=self._check_team(now))
-        guide = Guide(tour, config, self._space(tour, config), now.ns)
+        guide = Guide(tour, config, _space(self.grid, tour, config), now.ns)
         for robot, (pose, came_ns) in self._poses.items():
             guide.take_pose(robot, pose, came_ns)
         self._bases.begin(config.robots)
+        self._told.clear()
         self.guide = guide
         self._people_ns, self._sent_ns, self._looked_ns = now.stamp_ns, 0, 0
         if self.grid is None:
@@ -269,9 +350,6 @@ class TourControl:
             self._host.say(f"the tour {guide.tour.name} has ended: {message}")
         self._host.ended(message, finished=finished, lost=guidance.lost)
 
-    def _take_walls(self, guide: Guide, now: Now) -> None:
-        self._go_on(guide, guide.take_space(self._space(guide.tour, guide.config)), now)
-
     def _go_on(self, guide: Guide, guidance: Guidance | None, now: Now) -> None:
         """Publishes how a tour goes on, if that has changed, and moves goals; ends one that has."""
         if guidance is None:
@@ -290,12 +368,6 @@ class TourControl:
     def _publish(self, guide: Guide, guidance: Guidance) -> None:
         guidance = dataclasses.replace(guidance, stamp_ns=self._people_ns)
         self._host.publish(guide.tour, guidance, guide.poses())
-
-    def _space(self, tour: Tour, config: GuideConfig) -> FreeSpace:
-        if self.grid is None:
-            return FreeSpace.unbounded()
-        occupied_from = config.safety.occupied_from
-        return FreeSpace(self.grid, occupied_from=occupied_from, around=tour.points)
 
     # ---- the team ----
 
@@ -370,6 +442,12 @@ def second_guide(topic: str, guides: Sequence[str]) -> str:
         "replay of one, is at work: end it, or give it a namespace or a ROS_DOMAIN_ID of its own; "
         "or one was killed in the last 20 s"
     )
+
+
+def _space(grid: OccupancyGrid | None, tour: Tour, config: GuideConfig) -> FreeSpace:
+    if grid is None:
+        return FreeSpace.unbounded()
+    return FreeSpace(grid, occupied_from=config.safety.occupied_from, around=tour.points)
 
 
 def _are_same(one: OccupancyGrid, other: OccupancyGrid) -> bool:

@@ -43,6 +43,7 @@ class Code(str, Enum):
     ALL_REFUSED = "all_refused"
     SOME_REFUSED = "some_refused"
     NO_STAMPS = "no_stamps"
+    STAMPS_AHEAD = "stamps_ahead"
     NO_CALIBRATION = "no_calibration"
     OUTDATED = "outdated"
     # of a robot

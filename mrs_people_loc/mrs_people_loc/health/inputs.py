@@ -12,6 +12,7 @@ _ALL = 3
 #: Codes of refusals that are told apart, by the class of their error.
 _REFUSALS = {
     "StampError": Code.NO_STAMPS,
+    "AheadError": Code.STAMPS_AHEAD,
     "UncalibratedError": Code.NO_CALIBRATION,
     "OutdatedError": Code.OUTDATED,
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -82,9 +83,8 @@ def _persons(persons: Sequence[Message], stamp_ns: int) -> tuple[Person, ...]:
     position, covariance = _planar([one.pose for one in persons], "persons: pose")
     velocity, velocity_covariance = _moving([one.velocity for one in persons])
     ids = [int(one.id) for one in persons]
-    known = [number for number in ids if number]
-    if len(set(known)) < len(known):
-        twice = next(number for number in known if known.count(number) > 1)
+    counts = Counter(number for number in ids if number)
+    for twice in [number for number, count in counts.items() if count > 1]:
         raise PeopleError(f"persons has two people with the id {twice}; wanted: each id once")
     return tuple(
         Person(

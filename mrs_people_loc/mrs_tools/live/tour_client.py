@@ -65,7 +65,9 @@ def guide(
                 "ros2 topic pub --once tour_path nav_msgs/msg/Path"
             )
         if not asked.result().accepted:
-            raise PeopleLocError("guide_node takes no tours: it is not active")
+            raise PeopleLocError(
+                "guide_node takes no tour: it is not active, or others ask too often"
+            )
         return _follow(client, asked.result(), spin, stop)
     finally:
         client.destroy()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +15,9 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from mrs_people_loc.errors import PeopleLocError
 from mrs_ros.managed_node import ManagedNode
+
+#: Of the goals that come within a second so many are answered with a reason; the rest are rejected.
+_ANSWERED, _FLOOD_S = 5, 1.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,7 @@ class TourAction:
         self._cancel = cancel
         self._handle: Any = None
         self._end: End | None = None
+        self._asked_s: deque[float] = deque(maxlen=_ANSWERED)
         self._server = _Server(
             node,
             GuideTour,
@@ -87,8 +93,14 @@ class TourAction:
             self._server.notify_execute(self._handle, self._execute)
 
     def _on_goal(self, _: Any) -> GoalResponse:
-        # A rejection has no message: what is wrong with a goal is in its result.
-        return GoalResponse.ACCEPT if self._node.is_active else GoalResponse.REJECT
+        # A rejection has no message, so that what is wrong with a goal is in its result; but that
+        # costs more than a flood of goals may.
+        asked_s, now_s = self._asked_s, time.monotonic()
+        is_flood = len(asked_s) == asked_s.maxlen and now_s - asked_s[0] < _FLOOD_S
+        if is_flood or not self._node.is_active:
+            return GoalResponse.REJECT
+        asked_s.append(now_s)
+        return GoalResponse.ACCEPT
 
     def _on_accepted(self, handle: Any) -> None:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -27,7 +28,7 @@ _COMMANDS = QoSProfile(depth=1)
 
 
 class Velocities:
-    """Drives robots by `<robot>/cmd_vel`.
+    """Drives robots by `<robot>/cmd_vel`; another thread may `drive` and `keep_standing`.
 
     Args:
         node: The guide's node.
@@ -42,6 +43,8 @@ class Velocities:
         self._publishers: dict[str, Any] = {}
         self._robots: tuple[str, ...] = ()
         self._zeros = 0
+        self._is_driven = False
+        self._lock = threading.Lock()
 
     def publishers_of(self, robot: str) -> int:
         """Number of publishers of its commands here."""
@@ -49,16 +52,22 @@ class Velocities:
 
     def begin(self, robots: Iterable[str]) -> None:
         """Takes the robots of a tour."""
-        self._robots, self._zeros = tuple(robots), 0
-        for robot in set(self._publishers) - set(self._robots):
-            self._node.destroy_lifecycle_publisher(self._publishers.pop(robot))
-        for robot in self._robots:
-            if robot not in self._publishers:
-                topic = f"{robot}/{self.topic}"
-                self._publishers[robot] = self._node.offer(self._type, topic, _COMMANDS)
+        with self._lock:
+            self._robots, self._zeros, self._is_driven = tuple(robots), 0, True
+            for robot in set(self._publishers) - set(self._robots):
+                self._node.destroy_lifecycle_publisher(self._publishers.pop(robot))
+            for robot in self._robots:
+                if robot not in self._publishers:
+                    topic = f"{robot}/{self.topic}"
+                    self._publishers[robot] = self._node.offer(self._type, topic, _COMMANDS)
 
     def drive(self, velocities: Mapping[str, Velocity]) -> None:
-        """Sends velocities; robots without one stand."""
+        """Sends velocities, unless the tour has ended; robots without one stand."""
+        with self._lock:
+            if self._is_driven:
+                self._send(velocities)
+
+    def _send(self, velocities: Mapping[str, Velocity]) -> None:
         for robot in self._robots:
             message = self._message(robot, velocities.get(robot, (0.0, 0.0)))
             self._publishers[robot].publish(message)
@@ -68,14 +77,16 @@ class Velocities:
 
     def stop(self, poses: Mapping[str, Pose]) -> None:
         """Sends zero now; `keep_standing` repeats it for a while."""
-        self.drive({})
-        self._zeros = _ZEROS
+        with self._lock:
+            self._zeros, self._is_driven = _ZEROS, False
+            self._send({})
 
     def keep_standing(self) -> None:
         """Called at the rate of velocities while there is no tour."""
-        if self._zeros:
-            self._zeros -= 1
-            self.drive({})
+        with self._lock:
+            if self._zeros:
+                self._zeros -= 1
+                self._send({})
 
     def finish(self) -> None:
         """Waits until the last velocities have arrived, before the publishers are destroyed."""

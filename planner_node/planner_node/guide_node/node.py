@@ -6,6 +6,7 @@ import contextlib
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -18,7 +19,7 @@ from rclpy.qos import QoSProfile
 from mrs_people_loc import messages
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.config.parameters import check_robots
-from mrs_people_loc.errors import PeopleError, PoseError, TourError
+from mrs_people_loc.errors import AheadError, PeopleError, PoseError, TourError
 from mrs_people_loc.guiding.guidance import Guidance, State
 from mrs_people_loc.guiding.tour import Tour
 from mrs_people_loc.guiding.tour_control import Ends, Now, TourControl
@@ -36,11 +37,16 @@ from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, POSES, STREAM
 from planner_node.guide_node.action import End, TourAction
 from planner_node.guide_node.bases import Goals, Velocities
+from planner_node.guide_node.beat import Beat
 from planner_node.guide_node.outputs import Outputs
 from planner_node.loading import load_scipy
 
 #: Period of velocities [s].
 _PERIOD_S = 0.05
+#: Larger messages are refused unread: about 800 people, a path of 1,000 poses, a map of 200 by 200
+#: m with cells of 5 cm [bytes].
+_MOST_BYTES = {People: 640_000, Path: 128_000, OccupancyGrid: 17_000_000}
+_MOST_BYTES[PoseWithCovarianceStamped] = 4_000
 #: Robots whose poses are heard, at most.
 _MOST_ROBOTS = 16
 #: At the end of the process the result of a tour gets this long to get out [s].
@@ -70,14 +76,19 @@ class GuideNode(ManagedNode):
         self._bases, self._control = bases, TourControl(config, bases, self)
         self._action = TourAction(self, self._begin_goal, self._cancel)
         self.until_cleanup(self._action.destroy)
+        self._failure = ""
+        self._maps = ThreadPoolExecutor(1, "maps")
+        self._map: tuple[OccupancyGrid, Future[Any]] | None = None
+        self.until_cleanup(partial(self._maps.shutdown, wait=False, cancel_futures=True))
 
     def start(self) -> None:
         """Subscribes to people, the map, tours and the robots that are known."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(_PERIOD_S, self._tick, clock=steady)
-        self.listen(People, self.config.people_topic, self._on_people, STREAM)
-        self.listen(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
-        self.listen(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
+        self._beat = Beat(_PERIOD_S, self._drive)
+        self._take(People, self.config.people_topic, self._on_people, STREAM)
+        self._take(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
+        self._take(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
         for robot in self.config.robots:
             self._hear(robot, any_number=False)
 
@@ -88,6 +99,7 @@ class GuideNode(ManagedNode):
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
         self._control.end("guide_node was deactivated", last=True)
+        self._beat.close()
         self.destroy_timer(self._timer)
         self._control.forget()
 
@@ -118,12 +130,15 @@ class GuideNode(ManagedNode):
 
     # ---- inputs ----
 
+    def _take(self, kind: type, topic: str, take: Any, qos: QoSProfile, **how: Any) -> None:
+        self.listen(kind, topic, take, qos, most_bytes=_MOST_BYTES[kind], **how)
+
     def _hear(self, robot: str, *, any_number: bool) -> None:
         topic = f"{robot}/pose"
         heard = sum(name.endswith("/pose") for name in self.inputs)
         if topic not in self.inputs and heard < _MOST_ROBOTS:
             take = partial(self._on_pose, robot)
-            self.listen(PoseWithCovarianceStamped, topic, take, POSES, any_number=any_number)
+            self._take(PoseWithCovarianceStamped, topic, take, POSES, any_number=any_number)
 
     def _on_pose(self, robot: str, message: PoseWithCovarianceStamped) -> None:
         if message.header.frame_id != self.config.map_frame:
@@ -135,6 +150,7 @@ class GuideNode(ManagedNode):
     def _on_people(self, message: People) -> None:
         stamp_ns = messages.read_stamp(message)
         persons, groups = messages.read_people(message, self.config.map_frame)
+        scans = {scan.robot: messages.stamp_ns_of(scan.stamp) for scan in message.scans}
         robots = tuple(scan.robot for scan in message.scans)
         if len(robots) > _MOST_ROBOTS:
             raise PeopleError(f"has scans of {len(robots)} robots; allowed: {_MOST_ROBOTS}")
@@ -142,11 +158,19 @@ class GuideNode(ManagedNode):
         for robot in robots:
             self._hear(robot, any_number=True)
         take = self._control.take_people
-        self._guarded(partial(take, stamp_ns, persons, groups, robots, self._now()))
+        self._guarded(partial(take, stamp_ns, persons, groups, scans, self._now()))
 
     def _on_map(self, message: OccupancyGrid) -> None:
+        """Has the free floor of a map found beside the steps; the newest map counts."""
         grid = messages.read_occupancy_grid(message, self.config.map_frame)
-        self._guarded(partial(self._control.take_grid, grid, self._now()))
+        if self._map is not None:
+            self._map[1].cancel()
+        self._map = grid, self._maps.submit(self._control.space_by, grid)
+
+    def _take_map(self) -> None:
+        if self._map is not None and self._map[1].done():
+            (grid, made), self._map = self._map, None
+            self._control.take_grid(grid, made.result(), self._now())
 
     def _now(self) -> Now:
         """The time; ages are counted by one that nobody sets back, or by `/clock`."""
@@ -158,11 +182,13 @@ class GuideNode(ManagedNode):
         if not message.poses:
             self._cancel()
             return
+        self._control.check_is_free()
         self._begin_tour(messages.read_tour_path(message, self.config.map_frame))
 
     # ---- tours ----
 
     def _begin_goal(self, goal: Any) -> None:
+        self._control.check_is_free()
         self._begin_tour(messages.read_tour_goal(goal, self.config.map_frame))
 
     def _begin_tour(self, tour: Tour) -> None:
@@ -180,14 +206,33 @@ class GuideNode(ManagedNode):
         self._control.end()
 
     def _tick(self) -> None:
-        """Drives the robots."""
-        if self.is_active:  # else the timer had fired before it was destroyed
-            self._guarded(partial(self._control.tick, self._now()))
+        """Goes on with a tour between messages."""
+        if not self.is_active:  # the timer had fired before it was destroyed
+            return
+        self._guarded(self._take_map)
+        self._guarded(partial(self._control.tick, self._now()))
+        if self._failure:
+            failure, self._failure = self._failure, ""
+            self._control.end(failure)
+
+    def _drive(self) -> None:
+        """Drives the robots, in a thread of its own; where that fails, `_tick` ends the tour."""
+        try:
+            self._control.drive(self._now)
+        except Exception as err:
+            self.get_logger().error(traceback.format_exc())
+            self._failure = f"error in guide_node: {err!r}"
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """Works; the tour ends if that fails."""
+        """Works; the tour ends if that fails.
+
+        Raises:
+            AheadError: A message was of the future.
+        """
         try:
             work()
+        except AheadError:
+            raise
         except Exception as err:
             self.get_logger().error(traceback.format_exc())
             self._control.end(f"error in guide_node: {err!r}")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import time
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from core.guiding.test_free_space import grid_of
+from machine import nine_of_ten
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.errors import TourError
 from mrs_people_loc.guiding.free_space import FreeSpace
@@ -87,3 +92,62 @@ def test_robot_with_an_outdated_pose_has_a_post_but_no_goal() -> None:
     assert made.off_posts()["robot_b"] == pytest.approx(
         np.hypot(*(made.guidance.posts["robot_b"].xy - [0.6, 3.0]))
     )
+
+
+def crowd(count: int, seed: int) -> tuple[list[Person], Group]:
+    """People round the start, in one group; with other ids each time."""
+    rng = np.random.default_rng(seed)
+    people = [
+        Person(xy, 0.01 * np.eye(2), 1.7, 0.1, (), 1, id=count * seed + k + 1)
+        for k, xy in enumerate(rng.uniform((0.0, 0.5), (5.0, 5.5), (count, 2)))
+    ]
+    ids = tuple(one.id for one in people)
+    return people, Group(np.array([2.5, 3.0]), 0.01 * np.eye(2), 3.0, 3.0, count, members=ids)
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("same", [True, False])
+def test_no_crowd_delays_a_step(show: Callable[[str], None], same: bool) -> None:
+    made = running()
+    times = iter(range(T0 + 3200 * MS, T0 + 10**12, 200 * MS))
+
+    def took_s() -> float:
+        now = next(times)
+        people, group = crowd(1000, 1 if same else now // MS % 1000)
+        for robot, x in (("robot_a", 4.0), ("robot_b", 0.6)):
+            made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
+        began_s = time.perf_counter()
+        made.take_people(people, [group], now, now)
+        made.velocities(now)
+        return time.perf_counter() - began_s
+
+    took_s()
+    nine_of_ten(took_s, 0.05, "a step with 1000 people", show=show)
+
+
+def test_limits_are_told_once() -> None:
+    made, events = Guide(TOUR, CONFIG, ROOM, T0), []
+    for now in range(T0, T0 + 1000 * MS, 200 * MS):
+        people, group = crowd(100, 1)
+        for robot, x in (("robot_a", 6.0), ("robot_b", 7.0)):
+            made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
+        guidance = made.take_people(people, [group], now, now)
+        assert guidance is not None
+        assert len(guidance.people) in (0, 30)
+        events += [event for event in guidance.events if "100" in event]
+    assert events == [
+        "100 people: each robot keeps clear of the 24 nearest",
+        "the group has 100 people; guides the 30 nearest",
+    ]
+
+
+@pytest.mark.parametrize("space", [ROOM, FreeSpace.unbounded()])
+def test_people_in_another_country_cost_nothing(space: FreeSpace) -> None:
+    made = Guide(TOUR, CONFIG, space, T0)
+    far = [dataclasses.replace(one, position=np.array([2e7, -2e7])) for one in PEOPLE]
+    for now in range(T0, T0 + 4000 * MS, 200 * MS):
+        for robot, x in (("robot_a", 4.0), ("robot_b", 0.6)):
+            made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
+        made.take_people(far, [GROUP], now, now)
+        made.velocities(now)
+    assert made.guidance.reason.startswith("waits for the group: it is 2")

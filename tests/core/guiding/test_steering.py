@@ -109,9 +109,9 @@ def test_clock_that_was_set_back_lets_robots_stand() -> None:
 def test_robot_outside_the_tour_is_forgotten_after_two_minutes() -> None:
     made = steering("robot_a")
     made.take_pose("ghost", Pose(T0, 3.0, 0.0, 0.0), T0)
-    made.step(T0 + 119_000 * MS)
+    made.take_people([], T0 + 119_000 * MS, T0 + 119_000 * MS)
     assert made.avoided == ("ghost",)
-    made.step(T0 + 121_000 * MS)
+    made.take_people([], T0 + 121_000 * MS, T0 + 121_000 * MS)
     assert set(made.poses()) == {"robot_a"}
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from mrs_people_loc.config import GuideConfig, Safety
 from mrs_people_loc.config.guide import Pace
-from mrs_people_loc.errors import TourError
+from mrs_people_loc.errors import AheadError, TourError
 from mrs_people_loc.guiding.guidance import Guidance, State
 from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.tour import Tour, tour_from
@@ -141,7 +141,8 @@ class Stepped:
         group = Group(
             np.mean(places, axis=0), np.zeros((2, 2)), 0.4, 0.4, len(people), id=1, members=members
         )
-        self.control.take_people(stamp_ns, people, [group], robots, self.now)
+        scans = dict.fromkeys(robots, stamp_ns)
+        self.control.take_people(stamp_ns, people, [group], scans, self.now)
 
     def hear(self, *, people: bool = True) -> None:
         """Poses of all robots, and people, of now."""
@@ -150,8 +151,12 @@ class Stepped:
         if people:
             self.hear_people(self.now_ns)
 
+    def take_grid(self, grid: OccupancyGrid) -> None:
+        self.control.take_grid(grid, self.control.space_by(grid), self.now)
+
     def tick(self) -> None:
         self.control.tick(self.now)
+        self.control.drive(lambda: self.now)
 
     def run(self, seconds: float, *, people: bool = True) -> None:
         """Poses and people come five times a second."""
@@ -191,8 +196,9 @@ def map_of(
 def test_before_a_tour_nothing_is_guided() -> None:
     bases = Bases()
     control = TourControl(GuideConfig(), bases, Stepped())
-    control.take_people(0, [], [], [], Now(0, 0, 0.0))
+    control.take_people(0, [], [], {}, Now(0, 0, 0.0))
     control.tick(Now(0, 0, 0.0))
+    control.drive(lambda: Now(0, 0, 0.0))
     assert control.guide is None
     assert (bases.kept, bases.velocities, bases.posts) == (1, {}, {})
 
@@ -264,7 +270,7 @@ def test_tour_that_the_guide_gives_up_is_cancelled_for_its_reason(team: Stepped)
         team.now_s += 0.2
         for robot, place in PLACES.items():
             team.hear_pose(robot, team.now_ns, *place)
-        team.control.take_people(team.now_ns, [], [], tuple(PLACES), team.now)
+        team.control.take_people(team.now_ns, [], [], dict.fromkeys(PLACES, team.now_ns), team.now)
     why = "nobody of the group is left"
     assert (team.said[-1].state, team.said[-1].reason) == (State.CANCELLED, why)
     assert team.said[-1].lost == (1, 2)
@@ -287,6 +293,7 @@ def test_tour_is_refused_where_people_and_the_clock_have_stopped(team: Stepped) 
     team.steady_s += 4.0
     with pytest.raises(TourError, match=r"nothing came on /steps/tracked_people for 4\.\d s"):
         team.begin()
+    team.now_s += 0.2
     team.hear()
     team.begin()
 
@@ -339,28 +346,28 @@ def test_late_pose_is_not_used(team: Stepped) -> None:
 
 
 def test_walls_that_come_on_a_tour_are_avoided(team: Stepped) -> None:
-    team.control.take_grid(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]), team.now)
+    team.take_grid(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]))
     walls = team.guide.space
     assert float(walls.clearance(np.array(PLACES["robot_a"][:2]))) == pytest.approx(1.0, abs=0.1)
-    team.control.take_grid(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]), team.now)
+    team.take_grid(map_of(20.0, 10.0, [(1.0, -5.0, 1.5, 5.0)]))
     assert team.guide.space is walls, "the same map costs nothing"
 
 
 def test_robots_stand_while_a_new_map_has_a_wall_on_the_way(team: Stepped) -> None:
     assert team.drives()
-    team.control.take_grid(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)]), team.now)
+    team.take_grid(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)]))
     team.run(1.0)
     assert not team.drives()
     assert team.is_told(State.HALTED)
     assert team.said[-1].reason.startswith("by the new map the way passes through a wall at (4.")
-    team.control.take_grid(map_of(20.0, 10.0, []), team.now)
+    team.take_grid(map_of(20.0, 10.0, []))
     team.run(1.0)
     assert team.drives()
     assert not team.is_told(State.HALTED)
 
 
 def test_value_from_which_cells_are_walls_takes_effect_on_a_tour(team: Stepped) -> None:
-    team.control.take_grid(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)], value=40), team.now)
+    team.take_grid(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)], value=40))
     assert not team.is_told(State.HALTED)
     team.control.configure(GuideConfig(safety=Safety(occupied_from=30)), team.now)
     assert team.is_told(State.HALTED)
@@ -382,13 +389,47 @@ def test_clock_that_is_set_back_keeps_no_robot_going(team: Stepped, is_steady: b
     assert not team.drives()
 
 
-def test_robot_whose_clock_is_ahead_is_missed_all_the_same(team: Stepped) -> None:
-    team.hear_pose("robot_b", team.now_ns + 20 * 10**9, *PLACES["robot_b"])
+def test_stamps_ahead_of_the_clock_are_refused_and_told_once(team: Stepped) -> None:
     for _ in range(20):
         team.now_s += 0.15
+        with pytest.raises(AheadError, match=r"stamp is 20\.00 s ahead of the clock; allowed: 0.1"):
+            team.hear_pose("robot_b", team.now_ns + 20 * 10**9, *PLACES["robot_b"])
         team.hear_pose("robot_a", team.now_ns, *PLACES["robot_a"])
         team.hear_people(team.now_ns)
     assert list(team.said[-1].faults) == ["robot_b"]
+    told = "stamps on /steps/robot_b/pose are ahead of the clock: refused"
+    assert team.events.count(told) == 1
+    with pytest.raises(AheadError):
+        team.hear_people(team.now_ns + 110_000_000)
+    team.hear_people(team.now_ns + 90_000_000)
+
+
+@pytest.mark.parametrize("again", ["stamp", "scans", "late"])
+def test_people_that_come_again_are_no_news(team: Stepped, again: str) -> None:
+    """The same message; its people under new stamps; one of before."""
+    last_ns = team.now_ns
+    for _ in range(20):
+        team.now_s += 0.05
+        for robot, place in PLACES.items():
+            team.hear_pose(robot, team.now_ns, *place)
+        if again == "scans":
+            scans = dict.fromkeys(PLACES, last_ns)
+            team.control.take_people(team.now_ns, [], [], scans, team.now)
+        else:
+            team.hear_people(last_ns - (again == "late") * 100_000_000)
+        team.tick()
+    assert team.is_told(State.HALTED)
+    assert not team.drives()
+    assert len([event for event in team.events if "come late, or again" in event]) == 1
+
+
+def test_velocities_that_took_too_long_are_not_sent(team: Stepped) -> None:
+    """A stalled machine: what was computed by ages of before says nothing."""
+    for took_s, drives in ((0.04, True), (0.06, False)):
+        team.now_s += 0.05
+        times = iter([0.0, took_s])
+        team.control.drive(lambda t=times: dataclasses.replace(team.now, steady_s=next(t)))  # type: ignore[misc]
+        assert team.drives() == drives
 
 
 def test_robot_whose_base_is_gone_takes_no_part(team: Stepped) -> None:

@@ -152,7 +152,7 @@ def test_missing_guide_is_named_with_what_to_do(monkeypatch: pytest.MonkeyPatch)
 
 def test_inactive_guide_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     client = Client(serves=True, accepts=False)
-    with pytest.raises(PeopleLocError, match="guide_node takes no tours: it is not active"):
+    with pytest.raises(PeopleLocError, match="guide_node takes no tour: it is not active"):
         ask(client, monkeypatch, threading.Event(), lambda: None)
 
 
