@@ -194,6 +194,9 @@ class GuideWorld:
     def refused(self, goal: GuideTour.Goal) -> str:
         """Asks for a tour that is aborted at once; its message."""
         _, future = self.ask(goal)
+        while future is None:  # it was asked too often
+            self.peer.spin(0.2)
+            _, future = self.ask(goal)
         self.peer.until(future.done, "no result")
         assert future.result().status == GoalStatus.STATUS_ABORTED
         assert not future.result().result.finished
