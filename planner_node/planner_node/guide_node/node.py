@@ -161,16 +161,18 @@ class GuideNode(ManagedNode):
         self._guarded(partial(take, stamp_ns, persons, groups, scans, self._now()))
 
     def _on_map(self, message: OccupancyGrid) -> None:
-        """Has the free floor of a map found beside the steps; the newest map counts."""
+        """Has the free floor of a map found beside the steps of a tour; the newest map counts."""
         grid = messages.read_occupancy_grid(message, self.config.map_frame)
         if self._map is not None:
             self._map[1].cancel()
         self._map = grid, self._maps.submit(self._control.space_by, grid)
+        self._take_map()
 
     def _take_map(self) -> None:
-        if self._map is not None and self._map[1].done():
+        if self._map is not None and (self._control.guide is None or self._map[1].done()):
             (grid, made), self._map = self._map, None
-            self._control.take_grid(grid, made.result(), self._now())
+            found = made.result() if made.done() else None
+            self._control.take_grid(grid, found, self._now())
 
     def _now(self) -> Now:
         """The time; ages are counted by one that nobody sets back, or by `/clock`."""
@@ -199,6 +201,7 @@ class GuideNode(ManagedNode):
         """
         if self._is_ending:
             raise TourError("guide_node is ending")
+        self._take_map()
         guide = self._control.begin(tour, self._now())
         self.get_logger().info(f"tour {guide.tour.name!r} with {', '.join(guide.config.robots)}")
 
