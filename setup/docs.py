@@ -67,7 +67,7 @@ API: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "tracks": (
         "Tracks",
         "People and their groups over time.",
-        ("following.tracks", "following.groups", "following.visibility"),
+        ("following.tracks", "following.groups", "team.visibility"),
     ),
     "guiding": (
         "Guiding",

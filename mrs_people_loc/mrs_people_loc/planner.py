@@ -22,7 +22,6 @@ from mrs_people_loc.config import PlannerConfig
 from mrs_people_loc.errors import PoseError, ScanError
 from mrs_people_loc.following.groups import GROUPS_TUNING, Groups, GroupsTuning
 from mrs_people_loc.following.tracks import TRACKS_TUNING, Off, Tracker, TracksTuning, anywhere
-from mrs_people_loc.following.visibility import FieldsOfView
 from mrs_people_loc.people import NOBODY, Group, Person, combine, gather
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.team.fusion import ShortTermMap, allow_for_walking, fuse, place_bodies
@@ -34,6 +33,7 @@ from mrs_people_loc.team.masking import (
     mask,
 )
 from mrs_people_loc.team.poses import Pose, shared_effect
+from mrs_people_loc.team.visibility import FieldsOfView
 from mrs_people_loc.timing import StageTimes
 
 
@@ -189,7 +189,9 @@ class Planner:
         if not self.config.tracking.enabled:
             everybody = gather(persons)
             return persons, (everybody,) if everybody else (), ()
-        self.views.learn(persons, looking)
+        for name, pose in looking.items():
+            places = [person.position for person in persons if name in person.robots]
+            self.views.learn(name, np.reshape(places, (-1, 2)), pose)
         sees = partial(self.views.are_seen, looking=looking, robots=poses, walls=self._walls)
         off_walls: Off = anywhere
         if self._walls is not None:

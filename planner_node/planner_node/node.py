@@ -200,6 +200,7 @@ class PlannerNode(ManagedNode):
             measured = self._relative_poses.step(
                 people_in(closed, persons, self.config), closed.poses_of_scans, closed.quarantined
             )
+            self._quarantine.compare(self._relative_poses.fits, self._now_ns())
             if measured:
                 self._outputs.publish_relative_poses(closed.time_ns, measured, self.config)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -21,6 +22,7 @@ from mrs_people_loc.localization.filter.observations import (
     Placed,
     Reached,
     WallsSeen,
+    pose_from,
 )
 from mrs_people_loc.localization.filter.team_filter import History, TeamFilter
 from mrs_people_loc.localization.filter.team_state import Misfit, Source, TeamState, Trust
@@ -28,7 +30,7 @@ from mrs_people_loc.localization.filter.wall_landmarks import WallLandmarks
 from mrs_people_loc.localization.mailbox import Inbox, Measured, Outbox, RecentSet
 from mrs_people_loc.localization.odometry import DeadReckoning, Odometry, OdometryTrack, Wheels
 from mrs_people_loc.localization.shared import StandingPeople, TeamMeasurement, TeamPose
-from mrs_people_loc.localization.walls import SeenWalls, Walls, moved
+from mrs_people_loc.localization.walls import NOBODY, SeenWalls, Walls, moved
 from mrs_people_loc.team.poses import Pose
 
 
@@ -46,6 +48,9 @@ class LocalizerTuning:
         left_ns: ... and after this time it has left [ns].
         sigmas: Bounds of standard deviations of poses that come [m], [rad].
         misfits: A known wall is named after it was seen elsewhere so often.
+        mate_sigmas: Where a team-mate may be is within so many standard deviations ...
+        mate_speed: ... and what it drives since it was heard [m/s] ...
+        mate_off: ... and this, at most [m].
     """
 
     tick_ns: int = 1_000_000_000
@@ -56,6 +61,9 @@ class LocalizerTuning:
     left_ns: int = 120_000_000_000
     sigmas: tuple[float, float] = (1e-4, 100.0)
     misfits: int = 5
+    mate_sigmas: float = 3.0
+    mate_speed: float = 0.6
+    mate_off: float = 0.5
 
 
 _TUNING = LocalizerTuning()
@@ -307,6 +315,32 @@ class Localizer:
         """
         return self._track.at(stamp_ns)
 
+    def mates_at(self, stamp_ns: int) -> Float:
+        """Where team-mates that are heard are (`walls.NOBODY`) at a time [ns], shape (n, 3).
+
+        None are where there is no odometry near that time.
+        """
+        state, found = self._history.newest, []
+        try:
+            own, _ = state.pose_of(self.robot, self._track.at(stamp_ns))
+        except PoseError:
+            return NOBODY
+        i = state.at(self.robot)
+        for mate in state.odometry:
+            if not self._is_heard(mate, _TUNING.silent_ns):
+                continue
+            last, j = self._mates[mate].track.newest, state.at(mate)
+            assert last is not None
+            place, _ = state.pose_of(mate, last)
+            (x, y, _), by_own, by_mate = pose_from(own, place)
+            columns = np.r_[i : i + 3, j : j + 3]
+            jacobian = np.hstack([by_own, by_mate])[:2]
+            relative = jacobian @ state.covariance[np.ix_(columns, columns)] @ jacobian.T
+            off = _TUNING.mate_sigmas * math.sqrt(np.linalg.eigvalsh(relative)[1])
+            off += _TUNING.mate_speed * abs(stamp_ns - last.stamp_ns) / 1e9
+            found.append((x, y, min(off, _TUNING.mate_off)))
+        return np.array(found).reshape(-1, 3)
+
     def share(self) -> TeamPose:
         """What the team is to hear now.
 
@@ -319,8 +353,15 @@ class Localizer:
         state = self._history.newest
         told = self._outbox.message(self.robot, self._own_pose(newest, state), newest)
         own, doubted = state.trust.get(self.robot), self._doubted(state)
-        lost = own is not None and own.lost
+        lost = (own is not None and own.lost) or self._is_adrift(state)
         return dataclasses.replace(told, lost=lost, doubted=tuple(sorted(doubted)))
+
+    def _is_adrift(self, state: TeamState) -> bool:
+        """Whether the odometry hangs, or did since it was known where the robot is to others."""
+        reckoning, sources = self._reckoning, state.sources
+        fits = (sources.get((self.robot, kind), Source()) for kind in ("relative", "absolute"))
+        told_ns = max(fit.stamp_ns for fit in fits)
+        return reckoning.hangs or (0 < told_ns <= reckoning.hung_ns)
 
     @property
     def state(self) -> LocalizationState:

@@ -221,6 +221,11 @@ class DeadReckoning:
     _counted: tuple[float, float] | None = None
     _last: tuple[Pose, Odometry] | None = None
 
+    @property
+    def hangs(self) -> bool:
+        """Whether the odometry hangs now."""
+        return self.hangs_s > _TUNING.hangs_after_s
+
     def take(self, pose: Pose) -> Odometry:
         """Takes the pose in the odometry's frame.
 
@@ -300,7 +305,7 @@ class DeadReckoning:
         """Whether odometry that hung says now what the robot drove meanwhile; it hangs no more."""
         way = math.hypot(pose.x - before.x, pose.y - before.y)
         seconds = (pose.stamp_ns - before.stamp_ns) / 1e9
-        hung, most = self.hangs_s > _TUNING.hangs_after_s, 2.0 * self._speed * self.hangs_s
+        hung, most = self.hangs, 2.0 * self._speed * self.hangs_s
         self.hangs_s, self._speed = 0.0, way / seconds
         return hung and way < most
 

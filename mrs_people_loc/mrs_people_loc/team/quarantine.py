@@ -1,6 +1,9 @@
 """Quarantine: which robots' scans are not to find people, as their poses are wrong.
 
-A robot is in quarantine while it says that it is lost, and while most of its team doubt its pose.
+A robot is in quarantine while it says that it is lost; while others see nobody where it sees people
+(`localization.people.contradictions`); and while most of its team doubt its pose, unless others see
+people where it does.
+
 A vote is that of another robot that was heard lately and is not lost itself. It counts where fewer
 doubt the voter than the one it doubts: two halves of a team that doubt each other leave each other
 in. At least two votes that count, of more than half of those who could vote, are needed: with two
@@ -9,7 +12,7 @@ robots nobody can tell which one is wrong.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 #: A robot votes for so long after it was heard last [ns].
@@ -42,6 +45,7 @@ class Quarantine:
     def reset(self) -> None:
         """Forgets everything: the time jumped back."""
         self._told: dict[str, _Told] = {}
+        self._fits: tuple[Mapping[str, bool], int] = {}, 0
         self._held: dict[str, str] = {}
         self._against_ns: dict[str, int] = {}
         self._events: list[str] = []
@@ -57,6 +61,11 @@ class Quarantine:
         """
         self.at(now_ns)  # what was told before held until now
         self._told[robot] = _Told(now_ns, lost, frozenset(doubted) - {robot})
+        self.at(now_ns)
+
+    def compare(self, fits: Mapping[str, bool], now_ns: int) -> None:
+        """Takes whose people are where others see some (`RelativePoses.fits`), at a time [ns]."""
+        self._fits = fits, now_ns
         self.at(now_ns)
 
     def at(self, now_ns: int) -> dict[str, str]:
@@ -99,11 +108,17 @@ class Quarantine:
 
     def _against(self, now_ns: int) -> dict[str, str]:
         """Who would go into quarantine now, and why."""
-        found = {name: "it says that it is lost" for name, told in self._told.items() if told.lost}
+        fits, since_ns = self._fits
+        fits = fits if now_ns - since_ns <= HEARD_NS else {}
+        contradicted = (name for name, fit in fits.items() if not fit)
+        found = dict.fromkeys(contradicted, "others see nobody where it sees people")
+        lost = (name for name, told in self._told.items() if told.lost)
+        found |= dict.fromkeys(lost, "it says that it is lost")
         doubts, voters = self.doubts(now_ns), self._voters(now_ns)
         for robot, names in doubts.items():
             votes = [name for name in names if len(doubts.get(name, ())) < len(names)]
             most = len(voters - {robot}) / 2
-            if robot not in found and len(votes) >= _VOTES and len(votes) > most:
+            is_doubted = len(votes) >= _VOTES and len(votes) > most
+            if is_doubted and robot not in found and not fits.get(robot, False):
                 found[robot] = f"{', '.join(votes)} doubt its pose"
         return found

@@ -242,9 +242,9 @@ class LightTour:
         if name in self._localizers:
             localizer = self._localizers[name]
             pose = localizer.take_odometry(pose)
-            odometry = localizer.odometry_at(now_ns)
+            odometry, mates = localizer.odometry_at(now_ns), localizer.mates_at(now_ns)
             place, bodies = wheels.pose, self._bodies(name)
-            for seen in self._ranging[name].by_sonar(place, bodies, odometry):
+            for seen in self._ranging[name].by_sonar(place, bodies, odometry, mates):
                 localizer.take_walls(seen)
         elif wheels.map_from_odom is not None:
             pose = Pose(0, *wheels.map_from_odom) @ pose

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mrs_people_loc.config import WallSensors
 from mrs_people_loc.localization.odometry import Odometry
-from mrs_people_loc.localization.walls import SeenWalls
+from mrs_people_loc.localization.walls import NOBODY, SeenWalls
 from mrs_people_loc.localization.walls.finder import WallFinder
 from mrs_people_loc.localization.walls.ranges import LaserScan, SonarRange
 from mrs_people_loc.scan import Scan
@@ -38,13 +38,20 @@ class RangeSensors:
         self._segments, self._rng = walls.reshape(-1, 4), rng
         self._finder = WallFinder(WallSensors())
 
-    def by_sonar(self, pose: NDArray, bodies: NDArray, odometry: Odometry) -> Iterator[SeenWalls]:
+    def take_people(self, people: Scan) -> None:
+        """Takes the people whom the robot sees; no wall is found in them."""
+        self._finder.take_people(people)
+
+    def by_sonar(
+        self, pose: NDArray, bodies: NDArray, odometry: Odometry, mates: NDArray = NOBODY
+    ) -> Iterator[SeenWalls]:
         """The walls that are found when the sonars fire, now and then.
 
         Args:
             pose: The robot's true x, y [m] and yaw [rad], shape (3,).
             bodies: Where people and other robots are [m], shape (n, 2).
             odometry: Its dead reckoning, at the time of the ranges.
+            mates: Where it believes other robots to be (`Localizer.mates_at`).
         """
         circles = _circles(bodies)
         ranges = sonar_ranges(self._segments, circles, pose.tolist(), self._sonars, self._rng)
@@ -52,29 +59,24 @@ class RangeSensors:
             limits = sonar.field_of_view, sonar.min_range, sonar.max_range
             echo = SonarRange(odometry.stamp_ns, "", *limits, measured)
             mounting = sonar.x, sonar.y, sonar.yaw
-            seen = self._finder.in_range(echo, mounting, lambda _: odometry)
+            seen = self._finder.in_range(echo, mounting, lambda _: odometry, mates)
             if seen is not None:
                 yield seen
 
     def by_laser(
-        self, pose: NDArray, bodies: NDArray, odometry: Odometry, people: Scan
+        self, pose: NDArray, bodies: NDArray, odometry: Odometry, mates: NDArray = NOBODY
     ) -> Iterator[SeenWalls]:
         """The walls that are found in a scan of the laser scanner, if there is one.
 
-        Args:
-            pose: As for `by_sonar`.
-            bodies: Likewise.
-            odometry: Likewise.
-            people: Whom the robot sees.
+        The arguments are those of `by_sonar`.
         """
         if self._laser is None:
             return
         laser = self._laser
-        self._finder.take_people(people)
         ranges = laser_ranges(self._segments, _circles(bodies), pose.tolist(), laser, self._rng)
         scan = LaserScan(odometry.stamp_ns, "", laser.max_range, laser_angles(laser), ranges)
         mounting = laser.x, laser.y, laser.yaw
-        yield self._finder.in_laser(scan, mounting, lambda _: odometry)
+        yield self._finder.in_laser(scan, mounting, lambda _: odometry, mates)
 
 
 def _circles(bodies: NDArray) -> NDArray:

@@ -90,7 +90,7 @@ class TeamRun:
         people: People by the planner with exact poses, with those of the localizers and with
             odometry alone.
         used: By robot, the poses of the localizers that people were placed with.
-        named: What the localizers' states said that is wrong, and when they first did [s].
+        named: What was said to be wrong, and when it first was [s].
         start_ns: Stamp of the beginning [ns].
     """
 
@@ -201,7 +201,7 @@ class LightTeam:
                         self._quarantine.hear(told.robot, told.lost, told.doubted, stamp_of(step))
             self._see_people(step, time)
             if step % _SCORED == 0:
-                for fault in self._faults():
+                for fault in self._faults(stamp_of(step)):
                     named.setdefault(fault, time)
                 for way, poses in self._poses(step, localized).items():
                     people[way].append(self._plan(planner, step, poses))
@@ -225,14 +225,15 @@ class LightTeam:
     def _seen_walls(self, name: str, step: int) -> Iterator[SeenWalls]:
         """What the sonars, the laser scanner and the head of a robot show at a step."""
         pose, bodies = self._tour.robots[name][step], self._bodies[name][step]
-        sensors, odometry = self._ranging[name], self._localizers[name].odometry_at(stamp_of(step))
+        sensors, localizer = self._ranging[name], self._localizers[name]
+        odometry, mates = localizer.odometry_at(stamp_of(step)), localizer.mates_at(stamp_of(step))
+        sensors.take_people(scan_of(name, stamp_of(step), self._people[name][step // _VIEW]))
         sonars = self._trouble.sonars
         if sonars and step % round(1.0 / sonars / STEP_S) == 0:
-            yield from sensors.by_sonar(pose, bodies, odometry)
+            yield from sensors.by_sonar(pose, bodies, odometry, mates)
         if step % _TELL:
             return
-        people = scan_of(name, stamp_of(step), self._people[name][step // _VIEW])
-        yield from sensors.by_laser(pose, bodies, odometry, people)
+        yield from sensors.by_laser(pose, bodies, odometry, mates)
         if self._trouble.stereo and len(walls := self._walls[name][step // _VIEW]):
             yield SeenWalls(stamp_of(step), walls)
 
@@ -242,7 +243,9 @@ class LightTeam:
         heard = [name for name in self.names if not self._is_cut_off(name, time)]
         seen = {name: seen_places(stamp_ns, self._people[name][step // _VIEW]) for name in heard}
         poses = {name: self._localizers[name].pose_at(stamp_ns) for name in heard}
-        for relative in self._relative.step(seen, poses, self._quarantine.at(stamp_ns)):
+        measured = self._relative.step(seen, poses, self._quarantine.at(stamp_ns))
+        self._quarantine.compare(self._relative.fits, stamp_ns)
+        for relative in measured:
             self._underway += [(name, relative) for name in self.names]
 
     def _told(self, localizer: Localizer) -> TeamPose:
@@ -270,8 +273,9 @@ class LightTeam:
         cut = self._trouble.cut_off
         return cut is not None and name == cut[0] and cut[1] <= time < cut[2]
 
-    def _faults(self) -> Iterator[str]:
-        """What the localizers' states say that is wrong; of a robot that lies, those of others."""
+    def _faults(self, stamp_ns: int) -> Iterator[str]:
+        """Who is left out, and what the localizers' states say; of a robot that lies, others'."""
+        yield from (f"{robot} left out" for robot in self._quarantine.at(stamp_ns))
         for name, localizer in self._localizers.items():
             if name == self._trouble.lies:
                 continue

@@ -46,7 +46,7 @@ def time_walls(count: int) -> list[dict[str, Any]]:
     def of_laser(k: int) -> Walls:
         return walls_of_laser(
             scans[k], angles, sigma=_SIGMA, max_range=12.0, mounting=(0.0, 0.0, 0.0),
-            people=people[k],
+            bodies=people[k],
         )  # fmt: skip
 
     return [
@@ -69,10 +69,10 @@ def _timed(sensor: str, find: Callable[[int], Walls], count: int) -> dict[str, A
 
 
 def _in_base_link(pose: Pose) -> Float:
-    """The people, shape (n, 2) [m]."""
+    """The people, as `walls.NOBODY`."""
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     offset = np.array(_PEOPLE) - (pose.x, pose.y)
-    return np.asarray(offset @ np.array([[cos, -sin], [sin, cos]]))
+    return np.column_stack([offset @ np.array([[cos, -sin], [sin, cos]]), np.zeros(len(offset))])
 
 
 def _scan(pose: Pose, angles: Float, seed: int) -> Float:

@@ -446,3 +446,45 @@ def test_robot_that_was_carried_along_a_wall_is_lost_by_the_other_one(is_known):
     assert (trust.times_lost, trust.lost) == (1, False)
     assert trust.lost_ns == S + 5.1 * S  # 2 s after it was carried
     assert localizer.pose_at(stamp_ns).y == pytest.approx(-0.5, abs=0.05)
+
+
+def test_robot_whose_odometry_hangs_says_that_it_is_lost_until_it_is_known_where_it_is():
+    one, other = two((0.0, 2.0, 0.0))
+    for k in range(101):
+        x, stamp_ns = 0.05 * min(k, 40), S + k * S // 10
+        one.take_odometry(Pose(stamp_ns, x, 0.0, 0.0))
+        other.take_odometry(Pose(stamp_ns, 0.0, 2.0, 0.0))
+        hear(one, other)
+        if k == 20:
+            take_each_other((one, other), stamp_ns, (-1.0, 2.0))
+        assert k == 43 or one.share().lost == (k > 43)  # after 0.3 s
+        assert not other.share().lost
+    drive(one, (2.0, 0.0, 0.0), start_ns=12 * S, seconds=1.0)
+    drive(other, (0.0, 2.0, 0.0), 0.0, start_ns=12 * S, seconds=1.0)
+    hear(one, other)
+    assert one.share().lost
+    take_each_other((one, other), 13 * S, (-4.5, 2.0))
+    assert not one.share().lost
+
+
+def take_each_other(localizers, stamp_ns, place):
+    """A relative pose of the second of two robots, measured well."""
+    measured = RelativePose(
+        "a", stamp_ns, "b", stamp_ns, np.array([*place, 0.0]), covariance(0.05, 0.05, 0.02)
+    )
+    for localizer in localizers:
+        localizer.take_relative(measured)
+
+
+def test_team_mates_are_known_where_they_are_in_base_link_while_they_are_heard():
+    one, other = two((0.0, 2.0, 0.0))
+    stand((one, other), 1.0)
+    ((x, y, off),) = one.mates_at(2 * S)
+    assert (x, y) == pytest.approx((0.0, 2.0), abs=0.01)
+    assert 0.1 < off <= 0.5
+    take_each_other((one, other), 2 * S, (0.0, 2.0))
+    ((_, _, surer),) = one.mates_at(2 * S)
+    assert surer < off
+    drive(one, start_ns=2 * S + S // 20, seconds=3.0)
+    assert not len(one.mates_at(5 * S))
+    assert not len(one.mates_at(20 * S))

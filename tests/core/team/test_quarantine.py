@@ -106,6 +106,24 @@ def test_silent_robots_are_not_counted_among_the_others():
     assert list(quarantine.at(HEARD_NS + 1)) == [C]
 
 
+def test_robot_that_sees_people_where_others_see_nobody_is_left_out_while_that_is_known():
+    quarantine = Quarantine()
+    quarantine.compare({A: True, B: False}, 0)
+    assert quarantine.at(HEARD_NS) == {B: "others see nobody where it sees people"}
+    assert quarantine.at(HEARD_NS + BACK_NS) == {}
+    quarantine.compare({A: True, B: False}, 2 * HEARD_NS)
+    quarantine.compare({A: True}, 2 * HEARD_NS + 1)
+    assert quarantine.at(2 * HEARD_NS + BACK_NS) == {}
+
+
+def test_doubts_do_not_count_against_what_others_see_and_loss_does():
+    quarantine = told(doubting(a="c", b="c", c=""))
+    quarantine.compare({A: True, C: True}, BACK_NS)
+    assert quarantine.at(BACK_NS) == {}
+    quarantine.hear(C, True, (), BACK_NS)
+    assert list(quarantine.at(BACK_NS)) == [C]
+
+
 def test_robot_that_nobody_has_heard_may_be_doubted():
     assert list(settled(doubting(a="d", b="d"))) == [D]
 

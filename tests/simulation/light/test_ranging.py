@@ -41,7 +41,8 @@ def test_a_laser_shows_both_walls_at_once_and_none_where_there_is_none():
     (view,) = seen_people(np.zeros(1), pose[None], NOBODY[None], np.random.default_rng(1))
     people = scan_of("robot_a", 10**12, view)
     one = sensors(lasers={"robot_a": Laser()})
-    (seen,) = one.by_laser(pose, NOBODY, odometry, people)
+    one.take_people(people)
+    (seen,) = one.by_laser(pose, NOBODY, odometry)
     assert seen.walls.distance == pytest.approx([1.5, 1.5], abs=0.03)
     assert sorted(seen.walls.bearing) == pytest.approx([-math.pi / 2, math.pi / 2], abs=0.02)
-    assert not [*sensors().by_laser(pose, NOBODY, odometry, people)]
+    assert not [*sensors().by_laser(pose, NOBODY, odometry)]

@@ -46,6 +46,7 @@ from mrs_people_loc.localization.people.alignment import (
     align_anywhere,
     fit,
 )
+from mrs_people_loc.localization.people.contradictions import Contradictions
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.localization.people.sighted_robots import SightedRobots
 from mrs_people_loc.localization.shared import RelativePose, StandingPeople, TeamMeasurement
@@ -307,21 +308,24 @@ class RelativePoses:
 
     Args:
         tuning: Constants.
+
+    Attributes:
+        fits: By robot, where that is known: whether it sees people where another one does, or where
+            others see nobody (`Contradictions`).
     """
 
     def __init__(self, tuning: RelativePosesTuning = RELATIVE_POSES_TUNING) -> None:
         self.tuning = tuning
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets all sightings: the time jumped back."""
         self._robots: dict[str, _Robot] = {}
         self._pairs: dict[tuple[str, str], _Pair] = {}
         self._intervals = 0
         self._sighted = SightedRobots()
-
-    def reset(self) -> None:
-        """Forgets all sightings: the time jumped back."""
-        self._robots.clear()
-        self._pairs.clear()
-        self._intervals = 0
-        self._sighted = SightedRobots()
+        self._contradictions = Contradictions()
+        self.fits: dict[str, bool] = {}
 
     def step(
         self,
@@ -346,6 +350,7 @@ class RelativePoses:
         """
         in_team = {name: pose.relative_to_team() for name, pose in poses.items()}
         sighted = self._sighted.step(seen, in_team)
+        self.fits = self._contradictions.step(seen, in_team)
         for name, people in seen.items():
             self._robots.setdefault(name, _Robot()).take(people, in_team[name], self.tuning)
         self._intervals += 1

@@ -10,7 +10,7 @@ import numpy as np
 from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.config import WallSensors
 from mrs_people_loc.localization.odometry import Odometry, motion
-from mrs_people_loc.localization.walls import SeenWalls
+from mrs_people_loc.localization.walls import NOBODY, SeenWalls
 from mrs_people_loc.localization.walls.laser import unskewed, walls_of_laser
 from mrs_people_loc.localization.walls.people_in_view import people_in
 from mrs_people_loc.localization.walls.ranges import LaserScan, SonarRange
@@ -21,7 +21,6 @@ from mrs_people_loc.sensing.camera import StereoCamera
 
 #: Where a sensor is in base_link: x, y [m], yaw [rad].
 Mounting = tuple[float, float, float]
-_NOBODY: Float = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class WallFinderTuning:
     """Constants of `WallFinder`, chosen by hand.
 
     Attributes:
-        people_ns: The people of a view are left out of laser scans for so long [ns].
+        people_ns: The people of a view are where no wall is for so long [ns].
     """
 
     people_ns: int = 500_000_000
@@ -53,37 +52,46 @@ class WallFinder:
     def clear(self) -> None:
         """Forgets the last echoes and people."""
         self._sonar = SonarWalls()
-        self._people = 0, _NOBODY
+        self._people = 0, NOBODY
 
     def take_people(self, scan: Scan) -> None:
         """Remembers the people of a view, to find no walls in them."""
         self._people = scan.stamp_ns, people_in(scan)
 
-    def in_view(self, disparity: Float32, stamp_ns: int, camera: StereoCamera) -> SeenWalls | None:
+    def _bodies(self, stamp_ns: int, mates: Float) -> Float:
+        """Who may look like a wall at a time: team-mates, and the people of the last view."""
+        seen_ns, people = self._people
+        return mates if abs(stamp_ns - seen_ns) > _TUNING.people_ns else np.vstack([people, mates])
+
+    def in_view(
+        self, disparity: Float32, stamp_ns: int, camera: StereoCamera, mates: Float = NOBODY
+    ) -> SeenWalls | None:
         """The walls in the view whose people were taken last; None: they are not looked for.
 
         Args:
             disparity: The view's [px], shape (height, width).
             stamp_ns: Its stamp [ns].
             camera: The head.
+            mates: Where team-mates are (`NOBODY`); likewise below.
         """
         if not self.config.stereo:
             return None
         if self._stereo is None or self._stereo.camera is not camera:
             self._stereo = StereoWalls(camera)
-        return self._stereo.step(disparity, stamp_ns, self._people[1])
+        return self._stereo.step(disparity, stamp_ns, self._bodies(stamp_ns, mates))
 
     def in_laser(
-        self, scan: LaserScan, mounting: Mounting, odometry_at: Callable[[int], Odometry]
+        self,
+        scan: LaserScan,
+        mounting: Mounting,
+        odometry_at: Callable[[int], Odometry],
+        mates: Float = NOBODY,
     ) -> SeenWalls:
-        """The walls in a scan of a laser scanner, beside the people of the last view.
+        """The walls in a scan of a laser scanner.
 
         Raises:
             PoseError: The scan takes time, and there is no odometry near its beginning or end.
         """
-        stamp_ns, people = self._people
-        if abs(scan.stamp_ns - stamp_ns) > _TUNING.people_ns:
-            people = _NOBODY
         ranges, angles = scan.ranges, scan.angles
         if scan.sweep_s:
             end_ns = scan.stamp_ns + round(1e9 * abs(scan.sweep_s))
@@ -95,16 +103,21 @@ class WallFinder:
             sigma=self.config.laser_sigma,
             max_range=scan.max_range,
             mounting=mounting,
-            people=people,
+            bodies=self._bodies(scan.stamp_ns, mates),
         )
         return SeenWalls(scan.stamp_ns, walls)
 
     def in_range(
-        self, measured: SonarRange, mounting: Mounting, odometry_at: Callable[[int], Odometry]
+        self,
+        measured: SonarRange,
+        mounting: Mounting,
+        odometry_at: Callable[[int], Odometry],
+        mates: Float = NOBODY,
     ) -> SeenWalls | None:
         """The walls in the ranges of sonars so far, now and then.
 
         Raises:
             PoseError: There is no odometry near that time.
         """
-        return self._sonar.take(measured, mounting, odometry_at(measured.stamp_ns))
+        bodies = self._bodies(measured.stamp_ns, mates)
+        return self._sonar.take(measured, mounting, odometry_at(measured.stamp_ns), bodies)

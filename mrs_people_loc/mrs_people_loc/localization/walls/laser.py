@@ -19,7 +19,7 @@ class LaserWallTuning:
 
     Attributes:
         beam: Standard deviation of the direction of a ray [rad].
-        person: Points this near to a person are left out [m].
+        body: Points this near to a person or a team-mate are left out [m].
         min_range: Nearer rays hit the robot itself [m].
         bias: Standard deviation of the error that ranges have in common [m],
         yaw: and of the scanner's mounting [rad].
@@ -28,7 +28,7 @@ class LaserWallTuning:
     """
 
     beam: float = 0.002
-    person: float = 0.45
+    body: float = 0.45
     min_range: float = 0.1
     bias: float = 0.01
     yaw: float = 0.004
@@ -76,7 +76,7 @@ def walls_of_laser(
     sigma: float,
     max_range: float,
     mounting: tuple[float, float, float],
-    people: Float,
+    bodies: Float,
     tuning: LaserWallTuning = LASER_WALL_TUNING,
 ) -> Walls:
     """Walls of one scan, in base_link.
@@ -87,7 +87,7 @@ def walls_of_laser(
         sigma: Standard deviation of a range [m].
         max_range: The scanner's [m].
         mounting: Of the scanner in base_link: x, y [m], yaw [rad].
-        people: Positions of people in base_link [m], shape (m, 2).
+        bodies: Where people and team-mates are (`walls.NOBODY`), shape (m, 3).
         tuning: Constants.
 
     Raises:
@@ -100,7 +100,7 @@ def walls_of_laser(
     hit = (ranges >= tuning.min_range) & (ranges < max_range)  # NaN compares false
     cos, sin = np.cos(angles[hit]), np.sin(angles[hit])
     xy = ranges[hit, np.newaxis] * np.stack([cos, sin], axis=1)
-    kept = ~_near_people(xy, mounting, people, tuning.person)
+    kept = ~_near(xy, mounting, bodies, tuning.body)
     xy, cos, sin = xy[kept], cos[kept], sin[kept]
     along = sigma**2
     across = np.einsum("ij,ij->i", xy, xy) * tuning.beam**2
@@ -116,14 +116,12 @@ def walls_of_laser(
     return moved(walls, *mounting)
 
 
-def _near_people(
-    xy: Float, mounting: tuple[float, float, float], people: Float, radius: float
-) -> Bool:
-    """Which points of the scanner's frame are at people, shape (n,)."""
+def _near(xy: Float, mounting: tuple[float, float, float], bodies: Float, radius: float) -> Bool:
+    """Which points of the scanner's frame may be of bodies, shape (n,)."""
     x, y, yaw = mounting
     points = xy @ rotation_2d(yaw).T + (x, y)
-    apart = np.linalg.norm(points[:, np.newaxis] - people, axis=2)
-    return np.asarray((apart < radius).any(axis=1))
+    apart = np.linalg.norm(points[:, np.newaxis] - bodies[:, :2], axis=2)
+    return np.asarray((apart < radius + bodies[:, 2]).any(axis=1))
 
 
 def _jumps(walls: Walls, free: Float, angles: Float, jump: float) -> Bool:

@@ -16,12 +16,11 @@ def people_in(scan: Scan, *, least_score: float = 0.0) -> Float:
         least_score: Log-odds of a person, at least.
 
     Returns:
-        Places [m], shape (n, 2); none where the scan has no bodies (the paper's method).
+        As `walls.NOBODY`, sure; none where the scan has no bodies (the paper's method).
     """
     cells = scan.cells
     people = (cells.body > 0) & (cells.score >= least_score)
     _, of = np.unique(cells.body[people], return_inverse=True)
     counts = np.bincount(of)
     x, y = (np.bincount(of, weights=axis[people]) for axis in (cells.x, cells.y))
-    middles: Float = np.stack([x, y], axis=1) / counts[:, np.newaxis]
-    return middles
+    return np.stack([x / counts, y / counts, np.zeros(len(counts))], axis=1)

@@ -25,7 +25,7 @@ import numpy as np
 from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.geometry import rotation_2d, wrap_angle, wrap_angles
 from mrs_people_loc.localization.odometry import Odometry
-from mrs_people_loc.localization.walls import SeenWalls, Walls
+from mrs_people_loc.localization.walls import NOBODY, SeenWalls, Walls
 from mrs_people_loc.localization.walls.ranges import SonarRange
 
 
@@ -39,6 +39,8 @@ class SonarTuning:
             hold where messages state no variance.
         least_sigma: A smaller one is not believed [m].
         side_lobes: An echo may come from so far beside the cone [rad].
+        body: An echo that may come from less than this beside the middle of a person or a team-mate
+            is not used [m].
         span_s: Echoes are used together for so long [s] ...
         way: ... and over so much of the way [m].
         period_s: Walls are looked for that often [s].
@@ -70,6 +72,7 @@ class SonarTuning:
     sigma_relative: float = 0.01
     least_sigma: float = 0.001
     side_lobes: float = 0.2
+    body: float = 0.35
     span_s: float = 3.0
     way: float = 1.5
     period_s: float = 0.2
@@ -249,7 +252,11 @@ class SonarWalls:
         self._searched_ns = self._reported_ns = 0
 
     def take(
-        self, measured: SonarRange, mounting: tuple[float, float, float], odometry: Odometry
+        self,
+        measured: SonarRange,
+        mounting: tuple[float, float, float],
+        odometry: Odometry,
+        bodies: Float = NOBODY,
     ) -> SeenWalls | None:
         """Takes a range.
 
@@ -257,6 +264,7 @@ class SonarWalls:
             measured: The range; one without an echo is welcome, too.
             mounting: x, y [m] and yaw [rad] of the sonar in base_link.
             odometry: The robot's dead reckoning at the range's stamp.
+            bodies: Where people and team-mates are then (`walls.NOBODY`), shape (n, 3).
 
         Returns:
             Walls that were found by this range and those before, in base_link at the time of one
@@ -265,7 +273,7 @@ class SonarWalls:
         since_s = (odometry.stamp_ns - self._searched_ns) / 1e9
         if since_s < -self._tuning.span_s:  # time jumped back
             self.reset()
-        if measured.is_echo:
+        if measured.is_echo and not _may_be_of(bodies, measured, mounting, self._tuning):
             self._echoes.append(_echo(measured, mounting, odometry, self._tuning))
         if 0.0 <= since_s < self._tuning.period_s or not self._echoes:
             return None
@@ -384,6 +392,21 @@ def _echo(
         measured.range,
         sigma,
     )
+
+
+def _may_be_of(
+    bodies: Float,
+    measured: SonarRange,
+    mounting: tuple[float, float, float],
+    tuning: SonarTuning,
+) -> bool:
+    """Whether an echo may come from one of some bodies; the arguments are those of `take`."""
+    x, y = (bodies[:, :2] - mounting[:2]).T
+    away, reach = np.hypot(x, y), tuning.body + bodies[:, 2]
+    off_axis = np.abs(wrap_angles(np.arctan2(y, x) - mounting[2]))
+    wide = np.arcsin(np.minimum(reach / np.maximum(away, reach), 1.0))
+    heard = off_axis < 0.5 * measured.field_of_view + tuning.side_lobes + wide
+    return bool((heard & (np.abs(measured.range - away) < reach)).any())
 
 
 def _next_line(window: _Window, free: Bool, tuning: SonarTuning) -> _Line | None:

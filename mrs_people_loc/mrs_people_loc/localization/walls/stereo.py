@@ -67,8 +67,8 @@ class StereoWallTuning:
         max_tilt: It is upright within this angle [rad].
         max_count: So many walls at most,
         max_tries: found in so many tries.
-        person: Half the width of what is left out at a person [m],
-        person_depth: and how far behind them [m].
+        body: Half the width of what is left out at a person or a team-mate [m],
+        body_depth: and how far behind them [m].
         sigma_tilt: Standard deviation of the mounting's pitch and roll [rad],
         sigma_yaw: and of its yaw [rad].
         offset_px: What rectification and matching err by in common, standard deviation [px],
@@ -114,8 +114,8 @@ class StereoWallTuning:
     max_tilt: float = 0.12
     max_count: int = 4
     max_tries: int = 5
-    person: float = 0.4
-    person_depth: float = 0.5
+    body: float = 0.4
+    body_depth: float = 0.5
     sigma_tilt: float = 0.01
     sigma_yaw: float = 0.005
     offset_px: float = 0.06
@@ -226,18 +226,18 @@ class StereoWalls:
         root = rotation @ np.diag(errors) / self._scale
         self._systematic: Float = (root @ root.T)[:2, :2]
 
-    def step(self, disparity: Float32, stamp_ns: int, people: Float) -> SeenWalls:
+    def step(self, disparity: Float32, stamp_ns: int, bodies: Float) -> SeenWalls:
         """The walls of one view.
 
         Args:
             disparity: [px], float32, shape (height, width), NaN where there is none.
             stamp_ns: Of the view [ns].
-            people: Positions of the people in view, in base_link [m], shape (m, 2): what is there
-                is left out.
+            bodies: Where people and team-mates are (`walls.NOBODY`), shape (m, 3): what is there is
+                left out.
         """
         values = disparity[self._every].reshape(-1)[self._usable]
         values = values - np.float32(self.camera.disparity_offset_px + self._tuning.rounded_px)
-        surface = self._surface(values, people)
+        surface = self._surface(values, bodies)
         peaks = self._peaks(surface)
         planes, support = self._lines(peaks)
         left = np.ones(len(surface), dtype=np.bool_)
@@ -257,8 +257,8 @@ class StereoWalls:
                 break
         return SeenWalls(stamp_ns, meeting(walls_of(found, self._lens[0], self._lens[1])))
 
-    def _surface(self, values: Float32, people: Float) -> _Surface:
-        """The pixels within range, over the floor, and not at people."""
+    def _surface(self, values: Float32, bodies: Float) -> _Surface:
+        """The pixels within range, over the floor, and not at bodies."""
         tuning, pixels = self._tuning, self._pixels
         inverse = values / pixels.level
         # Not only what may be on a wall, but also what is behind. NaN compares false.
@@ -266,14 +266,14 @@ class StereoWalls:
         # The height over the lens, times inverse range, so that nothing is divided by zero.
         lowest = np.float32((tuning.lowest - self._lens[2]) / self._scale)
         used &= pixels.slope > lowest * inverse
-        if len(people):
-            off = people - self._lens[:2]
+        if len(bodies):
+            off, may_be_off = bodies[:, :2] - self._lens[:2], bodies[:, 2:].astype(np.float32)
             ranges = np.hypot(off[:, 0], off[:, 1])[:, np.newaxis].astype(np.float32)
-            half = np.arctan2(np.float32(tuning.person), ranges)
+            half = np.arctan2(tuning.body + may_be_off, ranges)
             aside = np.arctan2(off[:, 1], off[:, 0])[:, np.newaxis] - self._ahead
             aside = np.remainder(aside + np.pi, 2.0 * np.pi) - np.pi
             near = np.abs(pixels.bearing - aside.astype(np.float32)) < half
-            near &= inverse > np.float32(self._scale) / (ranges + tuning.person_depth)
+            near &= inverse > np.float32(self._scale) / (ranges + tuning.body_depth + may_be_off)
             used &= ~near.any(axis=0)
         index = np.flatnonzero(used)
         inverse = inverse[index]

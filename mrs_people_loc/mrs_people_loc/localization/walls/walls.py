@@ -8,6 +8,9 @@ import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
 
+#: Where people and team-mates are: x, y in base_link, and how far that may be off [m], (n, 3).
+NOBODY: Float = np.empty((0, 3))
+
 
 @dataclass(frozen=True)
 class Walls(StructOfArrays):

@@ -9,7 +9,7 @@ from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.walls.laser import unskewed, walls_of_laser
 from mrs_people_loc.localization.walls.ranges import LaserScan
 
-NOBODY = np.zeros((0, 2))
+NOBODY = np.zeros((0, 3))
 ROUND = np.linspace(-math.pi, math.pi, 720, endpoint=False)
 AHEAD = np.linspace(-0.8, 0.8, 361)
 
@@ -31,9 +31,9 @@ def scan(segments, angles, pose=(0.0, 0.0, 0.0), nothing=math.inf):
     return np.where(np.isfinite(ranges), ranges, nothing)
 
 
-def find(ranges, angles, *, mounting=(0.0, 0.0, 0.0), people=NOBODY):
+def find(ranges, angles, *, mounting=(0.0, 0.0, 0.0), bodies=NOBODY):
     return walls_of_laser(
-        ranges, angles, sigma=0.01, max_range=12.0, mounting=mounting, people=people
+        ranges, angles, sigma=0.01, max_range=12.0, mounting=mounting, bodies=bodies
     )
 
 
@@ -96,11 +96,13 @@ def test_end_before_the_open():
     assert find(ranges, AHEAD).is_end[0].tolist() == [False, False]
 
 
-def test_people_are_left_out():
-    # A person who looks like a flat board, 0.85 m wide.
+def test_bodies_are_left_out_also_where_they_may_be():
+    # Somebody who looks like a flat board, 0.85 m wide.
     ranges = scan([((1.5, -0.42), (1.5, 0.43))], AHEAD)
     assert len(find(ranges, AHEAD)) == 1
-    assert len(find(ranges, AHEAD, people=np.array([[1.6, 0.0]]))) == 0
+    assert len(find(ranges, AHEAD, bodies=np.array([[1.6, 0.0, 0.0]]))) == 0
+    assert len(find(ranges, AHEAD, bodies=np.array([[2.2, 0.0, 0.0]]))) == 1
+    assert len(find(ranges, AHEAD, bodies=np.array([[2.2, 0.0, 0.5]]))) == 0
 
 
 def test_nothing_in_range():

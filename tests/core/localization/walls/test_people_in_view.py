@@ -27,9 +27,9 @@ def test_middle_of_each_likely_person_is_given():
             (7, 0.0, [(3.0, -1.0), (3.5, -2.0)]),
         )
     )
-    np.testing.assert_allclose(found, [(2.0, 1.25), (3.25, -1.5)])
+    np.testing.assert_allclose(found, [(2.0, 1.25, 0.0), (3.25, -1.5, 0.0)])
 
 
 def test_scans_without_people_have_none():
-    assert people_in(scan()).shape == (0, 2)
-    assert people_in(scan((0, 0.0, [(1.0, 1.0)]), dtype=CELL_DTYPE)).shape == (0, 2)
+    assert people_in(scan()).shape == (0, 3)
+    assert people_in(scan((0, 0.0, [(1.0, 1.0)]), dtype=CELL_DTYPE)).shape == (0, 3)

@@ -8,7 +8,7 @@ import pytest
 
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.odometry import Odometry
-from mrs_people_loc.localization.walls import SeenWalls
+from mrs_people_loc.localization.walls import NOBODY, SeenWalls
 from mrs_people_loc.localization.walls.ranges import SonarRange
 from mrs_people_loc.localization.walls.sonar import SonarWalls
 from mrs_people_sim.scene import Sonar
@@ -242,9 +242,15 @@ def test_reset_and_a_jump_back_of_time_forget_everything() -> None:
 
 
 def tour(
-    segments: np.ndarray, seed: int, people: Callable[[float], np.ndarray] | None = None
+    segments: np.ndarray,
+    seed: int,
+    people: Callable[[float], np.ndarray] | None = None,
+    bodies: np.ndarray = NOBODY,
 ) -> list[tuple[SeenWalls, np.ndarray]]:
-    """30 m along x at 0.8 m/s, a little to the left and right, with ordinary drift."""
+    """30 m along x at 0.8 m/s, a little to the left and right, with ordinary drift.
+
+    `bodies` are known to be at these places in base_link.
+    """
     rng = np.random.default_rng(seed)
     ring = [
         Sonar(x=0.2 * math.cos(a), y=0.2 * math.sin(a), yaw=a) for a in np.arange(8) * math.pi / 4
@@ -272,7 +278,7 @@ def tour(
             measured = SonarRange(
                 stamp_ns, "sonar", sonar.field_of_view, sonar.min_range, sonar.max_range, value
             )
-            seen = finder.take(measured, (sonar.x, sonar.y, sonar.yaw), odometry)
+            seen = finder.take(measured, (sonar.x, sonar.y, sonar.yaw), odometry, bodies)
             if seen is not None:
                 found.append((seen, poses[seen.stamp_ns]))
     return found
@@ -319,6 +325,19 @@ def test_people_who_walk_along_are_rarely_taken_for_walls() -> None:
     hall = np.empty((0, 4))
     wrong = [len(tour(hall, seed, companions(seed))) for seed in range(3)]
     assert sum(wrong) < 0.15 * 3 * 60
+
+
+def test_team_mate_that_drives_beside_is_a_wall_only_where_it_is_not_known() -> None:
+    def mate(time: float) -> np.ndarray:
+        return np.array([[0.8 * time, -1.1, 0.25]])
+
+    hall = np.empty((0, 4))
+    assert len(tour(hall, 1, mate)) > 10
+    assert not tour(hall, 1, mate, np.array([[0.0, -1.1, 0.2]]))
+    # The wall on the other side is seen as before.
+    walls = tour(CORRIDOR, 1, mate, np.array([[0.0, -1.1, 0.2]]))
+    left = [seen for seen, _ in walls if (seen.walls.bearing > 0.0).any()]
+    assert len(left) > 15
 
 
 def test_people_who_walk_along_do_not_hide_the_walls() -> None:

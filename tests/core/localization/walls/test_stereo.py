@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from mrs_people_loc.config import Mounting
 from mrs_people_loc.localization.walls.stereo import StereoWalls
 
-NOBODY = np.zeros((0, 2))
+NOBODY = np.zeros((0, 3))
 #: StereoBM's results are on average so much above the truth [px]; what is drawn here is the truth.
 ROUNDED = 1 / 32
 
@@ -149,7 +149,7 @@ def test_person_before_a_wall_is_left_out(make_head, rectangle):
     wall = board(rectangle, 3.2, 0.1)
     # Nobody else says that the flat figure is a person.
     assert 1.7 in find(head, person, wall, floor(rectangle)).distance.round(2)
-    walls = find(head, person, wall, floor(rectangle), people=np.array([[1.7, 0.0]]))
+    walls = find(head, person, wall, floor(rectangle), people=np.array([[1.7, 0.0, 0.0]]))
     assert (walls.distance > 3.0).all()
 
 
@@ -231,13 +231,13 @@ def test_wall_is_not_turned_towards_what_stands_before_it(make_head, rectangle):
 @given(
     arrays(np.float32, (24, 32), elements=st.floats(-5, 60, width=32) | st.just(np.nan)),
     mountings,
-    st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), max_size=3),
+    st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 2)), max_size=3),
 )
 @settings(max_examples=60)
 def test_whatever_comes_walls_are_sound(make_head, coarse, mounting, people):
     head = make_head(mounting=mounting)
     disparity = np.kron(coarse, np.ones((5, 5), dtype=np.float32))
-    places = np.array(people, dtype=np.float64).reshape(-1, 2)
+    places = np.array(people, dtype=np.float64).reshape(-1, 3)
     walls = StereoWalls(head.camera()).step(disparity, 0, places).walls
     assert len(walls) <= 4
     assert np.isfinite(walls.distance).all()

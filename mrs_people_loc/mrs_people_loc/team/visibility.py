@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int
-from mrs_people_loc.people import Person
 from mrs_people_loc.team.masking import Walls
 from mrs_people_loc.team.occlusion import (
     PERSON_RADIUS,
@@ -37,20 +36,13 @@ class FieldsOfView:
         #: By robot and bearing, the least and the greatest distance of a detection [m].
         self._ranges: dict[str, tuple[Float, Float]] = {}
 
-    def learn(self, found: Sequence[Person], poses: Mapping[str, Pose]) -> None:
-        """Takes the detections of an interval.
-
-        Args:
-            found: The detections, on the map.
-            poses: By robot that looked, its pose.
-        """
-        for name in {name for person in found for name in person.robots}:
-            places = [person.position for person in found if name in person.robots]
-            bearing, away = _seen_from(np.array(places), poses[name])
-            unknown = np.full(_BEARINGS, np.inf), np.zeros(_BEARINGS)
-            least, greatest = self._ranges.setdefault(name, unknown)
-            np.minimum.at(least, bearing, away)
-            np.maximum.at(greatest, bearing, away)
+    def learn(self, robot: str, xy: Float, pose: Pose) -> None:
+        """Takes the people whom a robot has detected, at places on the map [m], shape (n, 2)."""
+        bearing, away = _seen_from(xy, pose)
+        unknown = np.full(_BEARINGS, np.inf), np.zeros(_BEARINGS)
+        least, greatest = self._ranges.setdefault(robot, unknown)
+        np.minimum.at(least, bearing, away)
+        np.maximum.at(greatest, bearing, away)
 
     def are_seen(
         self,

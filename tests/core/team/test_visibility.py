@@ -7,23 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from mrs_people_loc.following.visibility import FieldsOfView
-from mrs_people_loc.people import Person
 from mrs_people_loc.team.masking import OccupancyGrid, Walls
 from mrs_people_loc.team.poses import Pose
+from mrs_people_loc.team.visibility import FieldsOfView
 
 AHEAD = {"a": Pose(0, 0.0, 0.0, 0.0)}
-
-
-def found(x, y, robot="a"):
-    return Person(np.array([x, y]), np.eye(2) * 1e-3, 1.7, 0.1, (robot,), 0, 4.0)
 
 
 @pytest.fixture
 def views():
     """People have been detected straight ahead of the robot, at 1 to 4 m."""
     made = FieldsOfView()
-    made.learn([found(1.0, 0.02), found(4.0, 0.08)], AHEAD)
+    made.learn("a", np.array([[1.0, 0.02], [4.0, 0.08]]), AHEAD["a"])
     return made
 
 
@@ -64,7 +59,7 @@ def test_people_and_robots_hide_people(views):
 def test_another_robot_sees_who_is_hidden_from_the_first(views):
     both = {**AHEAD, "b": Pose(0, 5.0, 0.0, math.pi)}
     assert are_seen(views, [(3.0, 0.05)], people=[(1.5, 0.02)], looking=both) == [False]
-    views.learn([found(2.0, -0.05, "b"), found(4.0, -0.02, "b")], both)
+    views.learn("b", np.array([[2.0, -0.05], [4.0, -0.02]]), both["b"])
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], looking=both) == [True]
     # It has sent no scan in this interval.
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], robots=both) == [False]
