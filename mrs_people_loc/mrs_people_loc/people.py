@@ -37,6 +37,8 @@ class Person:
         velocity_covariance: Of the velocity [m^2/s^2], shape (2, 2); None: unknown.
         age_s: Time since they were first seen [s].
         coasting: Whether they are predicted, not seen.
+        seen_at: Where they were last seen, of those whom nobody has seen for longer than
+            `tracking.in_view_time` [m], shape (2,); None: in view.
     """
 
     position: Float
@@ -52,6 +54,7 @@ class Person:
     velocity_covariance: Float | None = None
     age_s: float = 0.0
     coasting: bool = False
+    seen_at: Float | None = None
 
 
 def persons_of(

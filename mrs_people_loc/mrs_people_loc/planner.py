@@ -61,8 +61,9 @@ class People:
     Attributes:
         stamp_ns: Time of the interval, the stamp of its newest scan [ns].
         poses: By robot, the pose at its scan's stamp (`Pose.stamp_ns`) that was used.
-        persons: The people.
-        groups: Their groups, the largest first; one of all people where they are not followed.
+        persons: The people in view, or out of it for at most `tracking.in_view_time`.
+        groups: The largest first, with members who are hidden; one of all people where they are
+            not followed.
         events: What has happened to the groups, in sentences.
         fused: The short-term map.
         clusters: Measures of its clusters.
@@ -70,6 +71,7 @@ class People:
             more people than were found.
         times_ms: Duration of each stage, by name [ms].
         quarantined: Robots that were left out (`team.quarantine`), sorted: the caller's part.
+        hidden: The others who are followed (`Person.seen_at`).
     """
 
     stamp_ns: int
@@ -82,6 +84,12 @@ class People:
     events: tuple[str, ...] = ()
     times_ms: dict[str, float] = field(default_factory=dict)
     quarantined: tuple[str, ...] = ()
+    hidden: tuple[Person, ...] = ()
+
+    @property
+    def everybody(self) -> tuple[Person, ...]:
+        """Who is in view, and who is hidden, by id."""
+        return tuple(sorted((*self.persons, *self.hidden), key=lambda person: person.id))
 
     @property
     def group(self) -> Group | None:
@@ -174,7 +182,16 @@ class Planner:
         used = {scan.robot: given[scan.robot] for scan in scans}
         persons, groups = _in_map(persons, groups, used)
         return People(
-            time_ns, used, persons, groups, fused, found.clusters, found.too_wide, events, times.ms
+            stamp_ns=time_ns,
+            poses=used,
+            persons=tuple(person for person in persons if person.seen_at is None),
+            groups=groups,
+            fused=fused,
+            clusters=found.clusters,
+            too_wide=found.too_wide,
+            events=events,
+            times_ms=times.ms,
+            hidden=tuple(person for person in persons if person.seen_at is not None),
         )
 
     def _follow(

@@ -32,6 +32,7 @@ from mrs_people_msgs.msg import (
     TourStop,
     Wall,
 )
+from mrs_people_msgs.msg import HiddenPerson as HiddenPersonMessage
 from mrs_people_msgs.msg import People as PeopleMessage
 from mrs_people_msgs.msg import Person as PersonMessage
 from mrs_people_msgs.msg import RelativePose as RelativePoseMessage
@@ -323,6 +324,7 @@ def people(result: People, frame_id: str) -> PeopleMessage:
             for robot, pose in result.poses.items()
         ],
         persons=[_person(person) for person in result.persons],
+        hidden=[_hidden(person) for person in result.hidden],
         groups=[_group(group) for group in result.groups],
         quarantined=list(result.quarantined),
     )
@@ -339,6 +341,13 @@ def _person(person: Person) -> PersonMessage:
         age=_duration(person.age_s),
         coasting=person.coasting,
     )
+
+
+def _hidden(person: Person) -> HiddenPersonMessage:
+    made = HiddenPersonMessage(person=_person(person), last_seen=time(person.stamp_ns))
+    if person.seen_at is not None:
+        made.last_seen_at = floor_pose(person.seen_at).position
+    return made
 
 
 def _group(group: Group) -> GroupMessage:

@@ -69,7 +69,7 @@ class Trails:
     def add(self, result: People) -> None:
         """Takes an interval."""
         now_ns = result.stamp_ns
-        for person in result.persons:
+        for person in result.everybody:
             if person.id:
                 trail = self._trails.setdefault(person.id, deque())
                 if len(trail) > 1 and trail[-1][0] - trail[-2][0] < self.STEP_NS:
@@ -106,7 +106,7 @@ def markers(
         for member in (*group.members, *group.stragglers)
         if member and group.id
     }
-    for index, person in enumerate(result.persons):
+    for index, person in enumerate(result.everybody):
         label = f"{person.id or index + 1}: {person.height:.2f} m"
         if person.id in away_s:
             label += f", {away_s[person.id]:.0f} s behind"

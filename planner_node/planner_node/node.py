@@ -196,7 +196,7 @@ class PlannerNode(ManagedNode):
     def _measure_robots(self, closed: Closed) -> None:
         """Publishes where robots are to each other, by the people whom both see, if any listens."""
         if self._outputs.wants_relative_poses and closed.poses_of_scans:
-            persons = self._result.persons if self._result is not None and closed.scans else ()
+            persons = self._result.everybody if self._result is not None and closed.scans else ()
             measured = self._relative_poses.step(
                 people_in(closed, persons, self.config), closed.poses_of_scans, closed.quarantined
             )
@@ -249,6 +249,7 @@ class PlannerNode(ManagedNode):
             "clusters": len(result.clusters),
             "clusters_too_wide": result.too_wide,
             "coasting": sum(person.coasting for person in result.persons),
+            "hidden": len(result.hidden),
             "groups": len(result.groups),
             "stragglers": sum(len(group.stragglers) for group in result.groups),
             "times_back": self._planner.tracker.jumps_back,

@@ -21,8 +21,8 @@ MAX_IDS = 20_000
 
 
 def estimate_of(people: People) -> Estimate:
-    """The people of an interval, as they are scored."""
-    persons = people.persons
+    """The people of an interval, also who is hidden, as they are scored."""
+    persons = people.everybody
     unknown = np.full(2, np.nan)
     velocities = [unknown if p.velocity is None else p.velocity for p in persons]
     return Estimate(
@@ -34,23 +34,26 @@ def estimate_of(people: People) -> Estimate:
         ids=np.array([p.id for p in persons], dtype=np.int64),
         velocities=np.array(velocities).reshape(-1, 2),
         coasting=np.array([p.coasting for p in persons], dtype=bool),
+        hidden=np.array([p.seen_at is not None for p in persons], dtype=bool),
         stragglers=tuple(sorted({one for group in people.groups for one in group.stragglers})),
     )
 
 
 def read_estimate(message: Any) -> Estimate:
-    """The people of a mrs_people_msgs/People, as they are scored.
+    """The people of a mrs_people_msgs/People, also who is hidden, as they are scored.
 
     Raises:
         ValueError: Two of them have one id, or they are more than are scored.
     """
-    if len(message.persons) > MAX_PEOPLE:
-        raise ValueError(f"has {len(message.persons)} people; allowed: {MAX_PEOPLE}")
+    # Recordings of before there was `hidden` have everybody in `persons`.
+    hidden = [one.person for one in getattr(message, "hidden", ())]
+    persons = [*message.persons, *hidden]
+    if len(persons) > MAX_PEOPLE:
+        raise ValueError(f"has {len(persons)} people; allowed: {MAX_PEOPLE}")
 
     def place(pose: Any) -> tuple[float, float]:
         return pose.pose.position.x, pose.pose.position.y
 
-    persons = message.persons
     poses = [person.pose for person in persons]
     velocities = [person.velocity.twist.linear for person in persons]
     covariances = [np.reshape(pose.covariance, (6, 6))[:2, :2] for pose in poses]
@@ -63,6 +66,7 @@ def read_estimate(message: Any) -> Estimate:
         ids=np.array([person.id for person in persons], dtype=np.int64),
         velocities=np.array([(v.x, v.y) for v in velocities], dtype=np.float64).reshape(-1, 2),
         coasting=np.array([person.coasting for person in persons], dtype=bool),
+        hidden=np.repeat([False, True], [len(message.persons), len(hidden)]),
         stragglers=tuple(sorted({int(i) for group in message.groups for i in group.stragglers})),
     )
 

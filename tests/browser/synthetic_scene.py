@@ -45,6 +45,7 @@ def _person(
         age=20.0 + number,
         seen_s=0.0,
         predicted=False,
+        seen_at=None,
         group=group,
         straggler=False,
         straggling_s=None,
@@ -63,7 +64,7 @@ def people(t: float) -> list[protocol.Person]:
         for number, (x, y) in enumerate(_SECOND, start=7)
     ]
     found.append(_person(12, 3.5, 6.5, None, (0.5, -0.4)))
-    found[3]["predicted"], found[3]["seen_s"] = True, 0.8
+    found[3]["predicted"], found[3]["seen_s"], found[3]["seen_at"] = True, 0.8, [2.1, 3.4]
     found[5]["straggler"], found[5]["straggling_s"] = True, round(12 + t - T0, 1)
     return found
 

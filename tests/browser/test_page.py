@@ -107,8 +107,19 @@ def test_tap_on_a_person_selects_them_in_the_list(server: PageServer, look_at: O
 
     expect(page.get_by_role("button", name="Person 9")).to_have_attribute("aria-pressed", "true")
     expect(page.locator("tr.details")).to_contain_text("1.91 m")
+    expect(page.locator("tr.details")).not_to_contain_text("Last seen at")
     page.mouse.click(*place_of(page, 1, 1))
     expect(page.locator("tr.details")).to_have_count(0)
+
+
+def test_details_of_who_is_hidden_tell_where_they_were_last_seen(
+    server: PageServer, look_at: Open
+) -> None:
+    page = look_at(server)
+
+    page.get_by_role("button", name="Person 4").click()
+
+    expect(page.locator("tr.details")).to_contain_text("Last seen at2.10, 3.40")
 
 
 def test_wheel_zooms_where_the_pointer_is(server: PageServer, look_at: Open) -> None:

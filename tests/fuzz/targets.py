@@ -368,6 +368,10 @@ def _people(stragglers: int = 0, words: str = "") -> bytes:
         "mrs_people_msgs/msg/Person", id=0, pose=_pose(), velocity=_twist(), height=1.7, sigma=0.1,
         robots=["robot_a" + words], age=_make(duration, sec=0, nanosec=0), coasting=False,
     )  # fmt: skip
+    hidden = _make(
+        "mrs_people_msgs/msg/HiddenPerson", person=person, last_seen=_make(time, sec=1, nanosec=2),
+        last_seen_at=person.pose.pose.position,
+    )  # fmt: skip
     group = _make(
         "mrs_people_msgs/msg/Group", id=0, size=1, centre=_pose(), velocity=_twist(), radius=1.0,
         rms_spread=1.0, members=np.zeros(0, np.uint32),
@@ -375,7 +379,7 @@ def _people(stragglers: int = 0, words: str = "") -> bytes:
         straggling_for=[_make(duration, sec=3, nanosec=0)] * stragglers,
     )  # fmt: skip
     reported = _make(
-        PEOPLE, header=_header(), scans=[scan], persons=[person], groups=[group],
+        PEOPLE, header=_header(), scans=[scan], persons=[person], hidden=[hidden], groups=[group],
         quarantined=["robot_b"],
     )  # fmt: skip
     return _encoded(PEOPLE, reported)

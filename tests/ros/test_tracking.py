@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mrs_people_msgs.msg import People
+from mrs_people_msgs.msg import People, Person
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -86,7 +86,12 @@ def poses_arrive(walk: Walk) -> bool:
 
 
 def ids(message: People) -> list[int]:
-    return [person.id for person in message.persons]
+    return [person.id for person in everybody(message)]
+
+
+def everybody(message: People) -> list[Person]:
+    hidden = [one.person for one in message.hidden]
+    return sorted([*message.persons, *hidden], key=lambda person: person.id)
 
 
 def walkers(t: float) -> list[tuple[float, float]]:
@@ -125,9 +130,14 @@ def test_ids_persist_and_velocities_are_those_of_the_walkers(walked: Walk) -> No
 
 def test_hidden_person_coasts(walked: Walk) -> None:
     for k, message in enumerate(walked.heard[:40]):
-        hidden = [p for p in message.persons if p.coasting]
-        assert len(hidden) == (30 <= k < 36)
-        for person in hidden:
+        unseen = [p for p in everybody(message) if p.coasting]
+        assert len(unseen) == (30 <= k < 36)
+        assert len(message.hidden) == (34 <= k < 36)  # last seen at 2.9 s
+        for hidden in message.hidden:
+            since_ns = stamp_of(message) - messages.stamp_ns_of(hidden.last_seen)
+            assert since_ns == (k - 29) * 100_000_000
+            assert math.hypot(hidden.last_seen_at.x - 3.6, hidden.last_seen_at.y - 0.3) < 0.2
+        for person in unseen:
             assert list(person.robots) == []
             at = person.pose.pose.position
             assert math.hypot(at.x - 3.6, at.y - 0.3) < 0.2
@@ -149,8 +159,9 @@ def test_tracks_equal_those_of_a_planner_in_process(walked: Walk) -> None:
         scans = [messages.read_scan(cloud, robot) for robot, cloud in sent.items()]
         poses = messages.read_people_scans(message)
         wanted = planner.step(scans, poses, stamp_of(message))
-        assert ids(message) == [person.id for person in wanted.persons]
-        for got, person in zip(message.persons, wanted.persons, strict=True):
+        assert ids(message) == [person.id for person in wanted.everybody]
+        assert len(message.hidden) == len(wanted.hidden)
+        for got, person in zip(everybody(message), wanted.everybody, strict=True):
             at, to = got.pose.pose.position, got.velocity.twist.linear
             np.testing.assert_allclose((at.x, at.y), person.position, rtol=0, atol=1e-9)
             np.testing.assert_allclose((to.x, to.y), person.velocity, rtol=0, atol=1e-9)

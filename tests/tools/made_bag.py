@@ -109,10 +109,11 @@ class Bag:
         ids: Sequence[int] | None = None,
         velocities: Sequence[tuple[float, float]] | None = None,
         coasting: Sequence[int] = (),
+        hidden: Sequence[int] = (),
         stragglers: Sequence[int] = (),
         topic: str = "/tracked_people",
     ) -> None:
-        """People; `coasting` names ids, `stragglers` those of each group."""
+        """People; `coasting` and `hidden` name ids, `stragglers` those of each group."""
         numbers = ids or [0] * len(people)
         twists = [self.twist(*v) for v in velocities or [(math.nan, math.nan)] * len(people)]
         persons = [
@@ -125,7 +126,7 @@ class Bag:
                 sigma=0.1,
                 robots=["robot_a"],
                 age=self.make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
-                coasting=number in coasting,
+                coasting=number in coasting or number in hidden,
             )
             for number, xy, twist in zip(numbers, people, twists, strict=True)
         ]
@@ -146,6 +147,16 @@ class Bag:
             for size, xy in (centre or {}).items()
         ]
         header = self.header(ms, "map")
+        unseen = [
+            self.make(
+                "mrs_people_msgs/msg/HiddenPerson",
+                person=person,
+                last_seen=header.stamp,
+                last_seen_at=person.pose.pose.position,
+            )
+            for person in persons
+            if person.id in hidden
+        ]
         self.write(
             topic,
             ms,
@@ -153,7 +164,8 @@ class Bag:
                 "mrs_people_msgs/msg/People",
                 header=header,
                 scans=[],
-                persons=persons,
+                persons=[person for person in persons if person.id not in hidden],
+                hidden=unseen,
                 groups=groups,
                 quarantined=[],
             ),

@@ -226,6 +226,11 @@ class Tracking(Section):
     keep_score: float = field(
         -1.0, "a person remains one down to these log-odds", low=-20.0, high=8.0
     )
+    in_view_time: float = field(
+        0.4, "an unobserved person remains among `persons` for this time, and is then among "
+        "`hidden` [s]",
+        low=0.0, high=60.0,
+    )  # fmt: skip
     coast_time: float = field(
         1.0, "the track of an unobserved person is terminated after this time [s]",
         low=0.0, high=60.0,

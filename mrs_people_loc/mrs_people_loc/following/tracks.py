@@ -498,6 +498,7 @@ class Tracker:
         unsure_of = self._published(rows)
         places = tracks.state[rows, :2] - late_s * tracks.state[rows, 2:]
         velocities, unsure = tracks.state[rows, 2:], tracks.covariance[rows, 2:, 2:]
+        hidden = ~tracks.seen & (tracks.unseen_s > self.config.in_view_time)
         persons = []
         for index, row in enumerate(rows.tolist()):
             last: Person = tracks.last[row]
@@ -517,6 +518,7 @@ class Tracker:
                     velocity_covariance=unsure[index],
                     age_s=float(tracks.age_s[row]),
                     coasting=not seen,
+                    seen_at=last.position if hidden[row] else None,
                 )
             )
         return tuple(persons)

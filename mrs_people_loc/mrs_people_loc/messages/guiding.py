@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 
@@ -11,7 +12,7 @@ from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.errors import PeopleError, TourError
 from mrs_people_loc.guiding.tour import Tour, tour_from
 from mrs_people_loc.messages.poses import MAX_COORDINATE_M, MAX_VARIANCE
-from mrs_people_loc.messages.stamps import Message, read_stamp
+from mrs_people_loc.messages.stamps import Message, read_stamp, stamp_ns_of
 from mrs_people_loc.people import Group, Person
 
 #: More people than a planner follows (`tracking.max_tracks`).
@@ -20,6 +21,9 @@ _MAX_PEOPLE = 10_000
 
 def read_people(message: Message, map_frame: str) -> tuple[tuple[Person, ...], tuple[Group, ...]]:
     """Reads the people and groups of a mrs_people_msgs/People.
+
+    People are in the planner's order, by id, those who are hidden with their `seen_at`. Recordings
+    of before there were any have everybody in `persons`.
 
     Args:
         message: The message.
@@ -33,10 +37,19 @@ def read_people(message: Message, map_frame: str) -> tuple[tuple[Person, ...], t
     if frame_id != map_frame:
         raise PeopleError(f"frame_id is {frame_id!r}; wanted: {map_frame!r}")
     stamp_ns = read_stamp(message)
-    for what, some in (("persons", message.persons), ("groups", message.groups)):
+    hidden = getattr(message, "hidden", ())
+    for what, some in (
+        ("persons", message.persons),
+        ("hidden", hidden),
+        ("groups", message.groups),
+    ):
         if len(some) > _MAX_PEOPLE:
             raise PeopleError(f"{what} has {len(some)} entries; allowed: up to {_MAX_PEOPLE}")
-    return _persons(message.persons, stamp_ns), _groups(message.groups)
+    people = _persons([*message.persons, *(one.person for one in hidden)], stamp_ns)
+    shown = len(message.persons)
+    unseen = map(_unseen, people[shown:], hidden)
+    everybody = sorted((*people[:shown], *unseen), key=lambda person: person.id)
+    return tuple(everybody), _groups(message.groups)
 
 
 def read_tour_goal(goal: Message, map_frame: str) -> Tour:
@@ -103,6 +116,18 @@ def _persons(persons: Sequence[Message], stamp_ns: int) -> tuple[Person, ...]:
         )
         for k, one in enumerate(persons)
     )
+
+
+def _unseen(person: Person, message: Message) -> Person:
+    """A person with when and where they were last seen, of a mrs_people_msgs/HiddenPerson."""
+    seen_at = np.array([message.last_seen_at.x, message.last_seen_at.y], np.float64)
+    if not (np.abs(seen_at) <= MAX_COORDINATE_M).all():
+        raise PeopleError(
+            f"hidden: last_seen_at is {seen_at.tolist()}; wanted: finite, within "
+            f"{MAX_COORDINATE_M:g} m"
+        )
+    stamp_ns = min(stamp_ns_of(message.last_seen), person.stamp_ns)
+    return dataclasses.replace(person, stamp_ns=stamp_ns, seen_at=seen_at)
 
 
 def _groups(groups: Sequence[Message]) -> tuple[Group, ...]:

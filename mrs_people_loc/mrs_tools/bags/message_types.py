@@ -22,6 +22,7 @@ OUR_MESSAGES = tuple(
     for n in (
         "People",
         "Person",
+        "HiddenPerson",
         "Group",
         "RobotScan",
         "TeamPose",

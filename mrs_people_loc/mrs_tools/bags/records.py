@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -114,6 +115,7 @@ class Estimate:
         ids: Of the people, int64, shape (n,); 0, and all of them if left out: not tracked.
         velocities: Of the people [m/s], shape (n, 2); NaN, and all of them if left out: unknown.
         coasting: Who of them is predicted, not seen, shape (n,); nobody if left out.
+        hidden: Who of them has not been seen for long (`People.hidden`), likewise.
         stragglers: Ids of people that have fallen behind their groups or left them.
 
     Raises:
@@ -128,6 +130,7 @@ class Estimate:
     ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     velocities: Float = field(default_factory=lambda: np.empty((0, 2)))
     coasting: Bool = field(default_factory=lambda: np.empty(0, dtype=bool))
+    hidden: Bool = field(default_factory=lambda: np.empty(0, dtype=bool))
     stragglers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -136,6 +139,7 @@ class Estimate:
             "ids": np.zeros(count, dtype=np.int64),
             "velocities": np.full((count, 2), np.nan),
             "coasting": np.zeros(count, dtype=bool),
+            "hidden": np.zeros(count, dtype=bool),
         }
         for name, nothing in unsaid.items():
             if not len(getattr(self, name)):
@@ -147,3 +151,12 @@ class Estimate:
         tracked = self.ids[self.ids != 0]
         if len(np.unique(tracked)) < len(tracked):
             raise ValueError(f"an id is there twice: {sorted(tracked.tolist())}")
+
+    def only(self, which: Bool) -> Estimate:
+        """With some of the people, shape (n,)."""
+        rows = ("positions", "covariances", "ids", "velocities", "coasting", "hidden")
+        return dataclasses.replace(self, **{name: getattr(self, name)[which] for name in rows})
+
+    def as_in_view(self) -> Estimate:
+        """With nobody hidden: all of them count as in view."""
+        return dataclasses.replace(self, hidden=np.zeros_like(self.hidden))

@@ -84,7 +84,7 @@ class TeamLocalization:
         """
         if not self._robots or not closed.poses_of_scans:
             return
-        seen = people_in(closed, () if people is None else people.persons, config)
+        seen = people_in(closed, () if people is None else people.everybody, config)
         measured = self._relative.step(seen, closed.poses_of_scans, closed.quarantined)
         self.quarantine.compare(self._relative.fits, closed.time_ns)
         for relative in measured:

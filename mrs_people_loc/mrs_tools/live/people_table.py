@@ -157,7 +157,10 @@ class LivePeople:
         from rich.text import Text  # names from outside are no markup
 
         persons, _ = self._people
-        title = f"{len(persons)} people, {self._rate.text()} Hz"
+        hidden = sum(person.seen_at is not None for person in persons)
+        title = f"{len(persons) - hidden} people, {self._rate.text()} Hz"
+        if hidden:
+            title += f", and {hidden} hidden"
         if self._rate.silent_s > 2.0:
             title += f", silent for {self._rate.silent_s:.0f} s"
         columns = ("id", "x [m]", "y [m]", "speed [m/s]", "height [m]", "age [s]")
@@ -172,10 +175,19 @@ class LivePeople:
                 _speed(person.velocity),
                 f"{person.height:.2f}",
                 f"{person.age_s:.0f}",
-                Text("nobody (coasting)" if person.coasting else plain(", ".join(person.robots))),
+                Text(self._seen_by(person)),
                 style="dim" if person.coasting else None,
             )
         return table
+
+    def _seen_by(self, person: Person) -> str:
+        if not person.coasting:
+            return plain(", ".join(person.robots))
+        if person.seen_at is None:
+            return "nobody (coasting)"
+        unseen_s = (stamp_ns_of(self.message.header.stamp) - person.stamp_ns) / 1e9
+        x, y = person.seen_at
+        return f"nobody for {unseen_s:.1f} s, last at {x:.1f}, {y:.1f}"
 
     def _group_table(self) -> RenderableType:
         columns = ("id", "people", "x [m]", "y [m]", "speed [m/s]", "radius [m]")

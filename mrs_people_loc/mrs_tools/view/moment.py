@@ -43,7 +43,7 @@ class Found:
 
     Attributes:
         stamp_ns: Stamp of the interval [ns].
-        persons: The people.
+        persons: Everybody, also who is hidden.
         groups: Their groups.
         poses: By robot, where it was.
         cells: Their cells; None: they come by themselves.

@@ -95,8 +95,9 @@ class Person(TypedDict):
     """One person.
 
     `id`: 0: not followed. `cov`: of the position, [xx, xy, yy]. `age`: since they were first seen.
-    `seen_s`: since they were last seen. `predicted`: they are not seen just now. `group`: id of
-    their group, null: none. `straggler`: they have fallen behind it, for `straggling_s`.
+    `seen_s`: since they were last seen. `predicted`: they are not seen just now; `seen_at`: where
+    who is hidden was last seen, [x, y]. `group`: id of their group, null: none. `straggler`: they
+    have fallen behind it, for `straggling_s`.
     """
 
     id: int
@@ -109,6 +110,7 @@ class Person(TypedDict):
     age: float
     seen_s: float | None
     predicted: bool
+    seen_at: list[float] | None
     group: int | None
     straggler: bool
     straggling_s: float | None

@@ -119,7 +119,7 @@ class Computed(Results):
         # The last one closes after the bag's end.
         time_ns = min(interval.closed_ns, self._run.end_ns)
         cells = MapCells(people.fused.xy, people.fused.robot.astype(np.uint8))
-        found = Found(people.stamp_ns, people.persons, people.groups, people.poses, cells)
+        found = Found(people.stamp_ns, people.everybody, people.groups, people.poses, cells)
         self.add(time_ns, found)
         self.events += [(time_ns, plain(event)) for event in people.events]
 

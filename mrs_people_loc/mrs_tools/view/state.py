@@ -105,7 +105,7 @@ class TeamState:
 
         Args:
             stamp_ns: Stamp of the interval [ns].
-            persons: The people.
+            persons: Everybody, also who is hidden.
             groups: Their groups.
             poses: By robot, its pose in the common frame.
             now_s: When they come [s].
@@ -118,6 +118,8 @@ class TeamState:
         for person in persons:
             if not person.coasting:
                 self._seen_ns[person.id] = stamp_ns
+            elif person.seen_at is not None:
+                self._seen_ns[person.id] = person.stamp_ns
         ids = {person.id for person in persons}
         self._seen_ns = {one: ns for one, ns in self._seen_ns.items() if one in ids}
         self._people = [self._person(person, groups) for person in persons]
@@ -178,6 +180,7 @@ class TeamState:
             age=round(person.age_s, 1),
             seen_s=None if seen_ns is None else round((self._stamp_ns - seen_ns) / 1e9, 2),
             predicted=person.coasting,
+            seen_at=None if person.seen_at is None else person.seen_at.round(3).tolist(),
             group=own.id if own else None,
             straggler=away_s is not None,
             straggling_s=None if away_s is None else round(away_s, 1),

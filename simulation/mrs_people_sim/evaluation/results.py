@@ -34,6 +34,7 @@ from mrs_people_sim.evaluation.robot_poses import (
 )
 from mrs_people_sim.evaluation.team_poses import PlannerBesideExact, TeamScores, score_team
 from mrs_people_sim.scoring.detections import DetectionScores, score_detections
+from mrs_people_sim.scoring.hidden import GhostScores, score_ghosts, score_hidden
 from mrs_people_sim.scoring.poses import PoseTrack
 from mrs_people_sim.scoring.positions import Frame, percentile, ratio, score, summary
 from mrs_people_sim.scoring.stragglers import StragglerScores, score_centres, score_stragglers
@@ -54,7 +55,9 @@ class Result:
     """What the evaluation of one bag, or of several pooled, gave.
 
     Attributes:
-        frames: One per ground-truth message.
+        frames: One per ground-truth message: the people in view.
+        hidden: Likewise: those whom nobody sees.
+        ghosts: How long those are reported who have left the view.
         detections: What MODA and MODP are made of.
         tracks: What the scores of identities and velocities are made of.
         stragglers: What the scores of stragglers are made of.
@@ -72,6 +75,8 @@ class Result:
     """
 
     frames: list[Frame] = field(default_factory=list)
+    hidden: list[Frame] = field(default_factory=list)
+    ghosts: GhostScores = field(default_factory=GhostScores)
     detections: DetectionScores = field(default_factory=DetectionScores)
     tracks: TrackScores = field(default_factory=TrackScores)
     stragglers: StragglerScores = field(default_factory=StragglerScores)
@@ -95,6 +100,8 @@ class Result:
         total = cls()
         for result in results:
             total.frames += result.frames
+            total.hidden += result.hidden
+            total.ghosts += result.ghosts
             total.detections += result.detections
             total.tracks += result.tracks
             total.stragglers += result.stragglers
@@ -110,12 +117,14 @@ class Result:
     def report(self) -> dict[str, Any]:
         """The figures, as the JSON of `mrs evaluate` has them; what is undefined is None."""
         scores = summary(self.frames)
+        ghosts, of_hidden = self.ghosts.report()
         poses = {"poses": self.team.report()} if self.team else {}
         tour = {"tour": self.tour.report()} if self.tour.tours else {}
         return {
             "frames": scores["frames"],
             "duration_s": self.duration_s,
-            "people": {**scores["people"], **self.detections.report()},
+            "people": {**scores["people"], **self.detections.report(), "ghost_s": ghosts},
+            "people_hidden": {**summary(self.hidden)["people"], "ghost_s": of_hidden},
             "group": scores["group"],
             "tracks": self.tracks.report(),
             "stragglers": self.stragglers.report(),
@@ -227,6 +236,8 @@ def _scored(result: Result, groups: Groups) -> Result:
     if not len(result.truth):
         result.notes.append(f"no {TRUTH_TOPIC}: nothing to compare with")
     frames = score(result.truth, result.estimates)
+    result.hidden = score_hidden(result.truth, result.estimates)
+    result.ghosts = score_ghosts(frames, result.estimates)
     result.detections = score_detections(result.truth, result.estimates)
     result.frames = score_centres(result.truth, frames, result.estimates, config=groups)
     result.tracks = score_tracks(result.truth, result.frames, result.estimates)

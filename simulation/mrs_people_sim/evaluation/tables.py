@@ -25,6 +25,8 @@ def show(results: Mapping[str, Result], console: Console) -> None:
     reports = {name: result.report() for name, result in rows.items()}
     console.print(_people_table(reports))
     console.print(_detections_table(reports))
+    if any(len(result.ghosts.followed_s) for result in rows.values()):
+        console.print(_hidden_table(reports))
     if any(result.tracks.tracks for result in rows.values()):
         console.print(_tracks_table(reports))
     if any(result.stragglers.observed_s for result in rows.values()):
@@ -94,6 +96,26 @@ def _detections_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
             name,
             *(number(people[key], 1, 3) for key in ("moda", "modp")),
             *(str(n) for n in (report["frames"], people["frames_without_false"])),
+        )
+    return table
+
+
+def _hidden_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    table = _table(
+        "hidden people (error in cm; ghosts of who left the view: in view, in all, in s)",
+        "bag|true|hidden|found|recall|prec.|mean|left|view|p95|all|p95",
+    )
+    for name, report in reports.items():
+        people, ghosts = report["people_hidden"], report["people"]["ghost_s"]
+        _add(
+            table,
+            name,
+            *(str(people[key]) for key in ("true", "estimates", "matched")),
+            *(number(people[key], 1, 3) for key in ("recall", "precision")),
+            number(people["error_m"]["mean"], 100, 1),
+            str(ghosts["times"]),
+            *(number(ghosts[key], 1, 2) for key in ("median", "p95")),
+            *(number(people["ghost_s"][key], 1, 2) for key in ("median", "p95")),
         )
     return table
 

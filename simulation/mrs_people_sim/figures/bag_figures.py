@@ -84,7 +84,7 @@ def top_view(
         person=person_of[label],
         robots=people.poses,
         views={name: borders[name] for name in interval.views},
-        people=people.persons,
+        people=people.everybody,
         groups=people.groups,
         truth=true,
         circle_sigmas=run.team.planner.human.circle_sigmas,

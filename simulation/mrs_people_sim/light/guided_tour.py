@@ -213,7 +213,7 @@ class LightTour:
         while self._underway and self._underway[0][0] <= world.time + 1e-9:
             people = self._underway.popleft()[1]
             self._say(
-                self._guide.take_people(people.persons, people.groups, people.stamp_ns, now_ns)
+                self._guide.take_people(people.everybody, people.groups, people.stamp_ns, now_ns)
             )
         self._drive(alive, now_ns)
         world.step()

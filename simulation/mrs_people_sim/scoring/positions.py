@@ -10,6 +10,7 @@ The rules, in one place:
 - Truth without an estimate is missed. Everybody in the truth counts, except people that no robot
   sees: they are not required, and an estimate that fits one of them (and nobody who is required)
   counts neither as found nor as false.
+- Who is hidden (`Estimate.hidden`) is not compared: only the group's centre counts with them.
 - Where the truth has a distance for it (`Truth.ignore_within`), an estimate that fits nobody is
   ignored, too, if somebody who is not required is nearer than that.
 """
@@ -182,11 +183,15 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
     found = estimate.positions
     optional = np.where(required[:, np.newaxis], np.nan, true)
     # First those who have to be found; what is left may still be somebody that no robot sees.
+    shown = np.flatnonzero(~estimate.hidden)
     one, other, errors = match(
-        found, np.where(required[:, np.newaxis], true, np.nan), distance=distance
+        found[shown], np.where(required[:, np.newaxis], true, np.nan), distance=distance
     )
-    left = np.setdiff1d(np.arange(len(found)), one)
-    excused, unasked, _ = match(found[left], optional, distance=distance)
+    one = shown[one]
+    left = np.setdiff1d(shown, one)
+    excused, _, _ = match(found[left], optional, distance=distance)
+    everybody_left = np.setdiff1d(np.arange(len(found)), one)
+    _, unasked, _ = match(found[everybody_left], optional, distance=distance)
     ignored = left[excused]
     false = np.setdiff1d(left, ignored)
     away = np.linalg.norm(found[false][:, np.newaxis] - optional[np.newaxis], axis=2)

@@ -17,6 +17,7 @@ The rules, besides those of `evaluation` and `track_scores`:
 - A flag is false when it is raised for an identity that belongs to nobody; to somebody who has not
   been a member so far; or to a member who, from `AROUND_NS` before to `AROUND_NS` after it, is with
   the group that goes on, held by links of `groups.distance` less `groups.margin`.
+- Identities are those of all who are followed, also of the hidden.
 - It is not false for somebody who was a member and is none any more: they have left. Nor for
   somebody who is not followed any more while no robot sees them: it says that they are missing.
 """
@@ -213,7 +214,8 @@ def score_stragglers(
     person_of: dict[int, int] = {}
     id_of: dict[int, int] = {}
     false = observed = 0
-    followed = follow(frames, estimates, distance=MATCH_DISTANCE)
+    everybody = [estimate.as_in_view() for estimate in estimates]
+    followed = follow(frames, everybody, distance=MATCH_DISTANCE)
     for row, (frame, f) in enumerate(zip(frames, followed, strict=True)):
         if frame.estimate is None:
             continue

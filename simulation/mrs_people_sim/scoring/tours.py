@@ -6,9 +6,9 @@ The rules, in one place:
   ends with the first of `FINISHED` or `CANCELLED` after it, or the last one. Only this time counts.
 - The end of the way is where the leader's last post was. A tour that the guide calls finished is so
   if the true median of all people is within `END_M` of it.
-- A person is seen while `tracked_people` has somebody within `SEEN_M` of them, one to one, by the
-  rules of `scoring.positions`; also those whom no robot can see have to be found. They are detected
-  while somebody is there who is not only predicted.
+- A person is seen while `tracked_people` has somebody, hidden or not, within `SEEN_M` of them, one
+  to one, by the rules of `scoring.positions`; also those whom no robot can see have to be found.
+  They are detected while somebody is there who is not only predicted.
 - A person is lost who is not there at the end, or farther than `LOST_M` from the group's middle,
   the median of all people, or, once the guide calls the tour finished, farther than `LEFT_M` from
   the end of the way. Those whom the guide gave up are counted by themselves.
@@ -221,7 +221,7 @@ def score_tour(record: TourRecord) -> TourScores:
         people=int(there.any(axis=0).sum()),
         lost=int(_lost(truth, end).sum()),
         given_up=len(last.lost),
-        seen=seen_shares(truth, record.estimates),
+        seen=seen_shares(truth, [estimate.as_in_view() for estimate in record.estimates]),
         detected=seen_shares(truth, [_detected(estimate) for estimate in record.estimates]),
         formation_m=_formation_errors(record, begin_ns, end_ns),
     )
@@ -265,10 +265,7 @@ def _of_group(truth: Truth) -> Truth:
 
 def _detected(estimate: Estimate) -> Estimate:
     """Without those who are only predicted."""
-    if not estimate.coasting.any():
-        return estimate
-    keep = ~estimate.coasting
-    return Estimate(estimate.stamp_ns, estimate.positions[keep], estimate.covariances[keep])
+    return estimate.only(~estimate.coasting)
 
 
 def _end_of(record: TourRecord, end_ns: int) -> Float | None:

@@ -159,12 +159,12 @@ def _without(which: Bool, taken: Int) -> Int:
 def _tracked(frame: Frame, estimates: Sequence[Estimate]) -> tuple[NDArray[np.int64], Float, Float]:
     """Ids, positions and velocities of the estimates of a frame that have an id.
 
-    Without those that fit nobody, but are ignored (`Frame.beside`).
+    Without those that are hidden, or fit nobody, but are ignored (`Frame.beside`).
     """
     if frame.estimate is None:
         return np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty((0, 2))
     estimate = estimates[frame.estimate]
-    kept = estimate.ids != 0
+    kept = (estimate.ids != 0) & ~estimate.hidden
     kept[frame.beside] = False
     return estimate.ids[kept], estimate.positions[kept], estimate.velocities[kept]
 

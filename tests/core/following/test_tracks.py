@@ -337,6 +337,17 @@ def test_hidden_member_lasts_for_the_hidden_time(change, sees, hidden_s, lasts):
     assert (2 in ids(out[-1])) == lasts
 
 
+def test_who_has_not_been_seen_for_long_is_hidden_with_where_they_were():
+    follower = tracker(hidden_time=8.0, coast_share=10.0, in_view_time=0.4)
+    out, _ = a_pair_walks(follower, hidden_s=2.0, sees=False)
+    second = [people[1] for people in out[10:]]
+    # Last seen at 3.9 s.
+    assert [one.seen_at is not None for one in second] == [k > 43 for k in range(10, 60)]
+    assert second[-1].seen_at.tolist() == [0.5 * 3.9, 1.0]
+    assert second[-1].stamp_ns == 3900 * MS
+    assert all(people[0].seen_at is None for people in out)
+
+
 def test_hidden_member_is_where_no_robot_looks():
     """They are last seen at y = 1 m. In plain view up to y = 0.9 m, they would be found there."""
     out = {}

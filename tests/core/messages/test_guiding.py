@@ -71,6 +71,31 @@ def test_people_and_groups_are_read():
     assert read_people(people(), "map") == ((), ())
 
 
+def hidden(number: int = 4, x: float = 3.0, **changes: Any) -> SimpleNamespace:
+    values = {
+        "person": person(id=number, coasting=True, robots=[]),
+        "last_seen": SimpleNamespace(sec=11, nanosec=0),
+        "last_seen_at": SimpleNamespace(x=x, y=4.0, z=0.0),
+    }
+    return SimpleNamespace(**values | changes)
+
+
+def test_hidden_people_are_among_the_others_by_their_ids():
+    message = people([person(), person(id=1)], hidden=[hidden(), hidden(0)])
+    nobody, first, unseen, last = read_people(message, "map")[0]
+    assert [one.id for one in (nobody, first, unseen, last)] == [0, 1, 4, 7]
+    assert (first.seen_at, last.seen_at, last.stamp_ns) == (None, None, 12_500_000_000)
+    assert unseen.seen_at is not None
+    assert (unseen.seen_at.tolist(), unseen.stamp_ns) == ([3.0, 4.0], 11_000_000_000)
+    assert unseen.coasting
+
+
+def test_recordings_of_before_there_were_hidden_people_are_read():
+    message = people([person()])
+    assert not hasattr(message, "hidden")
+    assert [one.seen_at for one in read_people(message, "map")[0]] == [None]
+
+
 @pytest.mark.parametrize(
     ("message", "error", "text"),
     [
@@ -87,6 +112,8 @@ def test_people_and_groups_are_read():
             PeopleError,
             "two people with the id 7; wanted",
         ),
+        (people([person()], hidden=[hidden(7)]), PeopleError, "two people with the id 7; wanted"),
+        (people(hidden=[hidden(x=NAN)]), PeopleError, r"last_seen_at is \[nan, 4.0\]; wanted"),
         (people(groups=[group(straggling_for=[])]), PeopleError, "1 stragglers and 0 times"),
         (
             people(header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id="map")),

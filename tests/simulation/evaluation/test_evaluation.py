@@ -172,6 +172,9 @@ def test_more_ids_than_are_scored_are_refused(make_bag, monkeypatch):
 # ------------------------------------------------------------------------------------ recorded
 
 
+NO_GHOSTS = {"times": 0, "median": None, "p95": None}
+
+
 def recorded(bag: Bag) -> None:
     """Two people for 0.4 s at 10 Hz; the second is hidden from all robots in the last frame."""
     for index, ms in enumerate((0, 100, 200, 300, 400)):
@@ -208,6 +211,18 @@ def test_recorded_people_are_scored_unchanged(make_bag, tmp_path):
             "coverage_95": pytest.approx(5 / 6),  # sigma is 0.1; 0.3 is outside
             "moda": pytest.approx(1 - (3 + 1) / 9),
             "modp": pytest.approx(1 - (0.1 + 0 + 0.2 + 0.3 + 0 + 0.02) / 6 / 0.5),
+            "ghost_s": NO_GHOSTS,  # who has no identity is not followed
+        },
+        "people_hidden": {
+            "true": 1,  # in the last frame
+            "estimates": 0,
+            "matched": 0,
+            "recall": 0.0,
+            "precision": None,
+            "frames_without_false": 5,
+            "error_m": {"mean": None, "median": None, "p95": None, "max": None},
+            "coverage_95": None,
+            "ghost_s": NO_GHOSTS,
         },
         # True centres (0.02, 1.5) and (0.12, 1.5); two groups by their sizes: (0.06, 1.7).
         "group": {"centre_error_m": {"mean": pytest.approx(0.1), "p95": pytest.approx(0.19)}},
@@ -246,9 +261,10 @@ def test_identities_are_read_from_recorded_people(make_bag, topic):
         bag.people(0, (1, 2), (3, 4), ids=ids, velocities=velocities, coasting=(9,), topic=topic)
         bag.people(100, (1, 2), topic=topic)
         bag.people(200, topic=topic)
+        bag.people(300, (1, 2), (3, 4), ids=ids, hidden=(7,), topic=topic)
 
     with BagReader(make_bag(fill)) as bag:
-        name, (tracked, found, empty) = read_recorded(bag)
+        name, (tracked, found, empty, half) = read_recorded(bag)
     assert name == topic
     assert tracked.ids.tolist() == [7, 9]
     np.testing.assert_array_equal(tracked.velocities, [(0.5, -1), NOBODY])
@@ -258,6 +274,7 @@ def test_identities_are_read_from_recorded_people(make_bag, topic):
     assert found.velocities.shape == (1, 2)
     assert empty.ids.shape == (0,)
     assert empty.velocities.shape == (0, 2)
+    assert (half.ids.tolist(), half.hidden.tolist()) == ([9, 7], [False, True])
 
 
 def tracked(bag: Bag) -> None:
@@ -307,10 +324,43 @@ def test_identities_are_scored(make_bag, tmp_path):
     total = json.loads(file.read_text())["total"]["tracks"]
     assert total == {**TRACKED, "id_switches": 2, "fragments": 2}
     lines = [line for line in result.output.splitlines() if "tracks (" in line or "total" in line]
-    assert len(lines) == 4  # people, detections, and the title and total of tracks
+    assert len(lines) == 5  # people, detections, hidden, and the title and total of tracks
     # MOTA, IDF1, switches, those a minute, fragments, MOTP, GOSPA, velocity: mean, p95
     figures = ["0.667", "0.778", "2", "66.67", "2", "3.8", "15.7", "12.5", "20.0"]
     assert lines[-1].split()[1:] == figures
+
+
+def with_ghosts(bag: Bag) -> None:
+    """Two people for 2 s at 10 Hz; the second leaves the view after 1 s, and walks on at 1 m/s.
+
+    They are in `persons` for 0.4 s more, and `hidden` at their side for 0.3 s more.
+    """
+    for k in range(20):
+        first, second = (0, 3), (0.1 * k, 0)
+        bag.truth(100 * k, first, second, visible=(9, 9 if k < 10 else 0))
+        places = [first, second] if k < 14 else [first, (0.1 * k, 0.3)] if k < 17 else [first]
+        coasting, hidden = (2,) if 10 <= k < 14 else (), (2,) if k >= 14 else ()
+        ids = (1, 2)[: len(places)]
+        bag.people(100 * k, *places, ids=ids, coasting=coasting, hidden=hidden)
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_people_in_view_and_those_who_are_hidden_are_scored_by_themselves(make_bag, tmp_path):
+    path, file = make_bag(with_ghosts), tmp_path / "figures.json"
+    result = run_mrs("evaluate", path, "--json", file)
+    assert result.exit_code == 0, result.output
+    report = json.loads(file.read_text())
+    people, hidden = report["people"], report["people_hidden"]
+    # Who is reported in view, and whom nobody sees, is ignored.
+    assert (people["true"], people["matched"], people["estimates"]) == (30, 30, 30)
+    assert (hidden["true"], hidden["matched"], hidden["estimates"]) == (10, 3, 3)
+    assert hidden["error_m"]["mean"] == pytest.approx(0.3)
+    assert people["ghost_s"] == {"times": 1, "median": 0.3, "p95": 0.3}
+    assert hidden["ghost_s"] == {"times": 1, "median": 0.6, "p95": 0.6}
+    (line,) = (line for line in result.output.splitlines()[-40:] if " 0.300 " in line)
+    # unseen, hidden, found, recall, precision, mean; left, ghosts in view and at all
+    figures = ["10", "3", "3", "0.300", "1.000", "30.0", "1", "0.30", "0.30", "0.60", "0.60"]
+    assert line.split()[1:] == figures
 
 
 def with_a_straggler(bag: Bag) -> None:
@@ -397,9 +447,9 @@ def test_identities_are_taken_from_the_planner(make_bag):
     one, other = interval.people.persons
     followed = dataclasses.replace(one, id=3, velocity=np.array([1.0, 0.5]), coasting=True)
     tracked = estimate_of(dataclasses.replace(interval.people, persons=(followed, other)))
-    assert tracked.ids.tolist() == [3, 0]
-    np.testing.assert_array_equal(tracked.velocities, [(1.0, 0.5), NOBODY])
-    assert tracked.coasting.tolist() == [True, False]
+    assert tracked.ids.tolist() == [0, 3]  # by id
+    np.testing.assert_array_equal(tracked.velocities, [NOBODY, (1.0, 0.5)])
+    assert tracked.coasting.tolist() == [False, True]
     assert tracked.stragglers == ()
     group = dataclasses.replace(interval.people.groups[0], stragglers={7: 0.5, 3: 12.0})
     parted = dataclasses.replace(interval.people, groups=(group, group))
@@ -998,14 +1048,15 @@ def test_json_of_one_bag_has_all_keys(tmp_path, formation):
     assert result.exit_code == 0, result.output
     figures = json.loads(file.read_text())
     assert list(figures) == [
-        "frames", "duration_s", "people", "group", "tracks", "stragglers", "stages", "timing_ms",
+        "frames", "duration_s", "people", "people_hidden", "group", "tracks", "stragglers",
+        "stages", "timing_ms",
     ]  # fmt: skip
     assert figures["tracks"] == NO_TRACKS
     assert figures["stragglers"] == NO_STRAGGLERS
     assert "MOTA" not in result.output
     assert list(figures["people"]) == [
         "true", "estimates", "matched", "recall", "precision", "frames_without_false", "error_m",
-        "coverage_95", "moda", "modp",
+        "coverage_95", "moda", "modp", "ghost_s",
     ]  # fmt: skip
     assert list(figures["stages"]["robot_a"]) == [
         "valid_pixels", "raw", "cropped", "foreground", "cells", "cropped_kept", "foreground_kept",

@@ -659,6 +659,13 @@ def people():
         header=types["std_msgs/msg/Header"](stamp, "map"),
         scans=[],
         persons=[person(4), person(9)],
+        hidden=[
+            types["mrs_people_msgs/msg/HiddenPerson"](
+                person=person(5),
+                last_seen=types["builtin_interfaces/msg/Time"](6, 9),
+                last_seen_at=types["geometry_msgs/msg/Point"](2.0, 3.0, 0.0),
+            )
+        ],
         groups=[],
         quarantined=["robot_b"],
     )
@@ -670,6 +677,8 @@ def check_people(path):
     assert (topic, at) == ("/tracked_people", START_NS)
     assert read.header.frame_id == "map"
     assert [p.id for p in read.persons] == [4, 9]
+    (hidden,) = read.hidden
+    assert (hidden.person.id, hidden.last_seen.sec, hidden.last_seen_at.y) == (5, 6, 3.0)
     assert read.quarantined == ["robot_b"]
     assert read.persons[1].robots == ["robot_a", "robot_c"]
     assert (read.persons[0].height, read.persons[0].sigma) == (1.75, 0.125)

@@ -51,6 +51,9 @@ COASTS = Person(
     age_s=1.0,
     coasting=True,
 )
+HIDDEN = dataclasses.replace(
+    COASTS, id=4, stamp_ns=3 * SECOND, seen_at=np.array([3.5, 0.25]), position=np.array([4.5, 0.5])
+)
 GROUP = Group(
     centre=np.array([2.0, 1.0]),
     covariance=0.25 * np.eye(2),
@@ -69,7 +72,10 @@ def message_of(*persons: Person, groups: tuple[Group, ...] = ()) -> Any:
     nothing = fuse([], {})
     clusters = measure(nothing, np.empty(0, dtype=np.intp))
     poses = {"robot_a": Pose(5 * SECOND, 1.0, 2.0, math.pi / 2)}
-    return convert.people(People(5 * SECOND, poses, persons, groups, nothing, clusters), "map")
+    shown = tuple(person for person in persons if person.seen_at is None)
+    hidden = tuple(person for person in persons if person.seen_at is not None)
+    people = People(5 * SECOND, poses, shown, groups, nothing, clusters, hidden=hidden)
+    return convert.people(people, "map")
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -82,10 +88,11 @@ def assert_same(one: Any, other: Any) -> None:
 
 
 def test_sent_people_are_read():
-    persons, groups = read_people(message_of(WALKS, COASTS, groups=(GROUP,)), "map")
-    assert len(persons) == 2
+    persons, groups = read_people(message_of(WALKS, COASTS, HIDDEN, groups=(GROUP,)), "map")
+    assert len(persons) == 3
     assert_same(persons[0], WALKS)
-    assert_same(persons[1], COASTS)  # its velocity is not known
+    assert_same(persons[1], HIDDEN)
+    assert_same(persons[2], COASTS)  # its velocity is not known
     assert len(groups) == 1
     assert_same(groups[0], GROUP)
 
@@ -162,8 +169,10 @@ def test_people_and_groups_are_shown(live, monkeypatch):
         ["waiting for people ... (is the planner running?)"],
         ["health: unknown (no node reports on /diagnostics)"],
     ]
-    heard["tracked_people"](message_of(WALKS, COASTS, groups=(GROUP,)))
+    heard["tracked_people"](message_of(WALKS, COASTS, HIDDEN, groups=(GROUP,)))
     rows = shown(table)
+    assert rows[0] == ["2 people, - Hz, and 1 hidden"]
+    assert ["4", "4.50", "0.50", "-", "1.50", "1", "nobody for 2.0 s, last at 3.5, 0.2"] in rows
     assert ["3", "1.25", "-2.50", "1.00", "1.75", "12", "robot_a, robot_b"] in rows
     assert ["8", "4.00", "0.50", "-", "1.50", "1", "nobody (coasting)"] in rows
     assert ["2", "4", "2.00", "1.00", "0.25", "1.50", "3 (4 s), 8 (12 s)"] in rows

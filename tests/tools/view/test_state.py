@@ -59,7 +59,9 @@ def message_of(
 ) -> Any:
     nothing = fuse([], {})
     clusters = measure(nothing, np.empty(0, dtype=np.intp))
-    people = People(stamp_ns, {"robot_a": pose}, persons, groups, nothing, clusters)
+    shown = tuple(person for person in persons if person.seen_at is None)
+    hidden = tuple(person for person in persons if person.seen_at is not None)
+    people = People(stamp_ns, {"robot_a": pose}, shown, groups, nothing, clusters, hidden=hidden)
     return convert.people(people, "map")
 
 
@@ -72,7 +74,7 @@ def test_people_groups_and_robots() -> None:
     assert walks == {
         "id": 3, "x": 1.25, "y": -2.5, "vx": 0.6, "vy": 0.8, "cov": [0.04, 0.01, 0.09],
         "height": 1.75, "age": 12.5, "seen_s": 0.0, "predicted": False,
-        "group": 2, "straggler": True, "straggling_s": 4.2,
+        "seen_at": None, "group": 2, "straggler": True, "straggling_s": 4.2,
     }  # fmt: skip
     assert (new["vx"], new["height"], new["group"], new["straggler"]) == (None, None, 2, False)
     assert state["groups"] == [{"id": 2, "x": 2.0, "y": 1.0, "members": [8], "stragglers": [3]}]
@@ -95,6 +97,15 @@ def test_who_is_predicted_was_last_seen_some_time_ago() -> None:
     team.take_people(message_of(8 * SECOND, hidden), 8.0)
     (person,) = team.state(8.0)["people"]
     assert (person["seen_s"], person["predicted"]) == (2.0, True)
+
+
+def test_who_is_hidden_brings_along_when_and_where_they_were_seen() -> None:
+    team = TeamState()
+    seen_at = np.array([1.0, 2.0])
+    hidden = dataclasses.replace(WALKS, coasting=True, stamp_ns=2 * SECOND, seen_at=seen_at)
+    team.take_people(message_of(5 * SECOND, hidden), 5.0)
+    (person,) = team.state(5.0)["people"]
+    assert (person["seen_s"], person["seen_at"], person["predicted"]) == (3.0, [1.0, 2.0], True)
 
 
 def test_robot_that_says_nothing_is_silent_and_one_with_an_error_is_not_well() -> None:

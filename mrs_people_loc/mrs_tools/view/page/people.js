@@ -100,6 +100,7 @@ function factsOf(person, seen) {
     ["Height", person.height === null ? "–" : `${fixed(person.height, 2)} m`],
     ["Group", person.group === null ? "none" : String(person.group)],
     ["Seen", seen],
+    ...(person.seen_at ? [["Last seen at", person.seen_at.map((metres) => fixed(metres, 2)).join(", ")]] : []),
     ["Known for", duration(person.age)],
   ];
 }
