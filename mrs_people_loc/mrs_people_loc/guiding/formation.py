@@ -77,6 +77,7 @@ class Scenery:
         leader: Name of the robot that leads.
         leader_m: Where on the way its post is [m].
         leader_speed: Its speed on the way there [m/s].
+        leader_left: How far to the left of the way its post is [m].
         robots: Poses of those that take part, by name; the leader, too.
         moving: Whether the group goes on; else the robots turn to it.
         overtakes: Whether the leader has to pass the group first; then it looks where it drives.
@@ -95,6 +96,7 @@ class Scenery:
     now_s: float
     unseen_s: Float | None = None
     overtakes: bool = False
+    leader_left: float = 0.0
 
 
 class FormationPlanner:
@@ -180,7 +182,8 @@ class FormationPlanner:
     # --------------------------------------------------------------------- leader and fetcher ----
 
     def _lead(self, now: Scenery, frame: Frame) -> Post:
-        xy, along = self._way.at(now.leader_m), angle_of(self._way.ahead(now.leader_m))
+        xy = self._way.at(now.leader_m, now.leader_left)
+        along = angle_of(self._way.ahead(now.leader_m))
         if now.overtakes:
             yaw = self._yaw(along, now.leader)
         elif now.moving:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,11 +18,13 @@ from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import GOES_ON, Guidance, Post, State
 from mrs_people_loc.guiding.guided_group import Guest, GuidedGroup
 from mrs_people_loc.guiding.pace import PaceControl
+from mrs_people_loc.guiding.sight import Sights
 from mrs_people_loc.guiding.steering import Steering
-from mrs_people_loc.guiding.tour import Stop, Tour, check_tour
+from mrs_people_loc.guiding.tour import Stop, Tour, check_tour, narrowest
 from mrs_people_loc.guiding.tour_states import PHASES, RUNNING, Cue
 from mrs_people_loc.guiding.tour_team import TourTeam
 from mrs_people_loc.guiding.views import are_in_view
+from mrs_people_loc.guiding.yielding import Yielding, yielding
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.poses import Pose
 
@@ -44,6 +46,11 @@ class GuideTuning:
         in_front: A leader that passes the group is in front of it where it is ahead of the foremost
             by this share of `pace.lead`.
         fetch_s: A person who has been behind for so long is fetched [s].
+        halts_s: A tour is halted once people have been outdated for so long [s]: robots that are
+            driven from here stand as soon as they are outdated.
+        spare: Margins of unsure poses leave so much of the room in the narrowest place of the way
+            [m].
+        near: A robot may stand for somebody who is not of the group and so near to it [m].
         folded: Where places are nearer to each other than this share of the way between them, it
             turns back.
     """
@@ -58,10 +65,15 @@ class GuideTuning:
     nearer: float = 0.2
     in_front: float = 0.5
     fetch_s: float = 2.0
+    halts_s: float = 1.0
+    spare: float = 0.05
+    near: float = 1.5
     folded: float = 0.5
 
 
 GUIDE_TUNING = GuideTuning()
+#: Why a robot in quarantine takes no part.
+_APART = "it is in quarantine: it is lost, or its team doubts its pose"
 
 
 class Guide:
@@ -99,6 +111,8 @@ class Guide:
         self._steering = Steering(config, space, config.robots)
         self._config, self.space, self._tuning = config, space, tuning
         self._team, self._group, self._pace = TourTeam(), GuidedGroup(tour.way), PaceControl()
+        self._sights, self._yields = Sights(), Yielding()
+        self._quarantined: frozenset[str] = frozenset()
         self._formation = FormationPlanner(config, tour.way, space)
         self._events: list[str] = []
         self._phase, self._misfit = State.GATHERING, ""
@@ -107,6 +121,7 @@ class Guide:
         self._nearest_m = math.inf
         self._overtakes = self._tells_many = self._tells_large = False
         self._next = 0
+        self._set_spare()
         self._turn(Cue.BEGINS)
 
     @property
@@ -124,6 +139,11 @@ class Guide:
         config = dataclasses.replace(config, robots=self._steering.robots)
         self._config = self._steering.config = config
         self._formation.configure(config, self.space)
+        self._set_spare()
+
+    def _set_spare(self) -> None:
+        room = narrowest(self.tour, self.space) - self._config.safety.wall_distance
+        self._steering.spare = max(room - self._tuning.spare, 0.0)
 
     @property
     def avoided(self) -> tuple[str, ...]:
@@ -144,6 +164,7 @@ class Guide:
         """
         self.space = self._steering.space = space
         self._formation.configure(self._config, space)
+        self._set_spare()
         before, self._misfit = self._misfit, ""
         try:
             check_tour(self.tour, space, self._config.safety.wall_distance)
@@ -152,7 +173,13 @@ class Guide:
         return self.halt(self._misfit) if self._misfit not in ("", before) else None
 
     def take_people(
-        self, people: Sequence[Person], groups: Sequence[Group], stamp_ns: int, now_ns: int
+        self,
+        people: Sequence[Person],
+        groups: Sequence[Group],
+        stamp_ns: int,
+        now_ns: int,
+        scans: Collection[str] | None = None,
+        quarantined: Collection[str] = (),
     ) -> Guidance | None:
         """Takes the people of an interval.
 
@@ -161,6 +188,8 @@ class Guide:
             groups: Their groups, with ids.
             stamp_ns: Of the people [ns].
             now_ns: Time [ns].
+            scans: Names of the robots whose scans were used; None: of all.
+            quarantined: Names of the robots in quarantine.
 
         Returns:
             How the tour goes on; None: it has ended before, or robots stand for the map.
@@ -171,7 +200,10 @@ class Guide:
         self._tell_limits(len(people))
         if self._misfit:
             return None
-        return self._told(self._step(people, groups, stamp_ns))
+        self._quarantined = frozenset(quarantined)
+        guidance = self._step(people, groups, stamp_ns, scans)
+        self._steering.blind = frozenset(self._team.robots) - self._sights.seeing
+        return self._told(guidance)
 
     def _tell_limits(self, count: int) -> None:
         """Tells once where there are more people than count."""
@@ -195,7 +227,9 @@ class Guide:
         """
         age_s = min(self._steering.people_age_s(now_ns), (now_ns - self._begun_ns) / 1e9)
         timeout = self._config.safety.people_timeout
-        if not self.is_running or age_s < timeout or self.guidance.state == State.HALTED:
+        # Nav2 goes on to its goal until it is moved.
+        longer_s = 0.0 if self._config.drive == "nav2" else self._tuning.halts_s
+        if not self.is_running or age_s < timeout + longer_s or self.guidance.state == State.HALTED:
             return None
         return self.halt(f"no people have come for {age_s:.2f} s; allowed: {timeout:g} s")
 
@@ -264,13 +298,21 @@ class Guide:
 
     # ---- a step ----
 
-    def _step(self, people: Sequence[Person], groups: Sequence[Group], now_ns: int) -> Guidance:
+    def _step(
+        self,
+        people: Sequence[Person],
+        groups: Sequence[Group],
+        now_ns: int,
+        scans: Collection[str] | None,
+    ) -> Guidance:
         """Where the robots are to go, by people of a time [ns]."""
         since_s = (now_ns - (self._now_ns or now_ns)) / 1e9
         dt_s = min(max(since_s, 0.0), self._group.tuning.longest_step_s)
         self._now_ns = now_ns
         posts: dict[str, Post] = {}
-        self._team.take(self._steering.poses(), self._config, now_ns, self.faults)
+        known = {**dict.fromkeys(self._quarantined, _APART), **self.faults}
+        self._team.take(self._steering.poses(), self._config, now_ns, known)
+        self._look(people, scans)
         if not self._team.robots:
             faults = "; ".join(f"{name}: {why}" for name, why in self._team.faults.items())
             self._events += self._team.events
@@ -283,13 +325,38 @@ class Guide:
                 self._gather(people, groups, dt_s)
             else:
                 self._group.leader_m = self._team.leader_m
+                self._yields = yielding(
+                    people, {one.id for one in self._group.guests}, self.tour.way,
+                    self._team.leader_m,
+                )  # fmt: skip
                 self._group.step(people, groups, now_ns / 1e9, self._in_view)
                 self._group.give_up(self._config.pace.patience)
                 self._events += self._group.events
                 self._go_on(dt_s)
             posts = self._posts() if self.state in RUNNING else {}
-        self._team.watch(posts, dt_s)
+        self._team.watch(self._unhindered(posts, people), dt_s)
         return self._guidance(posts)
+
+    def _look(self, people: Sequence[Person], scans: Collection[str] | None) -> None:
+        """Which robots see."""
+        robots = self._team.robots
+        if scans is None:
+            self._sights.seeing = frozenset(robots)
+            return
+        now_s = self._now_ns / 1e9
+        self._sights.step(scans, people, robots, self._config, self.space, now_s)
+        self._events += self._sights.events
+
+    def _unhindered(self, posts: Mapping[str, Post], people: Sequence[Person]) -> dict[str, Post]:
+        """Posts of robots that do not stand for somebody who is not of the group."""
+        guests, robots = {one.id for one in self._group.guests}, self._team.robots
+        others = [person.position for person in people if person.id not in guests]
+        xy = np.array(others).reshape(-1, 2)
+        away = {
+            name: np.hypot(*(xy - (robots[name].x, robots[name].y)).T).min(initial=math.inf)
+            for name in posts
+        }
+        return {name: post for name, post in posts.items() if away[name] > self._tuning.near}
 
     def _guidance(self, posts: Mapping[str, Post]) -> Guidance:
         """What is told of the tour; events once."""
@@ -373,6 +440,8 @@ class Guide:
             self._stay(waits, dt_s)
         elif self._overtakes:
             self._turn(Cue.OVERTAKES)
+        elif not self._yields.share:
+            self._turn(Cue.LETS_PASS)
         elif not waits and to_go <= self._tuning.there:
             self._close_up(dt_s)
         else:
@@ -419,7 +488,10 @@ class Guide:
         leader = self._team.robots[self._team.leader]
         speed = self._pace.step(
             config,
-            highest=min(self.tour.speed or config.speed, self._tuning.brakes * to_go),
+            highest=min(
+                self._yields.share * (self.tour.speed or config.speed),
+                self._tuning.brakes * to_go,
+            ),
             gap=group.gap(self._team.leader_m, np.array([leader.x, leader.y])),
             stretch=group.stretch,
             dt_s=dt_s,
@@ -479,7 +551,8 @@ class Guide:
     def _in_view(self, xy: Float) -> Bool:
         """Where nobody is unnoticed, shape (n,): robots look there, or the floor is not free."""
         people = np.array([one.xy for one in self._group.guided if one.followed]).reshape(-1, 2)
-        in_view = are_in_view(xy, people, self._team.robots, self._config, self.space)
+        robots = {n: pose for n, pose in self._team.robots.items() if n in self._sights.seeing}
+        in_view = are_in_view(xy, people, robots, self._config, self.space)
         return np.asarray(in_view | (self.space.clearance(xy) < 0.0))
 
     def _posts(self) -> dict[str, Post]:
@@ -501,6 +574,7 @@ class Guide:
                 straggler=None if fetched is None else there.index(fetched),
                 leader=team.leader,
                 leader_m=self._post_m,
+                leader_left=-self._right(),
                 leader_speed=speed,
                 robots=team.robots,
                 moving=self._pace.speed > 0.0,
@@ -524,6 +598,12 @@ class Guide:
                 post_m = min(post_m + tuning.ahead, self._stop_m)
             return post_m, speed
         return min(self._post_m, leader_m + tuning.brake_m), self._config.pace.speed
+
+    def _right(self) -> float:
+        """How far to the right of the way the leader goes, where it is free [m]."""
+        right, least = self._yields.right, self._config.safety.wall_distance + self._tuning.spare
+        free = self.space.clearance(self.tour.way.at(self._post_m, -right)) >= least
+        return right if free else 0.0
 
     def _turns_back(self, post_m: float) -> bool:
         """Whether the way turns back on itself between the leader and its next place."""

@@ -14,6 +14,7 @@ from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.guiding.drive import Drive, Situation, Velocity
 from mrs_people_loc.guiding.free_space import FreeSpace
 from mrs_people_loc.guiding.guidance import Post
+from mrs_people_loc.guiding.margins import sigma_of, widened
 from mrs_people_loc.guiding.views import are_in_view
 from mrs_people_loc.neighbours import nearest_to
 from mrs_people_loc.people import Person
@@ -114,6 +115,8 @@ class Steering:
         config: Parameters.
         space: Free floor.
         robots: Names of the robots that are driven.
+        blind: Names of robots that see nothing: no place is seen empty by them.
+        spare: Margins of unsure poses bring robots no farther off walls than this [m].
     """
 
     def __init__(
@@ -125,6 +128,8 @@ class Steering:
     ) -> None:
         self.config, self.space, self._tuning = config, space, tuning
         self.robots = tuple(robots)
+        self.blind: frozenset[str] = frozenset()
+        self.spare = math.inf
         self._drives = {robot: Drive() for robot in self.robots}
         self._heard: dict[str, _Heard] = {}
         self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
@@ -164,7 +169,8 @@ class Steering:
             self._vanished += [_Vanished(xy, stamp_ns) for xy in gone]
         if not self._vanished:
             return
-        robots = {name: h.pose for name, h in self._heard.items() if name in self._drives}
+        looking = self._drives.keys() - self.blind
+        robots = {name: h.pose for name, h in self._heard.items() if name in looking}
         team = places_of(robots.values())
         places = np.array([one.xy for one in self._vanished])
         near = nearest_to(team, places, tuning.most)
@@ -270,7 +276,7 @@ class Steering:
         others = {name: pose for name, pose in poses.items() if name != robot}
         motions = [self._motion(name, pose) for name, pose in others.items()]
         now = Situation(
-            config=self.config,
+            config=self._config_of(pose),
             pose=pose,
             twist=self._velocities[robot],
             post=None if post is None else post[0],
@@ -286,6 +292,10 @@ class Steering:
         )
         return self._drives[robot].step(now)
 
+    def _config_of(self, pose: Pose) -> GuideConfig:
+        """The parameters, wider for a robot whose pose is unsure."""
+        return widened(self.config, sigma_of(pose), self.spare)
+
     def _now(self, robot: str, pose: Pose, now_ns: int) -> Pose:
         """Where a robot is by its last pose and its velocity since."""
         age_s = min(max((now_ns - pose.stamp_ns) / 1e9, 0.0), self.config.safety.pose_timeout)
@@ -296,6 +306,7 @@ class Steering:
             pose.x + v * age_s * math.cos(middle),
             pose.y + v * age_s * math.sin(middle),
             pose.yaw + w * age_s,
+            pose.covariance,
         )
 
     def _motion(self, robot: str, pose: Pose) -> tuple[float, float]:
@@ -305,7 +316,8 @@ class Steering:
 
     def _path(self, robot: str, post: Post) -> Float | None:
         """The way to a post past walls, people and team-mates."""
-        safety, tuning, pose = self.config.safety, self._tuning, self._heard[robot].pose
+        tuning, pose = self._tuning, self._heard[robot].pose
+        safety = self._config_of(pose).safety
         mates = places_of(h.pose for name, h in self._heard.items() if name != robot)
         here = np.array([[pose.x, pose.y]])
         people = self._seen.xy[nearest_to(here, self._seen.xy, tuning.most)]

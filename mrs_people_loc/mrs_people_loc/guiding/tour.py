@@ -185,6 +185,12 @@ def check_tour(tour: Tour, space: FreeSpace, radius: float) -> None:
     )
 
 
+def narrowest(tour: Tour, space: FreeSpace) -> float:
+    """The least distance of a tour's way from walls and furniture [m]."""
+    along = np.arange(0.0, tour.way.length, LIMITS.step)
+    return float(space.clearance(tour.way.at(along)).min())
+
+
 def _stops(way: Way, stops: Iterable[tuple[str, ArrayLike, float]]) -> tuple[Stop, ...]:
     """Stops at the nearest place of the way that is not before the former stop."""
     along = np.append(np.arange(0.0, way.length, LIMITS.step), way.length)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -192,6 +192,7 @@ class TourControl:
         groups: Sequence[Group],
         scans: Mapping[str, int],
         now: Now,
+        quarantined: Collection[str] = (),
     ) -> None:
         """Takes the people of an interval, unless they come late, or again.
 
@@ -201,6 +202,7 @@ class TourControl:
             groups: Their groups.
             scans: By robot whose scan was used, its stamp [ns].
             now: When they came.
+            quarantined: Names of those in quarantine.
 
         Raises:
             AheadError: The stamp is ahead of the clock.
@@ -226,7 +228,8 @@ class TourControl:
             guide.faults = {robot: fault for robot, fault in faults.items() if fault}
             self._looked_ns = now.ns
         in_time_ns = now.of_stamp(stamp_ns)
-        self._go_on(guide, guide.take_people(people, groups, in_time_ns, now.ns), now)
+        guidance = guide.take_people(people, groups, in_time_ns, now.ns, scans, quarantined)
+        self._go_on(guide, guidance, now)
 
     def space_by(self, grid: OccupancyGrid) -> tuple[Guide, FreeSpace] | None:
         """What a map makes of the free floor of the tour under way; another thread may call it.

@@ -50,6 +50,7 @@ class Cue(Enum):
     GROUP_SETTLED = Transition(_GATHERING, _LEADING, "", "sets off with {people}")
 
     OVERTAKES = Transition(_LEADING, _WAITING, "waits until {leader} is in front")
+    LETS_PASS = Transition(_LEADING, _WAITING, "lets somebody pass")
     SOMEBODY_BEHIND = Transition(_LEADING, _WAITING, "{waits}")
     # The leader is on its way.
     FOLLOWS = Transition(_LEADING, _LEADING, walks=True)

@@ -158,7 +158,8 @@ class GuideNode(ManagedNode):
         for robot in robots:
             self._hear(robot, any_number=True)
         take = self._control.take_people
-        self._guarded(partial(take, stamp_ns, persons, groups, scans, self._now()))
+        apart = tuple(message.quarantined)
+        self._guarded(partial(take, stamp_ns, persons, groups, scans, self._now(), apart))
 
     def _on_map(self, message: OccupancyGrid) -> None:
         """Has the free floor of a map found beside the steps of a tour; the newest map counts."""

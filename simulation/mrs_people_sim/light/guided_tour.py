@@ -213,8 +213,11 @@ class LightTour:
         while self._underway and self._underway[0][0] <= world.time + 1e-9:
             people = self._underway.popleft()[1]
             self._say(
-                self._guide.take_people(people.everybody, people.groups, people.stamp_ns, now_ns)
-            )
+                self._guide.take_people(
+                    people.everybody, people.groups, people.stamp_ns, now_ns,
+                    tuple(people.poses), people.quarantined,
+                )
+            )  # fmt: skip
         self._drive(alive, now_ns)
         world.step()
         speeds = (abs(world.wheels[name].speed) for name in self._names)

@@ -51,23 +51,60 @@ def hear(made: Guide, now: int, robots: tuple[str, ...] = CONFIG.robots) -> None
 def test_outdated_people_halt_a_tour_once_until_they_come_again() -> None:
     made, last = running(), T0 + 3000 * MS
     assert set(made.guidance.posts) == set(CONFIG.robots)
-    assert made.check_age(last + 499 * MS) is None
-    halted = made.check_age(last + 500 * MS)
+    assert set(made.velocities(last + 500 * MS).values()) == {(0.0, 0.0)}  # ... already stand
+    assert made.check_age(last + 1499 * MS) is None
+    halted = made.check_age(last + 1500 * MS)
     assert halted is not None
     assert halted.state == State.HALTED
-    assert halted.events == ("halts: no people have come for 0.50 s; allowed: 0.5 s",)
+    assert halted.events == ("halts: no people have come for 1.50 s; allowed: 0.5 s",)
     assert made.guidance.events == ()
-    assert made.goals(last + 500 * MS) == {}
-    assert made.check_age(last + 600 * MS) is None
-    hear(made, last + 700 * MS)
+    assert made.goals(last + 1500 * MS) == {}
+    assert made.check_age(last + 1600 * MS) is None
+    hear(made, last + 1700 * MS)
     assert made.guidance.state == State.LEADING
-    assert set(made.goals(last + 700 * MS)) == set(CONFIG.robots)
+    assert set(made.goals(last + 1700 * MS)) == set(CONFIG.robots)
+
+
+def test_people_who_are_late_for_a_moment_halt_no_tour_and_are_no_event() -> None:
+    made, last = running(), T0 + 3000 * MS
+    for now in range(last + 800 * MS, last + 4800 * MS, 800 * MS):
+        assert set(made.velocities(now - 50 * MS).values()) == {(0.0, 0.0)}
+        assert made.check_age(now - 50 * MS) is None
+        hear(made, now)
+        assert made.guidance.state != State.HALTED
+        assert made.velocities(now + 50 * MS)["robot_a"] != (0.0, 0.0)
 
 
 def test_tour_without_any_people_halts() -> None:
     made = Guide(TOUR, CONFIG, ROOM, T0)
+    assert made.check_age(T0 + 1400 * MS) is None
+    assert made.check_age(T0 + 1500 * MS) is not None
+
+
+def test_tour_of_nav2_halts_at_once_for_its_goals_have_to_be_moved() -> None:
+    made = Guide(TOUR, dataclasses.replace(CONFIG, drive="nav2"), ROOM, T0)
     assert made.check_age(T0 + 400 * MS) is None
     assert made.check_age(T0 + 500 * MS) is not None
+
+
+def test_robot_in_quarantine_leaves_the_tour_until_it_is_placed_again() -> None:
+    made, now = running(), T0 + 3000 * MS
+    said = []
+    for k, apart in enumerate([("robot_b",)] * 3 + [()] * 2):
+        now = T0 + (3200 + 200 * k) * MS
+        for robot, x in (("robot_a", 4.0), ("robot_b", 0.6)):
+            made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
+        guidance = made.take_people(PEOPLE, [GROUP], now, now, CONFIG.robots, apart)
+        assert guidance is not None
+        said += guidance.events
+        assert ("robot_b" in guidance.posts) == (not apart)
+        if apart:
+            assert "quarantine" in guidance.faults["robot_b"]
+            assert made.velocities(now)["robot_b"] == (0.0, 0.0)
+    assert [event for event in said if "robot_b" in event] == [
+        "robot_b takes no part: it is in quarantine: it is lost, or its team doubts its pose",
+        "robot_b takes part again",
+    ]
 
 
 def test_map_with_a_wall_on_the_way_halts_a_tour_until_another_comes() -> None:
