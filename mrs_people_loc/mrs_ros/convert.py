@@ -18,6 +18,8 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped,
     Quaternion,
     TransformStamped,
+    Twist,
+    TwistStamped,
     TwistWithCovariance,
     Vector3,
 )
@@ -114,6 +116,20 @@ def xyz_cloud(stamp_ns: int, frame_id: str, xyz: np.ndarray) -> PointCloud2:
     for axis, name in enumerate("xyz"):
         records[name] = xyz[:, axis]
     return cloud(stamp_ns, frame_id, records)
+
+
+def velocity(
+    kind: type[Twist] | type[TwistStamped],
+    wanted: tuple[float, float],
+    stamp_ns: int,
+    frame_id: str,
+) -> Twist | TwistStamped:
+    """A command of speed ahead [m/s] and rate of turn [rad/s], of either type."""
+    twist = Twist()
+    twist.linear.x, twist.angular.z = wanted
+    if kind is Twist:
+        return twist
+    return TwistStamped(header=header(stamp_ns, frame_id), twist=twist)
 
 
 def disparity(

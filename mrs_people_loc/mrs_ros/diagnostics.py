@@ -103,6 +103,7 @@ class Input:
         most_bytes: Larger messages are refused unread; 0: none is too large.
 
     Attributes:
+        any_number: As above.
         reception: Counts its messages.
         instead: Relative name of a topic that may be published in place of this one, and what to do
             then.
@@ -123,7 +124,7 @@ class Input:
         self.topic = topic
         self._most_bytes = most_bytes
         self._once = once
-        self._any_number = any_number
+        self.any_number = any_number
         self.reception = Reception()
         self.instead: tuple[str, str] | None = None
         self._node = node
@@ -196,7 +197,7 @@ class Input:
             publishers=[(node_of(p), p.topic_type) for p in publishers],
             incompatible=self._incompatible,
             once=self._once,
-            any_number=self._any_number,
+            any_number=self.any_number,
             taken=reception.taken,
             instead=instead,
         )
@@ -215,7 +216,7 @@ class Input:
 
     def _take(self, message: Any) -> None:
         self._arrivals.append(self._now())
-        unordered = self._once or self._any_number
+        unordered = self._once or self.any_number
         order = self.reception.receive(0 if unordered else stamp_ns_of(message.header.stamp))
         try:
             self._callback(message)

@@ -90,7 +90,8 @@ class ManagedNode(LifecycleNode):
 
     def waits_for(self) -> str:
         """What the node needs to be of use, for the log line at its start."""
-        return ", ".join(made.subscription.topic_name for made in self.inputs.values())
+        needed = (made for made in self.inputs.values() if not made.any_number)
+        return ", ".join(made.subscription.topic_name for made in needed)
 
     # ---- for the node to use ----
 
@@ -292,7 +293,7 @@ class ManagedNode(LifecycleNode):
         Raises:
             OutdatedError: It is.
         """
-        if self._ended_ns:
+        if self._ended_ns and hasattr(message, "header"):
             stamp_ns, now_ns = stamp_ns_of(message.header.stamp), self._now_ns()
             if now_ns >= self._ended_ns:
                 self._ended_ns = 0

@@ -29,10 +29,11 @@ from mrs_people_loc.localization.robot_localization import (
 )
 from mrs_people_loc.localization.shared import TeamPose
 from mrs_people_loc.team.poses import Pose
-from mrs_ros import convert, tf
+from mrs_ros import convert
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.markers import wall_markers
 from mrs_ros.qos import POSES, TEAM
+from robot_node.range_topics import RangeTopics
 from robot_node.wall_topics import WallTopics
 
 
@@ -44,17 +45,12 @@ class LocalizationTopics:
 
     Args:
         node: The robot's node.
-        base_frame: Its base_link.
-        frames: Looks frames up in TF.
+        ranges: Its range sensors.
         localization: Takes what comes.
     """
 
     def __init__(
-        self,
-        node: ManagedNode,
-        base_frame: str,
-        frames: tf.FrameListener,
-        localization: RobotLocalization,
+        self, node: ManagedNode, ranges: RangeTopics, localization: RobotLocalization
     ) -> None:
         self._node = node
         self._config: RobotConfig = node.config
@@ -62,7 +58,7 @@ class LocalizationTopics:
         self._parent, _, self._robot = str(node.get_namespace()).rstrip("/").rpartition("/")
         self._state: LocalizationState | None = None
         self._refusals = RefusalWatch()
-        self._walls = WallTopics(node, base_frame, frames, localization)
+        self._walls = WallTopics(node, ranges, localization)
         self._listens = False
         self._told: Any = None
         self._drawn: Any = None

@@ -31,8 +31,10 @@ from mrs_ros.diagnostics import Growth, Input, recording_hint
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.qos import STREAM
 from robot_node import pose_source
+from robot_node.collision_monitor import MonitorTopics
 from robot_node.localization import LocalizationTopics
 from robot_node.pose_source import PoseSource
+from robot_node.range_topics import RangeTopics
 
 #: By stage, what the number of its points is called on `/diagnostics`.
 _COUNTED = {"cloud": "points", "cropped": "points_cropped", "foreground": "points_foreground"}
@@ -70,8 +72,13 @@ class RobotNode(ManagedNode):
         in_map = partial(frames.pose, map_frame) if tf.installed("tf2_ros") else None
         name = self.name_in_team.rpartition("/")[2]
         self._localization = RobotLocalization(name, self.config, in_map)
-        self._team = LocalizationTopics(self, self.base_frame, frames, self._localization)
-        self._pose = PoseSource(self, self.base_frame, frames, self._localization, self._team)
+        ranges = RangeTopics(self, self.base_frame, frames)
+        self._team = LocalizationTopics(self, ranges, self._localization)
+        self._monitor = MonitorTopics(self, self.base_frame, ranges)
+        moved = self._monitor.take_odometry
+        self._pose = PoseSource(
+            self, self.base_frame, frames, self._localization, self._team, moved
+        )
         self._debug_disparity = self.offer(DisparityImage, "debug/disparity", 2)
         self._debug_clouds = {
             stage: self.offer(PointCloud2, f"debug/{stage}", 2) for stage in _COUNTED
@@ -96,9 +103,17 @@ class RobotNode(ManagedNode):
             self._images[camera] = source
             source.instead = (f"{camera}/{other}", remedy)
         self._pose.start()
+        self._monitor.start()
+
+    def destroy_node(self) -> None:
+        """Lets the robot stand before the node is destroyed."""
+        if self.is_active:
+            self._halt()
+        super().destroy_node()
 
     def stop(self) -> None:
-        """Drops the images that wait for their pair."""
+        """Lets the robot stand, and drops the images that wait for their pair."""
+        self._monitor.stop()
         self._head.reset()
         self._pose.stop()
 
@@ -107,6 +122,7 @@ class RobotNode(ManagedNode):
         self._head.reset()
         self._pose.reset()
         self._team.reset()
+        self._monitor.reset()
         self._frames.clear()
         self._forget_views()
 
@@ -126,6 +142,7 @@ class RobotNode(ManagedNode):
                 raise ConfigError(str(err)) from err
             self._team.changed(config)
             self._pose.changed(config)
+            self._monitor.changed(config)
             self._sight.config = config.sight
 
     # ---- inputs ----
@@ -155,8 +172,10 @@ class RobotNode(ManagedNode):
         if view is None:
             return
         self._publish(view)
-        stages = self._stages = view.stages
-        self._localization.take_view(stages.scan, stages.disparity, self._head.pipeline.camera)
+        stages, camera = view.stages, self._head.pipeline.camera
+        self._stages = stages
+        self._monitor.take_view(stages.disparity, stages.scan.stamp_ns, camera)
+        self._localization.take_view(stages.scan, stages.disparity, camera)
         self._views += 1
         self._scan_at_s = time.monotonic()
         self._ahead_s = (view.stages.scan.stamp_ns - self._now_ns()) / 1e9
@@ -192,7 +211,7 @@ class RobotNode(ManagedNode):
         self._unpaired.update(self._head.pairer.unpaired)
 
     def findings(self) -> list[Finding]:
-        """The pairs of images, the head, its mounting, the scan, the pose and the localization."""
+        """The pairs of images, the head, its mounting, the scan, the pose and what uses them."""
         pairer = self._head.pairer
         pairing = PairingState(
             unpaired=pairer.unpaired,
@@ -215,6 +234,7 @@ class RobotNode(ManagedNode):
             of_scan(scan),
             self._pose.finding(),
             *self._team.findings(),
+            *self._monitor.findings(),
         ]
 
     def _mounting(self) -> MountingState | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -62,6 +63,7 @@ class PoseSource:
         frames: Looks frames up in TF.
         localization: Places its poses in the map.
         topics: Those of the localization.
+        take_odometry: Is called with each odometry, too.
     """
 
     def __init__(
@@ -71,8 +73,9 @@ class PoseSource:
         frames: tf.FrameListener,
         localization: RobotLocalization,
         topics: LocalizationTopics,
+        take_odometry: Callable[[Pose], None],
     ) -> None:
-        self._node = node
+        self._node, self._take_odometry = node, take_odometry
         self._base_frame = base_frame
         self._config: RobotConfig = node.config
         self._frames, self._localization, self._topics = frames, localization, topics
@@ -147,6 +150,8 @@ class PoseSource:
 
     def _on_pose(self, message: Any) -> None:
         pose, frame_id = messages.read_pose(message, self._base_frame), message.header.frame_id
+        if self._config.pose.source == "odom":
+            self._take_odometry(pose)
         came_in = frame_id.lstrip("/")
         placed = self._localization.place(pose, came_in)
         corrected = localizes(self._config, came_in)

@@ -1,11 +1,8 @@
-"""Topics in which localization sees walls: laser scans, ranges of sonars, and the map."""
+"""What localization sees walls in: laser scans, ranges of sonars, and the map."""
 
 from __future__ import annotations
 
-from functools import partial
-
 from nav_msgs.msg import OccupancyGrid
-from sensor_msgs.msg import LaserScan, Range
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import WallSensors
@@ -13,9 +10,11 @@ from mrs_people_loc.health.sonars import SonarWatch
 from mrs_people_loc.localization.robot_localization import RobotLocalization
 from mrs_people_loc.localization.walls.finder import Mounting
 from mrs_people_loc.localization.walls.known import read_walls, walls_of_grid
+from mrs_people_loc.localization.walls.ranges import LaserScan, SonarRange
 from mrs_ros import tf
 from mrs_ros.managed_node import ManagedNode
-from mrs_ros.qos import MAP, STREAM, TEAM
+from mrs_ros.qos import MAP
+from robot_node.range_topics import RangeTopics
 
 
 def check(config: WallSensors) -> None:
@@ -37,8 +36,7 @@ class WallTopics:
 
     Args:
         node: The robot's node.
-        base_frame: Its base_link.
-        frames: Looks frames up in TF.
+        ranges: Its range sensors.
         localization: Takes what comes.
 
     Attributes:
@@ -46,19 +44,13 @@ class WallTopics:
     """
 
     def __init__(
-        self,
-        node: ManagedNode,
-        base_frame: str,
-        frames: tf.FrameListener,
-        localization: RobotLocalization,
+        self, node: ManagedNode, ranges: RangeTopics, localization: RobotLocalization
     ) -> None:
-        self._node = node
-        self._base_frame = base_frame
-        self._frames = frames
-        self._localization = localization
-        self._mountings: dict[str, Mounting] = {}
+        self._node, self._ranges, self._localization = node, ranges, localization
         self._has_map = False
         self.sonars = SonarWatch()
+        ranges.on_laser.append(self._take_laser)
+        ranges.on_range.append(self._take_range)
 
     def start(self, team: str) -> None:
         """Subscribes to sensors and to the map.
@@ -66,43 +58,18 @@ class WallTopics:
         Args:
             team: The team's namespace, where the map is.
         """
-        node, config = self._node, self._node.config.walls
-        space = str(node.get_namespace()).rstrip("/")
-        # Full names: `scan` and others are subjects of findings already.
-        if config.laser:
-            node.listen(LaserScan, f"{space}/scan", self._on_laser, STREAM)
-        for k, sonar in enumerate(config.sonars):
-            topic = sonar if sonar.startswith("/") else f"{space}/{sonar}"
-            given = config.sonar_mountings[3 * k : 3 * k + 3]
-            node.listen(Range, topic, partial(self._on_range, topic, given), TEAM)
-        if config.occupancy_grid:
-            node.listen(OccupancyGrid, f"{team}/map", self._on_map, MAP, once=True)
+        self._ranges.start()
+        if self._node.config.walls.occupancy_grid:
+            self._node.listen(OccupancyGrid, f"{team}/map", self._on_map, MAP, once=True)
 
-    def _on_laser(self, message: LaserScan) -> None:
-        scan, given = messages.read_laser_scan(message), self._node.config.walls.laser_mounting
+    def _take_laser(self, scan: LaserScan, mounting: Mounting) -> None:
         if self._localization.has_begun:
-            self._localization.take_laser(scan, self._mounting(scan.frame_id, given))
+            self._localization.take_laser(scan, mounting)
 
-    def _on_range(self, topic: str, given: tuple[float, ...], message: Range) -> None:
-        measured = messages.read_range(message)
+    def _take_range(self, topic: str, measured: SonarRange, mounting: Mounting) -> None:
         if self._localization.has_begun:
             self.sonars.take(topic, measured, self._localization.way)
-            mounting = self._mounting(measured.frame_id, given)
             self._localization.take_range(measured, mounting)
-
-    def _mounting(self, frame_id: str, given: tuple[float, ...]) -> Mounting:
-        """Where a sensor is in base_link: as configured, or by TF.
-
-        Raises:
-            PoseError: TF does not have it.
-        """
-        if given:
-            x, y, yaw = given
-            return x, y, yaw
-        if frame_id not in self._mountings:
-            pose = self._frames.pose(self._base_frame, frame_id)
-            self._mountings[frame_id] = pose.x, pose.y, pose.yaw
-        return self._mountings[frame_id]
 
     def _on_map(self, message: OccupancyGrid) -> None:
         config = self._node.config

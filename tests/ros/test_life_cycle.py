@@ -77,6 +77,7 @@ ROBOT_TOPICS = {
     "/diagnostics",
     "/robot_a/points",
     "/robot_a/pose",
+    "/robot_a/obstacles",
     "/team_poses",
     "/walls",
     *(f"/robot_a/debug/{stage}" for stage in ("disparity", "cloud", "cropped", "foreground")),
@@ -84,6 +85,7 @@ ROBOT_TOPICS = {
 }
 ROBOT_INPUTS = {
     "/robot_a/odom",
+    *(f"/robot_a/{name}" for name in ("cmd_vel_guide", "bumper", "base_fault")),
     *(f"/robot_a/{c}/{t}" for c in ("left", "right") for t in ("image_rect", "camera_info")),
 }
 

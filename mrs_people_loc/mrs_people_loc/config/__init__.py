@@ -48,6 +48,7 @@ from mrs_people_loc.config.planner import (
 )
 from mrs_people_loc.config.robot import (
     Bodies,
+    CollisionMonitoring,
     Disparity,
     Floor,
     Images,
@@ -71,6 +72,7 @@ __all__ = [
     "Base",
     "Bodies",
     "Clustering",
+    "CollisionMonitoring",
     "Disparity",
     "Floor",
     "Formation",

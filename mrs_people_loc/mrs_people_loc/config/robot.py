@@ -375,6 +375,51 @@ class WallSensors(Section):
 
 
 @dataclass(frozen=True)
+class CollisionMonitoring(Section):
+    """What limits the velocities on `cmd_vel_guide` before they go to the base."""
+
+    enabled: bool = field(
+        True, "true: what comes on cmd_vel_guide goes out on cmd_vel as far as nothing is in the "
+        "way that the head, or the laser scanner and the sonars of the section walls, see",
+        live=False,
+    )  # fmt: skip
+    stamped: bool = field(
+        False, "true: cmd_vel and cmd_vel_guide are geometry_msgs/TwistStamped; false: Twist",
+        live=False,
+    )  # fmt: skip
+    radius: float = field(
+        0.25, "of the circle about base_link in which the robot is [m]", low=0.05, high=2.0
+    )
+    time_before_collision: float = field(
+        1.2, "speeds are scaled so that no collision is nearer than this [s]", low=0.1, high=10.0
+    )
+    stop_distance: float = field(0.2, "left to what is in the way [m]", low=0.0, high=2.0)
+    deceleration: float = field(
+        1.0, "with which the base brakes at least [m/s^2]", low=0.1, high=10.0
+    )
+    crawl: float = field(
+        0.1, "highest speed where no sensor sees the way; 0: the robot stands there [m/s]",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    source_timeout: float = field(
+        0.6, "the robot stands while a sensor that has delivered is silent for longer [s]",
+        low=0.05, high=5.0,
+    )  # fmt: skip
+    min_height: float = field(
+        0.25, "what the head sees from this height over the floor on is an obstacle [m]",
+        low=0.0, high=1.5,
+    )  # fmt: skip
+    max_height: float = field(1.8, "... up to this one [m]", low=0.5, high=5.0)
+
+    def _check_relations(self) -> None:
+        if self.min_height >= self.max_height:
+            raise ConfigError(
+                f"collision_monitor.min_height is {self.min_height:g}; allowed: less than "
+                f"collision_monitor.max_height, {self.max_height:g}"
+            )
+
+
+@dataclass(frozen=True)
 class RobotConfig(Section):
     """Configuration of one robot: from its images to its scan."""
 
@@ -390,3 +435,4 @@ class RobotConfig(Section):
     pose: PoseInput = dataclasses.field(default_factory=PoseInput)
     localization: Localization = dataclasses.field(default_factory=Localization)
     walls: WallSensors = dataclasses.field(default_factory=WallSensors)
+    collision_monitor: CollisionMonitoring = dataclasses.field(default_factory=CollisionMonitoring)

@@ -56,6 +56,9 @@ class Code(str, Enum):
     SCAN_SILENT = "scan_silent"
     STAMPS_OFF = "stamps_off"
     NO_POSE = "no_pose"
+    OBSTRUCTED = "obstructed"
+    DRIVES_BLIND = "drives_blind"
+    MONITOR_FAILS = "monitor_fails"
     # of a robot's localization
     CARRIED = "carried"
     MATE_DOUBTED = "mate_doubted"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from mrs_people_loc.guiding.collision_monitor import Action, Verdict
 from mrs_people_loc.health.findings import (
     ERROR,
     OK,
@@ -15,6 +16,13 @@ from mrs_people_loc.health.findings import (
     Code,
     Finding,
 )
+
+#: What the collision monitor does, in words.
+_LIMITS = {
+    Action.STOPS: (Code.OBSTRUCTED, "the robot stands: "),
+    Action.FAILS: (Code.MONITOR_FAILS, "the robot stands: "),
+    Action.CRAWLS: (Code.DRIVES_BLIND, "the robot crawls: "),
+}
 
 
 @dataclass(frozen=True)
@@ -178,3 +186,19 @@ def of_pose(state: PoseState) -> Finding:
         return Finding("pose", ERROR, text, code=Code.NO_POSE)
     x, y, yaw = state.pose
     return Finding("pose", values={"x": f"{x:.3f}", "y": f"{y:.3f}", "yaw": f"{yaw:.3f}"})
+
+
+def of_monitor(verdict: Verdict | None) -> Finding:
+    """What the collision monitor does with the robot's commands.
+
+    Args:
+        verdict: The last one; None: there are no commands.
+    """
+    if verdict is None:
+        return Finding("collision_monitor", OK, "no commands")
+    values = {"action": verdict.action.value, "speed": f"{verdict.velocity[0]:.2f}"}
+    code, text = _LIMITS.get(verdict.action, (None, "slows down: "))
+    if code is None:
+        message = text + verdict.reason if verdict.reason else "ok"
+        return Finding("collision_monitor", OK, message, values)
+    return Finding("collision_monitor", WARN, text + verdict.reason, values, code)

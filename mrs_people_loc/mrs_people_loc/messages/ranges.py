@@ -57,6 +57,7 @@ def read_laser_scan(message: Message) -> LaserScan:
         frame_id=str(message.header.frame_id).lstrip("/"),
         max_range=high,
         angles=angles[order],
-        ranges=np.where(measured | (ranges == np.inf), ranges, np.nan)[order],  # REP 117
+        ranges=np.where(measured | np.isinf(ranges), ranges, np.nan)[order],  # REP 117
         sweep_s=forward * float(message.time_increment) * max(len(ranges) - 1, 0),
+        min_range=low,
     )

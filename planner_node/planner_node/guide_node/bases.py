@@ -69,7 +69,10 @@ class Velocities:
 
     def _send(self, velocities: Mapping[str, Velocity]) -> None:
         for robot in self._robots:
-            message = self._message(robot, velocities.get(robot, (0.0, 0.0)))
+            frame_id = f"{self._node.resolve_topic_name(robot).strip('/')}/base_link"
+            now_ns = self._node.get_clock().now().nanoseconds
+            wanted = velocities.get(robot, (0.0, 0.0))
+            message = convert.velocity(self._type, wanted, now_ns, frame_id)
             self._publishers[robot].publish(message)
 
     def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
@@ -92,15 +95,6 @@ class Velocities:
         """Waits until the last velocities have arrived, before the publishers are destroyed."""
         for robot in self._robots:
             self._publishers[robot].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
-
-    def _message(self, robot: str, velocity: Velocity) -> Any:
-        twist = Twist()
-        twist.linear.x, twist.angular.z = velocity
-        if self._type is Twist:
-            return twist
-        now_ns = self._node.get_clock().now().nanoseconds
-        frame_id = f"{self._node.resolve_topic_name(robot).strip('/')}/base_link"
-        return TwistStamped(header=convert.header(now_ns, frame_id), twist=twist)
 
 
 class Goals:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,11 +92,11 @@ class WallFinder:
         Raises:
             PoseError: The scan takes time, and there is no odometry near its beginning or end.
         """
-        ranges, angles = scan.ranges, scan.angles
+        ranges, angles = np.where(scan.ranges < 0.0, np.nan, scan.ranges), scan.angles
         if scan.sweep_s:
             end_ns = scan.stamp_ns + round(1e9 * abs(scan.sweep_s))
             moved_by, _ = motion(odometry_at(scan.stamp_ns), odometry_at(end_ns))
-            ranges, angles = unskewed(scan, moved_by, mounting)
+            ranges, angles = unskewed(replace(scan, ranges=ranges), moved_by, mounting)
         walls = walls_of_laser(
             ranges,
             angles,

@@ -89,9 +89,11 @@ class LaserScan:
         frame_id: The scanner's frame; its plane is x, y.
         max_range: Farthest range that it measures [m].
         angles: Directions of the rays, from x to the left [rad], ascending, shape (n,).
-        ranges: [m], shape (n,); NaN where nothing was measured, infinite where nothing was hit.
+        ranges: [m], shape (n,); NaN where nothing was measured, inf where nothing was hit, -inf
+            where something is too near to be measured (REP 117).
         sweep_s: Time from the ray of the first angle to that of the last one [s]; negative: the
             last one was the first in time. 0: all at once, or not known.
+        min_range: Nearest range that it measures [m].
 
     Raises:
         RangeError: Naming what cannot be used, what it is and what is wanted.
@@ -103,6 +105,7 @@ class LaserScan:
     angles: Float
     ranges: Float
     sweep_s: float = 0.0
+    min_range: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks all values."""

@@ -1,0 +1,171 @@
+"""The collision monitor of robot_node over real DDS: what is in the way stops a robot."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Twist
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool
+
+from mrs_people_loc.health.findings import Code
+from mrs_ros.qos import STREAM
+from ros.harness import OK, WARN, Finding, NodeProcess, Peer, Team
+from ros.recording import set_stamp
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+NAME = "robot_a"
+NODE = f"/{NAME}/robot_node"
+#: The robot has stopped within this after something has come into its way [s].
+BOUND_S = 1.0
+
+
+class Driver:
+    """Sends commands and scans at the rates of real ones, and hears what the base is told.
+
+    Attributes:
+        wanted: Speed and turn that are commanded; None: nothing is.
+        ahead: Distance of a wall ahead of the scanner [m]; None: there are no scans.
+    """
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.wanted: tuple[float, float] | None = None
+        self.ahead: float | None = 5.0
+        self.driven: list[tuple[float, float, float]] = []
+        node = peer.node
+        depth = QoSProfile(depth=10)
+        self._commands = node.create_publisher(Twist, f"/{NAME}/cmd_vel_guide", depth)
+        self._scans = node.create_publisher(LaserScan, f"/{NAME}/scan", STREAM)
+        node.create_subscription(Twist, f"/{NAME}/cmd_vel", self._take, depth)
+        node.create_timer(0.05, self._command)
+        node.create_timer(0.1, self._scan)
+
+    def _take(self, message: Twist) -> None:
+        self.driven.append((time.monotonic(), message.linear.x, message.angular.z))
+
+    def _command(self) -> None:
+        if self.wanted is not None:
+            message = Twist()
+            message.linear.x, message.angular.z = self.wanted
+            self._commands.publish(message)
+
+    def _scan(self) -> None:
+        if self.ahead is None:
+            return
+        angles = np.linspace(-np.pi, np.pi, 360, endpoint=False)
+        away = self.ahead / np.maximum(np.cos(angles), 1e-3)
+        ranges = np.where(away < 10.0, away, np.inf)
+        message = LaserScan(
+            angle_min=float(angles[0]), angle_increment=float(angles[1] - angles[0]),
+            range_min=0.05, range_max=10.0, ranges=ranges.astype(np.float32).tolist(),
+        )  # fmt: skip
+        message.header.frame_id = f"{NAME}/laser"
+        set_stamp(message, time.time_ns())
+        self._scans.publish(message)
+
+    @property
+    def last(self) -> tuple[float, float]:
+        """The last velocity."""
+        return self.driven[-1][1:] if self.driven else (np.nan, np.nan)
+
+    def until_speed(self, low: float, high: float, what: Any) -> None:
+        self.peer.until(lambda: low <= self.last[0] <= high, lambda: f"{what()}; {self.last}")
+
+    def until_code(self, code: Code) -> Finding:
+        def wanted(finding: Finding) -> bool:
+            return finding.level == WARN and finding.values["code"] == code
+
+        return self.peer.until_finding(NODE, "collision_monitor", wanted)
+
+
+@pytest.fixture(scope="module")
+def process(team: Team) -> NodeProcess:
+    params = {"walls.laser": "true", "walls.laser_mounting": "[0.0, 0.0, 0.0]"}
+    return team.start("robot_node", namespace=f"/{NAME}", params=params)
+
+
+@pytest.fixture(scope="module")
+def driver(peer: Peer, process: NodeProcess) -> Driver:
+    peer.until_active(NODE)
+    return Driver(peer)
+
+
+def test_way_that_is_free_is_driven_and_what_is_in_it_stops_the_robot(
+    driver: Driver, process: NodeProcess
+) -> None:
+    peer, log = driver.peer, lambda: process.log
+    assert f"/{NAME}/cmd_vel" not in peer.published_by(NODE), "published before it is asked for"
+    driver.wanted = (0.5, 0.1)
+    driver.until_speed(0.5, 0.5, log)
+    assert driver.last == (0.5, 0.1)
+    assert peer.until_finding(NODE, "collision_monitor", lambda f: "action" in f.values).level == OK
+
+    driver.ahead = 0.75  # 0.3 m are left, a quarter of a metre a second
+    driver.until_speed(0.1, 0.26, log)
+    driver.ahead = 0.4
+    began_s = time.monotonic()
+    driver.until_speed(0.0, 0.0, log)
+    assert time.monotonic() - began_s < BOUND_S
+    assert driver.last[1] == 0.1, "it may turn"
+    found = driver.until_code(Code.OBSTRUCTED)
+    assert "ahead is something, by scan" in found.message
+
+    driver.wanted = (-0.3, 0.0)
+    driver.until_speed(-0.3, -0.3, log)
+    driver.wanted, driver.ahead = (0.5, 0.0), 5.0
+    driver.until_speed(0.5, 0.5, log)
+
+
+def test_silent_scanner_stops_the_robot(driver: Driver, process: NodeProcess) -> None:
+    driver.wanted, driver.ahead = (0.5, 0.0), 5.0
+    driver.until_speed(0.5, 0.5, lambda: process.log)
+    driver.ahead = None
+    driver.until_speed(0.0, 0.0, lambda: process.log)
+    found = driver.until_code(Code.MONITOR_FAILS)
+    assert "nothing has come of scan" in found.message
+    driver.ahead = 5.0
+    driver.until_speed(0.5, 0.5, lambda: process.log)
+
+
+def test_bumper_stops_the_robot(driver: Driver, process: NodeProcess) -> None:
+    driver.wanted, driver.ahead = (0.5, 0.3), 5.0
+    driver.until_speed(0.5, 0.5, lambda: process.log)
+    driver.peer.send(f"/{NAME}/bumper", Bool(data=True))
+    driver.until_speed(0.0, 0.0, lambda: process.log)
+    assert driver.last == (0.0, 0.0)
+    driver.peer.send(f"/{NAME}/bumper", Bool(data=False))
+    driver.until_speed(0.5, 0.5, lambda: process.log)
+
+
+def test_robot_stands_once_commands_stay_away_and_then_nothing_is_sent(
+    driver: Driver, process: NodeProcess
+) -> None:
+    driver.wanted, driver.ahead = (0.5, 0.0), 5.0
+    driver.until_speed(0.5, 0.5, lambda: process.log)
+    driver.wanted = None
+    began_s = time.monotonic()
+    driver.until_speed(0.0, 0.0, lambda: process.log)
+    assert time.monotonic() - began_s < BOUND_S
+    driver.peer.spin(1.0)
+    count = len(driver.driven)
+    driver.peer.spin(0.5)
+    assert len(driver.driven) == count
+
+
+def test_robot_stands_when_the_node_is_deactivated_or_ended(
+    driver: Driver, process: NodeProcess
+) -> None:
+    driver.wanted, driver.ahead = (0.5, 0.0), 5.0
+    driver.until_speed(0.5, 0.5, lambda: process.log)
+    assert driver.peer.change_state(NODE, "deactivate")
+    driver.until_speed(0.0, 0.0, lambda: process.log)
+    assert driver.peer.change_state(NODE, "activate")
+    driver.until_speed(0.5, 0.5, lambda: process.log)
+    process.stop()
+    driver.until_speed(0.0, 0.0, lambda: process.log)
