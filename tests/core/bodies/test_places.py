@@ -82,7 +82,7 @@ def still(x, y, scores):
 
 
 def seen_near(people, x, y) -> bool:
-    return any(np.hypot(*(p.position - (x, y))) < 0.4 for p in people.persons)
+    return any(np.hypot(*(p.position - (x, y))) < 0.4 for p in people.everybody)
 
 
 def share_seen(out, x, y) -> float:
@@ -103,18 +103,18 @@ def test_furniture_that_stands_doubtful_for_a_minute_is_nobody(watch, moves):
     out = watch([still(*at, scores) for at, scores in (doubtful | more).items()], 60, moves=moves)
     assert [share_seen(out, *at) for at in doubtful] == [0.0, 0.0]
     assert max(share_seen(out, *at) for at in more) <= 0.05
-    assert not any(people.persons for people in out[50:])
+    assert not any(people.everybody for people in out[50:])
 
 
 def test_what_is_taken_for_a_person_at_first_loses_its_track(watch):
     """Two high looks start a track; the mean of three is that of furniture."""
     scores = [1.4, 1.3, *CHAIR * 10]
     out = watch([still(2.6, 0.7, scores)], 12)
-    assert any(people.persons for people in out[:5])
-    assert not any(people.persons for people in out[50:])
+    assert any(people.everybody for people in out[:5])
+    assert not any(people.everybody for people in out[50:])
     without = cfg.PlannerConfig.from_mapping({"tracking.static_score": 0.0})
     out = watch([still(2.6, 0.7, scores)], 12, planner=Planner(without))
-    assert any(people.persons for people in out[50:])
+    assert any(people.everybody for people in out[50:])
 
 
 # ---------------------------------------------------------------------- people who stand ----
@@ -129,7 +129,7 @@ def test_people_who_stand_for_ten_minutes_stay(watch, moves):
     )
     assert share_seen(out, 3.0, 0.0) > 0.995
     assert share_seen(out, 3.0, 2.0) > 0.995
-    assert len({person.id for people in out for person in people.persons}) == 2
+    assert len({person.id for people in out for person in people.everybody}) == 2
 
 
 @pytest.mark.slow
@@ -159,7 +159,7 @@ def test_stranger_at_a_place_of_furniture_is_as_doubtful_as_the_furniture(watch)
     planner = Planner(cfg.PlannerConfig())
     watch([still(4.0, 0.0, CHAIR)], 60, planner=planner)
     out = watch([still(4.0, 0.0, [1.2])], 3, planner=planner, start_s=60.0)
-    assert not any(people.persons for people in out)
+    assert not any(people.everybody for people in out)
 
 
 @pytest.mark.parametrize("gap", [0.1, 0.5])
@@ -177,8 +177,8 @@ def test_person_who_walks_up_and_stops_in_front_of_furniture(watch, gap):
     chair = lambda t: None if gap < 0.3 and person(t) else (3.0, 0.0, CHAIR)  # noqa: E731
     out = watch([chair, person], 70)
     assert share_seen(out[230:400], 3.0 - gap, 0.0) > 0.98
-    assert not any(people.persons for people in out[450:])
-    assert not any(people.persons for people in out[20:200])
+    assert not any(people.everybody for people in out[450:])
+    assert not any(people.everybody for people in out[20:200])
 
 
 @moving
@@ -202,7 +202,7 @@ def test_walking_person_loses_nothing(watch, moves):
     out = watch([way], 60, moves=moves)
     without = Planner(cfg.PlannerConfig.from_mapping({"tracking.static_score": 0.0}))
     same = watch([way], 60, moves=moves, planner=without)
-    count = [sum(len(people.persons) for people in each) for each in (out, same)]
+    count = [sum(len(people.everybody) for people in each) for each in (out, same)]
     assert count[0] >= 0.99 * count[1] > 500
 
 
@@ -210,8 +210,8 @@ def test_two_robots_that_doubt_do_not_make_a_look_sure(watch):
     """Log-odds of robots add up, but the best look at a place is that of a single one."""
     lone = watch([still(3.0, 0.5, [0.7])], 20)
     both = watch([still(3.0, 0.5, [0.7])], 20, robots=("a", "b", "c"))
-    assert not any(people.persons for people in lone[50:])
-    assert not any(people.persons for people in both[50:])
+    assert not any(people.everybody for people in lone[50:])
+    assert not any(people.everybody for people in both[50:])
 
 
 # ----------------------------------------------------------------------------- the memory ----
