@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -154,9 +154,9 @@ class ManagedNode(LifecycleNode):
         service = self.create_service(service_type, name, callback)
         self.until_cleanup(lambda: self.destroy_service(service))
 
-    def keep(self, name: str, value: tuple[Any, ...]) -> None:
-        """Sets a parameter for the next start (see `NodeConfig.keep`)."""
-        self._node_config.keep(name, value)
+    def keep(self, lists: Mapping[str, Sequence[Any]]) -> None:
+        """Sets parameters for the next start (see `NodeConfig.keep`)."""
+        self._node_config.keep(lists)
 
     def until_cleanup(self, end: Callable[[], object]) -> None:
         """Has something that `set_up` made ended when the node is cleaned up."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -72,7 +72,7 @@ class NodeConfig:
         self._definitions = {p.name: p for p in config_type.parameters()}
         self._may_restructure = may_restructure
         self._changed = changed
-        self._kept = ""  # the parameter that is kept for the next start just now
+        self._kept: Collection[str] = ()  # the parameters that are kept for the next start just now
         ours = {
             name: value
             for name, value in given_parameters(node).items()
@@ -84,18 +84,22 @@ class NodeConfig:
         node.add_pre_set_parameters_callback(self._typed)
         node.add_on_set_parameters_callback(self._on_set)
 
-    def keep(self, name: str, value: tuple[Any, ...]) -> None:
-        """Sets a list for the next start, also if it is not live and the node is configured.
+    def keep(self, lists: Mapping[str, Sequence[Any]]) -> None:
+        """Sets lists for the next start, also those that are not live in a configured node.
 
         Raises:
-            ConfigError: It is not allowed.
+            ConfigError: One is not allowed; none is set.
         """
-        self._kept = name
+        self._kept = lists
         try:
-            made = RosParameter(name, _TYPES[self._definitions[name].kind], list(value))
-            (result,) = self._node.set_parameters([made])
+            result = self._node.set_parameters_atomically(
+                [
+                    RosParameter(name, _TYPES[self._definitions[name].kind], list(value))
+                    for name, value in lists.items()
+                ]
+            )
         finally:
-            self._kept = ""
+            self._kept = ()
         if not result.successful:
             raise ConfigError(result.reason)
 
@@ -126,7 +130,7 @@ class NodeConfig:
             value = type(self.value).from_mapping(ours, base=self.value)
             for name in ours:
                 same = _lookup(value, name) == _lookup(self.value, name)
-                may = self._definitions[name].live or name == self._kept
+                may = self._definitions[name].live or name in self._kept
                 if not same and not may and not self._may_restructure():
                     raise ConfigError(
                         f"{name} is set while the node runs; "

@@ -135,15 +135,16 @@ class LocalizationTopics:
             self._own.take_relative(relative)
 
     def _keep_wheels(self, _: Any, response: Any) -> Any:
-        """Writes the estimated errors of the wheels into the parameter, for the next start."""
+        """Writes the estimated errors of the wheels into the parameters, for the next start."""
         try:
-            wheels = self._own.wheels_to_keep()
-            self._node.keep("localization.wheels", wheels)
+            kept = self._own.wheels_to_keep()
+            self._node.keep(kept)
         except PeopleLocError as err:
             response.success, response.message = False, str(err)
         else:
             response.success = True
-            response.message = f"localization.wheels is {list(wheels)}, from the next start on"
+            values = " and ".join(f"{name} is {list(value)}" for name, value in kept.items())
+            response.message = f"{values}, from the next start on"
         return response
 
     # ---- what is told of it ----

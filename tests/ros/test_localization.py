@@ -409,7 +409,7 @@ def test_known_wall_in_sonar_ranges_corrects_the_pose(
 def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven]) -> None:
     """The true way is 2 % longer than the odometry's; before 10 m nothing is kept."""
     driven = make("robot_w", [0.0, 0.0, 0.0])
-    service, parameter = f"{driven.node}/keep_wheels", "localization.wheels"
+    service = f"{driven.node}/keep_wheels"
 
     def keep() -> Any:
         return driven.peer.call(Trigger, service, Trigger.Request())
@@ -424,8 +424,10 @@ def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven
     before = planar(driven.stepped().pose.pose)
     kept = keep()
     assert kept.success, kept
-    (wheels,) = driven.peer.get(driven.node, parameter)
+    names = "localization.wheels", "localization.wheel_sigmas"
+    wheels, sigmas = driven.peer.get(driven.node, *names)
     assert list(wheels) == pytest.approx([0.02, 0.0, 0.0], abs=3e-3)
+    assert list(sigmas) == pytest.approx([0.005, 0.002, 0.03], abs=1e-3)
     assert planar(driven.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
     driven.localization(lambda f: abs(float(f.values["wheel_scale"]) - wheels[0]) < 1e-4)
     driven.process.stop()

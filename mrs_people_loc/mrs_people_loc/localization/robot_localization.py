@@ -26,6 +26,8 @@ from mrs_people_loc.team.poses import Pose
 
 #: Systematic errors of wheels are kept for the next start from this way on [m].
 _LEAST_WAY = 10.0
+#: What is kept of them is no surer than this: wheels wear, and loads differ.
+_LEAST_SIGMAS = (0.004, 0.002, 0.006)
 
 
 def may_localize(config: RobotConfig) -> bool:
@@ -103,8 +105,8 @@ class RobotLocalization:
         """What it knows now."""
         return self._localizer.state
 
-    def wheels_to_keep(self) -> tuple[float, ...]:
-        """Systematic errors of the wheels for `localization.wheels` of the next start.
+    def wheels_to_keep(self) -> dict[str, tuple[float, ...]]:
+        """Systematic errors of the wheels and how sure these are, as parameters of the next start.
 
         Raises:
             PoseError: They are not known yet.
@@ -115,7 +117,13 @@ class RobotLocalization:
         if state.way < _LEAST_WAY:
             raise PoseError(f"the robot has driven {state.way:.1f} m; wanted: {_LEAST_WAY:g} m")
         wheels = np.clip(state.wheels, -MAX_WHEEL_ERROR, MAX_WHEEL_ERROR)
-        return tuple(round(error, 6) for error in wheels.tolist())
+        before = self._config.localization.wheel_sigmas
+        sigmas = np.minimum(np.maximum(state.wheel_sigmas, _LEAST_SIGMAS), before)
+        kept = {"wheels": wheels, "wheel_sigmas": sigmas}
+        return {
+            f"localization.{name}": tuple(round(value, 6) for value in values.tolist())
+            for name, values in kept.items()
+        }
 
     # -------------------------------------------------------------------------------------- poses
 

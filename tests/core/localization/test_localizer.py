@@ -115,6 +115,22 @@ def test_known_wall_that_was_elsewhere_is_used_again_after_it_has_agreed():
     assert misfits == set()
 
 
+@pytest.mark.parametrize("off", [0.0, 0.8])
+def test_map_that_was_wrong_is_less_sure_where_it_was_not_seen(off):
+    """It drives along a wall that is off, or not, to one across that is known 0.8 m too near."""
+    config = dataclasses.replace(CONFIG, position_noise=0.25)
+    localizer = Localizer("a", config, as_walls([(-5, 2, 40, 2), (14.2, 2, 14.2, -5)]))
+    for k in range(241):
+        stamp_ns, x = S + k * S // 10, 0.05 * k
+        localizer.take_odometry(Pose(stamp_ns, x, 0.0, 0.0))
+        localizer.take_walls(seen_at(stamp_ns, (-1.0, 2.0 - off, 1.0, 2.0 - off)))
+        if x > 11.0:
+            localizer.take_walls(seen_at(stamp_ns, (15.0 - x, 1.0, 15.0 - x, -1.0)))
+    pose = localizer.pose_at(stamp_ns)
+    within_sigmas = abs(pose.x - x) / math.sqrt(pose.covariance[0, 0])
+    assert within_sigmas < 1.0 if off else within_sigmas > 10.0
+
+
 def test_absolute_pose_is_weighed_by_its_covariance():
     localizer = Localizer("a", CONFIG)
     localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))
@@ -488,3 +504,19 @@ def test_team_mates_are_known_where_they_are_in_base_link_while_they_are_heard()
     drive(one, start_ns=2 * S + S // 20, seconds=3.0)
     assert not len(one.mates_at(5 * S))
     assert not len(one.mates_at(20 * S))
+
+
+@pytest.mark.parametrize(("degrees", "lost"), [(3.0, False), (30.0, True)])
+def test_robot_that_was_bumped_is_not_lost_and_one_that_was_turned_is(degrees, lost):
+    """It stands before a corner, which it knows well."""
+    localizer = Localizer("a", CONFIG)
+    for k in range(80):
+        turn = math.radians(degrees) if k >= 40 else 0.0
+        c, s = math.cos(turn), math.sin(turn)
+        corner = np.array([[3.0, 2.0], [-1.0, 2.0], [3.0, 2.0], [3.0, -1.0]]) @ [[c, -s], [s, c]]
+        localizer.take_odometry(Pose(S + k * S // 10, 0.0, 0.0, 0.0))
+        seen = corner.reshape(2, 4).tolist()
+        localizer.take_walls(seen_at(S + k * S // 10, *seen))
+    trust = localizer.state.trust["a"]
+    assert (trust.times_lost > 0) == lost
+    assert lost or localizer.pose_at(S + 79 * S // 10).yaw == pytest.approx(turn, abs=0.01)

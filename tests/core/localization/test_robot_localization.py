@@ -1,6 +1,5 @@
 """What a robot senses, given to its localizer."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -79,15 +78,21 @@ def test_wheels_are_kept_after_ten_metres_and_not_taken_before_the_next_start():
     with pytest.raises(PoseError, match="driven 9.5 m; wanted: 10 m"):
         own.wheels_to_keep()
     drive(190, 601)
-    kept = own.wheels_to_keep()
-    assert kept == pytest.approx((0.02, 0.0, 0.0), abs=2e-3)
+    kept = Localization.from_mapping(
+        {name.removeprefix("localization."): value for name, value in own.wheels_to_keep().items()},
+        base=localization,
+    )
+    assert kept.wheels == pytest.approx((0.02, 0.0, 0.0), abs=2e-3)
+    # The turn per metre is known better than wheels stay the same; it did not turn.
+    assert kept.wheel_sigmas == pytest.approx((0.0047, 0.002, 0.03), rel=0.05)
     before = own.state
-    own.configure(RobotConfig(localization=dataclasses.replace(localization, wheels=kept)))
+    own.configure(RobotConfig(localization=kept))
     drive(601, 602)
     assert own.state.wheels == pytest.approx(before.wheels, abs=1e-9)
     assert own.state.poses["robot_a"].x == pytest.approx(1.02 * 30.05, abs=0.01)
     own.reset()
-    assert own.state.wheels == pytest.approx(kept)
+    assert own.state.wheels == pytest.approx(kept.wheels)
+    assert own.state.wheel_sigmas == pytest.approx(kept.wheel_sigmas)
 
 
 def walls_known(own: RobotLocalization, stamp_ns: int) -> int:

@@ -53,6 +53,8 @@ class FilterTuning:
     Attributes:
         lost_after: A robot is lost after so many observations in a row that do not fit ...
         lost_after_s: ... and this time [s].
+        bumped_after: After so many walls in a row it may have been bumped: its pose is less sure
+        bump_sigmas: by this [m, m, rad].
         far: Relative poses by people that are off by so many gates are no errors of odometry:
         far_after: ... after so many in a row a robot is lost; after one if the two never fitted.
         restart: A team-mate that begins again farther than this from where it was [m] ...
@@ -78,6 +80,8 @@ class FilterTuning:
 
     lost_after: int = 5
     lost_after_s: float = 0.4
+    bumped_after: int = 2
+    bump_sigmas: tuple[float, float, float] = (0.03, 0.03, math.radians(2.0))
     far: float = 10.0
     far_after: int = 2
     restart: float = 2.0
@@ -408,6 +412,8 @@ class TeamFilter:
         since_ns = before.since_ns if before.refused else stamp_ns
         if self._is_long(before.refused + 1, since_ns, stamp_ns):
             return self._lost(state, robot, stamp_ns)
+        if before.refused + 1 == self.tuning.bumped_after:
+            state = state.widened(robot, self.tuning.bump_sigmas)
         trust = changed(before, refused=before.refused + 1, since_ns=since_ns)
         return _with_trust(state, robot, trust)
 

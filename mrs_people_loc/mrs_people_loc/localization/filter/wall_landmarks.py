@@ -300,10 +300,22 @@ class WallLandmarks:
             part = np.concatenate([state.mean[robot], self.known.lines[k]])
             covariance = np.zeros((5, 5))
             covariance[:3, :3] = state.covariance[i : i + 3, i : i + 3]
-            covariance[3:, 3:] = self.known.covariances[k]
+            covariance[3:, 3:] = self._of_known(state, k)
             anchor = self.known.landmarks[k].anchor
         _, jacobian = wall_from(part, anchor, candidate.side)
         return np.asarray(jacobian @ covariance @ jacobian.T + seen.covariance)
+
+    def _of_known(self, state: TeamState, index: int) -> Float:
+        """Covariance of a known wall that is not in the state, shape (2, 2).
+
+        Where more walls were elsewhere than are where the map says, others may be off as far.
+        """
+        covariance: Float = self.known.covariances[index]
+        off = [abs(m.offset) for k, m in state.misfits.items() if self._is_misfit(state, k)]
+        recognized = sum(wall.known >= 0 for wall in state.walls)
+        if index in state.misfits or len(off) <= recognized:
+            return covariance
+        return np.asarray(covariance + np.diag([max(off) ** 2, 0.0]))
 
     def _recognized(
         self, state: TeamState, seen: _Seen, candidate: _Candidate
@@ -314,8 +326,9 @@ class WallLandmarks:
             state = self._without_surplus(state, seen.stamp_ns)
             index, k = len(state.walls), candidate.index
             across = np.zeros((2, len(state.mean)))
+            covariance = self._of_known(state, k)
             state = state.with_wall(
-                self.known.landmarks[k], self.known.lines[k], across, self.known.covariances[k]
+                self.known.landmarks[k], self.known.lines[k], across, covariance
             )
             misfits = {other: m for other, m in state.misfits.items() if other != k}
             state = changed(state, misfits=misfits)
