@@ -11,6 +11,7 @@ import numpy as np
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.guiding.free_space import FreeSpace
+from mrs_people_loc.guiding.pace import falls
 from mrs_people_loc.guiding.way import Way
 
 
@@ -28,6 +29,8 @@ class LayoutTuning:
         off: ... and so many times the distance from people to its left and right.
         ahead: While the group moves a post has to be free for so far ahead [m].
         narrowing: Where a post is not free, its distance from the way shrinks by these factors.
+        short: The first row comes nearer to the last person, up to `formation.close`, as the group
+            gets longer than this share of `pace.stretch`, until it is as long as that.
         closer: A post may be nearer to people than the distance, by this factor: they move.
         farther: What it costs to be behind the first row, per metre, as a share of all that can
             be seen.
@@ -46,6 +49,7 @@ class LayoutTuning:
     off: tuple[float, ...] = (1.0, 1.6)
     ahead: tuple[float, ...] = (0.0, 0.5, 1.0)
     narrowing: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
+    short: float = 0.5
     closer: float = 0.85
     farther: float = 0.02
     travel: float = 0.1
@@ -150,13 +154,14 @@ class Layout:
             people: [m], shape (n, 2).
             robots: Places of the robots that are to take them [m], by a number that stays.
         """
-        along, left = self._rows(frame)
+        distance = self._closing(frame)
+        along, left = self._rows(frame, distance)
         xy, free = self._narrowed(along, frame.left + left, self._tuning.ahead)
         gaze = _angles(self._way.ahead(along))
         number, beside = np.arange(len(xy)), np.zeros(len(xy), dtype=bool)
         cost = self._tuning.farther * (along.max() - along)
         every = Candidates(number, xy, gaze, cost + self._travel(xy, robots), beside)
-        return every.select(free & self._is_off(xy, people))
+        return every.select(free & self._is_off(xy, people, distance))
 
     def around(
         self, frame: Frame, people: Float, robots: Mapping[int, Float], *, beside: bool
@@ -169,12 +174,12 @@ class Layout:
             robots: As for `behind`.
             beside: Whether there are posts beside the group, too.
         """
-        tuning = self._tuning
-        along, left = self._rows(frame)
+        tuning, distance = self._tuning, self.config.formation.distance
+        along, left = self._rows(frame, distance)
         cost = tuning.farther * (along.max() - along)
         sides = 0
         if beside:
-            off = frame.half_width + self.config.formation.distance * np.array(tuning.off)
+            off = frame.half_width + distance * np.array(tuning.off)
             share, aside = np.meshgrid(tuning.beside, np.append(-off, off))
             sides = share.size
             along = np.append(along, frame.rear + share * (frame.front - frame.rear))
@@ -188,7 +193,7 @@ class Layout:
         is_beside = np.zeros(len(xy), dtype=bool)
         is_beside[len(xy) - sides - len(here) : len(xy) - len(here)] = True
         every = Candidates(number, xy, _angles(frame.centre(self._way) - xy), cost, is_beside)
-        return every.select(free & self._is_off(xy, people))
+        return every.select(free & self._is_off(xy, people, distance))
 
     def is_free(self, xy: Float) -> Bool:
         """Whether places are far enough from walls for a post, shape (...)."""
@@ -207,14 +212,22 @@ class Layout:
             Places [m], shape (k, 2), and shape (k,).
         """
         around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        xy = person + self.config.formation.distance * around
+        distance = self.config.formation.distance
+        xy = person + distance * around
         seen = self.space.is_visible(xy, person[np.newaxis])
-        return xy, np.asarray(self.is_free(xy) & seen & self._is_off(xy, people))
+        return xy, np.asarray(self.is_free(xy) & seen & self._is_off(xy, people, distance))
 
-    def _rows(self, frame: Frame) -> tuple[Float, Float]:
+    def _closing(self, frame: Frame) -> float:
+        """Distance of the first row behind a group that moves: it closes a long one up [m]."""
+        formation, stretch = self.config.formation, self.config.pace.stretch
+        loose = falls(frame.front - frame.rear, self._tuning.short * stretch, stretch)
+        close = min(formation.close, formation.distance)
+        return close + loose * (formation.distance - close)
+
+    def _rows(self, frame: Frame, distance: float) -> tuple[Float, Float]:
         """How far along the way, and to the left of the group's middle, posts behind it are."""
         back = np.array(self._tuning.rows) * self.apart
-        first = frame.rear - self.config.formation.distance
+        first = frame.rear - distance
         along, left = np.meshgrid(first - back, self._tuning.columns, indexing="ij")
         return along.ravel(), left.ravel()
 
@@ -224,10 +237,10 @@ class Layout:
         longest = self._tuning.longest
         return np.asarray(self._tuning.travel * away.min(axis=1, initial=longest))
 
-    def _is_off(self, xy: Float, people: Float) -> Bool:
+    def _is_off(self, xy: Float, people: Float, distance: float) -> Bool:
         """Whether places are off people."""
         away = np.linalg.norm(xy[:, np.newaxis] - people, axis=2)
-        least = self._tuning.closer * self.config.formation.distance
+        least = self._tuning.closer * distance
         return np.asarray((away >= least).all(axis=1))
 
     def _narrowed(self, along: Float, left: Float, ahead: tuple[float, ...]) -> tuple[Float, Bool]:

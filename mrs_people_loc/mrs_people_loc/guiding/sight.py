@@ -21,14 +21,15 @@ class SightTuning:
     """When a head sees nothing; chosen.
 
     Attributes:
-        silent_s: None of its scans has been used for so long [s]; ...
+        silent_s: None of its scans has been used for so long [s]: it is not told of one whose pose
+            has stopped, too, and takes no part; ...
         blind_s: ... or there has been somebody for so long in all [s] whom it should have seen, ...
         surely: ... with at least this probability at each time, and it has not seen anybody.
         most: So many people are looked at: the nearest ones.
         longest_s: An interval counts as no longer than this [s].
     """
 
-    silent_s: float = 1.0
+    silent_s: float = 1.5
     blind_s: float = 3.0
     surely: float = 0.7
     most: int = 24

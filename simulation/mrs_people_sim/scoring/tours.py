@@ -128,7 +128,10 @@ class TourScores:
         path_m: What each robot drove [m].
         stragglers: Episodes.
         back: How many of them ended with the straggler back.
+        behind_s: How long the episodes last, added up [s].
         alone_s: How long stragglers were alone, added up [s].
+        spread_m: How far people are from the middle of all, a root mean square over people and
+            time, of each tour [m], shape (tours,).
     """
 
     tours: int = 0
@@ -153,7 +156,9 @@ class TourScores:
     path_m: Float = field(default_factory=nothing)
     stragglers: int = 0
     back: int = 0
+    behind_s: float = 0.0
     alone_s: float = 0.0
+    spread_m: Float = field(default_factory=nothing)
 
     def __add__(self, other: TourScores) -> TourScores:
         """Those of several tours."""
@@ -191,8 +196,10 @@ class TourScores:
             "stragglers": {
                 "true": self.stragglers,
                 "back": ratio(self.back, self.stragglers),
+                "behind_s": self.behind_s,
                 "alone_s": self.alone_s,
             },
+            "spread_m": _mean(self.spread_m),
         }
 
 
@@ -224,6 +231,7 @@ def score_tour(record: TourRecord) -> TourScores:
         seen=seen_shares(truth, [estimate.as_in_view() for estimate in record.estimates]),
         detected=seen_shares(truth, [_detected(estimate) for estimate in record.estimates]),
         formation_m=_formation_errors(record, begin_ns, end_ns),
+        spread_m=_spread(truth),
     )
 
 
@@ -253,6 +261,12 @@ def _members(truth: Truth) -> Bool:
     """Who is of a group at some time, shape (m,)."""
     assert truth.groups is not None
     return np.asarray((truth.groups > 0).any(axis=0))
+
+
+def _spread(truth: Truth) -> Float:
+    """The root mean square of the distances of people from their middle [m], shape (1,)."""
+    off = truth.positions - np.nanmedian(truth.positions, axis=1, keepdims=True)
+    return np.sqrt(np.nanmean((off**2).sum(axis=2), keepdims=True).ravel())
 
 
 def _of_group(truth: Truth) -> Truth:
@@ -389,6 +403,7 @@ def _driven(record: TourRecord, truth: Truth, begin_ns: int, end_ns: int) -> Tou
         path_m=np.array(paths),
         stragglers=len(behind_all),
         back=sum(one.end_ns < int(truth.stamps_ns[-1]) for one in behind_all),
+        behind_s=sum(one.end_ns - one.begin_ns for one in behind_all) / 1e9,
         alone_s=float((alone & (nearest > BESIDE_M)).sum()) * step_s,
     )
 

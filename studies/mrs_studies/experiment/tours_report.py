@@ -36,13 +36,13 @@ def markdown(cases: Sequence[Case], reports: Sequence[_Report]) -> str:
         "",
         *table(
             ("tour", "finished", "time [s]", "people lost", "seen", "least seen", "detected",
-             "stragglers", "fetched", "waited for", "alone [s]"),
+             "stragglers", "fetched", "waited for", "behind [s]", "alone [s]", "spread [m]"),
             [_tour(name, report) for name, report in rows],
         ),
         "",
         "Seen: found by `tracked_people` within 0.5 m; detected: without those who are only "
         "predicted. Waited for: nobody fetched them, but the group stayed within "
-        f"{WAITS_M:g} m.",
+        f"{WAITS_M:g} m. Spread: of the people about their middle, a root mean square.",
         "",
         "### Robots",
         "",
@@ -114,7 +114,9 @@ def _tour(name: str, report: _Report) -> list[str]:
         number(tour["seen"]["min"], 1, 2),
         number(tour["seen"]["detected"], 1, 3),
         *(str(stragglers[key]) for key in ("stopped", "fetched", "waited_for")),
+        number(tour["stragglers"]["behind_s"], 1, 0),
         number(tour["stragglers"]["alone_s"], 1, 0),
+        number(tour["spread_m"], 1, 2),
     ]
 
 

@@ -42,7 +42,7 @@ def test_robot_without_scans_sees_nothing_at_once_and_it_is_told_once() -> None:
     assert run(sights, 0.4, [person(2.0, "robot_a")], ("robot_a",), 1.0) == []
     assert sights.seeing == {"robot_a"}
     said = run(sights, 5.0, [person(2.0, "robot_a")], ("robot_a",), 1.4)
-    assert said == ["robot_b sees nothing: none of its scans has been used for 1 s"]
+    assert said == ["robot_b sees nothing: none of its scans has been used for 1.5 s"]
     assert run(sights, 1.0, [person(2.0, *BOTH)], BOTH, 6.4) == ["robot_b sees again"]
     assert sights.seeing == set(BOTH)
 

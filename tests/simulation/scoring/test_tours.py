@@ -170,6 +170,12 @@ def test_robots_stand_off_that_are_held_up_beside_somebody(person, post, expecte
     assert scores.stood_off_s == pytest.approx(expected, abs=0.3)
 
 
+def test_spread_is_that_of_people_about_their_middle():
+    # Rows of people are 1 m apart; the middle one of three is the middle.
+    scores = score_tour(record(people(0.0, 0.0, 0.0), {"a": track(9.0)}))
+    assert scores.spread_m == pytest.approx([np.sqrt(2.0 / 3.0)])
+
+
 def test_changes_of_the_leader_are_counted():
     def led(name: str) -> dict[str, Post]:
         return {name: Post(Role.LEADER, np.zeros(2), 0.0, 0.5)}
