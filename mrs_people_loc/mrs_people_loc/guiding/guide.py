@@ -334,7 +334,10 @@ class Guide:
                 self._events += self._group.events
                 self._go_on(dt_s)
             posts = self._posts() if self.state in RUNNING else {}
-        self._team.watch(self._unhindered(posts, people), dt_s)
+        is_to_go = self._pace.speed > 0.0 or self._overtakes
+        held, self._steering.held = self._steering.held, frozenset()
+        told = self._unhindered(posts, people) if is_to_go else {}
+        self._team.watch({name: told[name] for name in told.keys() - held}, dt_s)
         return self._guidance(posts)
 
     def _look(self, people: Sequence[Person], scans: Collection[str] | None) -> None:

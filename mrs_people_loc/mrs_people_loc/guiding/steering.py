@@ -117,6 +117,8 @@ class Steering:
         robots: Names of the robots that are driven.
         blind: Names of robots that see nothing: no place is seen empty by them.
         spare: Margins of unsure poses bring robots no farther off walls than this [m].
+        held: Those of them that had to stand in a step because people or poses were outdated; to be
+            emptied by the caller.
     """
 
     def __init__(
@@ -130,6 +132,7 @@ class Steering:
         self.robots = tuple(robots)
         self.blind: frozenset[str] = frozenset()
         self.spare = math.inf
+        self.held: frozenset[str] = frozenset()
         self._drives = {robot: Drive() for robot in self.robots}
         self._heard: dict[str, _Heard] = {}
         self._velocities: dict[str, Velocity] = dict.fromkeys(self.robots, (0.0, 0.0))
@@ -247,18 +250,19 @@ class Steering:
         heard, seen, posts = dict(self._heard), self._seen, self._posts
         poses = {robot: self._now(robot, one.pose, now_ns) for robot, one in heard.items()}
         people_s, safety = self._age_of(seen, now_ns), self.config.safety
-        driven = {}
+        driven, held = {}, set()
         for robot in self.robots:
             left_s = min(
                 safety.people_timeout - people_s,
                 safety.pose_timeout - self._age_of_pose(heard.get(robot), now_ns),
             )
-            driven[robot] = (
-                self._drive(robot, poses, seen, posts.get(robot), now_ns, left_s - dt, dt)
-                if left_s > dt  # before the next step
-                else (0.0, 0.0)
-            )
-        self._velocities = driven
+            if left_s <= dt:  # before the next step
+                driven[robot] = 0.0, 0.0
+                held.add(robot)
+            else:
+                post = posts.get(robot)
+                driven[robot] = self._drive(robot, poses, seen, post, now_ns, left_s - dt, dt)
+        self._velocities, self.held = driven, self.held | held
         return dict(driven)
 
     def _drive(

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mrs_people_loc.clocks import RESET_NS
+from mrs_people_loc.clocks import BELIEVED, RESET_NS
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.errors import AheadError, TourError
 from mrs_people_loc.guiding.drive import Velocity
@@ -154,6 +154,7 @@ class TourControl:
         self._poses: dict[str, tuple[Pose, int]] = {}  # stamped by `Now.ns`, and when it came [ns]
         self._people_came_s: float | None = None
         self._people_before: tuple[int, Mapping[str, int]] | None = None  # stamps, of scans, too
+        self._again = 0  # people in a row that were no news
         self._told: set[str] = set()  # what is told once a tour
         self._have_ids = True
         self._used_ns: dict[str, int] = {}  # when a scan of a robot was used last
@@ -212,9 +213,12 @@ class TourControl:
         if before is not None:
             is_same = bool(scans) and scans == before[1]
             if is_same or 0 <= before[0] - stamp_ns < RESET_NS:
-                topic = self._host.people().topic
-                self._tell_once(f"people on {topic} come late, or again: these count as old")
+                self._again += 1
+                if self._again == BELIEVED:
+                    topic = self._host.people().topic
+                    self._tell_once(f"people on {topic} come late, or again: these count as old")
                 return
+        self._again = 0
         self._people_before = stamp_ns, dict(scans)
         self._people_came_s = now.steady_s
         self._have_ids = not people or any(person.id for person in people)

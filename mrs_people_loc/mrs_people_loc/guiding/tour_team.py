@@ -189,7 +189,7 @@ class TourTeam:
         since.
 
         Args:
-            posts: Where they are to go.
+            posts: Where those are to go that are told to drive; for the others no time counts.
             dt_s: Time since the last interval [s].
         """
         tuning = self._tuning

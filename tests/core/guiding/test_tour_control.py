@@ -423,6 +423,25 @@ def test_people_that_come_again_are_no_news(team: Stepped, again: str) -> None:
     assert len([event for event in team.events if "come late, or again" in event]) == 1
 
 
+@pytest.mark.parametrize(("late_s", "is_at_fault"), [(0.1, True), (0.67, False)])
+def test_robots_that_stand_for_late_people_are_not_at_fault(
+    team: Stepped, late_s: float, is_at_fault: bool
+) -> None:
+    """Bases that do not obey are; those that are told to stand are not."""
+    team.said.clear()
+    team.now_s += 1.0
+    for _ in range(50):
+        team.now_s += 0.2
+        for robot, place in PLACES.items():
+            team.hear_pose(robot, team.now_ns, *place)
+        team.hear_people(team.now_ns - round(late_s * 1e9))
+        team.tick()
+        assert team.drives() != (late_s > 0.6) or is_at_fault
+    events = [event for told in team.said for event in told.events]
+    fault = "robot_a takes no part: is told to drive, but has not moved for 8 s"
+    assert (fault in events) == is_at_fault
+
+
 def test_velocities_that_took_too_long_are_not_sent(team: Stepped) -> None:
     """A stalled machine: what was computed by ages of before says nothing."""
     for took_s, drives in ((0.04, True), (0.06, False)):
