@@ -507,12 +507,14 @@ def post_pose(post: Post) -> RosPose:
     return made
 
 
-def tour_goal(tour: Tour) -> GuideTour.Goal:
-    """A tour as a goal of the action `guide_tour`."""
+def tour_goal(tour: Tour, *, attended: bool = False) -> GuideTour.Goal:
+    """A tour as a goal of the action `guide_tour`; attended: it ends where its client is silent."""
     path = Path(header=Header(frame_id=tour.frame))
     path.poses = [PoseStamped(header=path.header, pose=floor_pose(xy)) for xy in tour.points]
     stops = [
         TourStop(name=stop.name, position=floor_pose(stop.xy).position, wait=_duration(stop.wait_s))
         for stop in tour.stops
     ]
-    return GuideTour.Goal(name=tour.name, path=path, stops=stops, speed=tour.speed or 0.0)
+    return GuideTour.Goal(
+        name=tour.name, path=path, stops=stops, speed=tour.speed or 0.0, attended=attended
+    )

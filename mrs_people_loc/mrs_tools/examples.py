@@ -14,6 +14,9 @@ EXAMPLES: dict[str, dict[str, str]] = {
     },
     "tour": {
         "museum.yaml": "guide a group by the running guide_node",
+        "museum.yaml --attended": "... which stops within 2 s where this command does",
+        "stop": "the robots stand",
+        "release": "... no longer; a tour goes on",
         "--simulate --scene guided_hall": "on this machine, without robots",
     },
     "discovery-server": {"--port 11811": "the others get this host's address"},

@@ -6,6 +6,7 @@ import itertools
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,13 @@ from typing import Any
 import pytest
 from action_msgs.msg import GoalStatus
 from mrs_people_msgs.msg import GuideStatus
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
 
 from machine import nine_of_ten
 from ros.guide_peer import GuideWorld, goal_of, map_of, path_of
-from ros.harness import ERROR, OK, NodeProcess, Peer, Team
+from ros.harness import ERROR, OK, WARN, NodeProcess, Peer, Team
 
 pytestmark = pytest.mark.slow
 
@@ -169,6 +173,82 @@ def test_cancelled_tour_stops_the_robots_at_once(
     assert result.result().status == GoalStatus.STATUS_CANCELED
     assert not result.result().result.finished
     assert _status(world).state == GuideStatus.CANCELLED
+
+
+def test_stop_holds_until_it_is_released_though_tours_come(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world()
+    peer = world.peer
+    handle, result = world.start(AHEAD)
+    peer.until(lambda: _is_driven(world), lambda: guide.log)
+    stops = peer.publisher(Empty, "/stop", QoSProfile(depth=1))
+    peer.until(stops.get_subscription_count, "nobody listens to stop")
+    stops.publish(Empty())
+    peer.until(lambda: _status(world).state == GuideStatus.STOPPED, lambda: guide.log)
+    _until_standing(world)
+    assert _status(world).reason.startswith(f"stopped by {peer.node.get_fully_qualified_name()}")
+    world.commands.clear()
+    peer.spin(1.0)
+    assert {(one.v, one.w) for one in world.commands} == {STAND}
+    assert all(len(world.last_commands(robot, 99)) > 12 for robot in PLACES), "20 Hz"
+    # It outlives the tour, and no other one begins.
+    handle.cancel_goal_async()
+    peer.until(result.done, lambda: guide.log)
+    assert world.refused(AHEAD).endswith("release the robots first: mrs tour release")
+    peer.spin(1.0)
+    world.commands.clear()
+    peer.spin(0.5)
+    assert {(one.v, one.w) for one in world.commands} == {STAND}
+    found = peer.until_finding("/guide_node", "tour", lambda f: f.level == WARN)
+    assert found.values["code"] == "tour_stopped"
+    assert peer.call(Trigger, "/release", Trigger.Request()).success
+    assert not peer.call(Trigger, "/release", Trigger.Request()).success
+    world.start(AHEAD)
+    peer.until(lambda: _is_driven(world), lambda: guide.log)
+    # And a tour that was stopped goes on.
+    assert peer.call(Trigger, "/stop", Trigger.Request()).success
+    _until_standing(world)
+    assert peer.call(Trigger, "/release", Trigger.Request()).success
+    peer.until(lambda: _is_driven(world), lambda: guide.log)
+
+
+def test_mrs_tour_stop_and_release(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess
+) -> None:
+    world = make_world()
+    world.start(AHEAD)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+    for request, says in (("stop", "stopped by"), ("release", "released")):
+        with subprocess.Popen(
+            [sys.executable, "-m", "mrs_tools", "tour", request], stdout=subprocess.PIPE, text=True
+        ) as asking:
+            world.peer.until(lambda a=asking: a.poll() is not None, "no answer")  # type: ignore[misc]
+            assert asking.returncode == 0
+            assert asking.stdout is not None
+            assert asking.stdout.read().startswith(says)
+        if request == "stop":
+            _until_standing(world)
+    world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+
+
+def test_attended_tour_ends_with_its_client(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess, tmp_path: Path
+) -> None:
+    world = make_world()
+    file = tmp_path / "hall.yaml"
+    file.write_text("points: [[0, 0], [30, 0]]\n")
+    command = [sys.executable, "-m", "mrs_tools", "tour", str(file), "--attended"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as tour:
+        world.peer.until(lambda: _is_driven(world), lambda: guide.log)
+        world.peer.spin(3.0)
+        assert _status(world).state != GuideStatus.CANCELLED
+        tour.kill()
+    began_s = time.monotonic()
+    world.peer.until(lambda: _status(world).state == GuideStatus.CANCELLED, lambda: guide.log)
+    assert time.monotonic() - began_s < 4.0
+    assert _status(world).reason == "its client has been silent for 2 s"
+    _until_standing(world)
 
 
 def test_path_starts_a_tour_and_an_empty_one_cancels_it(

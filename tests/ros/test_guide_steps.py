@@ -54,7 +54,7 @@ class Bases:
     def stop(self, poses: Any) -> None:
         self.stops += 1
 
-    def keep_standing(self) -> None:
+    def keep_standing(self, *, always: bool) -> None:
         self.kept += 1
 
     def finish(self) -> None:

@@ -194,8 +194,9 @@ KINDS = {
     "reply": "get_service_names_and_types_by_node",
     "request": "get_client_names_and_types_by_node",
 }
-#: What `mrs doctor` asks at its end, for a moment only: the graph may not show it.
-BRIEFLY = {
+#: What `mrs doctor` asks at its end, and `mrs tour stop`, for a moment only: the graph may not show
+#: it.
+BRIEFLY = {"/stop", "/release"} | {
     f"/{node}/{service}"
     for node in ("planner_node", "guide_node", "*/robot_node")
     for service in ("get_parameters", "get_state")
@@ -300,7 +301,7 @@ def test_all_robots_have_the_same_policy() -> None:
         ("mrs_record", ("record", "OUT", "/tracked_people")),
         ("mrs_doctor", ("doctor", "--duration", "600")),
         # Where nobody guides, so that it waits.
-        ("mrs_tour", ("tour", "TOUR", "--namespace", "/nobody")),
+        ("mrs_tour", ("tour", "TOUR", "--namespace", "/nobody", "--attended")),
     ],
 )
 def test_policy_of_the_tools_matches_their_topics_and_services(

@@ -23,6 +23,7 @@ class State(IntEnum):
     FINISHED = 5
     CANCELLED = 6
     HALTED = 7
+    STOPPED = 8
 
 
 class Role(IntEnum):

@@ -115,7 +115,7 @@ class Guide:
         self._quarantined: frozenset[str] = frozenset()
         self._formation = FormationPlanner(config, tour.way, space)
         self._events: list[str] = []
-        self._phase, self._misfit = State.GATHERING, ""
+        self._phase, self._misfit, self._is_stopped = State.GATHERING, "", False
         self._begun_ns, self._now_ns = now_ns, 0
         self._post_m = self._settled_s = self._there_s = 0.0
         self._nearest_m = math.inf
@@ -170,7 +170,8 @@ class Guide:
             check_tour(self.tour, space, self._config.safety.wall_distance)
         except TourError as err:
             self._misfit = f"by the new map {err}"
-        return self.halt(self._misfit) if self._misfit not in ("", before) else None
+        is_news = self._misfit not in ("", before) and not self._is_stopped
+        return self.halt(self._misfit) if is_news else None
 
     def take_people(
         self,
@@ -192,13 +193,14 @@ class Guide:
             quarantined: Names of the robots in quarantine.
 
         Returns:
-            How the tour goes on; None: it has ended before, or robots stand for the map.
+            How the tour goes on; None: it has ended before, or robots are stopped, or stand for
+            the map.
         """
         if not self.is_running:
             return None
         self._steering.take_people(people, stamp_ns, now_ns)
         self._tell_limits(len(people))
-        if self._misfit:
+        if self._misfit or self._is_stopped:
             return None
         self._quarantined = frozenset(quarantined)
         guidance = self._step(people, groups, stamp_ns, scans)
@@ -229,7 +231,8 @@ class Guide:
         timeout = self._config.safety.people_timeout
         # Nav2 goes on to its goal until it is moved.
         longer_s = 0.0 if self._config.drive == "nav2" else self._tuning.halts_s
-        if not self.is_running or age_s < timeout + longer_s or self.guidance.state == State.HALTED:
+        stands = self.state in (State.HALTED, State.STOPPED)
+        if not self.is_running or age_s < timeout + longer_s or stands:
             return None
         return self.halt(f"no people have come for {age_s:.2f} s; allowed: {timeout:g} s")
 
@@ -248,6 +251,21 @@ class Guide:
             self.guidance, state=self.state, reason=self._reason, speed=0.0, posts={}
         )
         return self._told(ended)
+
+    def stop(self, reason: str) -> Guidance:
+        """The robots stand until `release`.
+
+        Args:
+            reason: Who has stopped them, in words.
+        """
+        self._is_stopped = True
+        self._turn(Cue.STOPPED, why=reason)
+        return self._told(self._guidance({}))
+
+    def release(self) -> Guidance:
+        """The tour goes on with the next people."""
+        self._is_stopped = False
+        return self.halt(self._misfit or "waits for people after a stop")
 
     def halt(self, reason: str) -> Guidance:
         """The robots stand until the next step.

@@ -33,6 +33,7 @@ class ControlTuning:
         look_s: Period of looking for robots without a base [s].
         recorders: Nodes with these names subscribe to everything, and are no base.
         ahead_s: Stamps that are farther ahead of the clock than this are refused [s].
+        attended_s: An attended tour ends once its client is silent for so long [s].
         late_s: Velocities that took longer than this are outdated: zero is sent instead [s].
     """
 
@@ -41,6 +42,7 @@ class ControlTuning:
     look_s: float = 1.0
     recorders: tuple[str, ...] = ("mrs_record", "rosbag2_recorder")
     ahead_s: float = 0.1
+    attended_s: float = 2.0
     late_s: float = 0.05
 
 
@@ -96,8 +98,8 @@ class Bases(Protocol):
     def stop(self, poses: Mapping[str, Pose]) -> None:
         """Lets the robots stand."""
 
-    def keep_standing(self) -> None:
-        """Called at the rate of velocities while there is no tour."""
+    def keep_standing(self, *, always: bool) -> None:
+        """Called at the rate of velocities without a tour; always: robots are stopped."""
 
     def finish(self) -> None:
         """Waits until what was sent last has arrived."""
@@ -106,8 +108,8 @@ class Bases(Protocol):
 class Host(Protocol):
     """What a node does for the control, and knows of the network."""
 
-    def publish(self, tour: Tour, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
-        """Publishes how a tour goes on."""
+    def publish(self, tour: Tour | None, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
+        """Publishes how a tour goes on, or that there is none."""
 
     def say(self, event: str) -> None:
         """Publishes a sentence."""
@@ -143,6 +145,7 @@ class TourControl:
         config: Parameters; of a tour under way, see `configure`.
         guide: The tour under way; None: there is none.
         grid: The map; None: none has come.
+        stopped: Who has stopped the robots, in words; empty: nobody.
     """
 
     def __init__(
@@ -151,6 +154,9 @@ class TourControl:
         self.config, self._bases, self._host, self._tuning = config, bases, host, tuning
         self.guide: Guide | None = None
         self.grid: OccupancyGrid | None = None
+        self.stopped = ""
+        self._attended_s: float | None = None  # when a client was heard; None: it need not be
+        self._stated_s = 0.0
         self._poses: dict[str, tuple[Pose, int]] = {}  # stamped by `Now.ns`, and when it came [ns]
         self._people_came_s: float | None = None
         self._people_before: tuple[int, Mapping[str, int]] | None = None  # stamps, of scans, too
@@ -265,11 +271,16 @@ class TourControl:
 
     def tick(self, now: Now) -> None:
         """Halts a tour whose people are outdated, and moves goals; to be called often."""
-        guide = self.guide
+        guide, tuning = self.guide, self._tuning
+        if self.stopped and now.steady_s - self._stated_s >= tuning.look_s:
+            self._tell_stopped(now)
         if guide is None:
             return
+        if self._attended_s is not None and now.steady_s - self._attended_s > tuning.attended_s:
+            self.end(f"its client has been silent for {tuning.attended_s:g} s")
+            return
         self._go_on(guide, guide.check_age(now.ns), now)
-        if now.ns - self._sent_ns >= self._tuning.goals_s * 1e9:
+        if now.ns - self._sent_ns >= tuning.goals_s * 1e9:
             self._send_goals(guide, now)
 
     def drive(self, clock: Callable[[], Now]) -> None:
@@ -278,9 +289,9 @@ class TourControl:
         Args:
             clock: Tells the time: velocities that took too long are not sent.
         """
-        guide = self.guide
-        if guide is None:
-            self._bases.keep_standing()
+        guide, stopped = self.guide, bool(self.stopped)
+        if guide is None or stopped:
+            self._bases.keep_standing(always=stopped)
             return
         now = clock()
         velocities = guide.velocities(now.ns)
@@ -303,19 +314,71 @@ class TourControl:
             self._told.add(event)
             self._host.say(event)
 
+    # ---- a stop that holds ----
+
+    def stop(self, reason: str, now: Now) -> None:
+        """Lets all robots stand until `release`: those of a tour, which is kept, or the last ones.
+
+        Args:
+            reason: Who has stopped them, in words.
+            now: The time.
+        """
+        if self.stopped:
+            return
+        self.stopped, guide = reason, self.guide
+        self._bases.stop({} if guide is None else guide.poses())
+        if guide is None:
+            self._host.say(reason)
+            self._tell_stopped(now)
+        else:
+            self._publish(guide, guide.stop(reason))
+
+    def release(self, now: Now) -> None:
+        """Ends a stop: a tour goes on."""
+        if not self.stopped:
+            return
+        self.stopped, guide = "", self.guide
+        self._host.say("released")
+        if guide is None:
+            self._host.publish(None, Guidance(now.stamp_ns, State.IDLE), {})
+        else:
+            self._bases.begin(guide.config.robots)
+            self._publish(guide, guide.release())
+
+    def _tell_stopped(self, now: Now) -> None:
+        """Publishes it again, for those who have come since."""
+        self._stated_s = now.steady_s
+        if self.guide is None:
+            stopped = Guidance(now.stamp_ns, State.STOPPED, self.stopped)
+            self._host.publish(None, stopped, {})
+        else:
+            self._publish(self.guide, self.guide.guidance)
+
     # ---- a tour ----
+
+    def attend(self, now: Now) -> None:
+        """Takes a word of the client of an attended tour."""
+        if self._attended_s is not None:
+            self._attended_s = now.steady_s
 
     def check_is_free(self) -> None:
         """Checks whether a tour may begin, before it is read.
 
         Raises:
-            TourError: Another one is under way.
+            TourError: Another one is under way, or the robots are stopped.
         """
+        if self.stopped:
+            raise TourError(f"{self.stopped}; release the robots first: mrs tour release")
         if self.guide is not None:
             raise TourError(f"the tour {self.guide.tour.name!r} is under way; cancel it first")
 
-    def begin(self, tour: Tour, now: Now) -> Guide:
+    def begin(self, tour: Tour, now: Now, *, attended: bool = False) -> Guide:
         """Begins a tour.
+
+        Args:
+            tour: The tour.
+            now: The time.
+            attended: Whether it ends where its client is silent, see `attend`.
 
         Raises:
             TourError: Something is wrong with it, or with the team.
@@ -328,6 +391,7 @@ class TourControl:
             guide.take_pose(robot, pose, came_ns)
         self._bases.begin(config.robots)
         self._told.clear()
+        self._attended_s = now.steady_s if attended else None
         self.guide = guide
         self._people_ns, self._sent_ns, self._looked_ns = now.stamp_ns, 0, 0
         if self.grid is None:
@@ -369,6 +433,8 @@ class TourControl:
 
     def _send_goals(self, guide: Guide, now: Now) -> None:
         """Moves goals to posts, or to where robots are whose poses are outdated."""
+        if self.stopped:
+            return
         self._bases.send(guide.goals(now.ns), guide.poses())
         self._sent_ns = now.ns
 

@@ -9,10 +9,10 @@ from mrs_people_loc.guiding.guidance import HALTS, State
 
 _GATHERING, _LEADING, _WAITING = State.GATHERING, State.LEADING, State.WAITING
 _AT_STOP, _HALTED = State.AT_STOP, State.HALTED
-_FINISHED, _CANCELLED = State.FINISHED, State.CANCELLED
+_FINISHED, _CANCELLED, _STOPPED = State.FINISHED, State.CANCELLED, State.STOPPED
 #: States of a tour that has not ended.
-RUNNING = (_GATHERING, _LEADING, _WAITING, _AT_STOP, _HALTED)
-#: States that others interrupt: from WAITING and HALTED a tour goes on in the last one of these.
+RUNNING = (_GATHERING, _LEADING, _WAITING, _AT_STOP, _HALTED, _STOPPED)
+#: States that others interrupt: from the others of a tour it goes on in the last one of these.
 PHASES = (_GATHERING, _LEADING, _AT_STOP)
 
 
@@ -70,4 +70,5 @@ class Cue(Enum):
     NOBODY_LEFT = Transition(None, _CANCELLED, "nobody of the group is left")
     HALTS = Transition(None, _HALTED, "{why}", f"{HALTS}{{why}}")
     STILL_HALTED = Transition(None, _HALTED, "{why}")
+    STOPPED = Transition(None, _STOPPED, "{why}", "{why}")
     CANCELLED = Transition(None, _CANCELLED, "{why}")

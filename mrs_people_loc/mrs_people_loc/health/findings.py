@@ -84,6 +84,7 @@ class Code(str, Enum):
     # of the guide
     NO_MAP = "no_map"
     TOUR_HALTED = "tour_halted"
+    TOUR_STOPPED = "tour_stopped"
     PEOPLE_LOST = "people_lost"
     TAKES_NO_PART = "takes_no_part"
     DRIVEN_BY_OTHERS = "driven_by_others"

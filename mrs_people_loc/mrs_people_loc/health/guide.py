@@ -41,7 +41,7 @@ def of_tour(tour: str, guidance: Guidance, avoided: Iterable[str] = ()) -> Findi
         avoided: Names of the robots outside the tour that are avoided.
     """
     values: dict[str, object] = {"state": guidance.state.name.lower()}
-    if guidance.state != State.IDLE:
+    if tour:
         values |= {
             "tour": tour,
             "way_m": f"{guidance.way_m:.1f}",
@@ -56,6 +56,9 @@ def of_tour(tour: str, guidance: Guidance, avoided: Iterable[str] = ()) -> Findi
     if guidance.state == State.HALTED:
         text = f"the robots stand: {guidance.reason}"
         return Finding("tour", ERROR, text, values, Code.TOUR_HALTED)
+    if guidance.state == State.STOPPED:
+        text = f"{guidance.reason}: the robots stand until they are released (mrs tour release)"
+        return Finding("tour", WARN, text, values, Code.TOUR_STOPPED)
     if guidance.lost:
         ids = ", ".join(str(number) for number in guidance.lost)
         text = f"the tour goes on without people who fell behind, by their ids: {ids}; {text}"

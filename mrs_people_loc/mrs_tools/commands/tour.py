@@ -15,19 +15,29 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+#: What may be asked for in place of a tour: services of guide_node.
+_REQUESTS = ("stop", "release")
 #: Options of each kind of tour that the other one does not have, by their parameters.
-_LIVE = ("namespace",)
+_LIVE = ("namespace", "attended")
 _SIMULATED = ("scene", "seed", "poses", "kill", "record", "images", "duration", "open_")
 
 
 def command(
     context: typer.Context,
     file: Annotated[
-        Path | None, typer.Argument(metavar="[TOUR.yaml]", help="The way and its stops.")
+        Path | None,
+        typer.Argument(
+            metavar="[TOUR.yaml|stop|release]",
+            help="The way and its stops; or stop the robots, or release them.",
+        ),
     ] = None,
     namespace: Annotated[
         str, typer.Option("--namespace", "-n", help="Namespace of guide_node.")
     ] = "",
+    attended: Annotated[
+        bool,
+        typer.Option("--attended", help="The tour ends within 2 s where this command does."),
+    ] = False,
     simulate: Annotated[
         bool,
         typer.Option(
@@ -77,6 +87,8 @@ def command(
 ) -> None:
     """Guide a group along a tour, by a running guide_node; Ctrl-C cancels the tour.
 
+    `mrs tour stop` lets the robots stand, whoever has started a tour, until `mrs tour release`.
+
     Shows how the tour goes on. Exit code 0 if the group has been guided to the end. With --simulate
     everything runs on this machine, in real time or as fast as it can, and is shown on a page for
     the browser; scores are printed at the end.
@@ -90,8 +102,11 @@ def command(
         options = ", ".join(f"--{name.rstrip('_')}" for name in given)
         applies = "does not apply with" if simulate else "applies only with"
         raise typer.BadParameter(f"{options}: {applies} --simulate")
+    if str(file) in _REQUESTS:
+        _ask(str(file), namespace)
+        return
     if file is not None:
-        _guide(file, namespace)
+        _guide(file, namespace, attended=attended)
         return
     # Simulated worlds are no part of what a robot installs.
     simulated = importlib.import_module("mrs_people_sim.tour.command")
@@ -104,12 +119,21 @@ def command(
         _report(result, stop.exit_code, console)
 
 
+def _ask(request: str, namespace: str) -> None:
+    """Stops the robots of a running guide_node, or releases them."""
+    from mrs_tools.live.tour_client import ask_guide
+    from mrs_tools.tool_node import node, spinning
+
+    with node("mrs_tour", namespace=namespace) as made, spinning(made) as executor:
+        print(plain(ask_guide(made, request, spin=lambda: executor.spin_once(timeout_sec=0.1))))
+
+
 def _is_given(context: typer.Context, name: str) -> bool:
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
 
 
-def _guide(file: Path, namespace: str) -> None:
+def _guide(file: Path, namespace: str, *, attended: bool) -> None:
     """Asks guide_node for a tour, and shows it."""
     from rich.console import Console
 
@@ -132,6 +156,7 @@ def _guide(file: Path, namespace: str) -> None:
             spin=lambda: executor.spin_once(timeout_sec=0.1),
             stop=stop,
             show=view.show,
+            attended=attended,
         )
     _report(result, stop.exit_code, console)
 

@@ -83,6 +83,7 @@ _LACKS = {
     Code.NO_ROBOT,
     Code.NO_INTERVAL,
     Code.TOUR_HALTED,
+    Code.TOUR_STOPPED,
 }
 
 

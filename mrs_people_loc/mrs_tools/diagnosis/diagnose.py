@@ -68,6 +68,7 @@ _ADVICE = {
     Code.NO_MAP: "publish one (map_server), or see that nothing is in the way: docs/guiding.md",
     Code.TOUR_HALTED: "it goes on by itself once they come again: look at the planner, the robots' "
     "nodes and the load of their computers",
+    Code.TOUR_STOPPED: "see that nobody is in danger, then: mrs tour release",
     Code.PEOPLE_LOST: "look for them; see pace.patience",
     Code.TAKES_NO_PART: "look at its node, its computer and the network; it takes part again once "
     "its poses come",

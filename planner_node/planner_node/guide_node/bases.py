@@ -84,11 +84,11 @@ class Velocities:
             self._zeros, self._is_driven = _ZEROS, False
             self._send({})
 
-    def keep_standing(self) -> None:
-        """Called at the rate of velocities while there is no tour."""
+    def keep_standing(self, *, always: bool) -> None:
+        """Called at the rate of velocities without a tour; always: robots are stopped."""
         with self._lock:
-            if self._zeros:
-                self._zeros -= 1
+            if self._zeros or always:
+                self._zeros = max(self._zeros - 1, 0)
                 self._send({})
 
     def finish(self) -> None:
@@ -165,7 +165,7 @@ class Goals:
             self._publishers[robot][2].call_async(CancelGoal.Request())
         self._started.clear()
 
-    def keep_standing(self) -> None:
+    def keep_standing(self, *, always: bool) -> None:
         """Does nothing: navigation has ended."""
 
     def finish(self) -> None:

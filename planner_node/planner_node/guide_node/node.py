@@ -15,6 +15,8 @@ from mrs_people_msgs.msg import People
 from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
 
 from mrs_people_loc import messages
 from mrs_people_loc.config import GuideConfig
@@ -76,6 +78,8 @@ class GuideNode(ManagedNode):
         self._bases, self._control = bases, TourControl(config, bases, self)
         self._action = TourAction(self, self._begin_goal, self._cancel)
         self.until_cleanup(self._action.destroy)
+        self.serve(Trigger, "stop", self._on_stop)
+        self.serve(Trigger, "release", self._on_release)
         self._failure = ""
         self._maps = ThreadPoolExecutor(1, "maps")
         self._map: tuple[OccupancyGrid, Future[Any]] | None = None
@@ -88,6 +92,8 @@ class GuideNode(ManagedNode):
         self._beat = Beat(_PERIOD_S, self._drive)
         self._take(People, self.config.people_topic, self._on_people, STREAM)
         self._take(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
+        for topic, take in (("stop", self._on_stop_topic), ("attended", self._on_attended)):
+            self.listen(Empty, topic, take, QoSProfile(depth=1), once=True, any_number=True)
         self._take(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
         for robot in self.config.robots:
             self._hear(robot, any_number=False)
@@ -106,7 +112,7 @@ class GuideNode(ManagedNode):
     def destroy_node(self) -> None:
         """Lets the robots stand before the node is destroyed."""
         self._is_ending = True
-        if self.is_active and self._control.guide is not None:
+        if self.is_active:
             self._control.end("guide_node has ended", last=True)
             self._halt()
             executor, began_s = self.executor if self._action.is_busy else None, time.monotonic()
@@ -188,13 +194,35 @@ class GuideNode(ManagedNode):
         self._control.check_is_free()
         self._begin_tour(messages.read_tour_path(message, self.config.map_frame))
 
+    # ---- a stop that holds ----
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._control.stop("stopped by a call of the service", self._now())
+        response.success, response.message = True, self._control.stopped
+        return response
+
+    def _on_release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = bool(self._control.stopped)
+        response.message = "released" if response.success else "the robots are not stopped"
+        self._control.release(self._now())
+        return response
+
+    def _on_stop_topic(self, _: Empty) -> None:
+        topic = self.resolve_topic_name("stop")
+        names = ", ".join(sorted(map(node_of, self.get_publishers_info_by_topic(topic))))
+        self._control.stop(f"stopped by {names or 'somebody'} on {topic}", self._now())
+
+    def _on_attended(self, _: Empty) -> None:
+        self._control.attend(self._now())
+
     # ---- tours ----
 
     def _begin_goal(self, goal: Any) -> None:
         self._control.check_is_free()
-        self._begin_tour(messages.read_tour_goal(goal, self.config.map_frame))
+        tour = messages.read_tour_goal(goal, self.config.map_frame)
+        self._begin_tour(tour, attended=bool(goal.attended))
 
-    def _begin_tour(self, tour: Tour) -> None:
+    def _begin_tour(self, tour: Tour, *, attended: bool = False) -> None:
         """Begins a tour.
 
         Raises:
@@ -203,7 +231,7 @@ class GuideNode(ManagedNode):
         if self._is_ending:
             raise TourError("guide_node is ending")
         self._take_map()
-        guide = self._control.begin(tour, self._now())
+        guide = self._control.begin(tour, self._now(), attended=attended)
         self.get_logger().info(f"tour {guide.tour.name!r} with {', '.join(guide.config.robots)}")
 
     def _cancel(self) -> None:
@@ -243,8 +271,8 @@ class GuideNode(ManagedNode):
 
     # ---- for the control, see `Host` ----
 
-    def publish(self, tour: Tour, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
-        """Publishes how a tour goes on, to the client of the action, too."""
+    def publish(self, tour: Tour | None, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
+        """Publishes how a tour goes on, to the client of the action, too; or that there is none."""
         self._action.tell(self._outputs.publish(tour, guidance, poses, self.config.map_frame))
 
     def say(self, event: str) -> None:
@@ -287,7 +315,9 @@ class GuideNode(ManagedNode):
         is_known = self._control.grid is not None
         walls = of_walls(self.resolve_topic_name("map"), is_known=is_known)
         if guide is None:
-            return [guides, walls, of_tour("", Guidance(0, State.IDLE))]
+            stopped = self._control.stopped
+            idle = Guidance(0, State.STOPPED if stopped else State.IDLE, stopped)
+            return [guides, walls, of_tour("", idle)]
         others = {robot: self.commands(robot).publishers for robot in guide.config.robots}
         return [
             guides,

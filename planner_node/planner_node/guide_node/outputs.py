@@ -30,18 +30,18 @@ class Outputs:
         self._markers = node.offer(MarkerArray, "guide_markers", 2)
 
     def publish(
-        self, tour: Tour, guidance: Guidance, poses: Mapping[str, Pose], frame_id: str
+        self, tour: Tour | None, guidance: Guidance, poses: Mapping[str, Pose], frame_id: str
     ) -> GuideStatus:
-        """Publishes how a tour goes on; the markers only while somebody subscribes.
+        """Publishes how a tour goes on, or that there is none; markers only if somebody subscribes.
 
         Returns:
             The message on `guide_status`.
         """
-        status = convert.guide_status(tour.name, guidance, poses, frame_id)
+        status = convert.guide_status("" if tour is None else tour.name, guidance, poses, frame_id)
         self._status.publish(status)
         for event in guidance.events:
             self.say(event)
-        if self._markers.get_subscription_count():
+        if tour is not None and self._markers.get_subscription_count():
             self._markers.publish(tour_markers(tour, guidance, frame_id))
         return status
 

@@ -17,7 +17,7 @@ from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.tour import Tour, tour_from
 from mrs_people_loc.guiding.tour_control import Ends, Now, TourControl
 from mrs_people_loc.health.findings import OK, Code
-from mrs_people_loc.health.guide import of_others
+from mrs_people_loc.health.guide import of_others, of_tour
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose
@@ -38,7 +38,7 @@ class Bases:
         self.posts: Mapping[str, Any] = {}
 
     def begin(self, robots: Iterable[str]) -> None:
-        pass
+        self.begun = tuple(robots)
 
     def drive(self, velocities: Mapping[str, tuple[float, float]]) -> None:
         self.velocities = velocities
@@ -49,8 +49,10 @@ class Bases:
     def stop(self, poses: Mapping[str, Pose]) -> None:
         self.stops += 1
 
-    def keep_standing(self) -> None:
+    def keep_standing(self, *, always: bool) -> None:
         self.kept += 1
+        if always:
+            self.velocities = {}
 
     def finish(self) -> None:
         pass
@@ -76,7 +78,7 @@ class Stepped:
 
     # ---- as a host ----
 
-    def publish(self, tour: Tour, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
+    def publish(self, tour: Tour | None, guidance: Guidance, poses: Mapping[str, Pose]) -> None:
         self.said.append(guidance)
 
     def say(self, event: str) -> None:
@@ -308,6 +310,87 @@ def test_parameters_take_effect_on_a_tour_but_for_its_robots(team: Stepped) -> N
     team.control.configure(config, team.now)
     assert team.guide.config.pace.speed == 0.1
     assert team.guide.config.robots == tuple(PLACES)
+
+
+def test_stop_holds_a_tour_until_it_is_released(team: Stepped) -> None:
+    assert team.drives()
+    team.control.stop("stopped by a test", team.now)
+    told = team.said[-1]
+    assert (told.state, told.reason, told.posts) == (State.STOPPED, "stopped by a test", {})
+    assert told.events == ("stopped by a test",)
+    assert team.bases.stops == 1
+    team.control.stop("stopped again", team.now)
+    team.bases.velocities = {"robot_a": (0.5, 0.0)}
+    kept = team.bases.kept
+    team.run(3.0)
+    team.run(1.0, people=False)  # nor do outdated people end it
+    assert not team.drives()
+    assert team.bases.kept == kept + 80
+    assert team.is_told(State.STOPPED)
+    assert not team.ends
+    team.bases.posts = {}
+    team.control.release(team.now)
+    assert team.events[-1] == "released"
+    team.run(1.0)
+    assert team.drives()
+    assert team.is_told(State.LEADING)
+    assert set(team.bases.posts) == set(PLACES)
+
+
+def test_no_tour_begins_while_the_robots_are_stopped(team: Stepped) -> None:
+    team.control.stop("stopped by a test", team.now)
+    team.cancel()
+    assert team.is_told(State.CANCELLED)
+    refusal = "stopped by a test; release the robots first: mrs tour release"
+    with pytest.raises(TourError, match=refusal):
+        team.begin()
+    team.steady_s += 2.0
+    team.now_s += 0.2
+    team.hear()
+    team.tick()
+    assert (team.said[-1].state, team.said[-1].reason) == (State.STOPPED, "stopped by a test")
+    found = of_tour("", team.said[-1])
+    assert found.code == Code.TOUR_STOPPED
+    team.control.release(team.now)
+    assert team.said[-1].state == State.IDLE
+    kept = team.bases.kept
+    team.control.release(team.now)
+    team.begin()
+    team.run(4.0)
+    assert team.drives()
+    assert team.bases.kept == kept
+
+
+def test_new_map_does_not_hide_that_the_robots_are_stopped(team: Stepped) -> None:
+    team.control.stop("stopped by a test", team.now)
+    team.take_grid(map_of(20.0, 10.0, [(4.0, -5.0, 4.5, 5.0)]))
+    assert team.is_told(State.STOPPED)
+    team.control.release(team.now)
+    assert team.is_told(State.HALTED)
+    assert team.said[-1].reason.startswith("by the new map")
+
+
+@pytest.mark.parametrize("attended", [True, False])
+def test_attended_tour_ends_where_its_client_is_silent(team: Stepped, attended: bool) -> None:
+    team.cancel()
+    team.hear()
+    team.control.begin(HALL, team.now, attended=attended)
+    for _ in range(10):
+        team.now_s += 0.2
+        team.steady_s += 0.2
+        team.hear()
+        team.control.attend(team.now)
+        team.tick()
+    assert team.control.guide is not None
+    for _ in range(11):
+        team.now_s += 0.2
+        team.steady_s += 0.2
+        team.hear()
+        team.tick()
+    assert (team.control.guide is None) == attended
+    if attended:
+        assert team.ends[-1] == ("its client has been silent for 2 s", False, ())
+        assert team.bases.stops == 2
 
 
 def test_people_without_ids_are_named(team: Stepped) -> None:

@@ -12,6 +12,7 @@ const STATES = {
   finished: "Finished",
   cancelled: "Cancelled",
   halted: "Halted",
+  stopped: "Stopped",
 };
 /** The guide speaks several times a second. */
 const SILENT_S = 3;
