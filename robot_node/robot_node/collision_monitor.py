@@ -117,7 +117,7 @@ class MonitorTopics:
         if self._head is None or self._head.camera is not camera:
             nearest = self._disparity.min_range
             self._head = HeadObstacles(camera, self._core.config, nearest=nearest)
-        now_s = time.monotonic()
+        now_s = self._now_s()
         self._core.take_scan("head", self._head(disparity), self._seen_s(stamp_ns, now_s), now_s)
         if self._obstacles.get_subscription_count():
             xy = self._core.obstacles(now_s)
@@ -127,22 +127,28 @@ class MonitorTopics:
 
     def take_odometry(self, pose: Pose) -> None:
         """Takes where the robot is, in any frame that goes on smoothly."""
-        at_s = self._seen_s(pose.stamp_ns, time.monotonic())
+        at_s = self._seen_s(pose.stamp_ns, self._now_s())
         self._core.take_odometry(pose.x, pose.y, pose.yaw, at_s)
 
     def _take_laser(self, scan: LaserScan, mounting: Mounting) -> None:
-        now_s = time.monotonic()
+        now_s = self._now_s()
         seen_s = self._seen_s(scan.stamp_ns, now_s)
         self._core.take_scan("scan", obstacles_of_laser(scan, mounting), seen_s, now_s)
 
     def _take_range(self, topic: str, measured: SonarRange, mounting: Mounting) -> None:
-        now_s = time.monotonic()
+        now_s = self._now_s()
         scan, age_s = self._sonars.setdefault(topic, SonarObstacles())(measured, mounting)
         name = topic.removeprefix(f"{self._node.get_namespace()}/")
         self._core.take_scan(name, scan, self._seen_s(measured.stamp_ns, now_s) - age_s, now_s)
 
+    def _now_s(self) -> float:
+        """The time, by a clock that nobody sets back, or by `/clock` [s]."""
+        if self._node.get_parameter("use_sim_time").value:
+            return float(self._node.get_clock().now().nanoseconds / 1e9)
+        return time.monotonic()
+
     def _seen_s(self, stamp_ns: int, now_s: float) -> float:
-        """A stamp by the clock that is never set back [s]; now at the latest."""
+        """A stamp by that clock [s]; now at the latest."""
         age_ns = self._node.get_clock().now().nanoseconds - stamp_ns
         return now_s - max(age_ns, 0) / 1e9
 
@@ -152,7 +158,7 @@ class MonitorTopics:
 
     def _on_command(self, message: Any) -> None:
         twist = message if self._type is Twist else message.twist
-        self._wanted, self._wanted_s = (twist.linear.x, twist.angular.z), time.monotonic()
+        self._wanted, self._wanted_s = (twist.linear.x, twist.angular.z), self._now_s()
         if self._out is None:
             self._out = self._node.offer(self._type, "cmd_vel", _COMMANDS)
         self._zeros = _ZEROS
@@ -162,7 +168,7 @@ class MonitorTopics:
 
     def _tick(self) -> None:
         """Looks again at the last command, and lets the robot stand once it is too old."""
-        now_s = time.monotonic()
+        now_s = self._now_s()
         if not self._node.is_active or not self._zeros:
             return
         if now_s - self._wanted_s > _SILENT_S:

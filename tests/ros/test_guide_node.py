@@ -15,10 +15,11 @@ import pytest
 from action_msgs.msg import GoalStatus
 from mrs_people_msgs.msg import GuideStatus
 from rclpy.qos import QoSProfile
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
 from machine import nine_of_ten
+from mrs_ros.network import node_of
 from ros.guide_peer import GuideWorld, goal_of, map_of, path_of
 from ros.harness import ERROR, OK, WARN, NodeProcess, Peer, Team
 
@@ -347,6 +348,35 @@ def test_robots_stand_when_the_node_is_ended(
     _until_standing(world)
     assert result.done(), doomed.log
     assert result.result().result.message == "guide_node has ended"
+
+
+def test_robots_are_driven_through_their_collision_monitors(
+    make_world: Callable[..., GuideWorld], guide: NodeProcess, team: Team
+) -> None:
+    """The chain: guide_node, the monitor of robot_a's robot_node, its base; robot_b has none."""
+    params = {"collision_monitor.stamped": "true", "collision_monitor.crawl": "0.05"}
+    robot = team.start("robot_node", namespace="/robot_a", params=params)
+    world = make_world()
+    peer = world.peer
+    peer.until_active("/robot_a/robot_node")
+    peer.until(lambda: "/robot_a/cmd_vel_guide" in peer.heard_by("/robot_a/robot_node"), "")
+    events = peer.hear(String, "/events")
+    handle, result = world.start(AHEAD)
+    peer.until(lambda: _is_driven(world, "robot_b"), lambda: guide.log)
+    peer.until(lambda: world.last_commands("robot_a", 1) == [(0.05, 0.0)], lambda: robot.log)
+    names = {node_of(one) for one in peer.node.get_publishers_info_by_topic("/robot_a/cmd_vel")}
+    assert names == {"/robot_a/robot_node"}, "it sees nothing, and crawls"
+    alone = "no collision monitor: only tracked people and the map stop robot_b"
+    assert alone in [event.data for event in events]
+    found = peer.until_finding("/guide_node", "monitors", lambda f: f.level == WARN)
+    assert found.values["code"] == "no_monitor"
+    assert peer.findings("/guide_node")["commands"].level == OK, "it is no other driver"
+
+    robot.stop()
+    gone = "nobody subscribes to /robot_a/cmd_vel_guide"
+    peer.until(lambda: any(gone in post.fault for post in _status(world).posts), lambda: guide.log)
+    handle.cancel_goal_async()
+    peer.until(result.done, lambda: guide.log)
 
 
 def test_nav2_gets_one_start_and_then_goals_with_later_and_later_stamps(

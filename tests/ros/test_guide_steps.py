@@ -32,17 +32,17 @@ START = 100.0
 class Bases:
     """What the robots are told."""
 
-    topic = "cmd_vel"
+    topics = ("cmd_vel", "cmd_vel_guide")
 
     def __init__(self) -> None:
         self.velocities: Mapping[str, tuple[float, float]] = {}
         self.stops = self.kept = 0
         self.posts: Mapping[str, Any] = {}
 
-    def publishers_of(self, robot: str) -> int:
-        return 0
+    def publishes(self, robot: str, topic: str) -> bool:
+        return False
 
-    def begin(self, robots: Any) -> None:
+    def begin(self, robots: Any, monitored: Any = ()) -> None:
         pass
 
     def drive(self, velocities: Mapping[str, tuple[float, float]]) -> None:
@@ -59,6 +59,12 @@ class Bases:
 
     def finish(self) -> None:
         pass
+
+
+def _at(topic: str, names: list[str]) -> Any:
+    """Who is at a topic; nobody is a collision monitor."""
+    found = [] if topic.endswith("cmd_vel_guide") else names
+    return [SimpleNamespace(node_name=name, node_namespace="/") for name in found]
 
 
 class Stepped(GuideNode):
@@ -85,11 +91,11 @@ class Stepped(GuideNode):
     def _tell(self, tour: Any, guidance: Any, poses: Any, frame_id: str) -> Any:
         self.told.append(guidance)
 
-    def get_subscriptions_info_by_topic(self, *_: Any, **__: Any) -> Any:
-        return [SimpleNamespace(node_name=name) for name in self.listeners]
+    def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> Any:
+        return _at(topic_name, self.listeners)
 
-    def get_publishers_info_by_topic(self, *_: Any, **__: Any) -> Any:
-        return [SimpleNamespace(node_name=name, node_namespace="/") for name in self.drivers]
+    def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> Any:
+        return _at(topic_name, self.drivers)
 
     def at(self, seconds: float) -> None:
         """Sets what `/clock` says."""
@@ -234,5 +240,5 @@ def test_nav2_is_started_again_for_a_robot_that_does_not_go_to_its_goal(
         node.at(node.now_s + 0.2)
     assert [at - begun for at in starts] == pytest.approx([0.0, 8.0, 13.0], abs=0.5)
     goals.begin(["robot_b"])
-    assert goals.publishers_of("robot_a") == 0
+    assert not goals.publishes("robot_a", "goal_update")
     assert node.count_publishers("/steps/robot_a/goal_update") == 0

@@ -100,6 +100,10 @@ class Safety(Section):
     wall_distance: float = field(
         0.35, "... nor, from their centre, to walls and furniture [m]", low=0.1, high=3.0
     )
+    monitored: bool = field(
+        False, "true: a tour of a robot without a collision monitor, which takes its "
+        "cmd_vel_guide, is refused",
+    )  # fmt: skip
     occupied_from: int = field(
         65, "cells of the grid on `map` from this value on are walls or furniture [%]",
         low=1, high=100,

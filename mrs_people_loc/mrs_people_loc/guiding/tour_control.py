@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -76,18 +76,21 @@ class Ends:
         topic: Its full name.
         publishers: Full names of the nodes that publish; on commands, of the others.
         subscribers: Names of the nodes that subscribe.
+        monitors: Full names of the nodes that would take commands, and limit them by what is in the
+            way.
     """
 
     topic: str
     publishers: Sequence[str] = ()
     subscribers: Sequence[str] = ()
+    monitors: Sequence[str] = ()
 
 
 class Bases(Protocol):
     """How robots are driven: by velocities, or by goals."""
 
-    def begin(self, robots: Iterable[str]) -> None:
-        """Takes the robots of a tour."""
+    def begin(self, robots: Iterable[str], monitored: Container[str] = ()) -> None:
+        """Takes the robots of a tour, and those of them that a monitor drives."""
 
     def drive(self, velocities: Mapping[str, Velocity]) -> None:
         """Sends velocities; robots without one stand."""
@@ -146,6 +149,7 @@ class TourControl:
         guide: The tour under way; None: there is none.
         grid: The map; None: none has come.
         stopped: Who has stopped the robots, in words; empty: nobody.
+        unmonitored: Names of the robots of the last tour that no collision monitor drives.
     """
 
     def __init__(
@@ -157,6 +161,8 @@ class TourControl:
         self.stopped = ""
         self._attended_s: float | None = None  # when a client was heard; None: it need not be
         self._stated_s = 0.0
+        self.unmonitored: tuple[str, ...] = ()
+        self._monitored: frozenset[str] = frozenset()
         self._poses: dict[str, tuple[Pose, int]] = {}  # stamped by `Now.ns`, and when it came [ns]
         self._people_came_s: float | None = None
         self._people_before: tuple[int, Mapping[str, int]] | None = None  # stamps, of scans, too
@@ -342,7 +348,7 @@ class TourControl:
         if guide is None:
             self._host.publish(None, Guidance(now.stamp_ns, State.IDLE), {})
         else:
-            self._bases.begin(guide.config.robots)
+            self._bases.begin(guide.config.robots, self._monitored)
             self._publish(guide, guide.release())
 
     def _tell_stopped(self, now: Now) -> None:
@@ -389,7 +395,12 @@ class TourControl:
         guide = Guide(tour, config, _space(self.grid, tour, config), now.ns)
         for robot, (pose, came_ns) in self._poses.items():
             guide.take_pose(robot, pose, came_ns)
-        self._bases.begin(config.robots)
+        driven = config.robots if config.drive == "cmd_vel" else ()
+        self.unmonitored = tuple(name for name in driven if not self._monitors(name))
+        self._monitored = frozenset(driven) - {*self.unmonitored}
+        self._bases.begin(config.robots, self._monitored)
+        if self.unmonitored:
+            self._host.say(without_monitor(self.unmonitored))
         self._told.clear()
         self._attended_s = now.steady_s if attended else None
         self.guide = guide
@@ -491,6 +502,11 @@ class TourControl:
         fault, commands = self._fault_of_base(robot), self._host.commands(robot)
         if fault:
             raise TourError(f"{robot} {fault}")
+        if self.config.safety.monitored and not self._monitors(robot):
+            raise TourError(
+                f"{robot} has no collision monitor, and safety.monitored is true; "
+                "nobody subscribes to its cmd_vel_guide"
+            )
         if commands.publishers:
             others = ", ".join(commands.publishers)
             raise TourError(f"{robot} is driven by others: {others} on {commands.topic}; end them")
@@ -498,9 +514,24 @@ class TourControl:
     def _fault_of_base(self, robot: str) -> str:
         """Why a robot cannot be driven; empty: it can."""
         base = self._host.commands(robot)
-        if all(name.startswith(self._tuning.recorders) for name in base.subscribers):
+        if not self._but_recorders(base.subscribers):
             return f"has no base: nobody subscribes to {base.topic}"
+        if self.guide is not None and robot in self._monitored and not self._monitors(robot):
+            return f"has no base: nobody subscribes to {base.topic}_guide"
         return ""
+
+    def _monitors(self, robot: str) -> list[str]:
+        """Names of the nodes that limit a robot's commands by what is in the way."""
+        return self._but_recorders(self._host.commands(robot).monitors)
+
+    def _but_recorders(self, names: Iterable[str]) -> list[str]:
+        recorders = self._tuning.recorders
+        return [one for one in names if not one.rpartition("/")[2].startswith(recorders)]
+
+
+def without_monitor(robots: Sequence[str]) -> str:
+    """That robots have no collision monitor, in words."""
+    return f"no collision monitor: only tracked people and the map stop {', '.join(robots)}"
 
 
 def second_guide(topic: str, guides: Sequence[str]) -> str:

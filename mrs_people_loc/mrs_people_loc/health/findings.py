@@ -88,6 +88,7 @@ class Code(str, Enum):
     PEOPLE_LOST = "people_lost"
     TAKES_NO_PART = "takes_no_part"
     DRIVEN_BY_OTHERS = "driven_by_others"
+    NO_MONITOR = "no_monitor"
 
     def __str__(self) -> str:
         """As it is on the wire."""

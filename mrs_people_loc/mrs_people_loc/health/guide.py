@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from mrs_people_loc.guiding.guidance import Guidance, Post, State
-from mrs_people_loc.guiding.tour_control import second_guide
+from mrs_people_loc.guiding.tour_control import second_guide, without_monitor
 from mrs_people_loc.health.findings import ERROR, OK, WARN, Code, Finding
 
 _TEXTS = {
@@ -90,6 +90,17 @@ def of_others(drivers: Mapping[str, Sequence[str]]) -> Finding:
         return Finding("commands")
     text = f"robots of the tour are driven by others, too: {'; '.join(found)}; end them"
     return Finding("commands", WARN, text, code=Code.DRIVEN_BY_OTHERS)
+
+
+def of_monitors(unmonitored: Sequence[str]) -> Finding:
+    """Whether collision monitors drive all robots of the tour.
+
+    Args:
+        unmonitored: Names of those without one.
+    """
+    if not unmonitored:
+        return Finding("monitors")
+    return Finding("monitors", WARN, without_monitor(unmonitored), code=Code.NO_MONITOR)
 
 
 def of_tour_robots(guidance: Guidance, distances: Mapping[str, float]) -> Iterable[Finding]:

@@ -1,9 +1,9 @@
-"""How robots are driven: by velocities on `cmd_vel`, or by goals for Nav2."""
+"""How robots are driven: by velocities, or by goals for Nav2."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -28,38 +28,43 @@ _COMMANDS = QoSProfile(depth=1)
 
 
 class Velocities:
-    """Drives robots by `<robot>/cmd_vel`; another thread may `drive` and `keep_standing`.
+    """Drives robots by `<robot>/cmd_vel`, or by the `cmd_vel_guide` of a collision monitor.
+
+    Another thread may `drive` and `keep_standing`.
 
     Args:
         node: The guide's node.
         stamped: Whether messages are TwistStamped, or Twist.
     """
 
-    topic = "cmd_vel"
+    topics = ("cmd_vel", "cmd_vel_guide")
 
     def __init__(self, node: ManagedNode, *, stamped: bool) -> None:
         self._node = node
         self._type: Any = TwistStamped if stamped else Twist
-        self._publishers: dict[str, Any] = {}
+        self._publishers: dict[str, tuple[str, Any]] = {}  # with their topics
         self._robots: tuple[str, ...] = ()
         self._zeros = 0
         self._is_driven = False
         self._lock = threading.Lock()
 
-    def publishers_of(self, robot: str) -> int:
-        """Number of publishers of its commands here."""
-        return int(robot in self._publishers)
+    def publishes(self, robot: str, topic: str) -> bool:
+        """Whether a robot's commands are published here on one of the topics."""
+        return robot in self._publishers and self._publishers[robot][0] == topic
 
-    def begin(self, robots: Iterable[str]) -> None:
-        """Takes the robots of a tour."""
+    def begin(self, robots: Iterable[str], monitored: Container[str] = ()) -> None:
+        """Takes the robots of a tour, and those of them that a monitor drives."""
         with self._lock:
             self._robots, self._zeros, self._is_driven = tuple(robots), 0, True
-            for robot in set(self._publishers) - set(self._robots):
-                self._node.destroy_lifecycle_publisher(self._publishers.pop(robot))
-            for robot in self._robots:
-                if robot not in self._publishers:
-                    topic = f"{robot}/{self.topic}"
-                    self._publishers[robot] = self._node.offer(self._type, topic, _COMMANDS)
+            topics = {robot: self.topics[robot in monitored] for robot in self._robots}
+            for robot, (topic, publisher) in list(self._publishers.items()):
+                if topics.get(robot) != topic:
+                    self._node.destroy_lifecycle_publisher(publisher)
+                    del self._publishers[robot]
+            for robot in topics.keys() - self._publishers.keys():
+                topic = topics[robot]
+                publisher = self._node.offer(self._type, f"{robot}/{topic}", _COMMANDS)
+                self._publishers[robot] = topic, publisher
 
     def drive(self, velocities: Mapping[str, Velocity]) -> None:
         """Sends velocities, unless the tour has ended; robots without one stand."""
@@ -73,7 +78,7 @@ class Velocities:
             now_ns = self._node.get_clock().now().nanoseconds
             wanted = velocities.get(robot, (0.0, 0.0))
             message = convert.velocity(self._type, wanted, now_ns, frame_id)
-            self._publishers[robot].publish(message)
+            self._publishers[robot][1].publish(message)
 
     def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
         """Does nothing: robots are driven to their posts by velocities."""
@@ -94,7 +99,7 @@ class Velocities:
     def finish(self) -> None:
         """Waits until the last velocities have arrived, before the publishers are destroyed."""
         for robot in self._robots:
-            self._publishers[robot].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
+            self._publishers[robot][1].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
 
 class Goals:
@@ -108,7 +113,7 @@ class Goals:
         frame_id: The frame of goals: the common one.
     """
 
-    topic = "goal_update"
+    topics = ("goal_update",)
 
     def __init__(self, node: ManagedNode, frame_id: str) -> None:
         self._node = node
@@ -118,11 +123,11 @@ class Goals:
         self._started: dict[str, Progress] = {}  # of the robots for which Nav2 was started
         self._last_ns = 0
 
-    def publishers_of(self, robot: str) -> int:
-        """Number of publishers of its goals here."""
-        return int(robot in self._publishers)
+    def publishes(self, robot: str, topic: str) -> bool:
+        """Whether a robot's goals are published here."""
+        return robot in self._publishers
 
-    def begin(self, robots: Iterable[str]) -> None:
+    def begin(self, robots: Iterable[str], monitored: Container[str] = ()) -> None:
         """Takes the robots of a tour."""
         self._robots = tuple(robots)
         self._started.clear()
@@ -138,7 +143,7 @@ class Goals:
     def _offer(self, robot: str) -> tuple[Any, Any, Any]:
         update, start = (
             self._node.offer(PoseStamped, f"{robot}/{topic}", _COMMANDS)
-            for topic in (self.topic, "goal_pose")
+            for topic in (*self.topics, "goal_pose")
         )
         name = f"{robot}/navigate_to_pose/_action/cancel_goal"
         cancel = self._node.create_client(CancelGoal, name)

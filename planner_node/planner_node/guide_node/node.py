@@ -28,6 +28,7 @@ from mrs_people_loc.guiding.tour_control import Ends, Now, TourControl
 from mrs_people_loc.health.findings import Finding
 from mrs_people_loc.health.guide import (
     of_guides,
+    of_monitors,
     of_others,
     of_tour,
     of_tour_robots,
@@ -292,14 +293,17 @@ class GuideNode(ManagedNode):
         return Ends(self.resolve_topic_name(f"{robot}/pose"))
 
     def commands(self, robot: str) -> Ends:
-        """Of a robot's commands; without the publishers of this node."""
-        topic = self.resolve_topic_name(f"{robot}/{self._bases.topic}")
-        listeners = [one.node_name for one in self.get_subscriptions_info_by_topic(topic)]
-        names = list(map(node_of, self.get_publishers_info_by_topic(topic)))
-        own = self.get_fully_qualified_name()
-        for _ in range(min(self._bases.publishers_of(robot), names.count(own))):
-            names.remove(own)  # another guide_node may have the same name
-        return Ends(topic, sorted(names), listeners)
+        """Of a robot's commands; without the publishers of this node and of its monitors."""
+        bases, own, drivers = self._bases, self.get_fully_qualified_name(), []
+        base, *guided = (self.resolve_topic_name(f"{robot}/{topic}") for topic in bases.topics)
+        listeners = [one.node_name for one in self.get_subscriptions_info_by_topic(base)]
+        monitors = [node_of(one) for t in guided for one in self.get_subscriptions_info_by_topic(t)]
+        for topic, name in zip(bases.topics, (base, *guided), strict=True):
+            names = list(map(node_of, self.get_publishers_info_by_topic(name)))
+            if bases.publishes(robot, topic) and own in names:
+                names.remove(own)  # another guide_node may have the same name
+            drivers += [one for one in names if one not in monitors]
+        return Ends(base, sorted(drivers), listeners, monitors)
 
     def guides(self) -> Ends:
         """Of `guide_status`."""
@@ -324,5 +328,6 @@ class GuideNode(ManagedNode):
             walls,
             of_tour(guide.tour.name, guide.guidance, guide.avoided),
             of_others(others),
+            of_monitors(self._control.unmonitored),
             *of_tour_robots(guide.guidance, guide.off_posts()),
         ]

@@ -130,6 +130,7 @@ def team_of(plan: Plan) -> dict[str, Any]:
     document = team_parameters(Stage(scene), starts)
     for name in world.names:
         parameters = document[f"/{name}/robot_node"]["ros__parameters"]
+        parameters["collision_monitor"] = {"enabled": False}
         if plan.poses == "odometry":
             parameters["localization"] = {"run": "never"}
         elif plan.poses == "localized":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from mrs_people_loc.guiding.guide import Guide
 from mrs_people_loc.guiding.tour import Tour, tour_from
 from mrs_people_loc.guiding.tour_control import Ends, Now, TourControl
 from mrs_people_loc.health.findings import OK, Code
-from mrs_people_loc.health.guide import of_others, of_tour
+from mrs_people_loc.health.guide import of_monitors, of_others, of_tour
 from mrs_people_loc.people import Group, Person
 from mrs_people_loc.team.masking import OccupancyGrid
 from mrs_people_loc.team.poses import Pose
@@ -37,8 +37,9 @@ class Bases:
         self.stops = self.kept = 0
         self.posts: Mapping[str, Any] = {}
 
-    def begin(self, robots: Iterable[str]) -> None:
+    def begin(self, robots: Iterable[str], monitored: Container[str] = ()) -> None:
         self.begun = tuple(robots)
+        self.monitored = [robot for robot in self.begun if robot in monitored]
 
     def drive(self, velocities: Mapping[str, tuple[float, float]]) -> None:
         self.velocities = velocities
@@ -67,6 +68,7 @@ class Stepped:
         self.ends: list[tuple[str, bool, Sequence[int]]] = []
         self.listeners = ["base"]
         self.drivers: list[str] = []
+        self.monitors: list[str] = []
         self.now_s, self.steady_s = START, 0.0
         self.steady_ns: Iterable[int] | None = None
         self.bases = Bases()
@@ -94,7 +96,7 @@ class Stepped:
         return Ends(f"/steps/{robot}/pose")
 
     def commands(self, robot: str) -> Ends:
-        return Ends(f"/steps/{robot}/cmd_vel", self.drivers, self.listeners)
+        return Ends(f"/steps/{robot}/cmd_vel", self.drivers, self.listeners, self.monitors)
 
     def guides(self) -> Ends:
         return Ends("/steps/guide_status", ["/steps/guide_node"])
@@ -565,3 +567,48 @@ def test_goals_of_robots_with_outdated_poses_stay_where_these_are(team: Stepped)
     team.run(1.6, people=False)
     assert team.bases.posts == {}
     assert team.is_told(State.HALTED)
+
+
+# ---- collision monitors ----
+
+ALONE = "no collision monitor: only tracked people and the map stop robot_a, robot_b"
+
+
+def test_robots_without_a_monitor_are_named(team: Stepped) -> None:
+    assert team.bases.monitored == []
+    assert ALONE in team.events
+    assert of_monitors(team.control.unmonitored).code is Code.NO_MONITOR
+
+
+def test_robots_are_driven_through_their_monitors_and_not_past_them(team: Stepped) -> None:
+    team.cancel()
+    team.events.clear()
+    team.monitors = ["/steps/robot_a/robot_node"]
+    team.begin()
+    assert team.bases.monitored == ["robot_a", "robot_b"]
+    assert of_monitors(team.control.unmonitored).level == OK
+    assert not [event for event in team.events if "monitor" in event]
+    team.run(4.0)
+    assert not team.guide.guidance.faults
+    team.monitors = []
+    team.run(2.0)
+    assert "nobody subscribes to /steps/robot_a/cmd_vel_guide" in " ".join(
+        (*team.guide.guidance.faults.values(), team.guide.guidance.reason)
+    )
+
+
+def test_recorder_is_no_monitor(team: Stepped) -> None:
+    team.cancel()
+    team.monitors = ["/steps/mrs_record"]
+    team.begin()
+    assert team.bases.monitored == []
+
+
+def test_tour_without_monitors_is_refused_where_they_are_asked_for(team: Stepped) -> None:
+    team.cancel()
+    safety = dataclasses.replace(team.control.config.safety, monitored=True)
+    team.control.configure(dataclasses.replace(team.control.config, safety=safety), team.now)
+    with pytest.raises(TourError, match="robot_a has no collision monitor, and safety.monitored"):
+        team.begin()
+    team.monitors = ["/steps/robot_a/robot_node"]
+    team.begin()
