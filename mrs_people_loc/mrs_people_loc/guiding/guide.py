@@ -204,7 +204,7 @@ class Guide:
             return None
         self._quarantined = frozenset(quarantined)
         guidance = self._step(people, groups, stamp_ns, scans)
-        self._steering.blind = frozenset(self._team.robots) - self._sights.seeing
+        self._steering.blind = frozenset(self._steering.robots) - self._sights.seeing
         return self._told(guidance)
 
     def _tell_limits(self, count: int) -> None:
@@ -622,7 +622,8 @@ class Guide:
 
     def _right(self) -> float:
         """How far to the right of the way the leader goes, where it is free [m]."""
-        right, least = self._yields.right, self._config.safety.wall_distance + self._tuning.spare
+        right = self._yields.right if self._phase == State.LEADING else 0.0
+        least = self._config.safety.wall_distance + self._tuning.spare
         free = self.space.clearance(self.tour.way.at(self._post_m, -right)) >= least
         return right if free else 0.0
 

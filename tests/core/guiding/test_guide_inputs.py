@@ -101,6 +101,7 @@ def test_robot_in_quarantine_leaves_the_tour_until_it_is_placed_again() -> None:
         if apart:
             assert "quarantine" in guidance.faults["robot_b"]
             assert made.velocities(now)["robot_b"] == (0.0, 0.0)
+            assert made._steering.blind == {"robot_b"}  # it clears no place
     assert [event for event in said if "robot_b" in event] == [
         "robot_b takes no part: it is in quarantine: it is lost, or its team doubts its pose",
         "robot_b takes part again",
