@@ -107,8 +107,8 @@ class Contradictions:
         self, own: Float, others: Float, robot: str, other: str, poses: Mapping[str, Pose]
     ) -> tuple[Bool, Bool]:
         """Which people of a robot another one sees at the same place, and which it should."""
-        variance = sum(np.trace(poses[name].covariance[:2, :2]) for name in (robot, other))
-        same = math.hypot(self._tuning.same, self._tuning.sigmas * math.sqrt(variance))
+        spreads = [math.sqrt(np.trace(poses[one].covariance[:2, :2])) for one in (robot, other)]
+        same = math.hypot(self._tuning.same, *(self._tuning.sigmas * one for one in spreads))
         away = np.linalg.norm(own[:, np.newaxis] - others, axis=2)
         near = (away < same).any(axis=1)
         everybody, index = np.concatenate([own, others]), np.arange(len(own))
