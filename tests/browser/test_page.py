@@ -17,9 +17,11 @@ from mrs_tools.view.protocol import (
     CancelTour,
     Look,
     Play,
+    ReleaseRobots,
     Seek,
     Speed,
     StartTour,
+    StopRobots,
     Time,
     starting,
 )
@@ -342,17 +344,44 @@ def test_tour_starts_after_a_question_and_stops_at_once(server: PageServer, look
     server.wait_for(lambda: server.commands == [StartTour("museum")])
 
     server.show(scene.state(scene.T0 + 1, with_tour=True))
-    page.locator("#tour-stop").click()
+    page.get_by_role("button", name="End the tour").click()
     server.wait_for(lambda: server.commands[1:] == [CancelTour()])
+
+
+def test_robots_are_stopped_at_once_and_released_after_a_question(
+    server: PageServer, look_at: Open
+) -> None:
+    server.show(scene.state(scene.T0, with_tour=True))
+    page = look_at(server)
+    page.locator("#summary").get_by_role("button", name="Stop the robots").click()
+    server.wait_for(lambda: server.commands == [StopRobots()])
+    open_tab(page, "tour")
+    page.locator("#robots-stop").click()
+    server.wait_for(lambda: server.commands == [StopRobots()] * 2)
+
+    stopped = scene.state(scene.T0 + 1, with_tour=True)
+    assert stopped["tour"] is not None
+    stopped["tour"] |= {"state": "stopped", "message": "stopped by a test"}
+    server.show(stopped)
+    expect(page.locator("#tour")).to_contain_text("Stopped: stopped by a test")
+    expect(page.get_by_role("button", name="Stop the robots")).to_have_count(0)
+    page.get_by_role("button", name="Release the robots…").click()
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Release the robots…").click()
+    page.get_by_role("button", name="Release", exact=True).click()
+    server.wait_for(lambda: server.commands[2:] == [ReleaseRobots()])
 
 
 def test_without_control_a_tour_is_only_shown(
     make_server: Callable[..., PageServer], look_at: Open
 ) -> None:
-    page = look_at(make_server(scene.hello(), *scene.everything()))
+    server = make_server(scene.hello(), *scene.everything())
+    page = look_at(server)
     open_tab(page, "tour")
     expect(page.locator("#tour")).to_contain_text("Waiting for people: person 6 is behind")
-    expect(page.get_by_role("button", name="Stop the tour")).to_have_count(0)
+    expect(page.get_by_role("button", name="End the tour")).to_have_count(0)
+    page.locator("#robots-stop").click()
+    server.wait_for(lambda: server.commands == [StopRobots()])
     expect(page.get_by_role("button", name="Start")).to_have_count(0)
 
 

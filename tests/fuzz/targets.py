@@ -651,6 +651,8 @@ _COMMANDS = (
     '{"type": "seek", "t": 1700000000.5}',
     '{"type": "tour", "start": "hall"}',
     '{"type": "tour", "cancel": true}',
+    '{"type": "stop"}',
+    '{"type": "release"}',
 )
 
 

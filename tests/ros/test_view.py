@@ -165,6 +165,16 @@ def test_tour_is_started_and_cancelled_from_the_page(world: GuideWorld, looker: 
     assert (again["ok"], again["text"]) == (False, "a tour goes on; cancel it first")
     peer.until(lambda: looker.last("state").get("tour"), "no tour is shown")
     assert looker.last("state")["tour"]["name"] == "hall"
+    assert answer(type="stop")["text"] == "guide_node is told to stop the robots"
+    peer.until(
+        lambda: looker.last("state")["tour"]["state"] == "stopped",
+        lambda: looker.last("state")["tour"],
+    )
+    assert "stopped by /mrs_view_" in looker.last("state")["tour"]["message"]
+    assert answer(type="release")["text"] == "released"
+    assert (answer(type="release")["ok"], looker.last("answer")["text"]) == (
+        False, "the robots are not stopped",
+    )  # fmt: skip
     assert answer(type="tour", cancel=True)["ok"]
     peer.until(
         lambda: looker.last("state")["tour"]["state"] == "cancelled",

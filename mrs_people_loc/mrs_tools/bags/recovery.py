@@ -40,7 +40,7 @@ def recover(path: Path) -> Recovered:
 
     Raises:
         BagError: There is no such recording, it is still being written, nothing of it is left, or
-            the bag exists or cannot be written.
+            the bag exists or cannot be written; then what there was is as it was.
     """
     path = path.with_suffix("") if path.suffix == ".part" else path
     part = part_of(path)
@@ -51,15 +51,22 @@ def recover(path: Path) -> Recovered:
     held = lock(part)
     try:
         if aside.exists():
-            raise BagError(f"{aside}: exists already, of another recording. Remove one of them")
+            raise BagError(
+                f"{aside}: is left of a recovery that was killed. Rename it to a name of its own, "
+                "NAME.part, and recover NAME"
+            )
         files = sorted(part.glob("*/*.mcap"))
         if not files:
             raise BagError(f"{part}: nothing was written yet. Remove it")
         part.rename(aside)
         try:
             recovered = _copy(aside / files[0].relative_to(part), path)
-        except BaseException:
+        except BaseException as err:
+            shutil.rmtree(part, ignore_errors=True)  # of the new bag
             aside.rename(part)
+            if isinstance(err.__cause__, OSError):
+                why = err.__cause__.strerror or err.__cause__
+                raise BagError(f"{path}: cannot be recovered ({why}); {part} is as it was") from err
             raise
         shutil.rmtree(aside)
     except OSError as err:

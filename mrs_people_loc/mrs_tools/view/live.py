@@ -22,7 +22,15 @@ from mrs_tools.plain import plain
 from mrs_tools.view import health, protocol
 from mrs_tools.view.live_tours import LiveTours
 from mrs_tools.view.pictures import grid_of
-from mrs_tools.view.protocol import Control, Look, Publish, StartTour
+from mrs_tools.view.protocol import (
+    CommandError,
+    Control,
+    Look,
+    Publish,
+    ReleaseRobots,
+    StartTour,
+    StopRobots,
+)
 from mrs_tools.view.robot_views import HeadSettings, RobotViews
 from mrs_tools.view.state import HeadView, TeamState
 
@@ -115,8 +123,13 @@ class LiveSource:
             self._team.do(partial(self._team.views.look, wanted))
 
     def control(self, command: Control) -> str:
-        """Starts or cancels a tour."""
+        """Starts or cancels a tour; stops robots at once, or releases them."""
         assert self._live_tours is not None
+        assert self._team is not None
+        if isinstance(command, StopRobots):
+            return self._team.stop_robots()
+        if isinstance(command, ReleaseRobots):
+            return self._live_tours.release()
         if isinstance(command, StartTour):
             return self._live_tours.start(self._tours[command.name])
         return self._live_tours.cancel()
@@ -178,7 +191,7 @@ class _Team:
         from nav_msgs.msg import OccupancyGrid
         from rclpy.clock import Clock
         from rclpy.clock_type import ClockType
-        from std_msgs.msg import String
+        from std_msgs.msg import Empty, String
         from visualization_msgs.msg import MarkerArray
 
         from mrs_ros.qos import MAP
@@ -200,6 +213,8 @@ class _Team:
         self._people_type = People
         self._people_topics: set[str] = set()
         self._hear_people(node.resolve_topic_name(PEOPLE_TOPICS[0]))
+        self._stops = node.create_publisher(Empty, "stop", 1)
+        self._stop_type = Empty
         node.create_subscription(String, "events", self._on_event, 10)
         node.create_subscription(GuideStatus, "guide_status", self._on_status, 10)
         node.create_subscription(OccupancyGrid, "map", self._on_map, MAP)
@@ -216,6 +231,17 @@ class _Team:
     def do(self, work: Callable[[], object]) -> None:
         """Lets something be done in the node's thread, in a moment."""
         self._todo.put(work)
+
+    def stop_robots(self) -> str:
+        """Lets the robots of the guide stand.
+
+        Raises:
+            CommandError: There is no guide_node.
+        """
+        if not self._stops.get_subscription_count():
+            raise CommandError("there is no guide_node; stop the robots yourself")
+        self._stops.publish(self._stop_type())
+        return "guide_node is told to stop the robots"
 
     # ---- who is there ----
 

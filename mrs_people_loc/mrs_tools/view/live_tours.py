@@ -5,11 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.guiding.tour import Tour
-from mrs_tools.live.tour_client import guide
+from mrs_tools.live.tour_client import ask_guide, guide
 from mrs_tools.plain import plain
 from mrs_tools.tool_node import node, spinning
 from mrs_tools.view.protocol import CommandError, Event, Publish
@@ -87,6 +88,21 @@ class LiveTours:
             publisher.publish(Path())
             publisher.wait_for_all_acked(Duration(seconds=_FIND_S))
         return "guide_node is asked to cancel its tour"
+
+    def release(self) -> str:
+        """Releases robots that were stopped.
+
+        Raises:
+            CommandError: There is no guide_node, or they are not stopped.
+        """
+        try:
+            with (
+                node("mrs_view_release", self._context, namespace=self._namespace) as made,
+                spinning(made) as executor,
+            ):
+                return ask_guide(made, "release", spin=partial(executor.spin_once, timeout_sec=0.1))
+        except PeopleLocError as err:
+            raise CommandError(str(err)) from err
 
     def close(self) -> None:
         """Cancels the tour that was started here."""

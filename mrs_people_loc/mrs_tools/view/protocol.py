@@ -54,7 +54,8 @@ class Span(TypedDict):
 class Hello(TypedDict):
     """What is shown.
 
-    `control`: tours may be started and cancelled. `tours`: their names. `bag`: null in mode "live".
+    `control`: tours may be started and cancelled, and stopped robots released. `tours`: their
+    names. `bag`: null in mode "live".
     """
 
     type: Literal["hello"]
@@ -162,10 +163,11 @@ class Post(TypedDict):
 class Tour(TypedDict):
     """A tour.
 
-    `state`: idle, gathering, leading, waiting, at_stop, finished, cancelled or halted. `leader`:
-    the robot, empty: none. `progress`: 0 to 1. `way`, `length`: how far the group is along the way,
-    of how much [m]. `stop`: where it is or which is next. `message`: why it waits, stands or has
-    ended. `lost`: ids of those without whom it goes on. `age`: of the guide's last word [s].
+    `state`: idle, gathering, leading, waiting, at_stop, finished, cancelled, halted or stopped;
+    robots may be stopped without a tour, whose `name` is empty then. `leader`: the robot, empty:
+    none. `progress`: 0 to 1. `way`, `length`: how far the group is along the way, of how much [m].
+    `stop`: where it is or which is next. `message`: why it waits, stands or has ended. `lost`: ids
+    of those without whom it goes on. `age`: of the guide's last word [s].
     """
 
     name: str
@@ -367,8 +369,18 @@ class CancelTour:
     """Cancels the tour: `{"type": "tour", "cancel": true}`."""
 
 
+@dataclass(frozen=True)
+class StopRobots:
+    """Lets the robots of the guide stand until they are released: `{"type": "stop"}`."""
+
+
+@dataclass(frozen=True)
+class ReleaseRobots:
+    """Releases robots that were stopped: `{"type": "release"}`."""
+
+
 #: What a source is asked for; the server itself takes a Look.
-Control: TypeAlias = Play | Speed | Seek | StartTour | CancelTour
+Control: TypeAlias = Play | Speed | Seek | StartTour | CancelTour | StopRobots | ReleaseRobots
 
 
 def read_command(text: str) -> Look | Control:
@@ -435,6 +447,16 @@ def _tour(entries: Mapping[str, Any]) -> StartTour | CancelTour:
     raise CommandError('tour: wanted: either "start": the name of a tour, or "cancel": true')
 
 
+def _stop(entries: Mapping[str, Any]) -> StopRobots:
+    _only(entries, "stop")
+    return StopRobots()
+
+
+def _release(entries: Mapping[str, Any]) -> ReleaseRobots:
+    _only(entries, "release")
+    return ReleaseRobots()
+
+
 _READERS: dict[str, Callable[[Mapping[str, Any]], Look | Control]] = {
     "look": _look,
     "play": _play,
@@ -442,6 +464,8 @@ _READERS: dict[str, Callable[[Mapping[str, Any]], Look | Control]] = {
     "speed": _speed,
     "seek": _seek,
     "tour": _tour,
+    "stop": _stop,
+    "release": _release,
 }
 
 

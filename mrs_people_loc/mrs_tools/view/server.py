@@ -6,6 +6,7 @@ import asyncio
 import errno
 import hmac
 import ipaddress
+import logging
 import secrets
 import socket
 import threading
@@ -19,6 +20,7 @@ from urllib.parse import quote, urlsplit
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from mrs_people_loc.errors import PeopleLocError
+from mrs_tools.view.places import Once, Places
 from mrs_tools.view.protocol import (
     MAX_COMMAND_BYTES,
     Answer,
@@ -26,7 +28,9 @@ from mrs_tools.view.protocol import (
     CommandError,
     Control,
     Look,
+    ReleaseRobots,
     StartTour,
+    StopRobots,
     encode,
     read_command,
 )
@@ -41,6 +45,8 @@ MAX_VIEWERS: Final = 32
 _HEARTBEAT_S = 15.0
 #: Viewers get this long to be told that the server ends [s].
 _END_S = 1.0
+#: Who logs what strangers do; each kind of it is logged once.
+_LOGGERS = ("aiohttp.server", "asyncio")
 _TYPES = {
     ".html": "text/html",
     ".css": "text/css",
@@ -145,12 +151,20 @@ async def serve(
     await runner.setup()
     try:
         port = await _listen(runner, address)
+        assert runner.server is not None
+        watching = asyncio.create_task(server.places.watch(runner.server))
+        once = Once()
+        for name in _LOGGERS:
+            logging.getLogger(name).addFilter(once)
         try:
             source.start(server.viewers.publish)
             ready(Address(address.host, port, address.token).url())
             while not stop.is_set():
                 await asyncio.sleep(0.1)
         finally:
+            watching.cancel()
+            for name in _LOGGERS:
+                logging.getLogger(name).removeFilter(once)
             await asyncio.to_thread(source.close)
     finally:
         await runner.cleanup()
@@ -188,10 +202,11 @@ class _Server:
     Attributes:
         app: It.
         viewers: Whom it serves.
+        places: Its connections.
     """
 
     def __init__(self, source: Source, address: Address, rate: float, page: Path) -> None:
-        self.viewers = Viewers(rate, source.look)
+        self.viewers, self.places = Viewers(rate, source.look), Places()
         self._source, self._address, self._page = source, address, page
         self._sockets: set[web.WebSocketResponse] = set()
         self.app = web.Application(middlewares=[self._guard], client_max_size=MAX_COMMAND_BYTES)
@@ -209,12 +224,17 @@ class _Server:
         """Turns strangers away, and adds the headers that keep the page to itself."""
         refusal = self._refusal(request)
         if refusal:
-            return web.Response(status=403, text=refusal, headers=_HEADERS)
+            refused = web.Response(status=403, text=refusal, headers=_HEADERS)
+            refused.force_close()
+            return refused
+        self.places.busy.add(request.protocol)
         try:
             response = await handler(request)
         except web.HTTPException as err:
             err.headers.update(_HEADERS)
             raise
+        finally:
+            self.places.busy.discard(request.protocol)
         if not response.prepared:
             response.headers.update(_HEADERS)
             if self._address.token:
@@ -235,7 +255,9 @@ class _Server:
         if origin is not None and origin.partition("://")[2] != request.host:
             return "the request comes from a page of another site"
         given = request.query.get("token") or request.cookies.get(self._cookie(), "")
-        if token and not hmac.compare_digest(given.encode(), token.encode()):
+        # A cookie may be no text.
+        given_bytes = given.encode(errors="surrogateescape")
+        if token and not hmac.compare_digest(given_bytes, token.encode()):
             return "the address lacks the right ?token=; mrs view has printed it at its start"
         return ""
 
@@ -306,6 +328,9 @@ class _Server:
                     self.viewers.look(viewer, command)
                     continue
                 self._check(command)
+                if isinstance(command, StopRobots):  # whatever else goes on
+                    viewer.offer(("answer", ""), Encoded(self._done(command)))
+                    continue
                 if busy is not None and not busy.done():
                     raise CommandError("the last command is not done yet")
                 busy = asyncio.create_task(self._control(viewer, command))
@@ -319,7 +344,10 @@ class _Server:
             CommandError: They may not.
         """
         hello = self._source.hello()
-        if isinstance(command, StartTour | CancelTour):
+        if isinstance(command, StopRobots):
+            if hello["mode"] != "live":
+                raise CommandError("there are no robots to stop: this is a recording")
+        elif isinstance(command, StartTour | CancelTour | ReleaseRobots):
             if not hello["control"]:
                 raise CommandError(
                     "tours are not controlled from here: mrs view --control allows it"
@@ -331,11 +359,15 @@ class _Server:
             raise CommandError("a live team cannot be stopped or wound; only a bag can")
 
     async def _control(self, viewer: Viewer, command: Control) -> None:
-        try:
-            answer = _answer(True, await asyncio.to_thread(self._source.control, command))
-        except PeopleLocError as err:
-            answer = _answer(False, str(err))
+        answer = await asyncio.to_thread(self._done, command)
         viewer.offer(("answer", ""), Encoded(answer))
+
+    def _done(self, command: Control) -> Answer:
+        """Does what a viewer asks for."""
+        try:
+            return _answer(True, self._source.control(command))
+        except PeopleLocError as err:
+            return _answer(False, str(err))
 
     async def _say_goodbye(self, _app: web.Application) -> None:
         for one in list(self._sockets):

@@ -210,7 +210,7 @@ class GuideNode(ManagedNode):
 
     def _on_stop_topic(self, _: Empty) -> None:
         topic = self.resolve_topic_name("stop")
-        names = ", ".join(sorted(map(node_of, self.get_publishers_info_by_topic(topic))))
+        names = " or ".join(sorted(map(node_of, self.get_publishers_info_by_topic(topic))))
         self._control.stop(f"stopped by {names or 'somebody'} on {topic}", self._now())
 
     def _on_attended(self, _: Empty) -> None:

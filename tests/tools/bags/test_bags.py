@@ -1,6 +1,7 @@
 """Bags: what is written is read, by us and by others; whatever is wrong is a BagError."""
 
 import contextlib
+import errno
 import functools
 import os
 import random
@@ -30,9 +31,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from mrs_people_loc.errors import BagError
 from mrs_tools.bags import checks as bag_checks
-from mrs_tools.bags.checks import zstd
+from mrs_tools.bags.checks import CheckedWriter, zstd
 from mrs_tools.bags.message_types import MAX_PARTS, OUR_MESSAGES, default_typestore, require_types
 from mrs_tools.bags.reader import BagReader, matching
+from mrs_tools.bags.recovery import recover
 from mrs_tools.bags.writer import BagWriter
 
 REPOSITORY = Path(__file__).parents[3]
@@ -770,3 +772,30 @@ def test_our_bags_have_checksums(tmp_path):
         whole = (BAGS / name / f"{name}.mcap").read_bytes()
         (tmp_path / f"{name}.mcap").write_bytes(whole[:1_000_000] + b"?" + whole[1_000_001:])
         assert "damaged (Chunk checksum mismatch" in error_of(tmp_path / f"{name}.mcap")
+
+
+def test_recovery_on_a_full_disk_leaves_things_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed = BagWriter(tmp_path / "walk.mcap")
+    types = default_typestore().types
+    killed.write("/talk", 1, types["std_msgs/msg/String"]("hello"))
+    killed.flush()
+    storage: Any = killed._writer.storage
+    storage.bio.close()
+    os.close(killed._held)
+    before = {f: f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()}
+
+    def full(writer: Any) -> None:
+        writer.storage.bio.close()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(CheckedWriter, "close", full)
+        with pytest.raises(
+            BagError, match=r"recovered \(No space left.*walk.mcap.part is as it was"
+        ):
+            recover(tmp_path / "walk.mcap")
+    assert {f: f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()} == before
+    assert recover(tmp_path / "walk.mcap").counts == {"/talk": 1}
+    assert list(tmp_path.iterdir()) == [tmp_path / "walk.mcap"]

@@ -15,9 +15,11 @@ from mrs_tools.view.protocol import (
     Event,
     Look,
     Play,
+    ReleaseRobots,
     Seek,
     Speed,
     StartTour,
+    StopRobots,
     encode,
     read_command,
     rounded,
@@ -38,6 +40,8 @@ from mrs_tools.view.protocol import (
         ({"type": "seek", "t": 1700000000.25}, Seek(1700000000.25)),
         ({"type": "tour", "start": "museum"}, StartTour("museum")),
         ({"type": "tour", "cancel": True}, CancelTour()),
+        ({"type": "stop"}, StopRobots()),
+        ({"type": "release"}, ReleaseRobots()),
     ],
 )
 def test_command_is_read(entries: dict, command: object) -> None:
@@ -80,7 +84,7 @@ _JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
     max_leaves=6,
 )
-_KINDS = st.sampled_from(["look", "play", "pause", "speed", "seek", "tour"])
+_KINDS = st.sampled_from(["look", "play", "pause", "speed", "seek", "tour", "stop"])
 _ENTRIES = st.dictionaries(
     st.sampled_from(["cells", "robots", "speed", "t", "start", "cancel"]), _JSON, max_size=3
 )

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import socket
 import threading
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -18,7 +21,7 @@ pytest.importorskip("aiohttp", reason="the server needs aiohttp")
 import aiohttp
 
 from mrs_people_loc.errors import PeopleLocError
-from mrs_tools.view import protocol, server, viewers
+from mrs_tools.view import places, protocol, server, viewers
 from mrs_tools.view.protocol import CommandError, Control, Hello, Look, Publish
 from mrs_tools.view.server import Address, serve
 from tools.view.serving import PATIENCE_S, served, until
@@ -269,6 +272,73 @@ def test_tours_are_read_only_unless_control_is_allowed() -> None:
     with served(source) as url:
         run(test)
     assert source.commands == []
+
+
+def test_everybody_may_stop_the_robots_and_who_controls_releases_them() -> None:
+    stop, release = '{"type":"stop"}', '{"type":"release"}'
+    lookers, controls = Source(), Source(control=True)
+
+    async def test(session: Any, url: str) -> None:
+        answers.append(await _answers(session, url, [stop, release]))
+
+    answers: list[list[tuple[bool, str]]] = []
+    for source in (lookers, controls):
+        with served(source) as url:
+            run(partial(test, url=url))
+    assert [ok for ok, _ in answers[0]] == [True, False]
+    assert [ok for ok, _ in answers[1]] == [True, True]
+    assert lookers.commands == [protocol.StopRobots()]
+    assert controls.commands == [protocol.StopRobots(), protocol.ReleaseRobots()]
+
+
+def test_cookie_that_is_no_text_is_refused() -> None:
+    with served(Source(), token="secret") as url:
+        host, port = url.split("/")[2].split(":")
+        with socket.create_connection((host, int(port))) as stranger:
+            cookie = f"mrs_view_{port}=".encode() + b"\xff\xfe"
+            stranger.sendall(b"GET / HTTP/1.1\r\nHost: x\r\nCookie: " + cookie + b"\r\n\r\n")
+            assert stranger.recv(1000).startswith(b"HTTP/1.1 403 ")
+            while stranger.recv(1000):  # and the connection is closed
+                pass
+
+
+def test_half_requests_keep_nobody_out_and_are_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(places, "SILENT_S", 1.0)
+    with served(Source(), token="secret") as url:
+        host, port = url.split("/")[2].split(":")
+
+        def half() -> socket.socket:
+            made = socket.create_connection((host, int(port)), timeout=20.0)
+            made.sendall(b"GET / HTTP/1.1\r\nHost")
+            return made
+
+        async def test(session: Any) -> None:
+            async with session.ws_connect(f"{url.replace('?', 'live?')}") as viewer:
+                await until(viewer, lambda m: m["type"] == "hello")
+                for _ in range(5):
+                    strangers.extend(half() for _ in range(60))
+                    async with session.get(url) as page:
+                        assert page.status == 200
+                await asyncio.sleep(2.0)
+                await viewer.send_str('{"type":"stop"}')
+                await until(viewer, lambda m: m["type"] == "answer")
+
+        strangers: list[socket.socket] = []
+        try:
+            run(test)
+            for one in strangers:
+                with suppress(ConnectionError):
+                    assert one.recv(1) == b""
+        finally:
+            for one in strangers:
+                one.close()
+
+
+def test_each_kind_of_trouble_is_logged_once() -> None:
+    once = places.Once()
+    kinds = ["Error handling request from %s", "socket.accept()\nline 2", "socket.accept()\nline 3"]
+    records = [logging.LogRecord("x", 40, "f", 1, kind, (), None) for kind in kinds * 2]
+    assert [once.filter(record) for record in records] == [True, True, False, False, False, False]
 
 
 def test_control_is_answered() -> None:

@@ -193,7 +193,7 @@ function showSummary() {
   }
   const problems = problemsInWords(health);
   if (problems) items.push({ key: "health", text: problems, level: health.level, open: "health" });
-  if (tour.stoppable) items.push({ key: "stop", text: "Stop the tour", stop: true });
+  if (tour.stoppable) items.push({ key: "stop", text: "Stop the robots", stop: true });
   const summary = byId("summary");
   keepChildren(summary, items, ({ key }) => key, createChip, updateChip);
   map.setInsetTop(items.length ? summary.offsetTop + summary.offsetHeight : 0);

@@ -16,7 +16,7 @@ const STATES = {
 };
 /** The guide speaks several times a second. */
 const SILENT_S = 3;
-const RUNNING = new Set(["gathering", "leading", "waiting", "at_stop", "halted"]);
+const RUNNING = new Set(["gathering", "leading", "waiting", "at_stop", "halted", "stopped"]);
 
 /** Return the state of a tour in words. */
 export const tourState = (tour) => STATES[tour.state] ?? tour.state;
@@ -31,9 +31,16 @@ export class TourPanel {
     this._state = byId("tour-state");
     byId("tour-form").addEventListener("submit", (event) => {
       event.preventDefault();
-      this._ask(byId("tour-name").value);
+      const name = byId("tour-name").value;
+      const text = `“${name}” starts as soon as the group is there. The robots will move.`;
+      this._ask("Start the tour?", text, "Start", { type: "tour", start: name });
     });
-    byId("tour-stop").addEventListener("click", () => this.stop());
+    byId("tour-cancel").addEventListener("click", () => this._send({ type: "tour", cancel: true }));
+    byId("robots-stop").addEventListener("click", () => this.stop());
+    byId("robots-release").addEventListener("click", () => {
+      const text = "See that nobody is in danger: the robots may move at once.";
+      this._ask("Release the robots?", text, "Release", { type: "release" });
+    });
   }
 
   /** Return whether the panel has something to show. */
@@ -42,13 +49,14 @@ export class TourPanel {
     return Boolean(state?.tour || hello?.tours.length || hello?.control);
   }
 
-  /** Return whether there is a tour that may be stopped from here. */
+  /** Return whether there are robots that may be stopped: by anybody. */
   get stoppable() {
-    return Boolean(this._scene.hello?.control && tourRuns(this._scene.state?.tour));
+    const { hello, state } = this._scene;
+    return hello?.mode === "live" && tourRuns(state?.tour) && state.tour.state !== "stopped";
   }
 
   stop() {
-    this._send({ type: "tour", cancel: true });
+    this._send({ type: "stop" });
   }
 
   update() {
@@ -58,7 +66,9 @@ export class TourPanel {
     const names = hello?.tours ?? [];
     const control = Boolean(hello?.control);
     byId("tour-form").hidden = !control || names.length === 0 || tourRuns(tour);
-    byId("tour-stop").hidden = !this.stoppable;
+    byId("robots-stop").hidden = hello?.mode !== "live" || !tour || tour.state === "stopped";
+    byId("robots-release").hidden = !control || tour?.state !== "stopped";
+    byId("tour-cancel").hidden = !control || !tourRuns(tour) || !tour.name;
     keepChildren(
       byId("tour-name"), names, (name) => name, (name) => make("option", { value: name }, name), () => {},
     );
@@ -75,7 +85,8 @@ export class TourPanel {
     const [title, text, bar, facts, posts] = this._state.children;
     setText(title, tour?.name || "Tour");
     setText(text, tour ? `${tourState(tour)}${tour.message ? `: ${tour.message}` : ""}` : "No tour runs");
-    text.dataset.level = tour?.state === "halted" ? "error" : tour?.state === "waiting" ? "warning" : "ok";
+    const stands = tour?.state === "halted" || tour?.state === "stopped";
+    text.dataset.level = stands ? "error" : tour?.state === "waiting" ? "warning" : "ok";
     const started = tour && tour.state !== "idle";
     bar.hidden = facts.hidden = !started;
     keepChildren(
@@ -88,12 +99,14 @@ export class TourPanel {
     setText(facts, factsOf(tour));
   }
 
-  /** Starting moves robots: ask first. */
-  _ask(name) {
+  /** What moves robots is asked for first. */
+  _ask(title, text, verb, command) {
     const dialog = byId("confirm");
-    setText(byId("confirm-text"), `“${name}” starts as soon as the group is there. The robots will move.`);
+    setText(byId("confirm-title"), title);
+    setText(byId("confirm-text"), text);
+    setText(byId("confirm-go"), verb);
     dialog.returnValue = "cancel";
-    dialog.onclose = () => dialog.returnValue === "start" && this._send({ type: "tour", start: name });
+    dialog.onclose = () => dialog.returnValue === "go" && this._send(command);
     dialog.showModal();
     byId("confirm-cancel").focus();
   }
@@ -110,6 +123,8 @@ function factsOf(tour) {
 
 function hintOf(hello, control, names) {
   if (!hello || hello.mode === "bag") return "";
-  if (!control) return "This page only shows. Started with --control, mrs view can start and stop tours.";
+  if (!control) {
+    return "This page only shows, and stops robots. Started with --control, mrs view starts tours and releases robots.";
+  }
   return names.length ? "" : "No tour to start: mrs view --control --tour FILE.yaml";
 }
