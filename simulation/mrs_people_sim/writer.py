@@ -35,6 +35,7 @@ from mrs_tools.bags.writer import BagWriter
 
 PEOPLE_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
+PERCENT_TOPIC = "/ground_truth/visible_percent"
 GROUP_TOPIC = "/ground_truth/group"
 MAP_TOPIC = "/map"
 TF_TOPIC = "/tf_static"
@@ -92,6 +93,13 @@ class Messages:
         std_msgs/Int32MultiArray; one dimension, labelled `people_pixels`.
         """
         return self._of_people("people_pixels", np.rint(pixels).astype(np.int32))
+
+    def percent(self, shares: NDArray) -> Any:
+        """How much of each person is seen (`World.seen_shares`), in percent.
+
+        std_msgs/Int32MultiArray; one dimension, labelled `people_percent`.
+        """
+        return self._of_people("people_percent", np.rint(100.0 * shares).astype(np.int32))
 
     def groups(self, numbers: NDArray) -> Any:
         """Which group each person belongs to (`World.groups`).
@@ -196,6 +204,7 @@ def write_bag(out: Path, world: World, frames: Iterator[list[RenderedFrame]]) ->
             time = world.truth_time(index)
             bag.write(PEOPLE_TOPIC, ns, messages.people(world.person_places(time), ns))
             bag.write(VISIBLE_TOPIC, ns, messages.visible(world.seen_pixels(seen)))
+            bag.write(PERCENT_TOPIC, ns, messages.percent(world.seen_shares(seen)))
             if world.has_group:
                 bag.write(GROUP_TOPIC, ns, messages.groups(world.groups(time)))
         events_until(math.inf)

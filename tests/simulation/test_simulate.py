@@ -55,6 +55,7 @@ from mrs_people_sim.views.world import RenderedFrame, World
 from mrs_people_sim.writer import (
     MAP_TOPIC,
     PEOPLE_TOPIC,
+    PERCENT_TOPIC,
     VISIBLE_TOPIC,
     Messages,
     true_pose_topic,
@@ -587,6 +588,22 @@ def test_near_and_visible_people_are_seen() -> None:
     assert seen([*(1.05 * quarter)], [900.0, 0.0, 0.0]) == [900.0, at_least[1], 0.0]
 
 
+def test_share_that_is_seen_is_that_of_the_robot_that_sees_most() -> None:
+    robots = {name: {"x": 1.0, "y": 2.5, "head": {"height": 1.0}} for name in ("a", "b")}
+    people = [{"x": 3.0, "y": 2.5}, {"x": 7.0, "y": 2.5}]
+    world = world_of("{room: {length: 9.0, width: 5.0}}", robots=robots, people=people)
+    f = world.stage.stereo["a"].fx
+    whole = 0.57 * f * f / np.array([4.0, 36.0])
+    image = {"left": np.zeros((2, 2), np.uint8)}
+    frames = [RenderedFrame(n, 0, 0, image, s * whole) for n, s in (("a", 0.2), ("b", 0.6))]
+    shares = world.seen_shares(frames)
+    assert shares[0] == pytest.approx(0.6, rel=0.01)
+    assert shares[1] == 0.0  # beyond 5 m
+    message = Messages().percent(np.array([0.604, 0.0]))
+    assert message.data.tolist() == [60, 0]
+    assert message.layout.dim[0].label == "people_percent"
+
+
 def test_visible_is_rounded_and_labelled() -> None:
     message = Messages().visible(np.array([3.4, 0.0, 9.6]))
     assert message.data.tolist() == [3, 0, 10]
@@ -642,6 +659,7 @@ def test_bag_has_the_documented_topics_types_and_frames(team: tuple[Path, World]
     wanted = {
         PEOPLE_TOPIC: "geometry_msgs/msg/PoseArray",
         VISIBLE_TOPIC: "std_msgs/msg/Int32MultiArray",
+        PERCENT_TOPIC: "std_msgs/msg/Int32MultiArray",
         MAP_TOPIC: "nav_msgs/msg/OccupancyGrid",
     }
     for robot, names in cameras.items():

@@ -60,6 +60,9 @@ class Bag:
     def visible(self, ms: float, numbers: Iterable[int], kind: str = "Int32") -> None:
         self._numbers("/ground_truth/visible", ms, numbers, kind)
 
+    def percent(self, ms: float, numbers: Iterable[int]) -> None:
+        self._numbers("/ground_truth/visible_percent", ms, numbers, "Int32")
+
     def group(self, ms: float, numbers: Iterable[int]) -> None:
         self._numbers("/ground_truth/group", ms, numbers, "Int32")
 

@@ -24,6 +24,8 @@ class Truth:
             truth does not say.
         ignore_within: An estimate that fits nobody is ignored if somebody who is not visible is
             nearer than this [m].
+        shares: How much of each person the view shows that shows most of them, 1: all, shape
+            (n, m); None: the truth does not say.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -31,6 +33,7 @@ class Truth:
     visible: Bool
     groups: Int | None = None
     ignore_within: float = 0.0
+    shares: Float | None = None
 
     @classmethod
     def build(
@@ -39,6 +42,7 @@ class Truth:
         positions: Sequence[Float],
         visible: Sequence[Bool | None] | None = None,
         groups: Sequence[NDArray[np.integer]] | None = None,
+        shares: Sequence[Float] | None = None,
     ) -> Truth:
         """Puts messages together; of several with one stamp the last counts.
 
@@ -47,27 +51,30 @@ class Truth:
             positions: At each stamp [m], shape (m, 2); m may differ: the last ones are not there.
             visible: At each stamp, shape (m,); None: everybody is.
             groups: Numbers of their groups at each stamp, shape (m,); None: nothing is known.
+            shares: How much of them is visible at each stamp, shape (m,); None: likewise.
         """
         given = visible if visible is not None else [None] * len(stamps_ns)
         nobody = [np.empty(0, dtype=np.intp)] * len(stamps_ns)
         of_group = nobody if groups is None else groups
-        rows = {
-            stamp: (xy, seen, group)
-            for stamp, xy, seen, group in zip(stamps_ns, positions, given, of_group, strict=True)
-        }
-        count = max((len(xy) for xy, _, _ in rows.values()), default=0)
+        part_of = [np.empty(0)] * len(stamps_ns) if shares is None else shares
+        every = zip(positions, given, of_group, part_of, strict=True)
+        rows = dict(zip(stamps_ns, every, strict=True))
+        count = max((len(xy) for xy, *_ in rows.values()), default=0)
         stamps = sorted(rows)
         xys = np.full((len(rows), count, 2), np.nan)
         seens = np.ones((len(rows), count), dtype=bool)
         numbers = np.zeros((len(rows), count), dtype=np.intp)
+        parts = np.full((len(rows), count), np.nan)
         for index, stamp in enumerate(stamps):
-            xy, seen, group = rows[stamp]
+            xy, seen, group, part = rows[stamp]
             xys[index, : len(xy)] = np.reshape(xy, (-1, 2))
             numbers[index, : len(group)] = group
+            parts[index, : len(part)] = part
             if seen is not None:
                 seens[index, : len(seen)] = seen
         belong = None if groups is None else numbers
-        return cls(np.array(stamps, dtype=np.int64), xys, seens, belong)
+        part_seen = None if shares is None else parts
+        return cls(np.array(stamps, dtype=np.int64), xys, seens, belong, shares=part_seen)
 
     def __len__(self) -> int:
         """Number of ground-truth messages."""
@@ -100,6 +107,15 @@ class Truth:
         between = one + part * (other - one)
         both = np.isfinite(between).all(axis=1, keepdims=True)
         return np.where(both, between, self.positions[nearer]), self.visible[nearer]
+
+    def shares_at(self, stamp_ns: int) -> Float:
+        """How much of each person is visible in the message nearest to a time [ns], shape (m,).
+
+        NaN where the truth does not say.
+        """
+        if self.shares is None or not len(self):
+            return np.full(self.positions.shape[1], np.nan)
+        return np.asarray(self.shares[int(np.abs(self.stamps_ns - stamp_ns).argmin())])
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from mrs_tools.bags.records import Truth
 
 TRUTH_TOPIC = "/ground_truth/people_poses"
 VISIBLE_TOPIC = "/ground_truth/visible"
+PERCENT_TOPIC = "/ground_truth/visible_percent"
 GROUP_TOPIC = "/ground_truth/group"
 #: std_msgs' arrays of whole numbers.
 _INTEGER_ARRAYS = tuple(
@@ -34,10 +35,11 @@ def true_pose_topic(robot: str) -> str:
 def read_truth(bag: BagReader) -> Truth:
     """Ground truth of a bag; without any messages where it has none.
 
-    `/ground_truth/people_poses` is a PoseArray in `map`. `/ground_truth/visible` and
-    `/ground_truth/group` are any arrays of whole numbers of std_msgs, one number per person; 0: no
-    robot sees that person, or the person belongs to no group. They have no stamps, so each message
-    of the first belongs to those of the others that are nearest in bag time.
+    `/ground_truth/people_poses` is a PoseArray in `map`. `/ground_truth/visible`,
+    `/ground_truth/visible_percent` and `/ground_truth/group` are any arrays of whole numbers of
+    std_msgs, one number per person; 0: no robot sees that person, or the person belongs to no
+    group. They have no stamps, so each message of the first belongs to those of the others that are
+    nearest in bag time.
 
     Raises:
         BagError: A topic has another type, they do not fit together, or are more than are scored.
@@ -45,7 +47,7 @@ def read_truth(bag: BagReader) -> Truth:
     stamps: list[int] = []
     times: list[int] = []
     positions: list[Float] = []
-    numbers: dict[str, _Numbers] = {VISIBLE_TOPIC: [], GROUP_TOPIC: []}
+    numbers: dict[str, _Numbers] = {VISIBLE_TOPIC: [], PERCENT_TOPIC: [], GROUP_TOPIC: []}
     topics = _topics(bag)
     for topic, time_ns, message in bag.decoded(topics) if topics else ():
         if topic != TRUTH_TOPIC:
@@ -66,11 +68,13 @@ def read_truth(bag: BagReader) -> Truth:
             f"allowed: {MAX_PLACES} places in all. Cut the bag"
         )
     sizes = [len(xy) for xy in positions]
-    visible, groups = (
-        _nearest(bag, topic, numbers[topic], times, sizes) for topic in (VISIBLE_TOPIC, GROUP_TOPIC)
+    visible, percent, groups = (
+        _nearest(bag, topic, numbers[topic], times, sizes)
+        for topic in (VISIBLE_TOPIC, PERCENT_TOPIC, GROUP_TOPIC)
     )
     seen = None if visible is None else [each > 0 for each in visible]
-    return Truth.build(stamps, positions, seen, groups)
+    shares = None if percent is None else [each.astype(np.float64) / 100.0 for each in percent]
+    return Truth.build(stamps, positions, seen, groups, shares)
 
 
 def _topics(bag: BagReader) -> list[str]:
@@ -82,6 +86,7 @@ def _topics(bag: BagReader) -> list[str]:
     kinds = {
         TRUTH_TOPIC: ("geometry_msgs/msg/PoseArray",),
         VISIBLE_TOPIC: _INTEGER_ARRAYS,
+        PERCENT_TOPIC: _INTEGER_ARRAYS,
         GROUP_TOPIC: _INTEGER_ARRAYS,
     }
     topics = [topic for topic in kinds if topic in bag.topics]

@@ -36,7 +36,14 @@ from mrs_people_sim.evaluation.team_poses import PlannerBesideExact, TeamScores,
 from mrs_people_sim.scoring.detections import DetectionScores, score_detections
 from mrs_people_sim.scoring.hidden import GhostScores, score_ghosts, score_hidden
 from mrs_people_sim.scoring.poses import PoseTrack
-from mrs_people_sim.scoring.positions import Frame, percentile, ratio, score, summary
+from mrs_people_sim.scoring.positions import (
+    Frame,
+    percentile,
+    ratio,
+    recall_by_visibility,
+    score,
+    summary,
+)
 from mrs_people_sim.scoring.stragglers import StragglerScores, score_centres, score_stragglers
 from mrs_people_sim.scoring.tours import TourRecord, TourScores, score_tour
 from mrs_people_sim.scoring.tracks import TrackScores, score_tracks
@@ -123,7 +130,12 @@ class Result:
         return {
             "frames": scores["frames"],
             "duration_s": self.duration_s,
-            "people": {**scores["people"], **self.detections.report(), "ghost_s": ghosts},
+            "people": {
+                **scores["people"],
+                **self.detections.report(),
+                "by_visibility": recall_by_visibility(self.frames),
+                "ghost_s": ghosts,
+            },
             "people_hidden": {**summary(self.hidden)["people"], "ghost_s": of_hidden},
             "group": scores["group"],
             "tracks": self.tracks.report(),

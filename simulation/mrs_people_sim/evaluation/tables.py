@@ -23,8 +23,11 @@ def show(results: Mapping[str, Result], console: Console) -> None:
     if len(results) > 1:
         rows["total"] = Result.pooled(list(results.values()))
     reports = {name: result.report() for name, result in rows.items()}
+    last = reports[next(reversed(reports))]
     console.print(_people_table(reports))
     console.print(_detections_table(reports))
+    if any(of["true"] for of in last["people"]["by_visibility"].values()):
+        console.print(_visibility_table(reports))
     if any(len(result.ghosts.followed_s) for result in rows.values()):
         console.print(_hidden_table(reports))
     if any(result.tracks.tracks for result in rows.values()):
@@ -41,7 +44,6 @@ def show(results: Mapping[str, Result], console: Console) -> None:
     if of_tours:
         console.print(tours_table(of_tours))
         console.print(robots_of_tours_table(of_tours))
-    last = reports[next(reversed(reports))]
     if last["stages"]:
         console.print(_stages_table(last["stages"]))
     if last["timing_ms"]:
@@ -97,6 +99,18 @@ def _detections_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
             *(number(people[key], 1, 3) for key in ("moda", "modp")),
             *(str(n) for n in (report["frames"], people["frames_without_false"])),
         )
+    return table
+
+
+def _visibility_table(reports: Mapping[str, Mapping[str, Any]]) -> Any:
+    table = _table(
+        "recall by how much of a person is visible",
+        "bag|< 0.50|recall|< 0.75|recall|more|recall",
+    )
+    for name, report in reports.items():
+        parts = report["people"]["by_visibility"].values()
+        cells = [(str(of["true"]), number(of["recall"], 1, 3)) for of in parts]
+        _add(table, name, *(cell for pair in cells for cell in pair))
     return table
 
 

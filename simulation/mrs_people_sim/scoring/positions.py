@@ -32,6 +32,12 @@ from mrs_tools.bags.records import Estimate, Truth
 MATCH_DISTANCE = 0.40
 #: Chi-square with 2 degrees of freedom: the squared Mahalanobis radius of the 95 % ellipse.
 CHI2_95 = 5.991
+#: Shares of people that are visible, which are scored by themselves: from, and below.
+VISIBILITY = {
+    "below_0_50": (-math.inf, 0.5),
+    "0_50_to_0_75": (0.5, 0.75),
+    "from_0_75": (0.75, math.inf),
+}
 #: The interval where neither estimates nor truth show one [ns].
 _DEFAULT_INTERVAL_NS = 200_000_000
 #: Stamps are rounded; "within" means up to this much more [ns].
@@ -68,6 +74,7 @@ class Frame:
         estimate: Index of the estimate that counts; None: there is none near enough.
         true: The positions that it was compared with [m], shape (m, 2); NaN: not there.
         required: Who has to be found, shape (m,).
+        shares: How much of each is visible, shape (m,); NaN: the truth does not say.
         pairs: Indices of matched people in the estimate and in `true`, shape (k, 2).
         errors: Their distances [m], shape (k,).
         mahalanobis: Their squared distances in terms of the covariance, shape (k,); NaN: the
@@ -85,6 +92,7 @@ class Frame:
     estimate: int | None
     true: Float
     required: Bool
+    shares: Float
     pairs: Int
     errors: Float
     mahalanobis: Float
@@ -166,6 +174,7 @@ def _missed(stamp_ns: int, truth: Truth) -> Frame:
         estimate=None,
         true=true,
         required=required,
+        shares=truth.shares_at(stamp_ns),
         pairs=np.empty((0, 2), dtype=np.intp),
         errors=np.empty(0),
         mahalanobis=np.empty(0),
@@ -206,6 +215,7 @@ def _compare(index: int, estimate: Estimate, truth: Truth, distance: float) -> F
         estimate=index,
         true=true,
         required=required,
+        shares=truth.shares_at(estimate.stamp_ns),
         pairs=np.stack([one, other], axis=1),
         errors=errors,
         mahalanobis=_mahalanobis(found[one] - true[other], estimate.covariances[one]),
@@ -262,6 +272,22 @@ def summary(frames: Sequence[Frame]) -> dict[str, Any]:
             "centre_error_m": {"mean": _of(np.mean, centres), "p95": percentile(centres, 95)}
         },
     }
+
+
+def recall_by_visibility(frames: Sequence[Frame]) -> dict[str, dict[str, Any]]:
+    """Of some frames, who was found of those of whom so much is visible.
+
+    Returns:
+        `people.by_visibility` as in the JSON of `mrs evaluate`.
+    """
+    shares = np.concatenate([nothing(), *(frame.shares[frame.required] for frame in frames)])
+    found = [frame.shares[frame.pairs[:, 1]] for frame in frames]
+    of_found = np.concatenate([nothing(), *found])
+    report = {}
+    for name, (low, high) in VISIBILITY.items():
+        true, matched = (int(((low <= of) & (of < high)).sum()) for of in (shares, of_found))
+        report[name] = {"true": true, "matched": matched, "recall": ratio(matched, true)}
+    return report
 
 
 def nothing() -> Float:

@@ -143,12 +143,21 @@ class Stage:
             people: Where they are.
             pixels: How much of each its left camera shows, shape (people,).
         """
-        limits, camera = self.scene.visibility, self.stereo[name]
+        share = self.seen_shares(name, robot, people, pixels)
+        seen: NDArray = np.where(share >= self.scene.visibility.share, pixels, 0.0)
+        return seen
+
+    def seen_shares(
+        self, name: str, robot: Place, people: Sequence[Place], pixels: NDArray
+    ) -> NDArray:
+        """Pixels of people over those that a whole person has at that distance, shape (people,).
+
+        -1 for who is farther away than `visibility.range`. Arguments are those of `seen_pixels`.
+        """
+        camera = self.stereo[name]
         above = camera.mounting.height - _CHEST
         x, y = np.array([(place.x, place.y) for place in people]).reshape(-1, 2).T
         away = np.sqrt((x - robot.x) ** 2 + (y - robot.y) ** 2 + above**2)
         whole = _BODY_AREA * camera.fx * camera.fy / np.maximum(away, 0.1) ** 2
-        seen: NDArray = np.where(
-            (away <= limits.range) & (pixels >= limits.share * whole), pixels, 0.0
-        )
-        return seen
+        share: NDArray = np.where(away <= self.scene.visibility.range, pixels / whole, -1.0)
+        return share

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -258,12 +258,24 @@ class World:
         Args:
             frames: One per robot.
         """
+        return self._most(frames, self.stage.seen_pixels)
+
+    def seen_shares(self, frames: Sequence[RenderedFrame]) -> NDArray:
+        """Share of each person in the left image that shows most of them, shape (people,).
+
+        0 where no robot is within `visibility.range` of the person.
+
+        Args:
+            frames: One per robot.
+        """
+        return self._most(frames, self.stage.seen_shares)
+
+    def _most(self, frames: Sequence[RenderedFrame], seen: Callable[..., NDArray]) -> NDArray:
         best = np.zeros(len(self.people))
         for frame in frames:
             time = self.time_of(frame.index) + self.scene.robots[frame.robot].phase
             robot, people = self.robot_place(frame.robot, time), self.person_places(time)
-            seen = self.stage.seen_pixels(frame.robot, robot, people, frame.pixels)
-            best = np.maximum(best, seen)
+            best = np.maximum(best, seen(frame.robot, robot, people, frame.pixels))
         return best
 
     def _lights(self, name: str, time: float) -> tuple[dict[str, NDArray], NDArray]:

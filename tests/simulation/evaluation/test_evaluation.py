@@ -211,6 +211,10 @@ def test_recorded_people_are_scored_unchanged(make_bag, tmp_path):
             "coverage_95": pytest.approx(5 / 6),  # sigma is 0.1; 0.3 is outside
             "moda": pytest.approx(1 - (3 + 1) / 9),
             "modp": pytest.approx(1 - (0.1 + 0 + 0.2 + 0.3 + 0 + 0.02) / 6 / 0.5),
+            "by_visibility": {
+                part: {"true": 0, "matched": 0, "recall": None}
+                for part in ("below_0_50", "0_50_to_0_75", "from_0_75")
+            },
             "ghost_s": NO_GHOSTS,  # who has no identity is not followed
         },
         "people_hidden": {
@@ -328,6 +332,32 @@ def test_identities_are_scored(make_bag, tmp_path):
     # MOTA, IDF1, switches, those a minute, fragments, MOTP, GOSPA, velocity: mean, p95
     figures = ["0.667", "0.778", "2", "66.67", "2", "3.8", "15.7", "12.5", "20.0"]
     assert lines[-1].split()[1:] == figures
+
+
+def partly_visible(bag: Bag) -> None:
+    """Three people for 0.5 s at 10 Hz, of whom 30 %, 50 % and all are visible; who is found varies.
+
+    In the last frame nobody has to find the second.
+    """
+    people = ((0, 0), (0, 3), (0, 6))
+    for k in range(5):
+        bag.truth(100 * k, *people, visible=(30, 50 if k < 4 else 0, 100))
+        bag.percent(100 * k, (30, 50, 100))
+        bag.people(100 * k, *(people if k < 3 else people[1:]))
+
+
+@pytest.mark.usefixtures("our_messages")
+def test_recall_is_told_by_how_much_of_people_is_visible(make_bag, tmp_path):
+    path, file = make_bag(partly_visible), tmp_path / "figures.json"
+    result = run_mrs("evaluate", path, "--json", file)
+    assert result.exit_code == 0, result.output
+    assert json.loads(file.read_text())["people"]["by_visibility"] == {
+        "below_0_50": {"true": 5, "matched": 3, "recall": 0.6},
+        "0_50_to_0_75": {"true": 4, "matched": 4, "recall": 1.0},
+        "from_0_75": {"true": 5, "matched": 5, "recall": 1.0},
+    }
+    rows = [line.split()[1:] for line in result.output.splitlines()]
+    assert ["5", "0.600", "4", "1.000", "5", "1.000"] in rows
 
 
 def with_ghosts(bag: Bag) -> None:
@@ -1056,7 +1086,7 @@ def test_json_of_one_bag_has_all_keys(tmp_path, formation):
     assert "MOTA" not in result.output
     assert list(figures["people"]) == [
         "true", "estimates", "matched", "recall", "precision", "frames_without_false", "error_m",
-        "coverage_95", "moda", "modp", "ghost_s",
+        "coverage_95", "moda", "modp", "by_visibility", "ghost_s",
     ]  # fmt: skip
     assert list(figures["stages"]["robot_a"]) == [
         "valid_pixels", "raw", "cropped", "foreground", "cells", "cropped_kept", "foreground_kept",
