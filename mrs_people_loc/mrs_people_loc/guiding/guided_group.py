@@ -168,6 +168,7 @@ class GuidedGroup:
     events: list[str] = field(default_factory=list)
     size: int = 0
     _now_s: float = math.inf
+    _news: dict[tuple[str, str], list[int]] = field(default_factory=dict)
 
     @property
     def guided(self) -> list[Guest]:
@@ -515,6 +516,16 @@ class GuidedGroup:
                 self._judge_unseen(guest)
             if guest.behind_s is not None:
                 guest.behind_s += dt_s
+        for (one, several), ids in self._news.items():
+            numbers = ", ".join(map(str, sorted(ids)))
+            self.events.append(
+                f"people {numbers} {several}" if len(ids) > 1 else f"person {numbers} {one}"
+            )
+        self._news.clear()
+
+    def _tell(self, guest: Guest, one: str, several: str) -> None:
+        """What happens to several people at once is told in one sentence."""
+        self._news.setdefault((one, several), []).append(guest.id)
 
     def _judge_unseen(self, guest: Guest) -> None:
         tuning = self.tuning
@@ -523,13 +534,15 @@ class GuidedGroup:
             if not self._is_hidden(guest) and guest.unseen_s >= tuning.missing_s:
                 guest.behind_s = guest.unseen_s
                 self._stayed(guest)
-                self.events.append(f"person {guest.id} is not seen any more")
+                self._tell(guest, "is not seen any more", "are not seen any more")
         elif not guest.lost:
             if self._is_near(guest):
                 guest.behind_s = None
             elif guest.empty_s >= tuning.left_s and self.together:
                 guest.lost = True
-                self.events.append(f"person {guest.id} has left; goes on without them")
+                self._tell(
+                    guest, "has left; goes on without them", "have left; goes on without them"
+                )
 
     def _stayed(self, guest: Guest) -> None:
         """Somebody has not gone on with the group: robots look for them where they were last."""
@@ -544,10 +557,10 @@ class GuidedGroup:
         guest.apart_s = 0.0 if is_with or is_ahead else guest.apart_s + dt_s
         if not was_behind and guest.apart_s >= tuning.apart_s:
             guest.behind_s = 0.0
-            self.events.append(f"person {guest.id} has fallen behind")
+            self._tell(guest, "has fallen behind", "have fallen behind")
         elif (was_behind or guest.lost) and guest.apart_s == 0.0:
             guest.behind_s, guest.lost = None, False
-            self.events.append(f"person {guest.id} is back")
+            self._tell(guest, "is back", "are back")
 
     def _advance(self, away_s: float) -> None:
         """How far the group's middle has come: the median of those who are together."""

@@ -140,6 +140,16 @@ def test_straggler_is_waited_for_and_fetched_and_the_tour_goes_on_with_them():
     assert world.last().lost == ()
 
 
+def test_what_happens_to_several_at_once_is_told_once() -> None:
+    world = World()
+    world.run_until(State.LEADING)
+    for walker in world.walkers[3:]:
+        walker.way_m, walker.stands = world.walkers[4].way_m, True
+    world.run(12.0)
+    behind = [event for event in world.events() if "behind" in event]
+    assert behind == ["people 4, 5 have fallen behind"]
+
+
 def test_straggler_is_noticed_soon_after_they_are_apart():
     world = leading()
     last, next_to = world.walkers[-1], world.walkers[-2]
