@@ -111,9 +111,9 @@ def value(context: Any, name: str) -> str:
 
 
 def node(
-    context: Any, package: str, namespace: str, files: list[Any], executable: str = ""
+    context: Any, package: str, namespace: str, files: list[Any], executable: str = "", **how: Any
 ) -> Node:
-    """One of our nodes, with the given arguments.
+    """A node, with the given arguments.
 
     Args:
         context: The launch's context.
@@ -121,6 +121,7 @@ def node(
         namespace: Its namespace.
         files: Its parameter files.
         executable: In the package; empty: the one of its name.
+        how: Further arguments of launch_ros' Node.
 
     Raises:
         ConfigError: Both `discovery_server` and `peers` are given, or one of them is no host.
@@ -136,4 +137,5 @@ def node(
             value(context, "discovery_server"), value(context, "peers")
         ),
         output="screen",
+        **how,
     )

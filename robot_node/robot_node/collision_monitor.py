@@ -112,14 +112,15 @@ class MonitorTopics:
 
     def take_view(self, disparity: Float32, stamp_ns: int, camera: StereoCamera) -> None:
         """Takes a view of the head."""
-        if not self._enabled:
+        asked = self._obstacles.get_subscription_count()
+        if not self._enabled and not asked:
             return
         if self._head is None or self._head.camera is not camera:
             nearest = self._disparity.min_range
             self._head = HeadObstacles(camera, self._core.config, nearest=nearest)
         now_s = self._now_s()
         self._core.take_scan("head", self._head(disparity), self._seen_s(stamp_ns, now_s), now_s)
-        if self._obstacles.get_subscription_count():
+        if asked:
             xy = self._core.obstacles(now_s)
             xyz = np.column_stack([xy, np.full(len(xy), _HEIGHT)])
             stamp_ns = self._node.get_clock().now().nanoseconds

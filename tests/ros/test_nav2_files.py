@@ -6,6 +6,8 @@ import xml.etree.ElementTree as ET
 
 import yaml
 
+from mrs_people_loc.config import CollisionMonitoring
+from planner_node.guide_node.bases import Velocities
 from ros.harness import ROOT
 
 FOLDER = ROOT / "config" / "nav2"
@@ -53,3 +55,18 @@ def test_parameters_name_the_installed_tree() -> None:
         "mrs_people_config",
         FOLDER / "guide_robot.xml",
     )
+
+
+def test_collision_monitor_stands_between_guide_and_base_and_hears_what_robot_node_sees() -> None:
+    parameters = yaml.safe_load((FOLDER / "collision_monitor.yaml").read_text())
+    monitor = parameters["/**/collision_monitor"]["ros__parameters"]
+    assert Velocities.topics == (monitor["cmd_vel_out_topic"], monitor["cmd_vel_in_topic"])
+    ours = CollisionMonitoring()
+    approach = monitor["Approach"]
+    assert approach["radius"] == ours.radius + ours.stop_distance
+    assert approach["time_before_collision"] == ours.time_before_collision
+    assert monitor["source_timeout"] == ours.source_timeout
+    topics = {monitor[name]["topic"] for name in monitor["observation_sources"]}
+    assert topics == {"scan", "obstacles"}
+    (manager,) = (name for name in parameters if "lifecycle_manager" in name)
+    assert parameters[manager]["ros__parameters"]["node_names"] == ["collision_monitor"]

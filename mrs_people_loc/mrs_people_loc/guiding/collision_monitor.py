@@ -66,7 +66,7 @@ class MonitorTuning:
     sideways: float = 0.2
     stands: float = 0.01
     rounds: int = 4
-    gap: float = 0.14
+    gap: float = 0.2
     near: float = 0.7
     step: float = 0.1
     edges: float = 0.6

@@ -25,6 +25,7 @@ from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.team.quarantine import Quarantine
 from mrs_people_sim.estimates import estimate_of
 from mrs_people_sim.guided import STEP_S, GuidedWorld
+from mrs_people_sim.light.monitored import MonitoredBase
 from mrs_people_sim.light.ranging import RangeSensors
 from mrs_people_sim.light.sensing import Eyes, PeopleInView, scan_of
 from mrs_people_sim.light.team import (
@@ -119,6 +120,7 @@ class LightTour:
         poses: One of `POSES`.
         trouble: What goes wrong.
         config: Of the guide; its robots and which of them look back are those of the scene.
+        monitored: Whether collision monitors drive the robots.
     """
 
     def __init__(
@@ -127,6 +129,8 @@ class LightTour:
         poses: str = "exact",
         trouble: Trouble = Trouble(),
         config: GuideConfig = _CONFIG,
+        *,
+        monitored: bool = False,
     ) -> None:
         mode = "exact" if poses == "exact" else "drift"
         odometry = dataclasses.replace(scene.odometry, mode=mode)
@@ -139,6 +143,10 @@ class LightTour:
         self._ranging = {
             name: RangeSensors(scene, name, world.walls, self._rng) for name in world.names
         }
+        self._monitors = {
+            name: MonitoredBase(scene, name, world.solid, looks_back=name in world.looks_back)
+            for name in world.names if monitored
+        }  # fmt: skip
         self._localizers = self._made_localizers() if poses == "localized" else {}
         self._relative, self._quarantine = RelativePoses(), Quarantine()
         self._planner = self._made_planner()
@@ -327,7 +335,10 @@ class LightTour:
         """The robots get commands, as from guide_node."""
         self._say(self._guide.check_age(now_ns))
         for name, velocity in self._guide.velocities(now_ns).items():
-            if name in alive:
+            if name in self._monitors:
+                wheels, wanted = self.world.wheels[name], velocity if name in alive else (0.0, 0.0)
+                self._monitors[name].drive(wanted, wheels, self._bodies(name))
+            elif name in alive:
                 self.world.wheels[name].command(*velocity)
 
     def _say(self, guidance: Guidance | None) -> None:

@@ -95,7 +95,7 @@ def _echoes(
     heard = rng.random(len(points)) < chance * lobes * (off_axis <= max(limit, 0.0))
     heard &= distance <= sonar.max_range
     unit = offset[heard] / np.maximum(distance[heard], 1e-9)[:, None]
-    clear = _cast(origin, unit, segments, circles) >= distance[heard] - _HIDES
+    clear = cast(origin, unit, segments, circles) >= distance[heard] - _HIDES
     return distance[heard][clear]
 
 
@@ -117,7 +117,7 @@ def laser_ranges(
     """
     origin, axis = _in_map(pose, laser.x, laser.y, laser.yaw)
     angles = axis + laser_angles(laser)
-    ranges = _cast(origin, np.stack([np.cos(angles), np.sin(angles)], axis=1), segments, circles)
+    ranges = cast(origin, np.stack([np.cos(angles), np.sin(angles)], axis=1), segments, circles)
     ranges += rng.normal(0.0, 1.0, len(ranges)) * laser.noise
     ranges[(ranges > laser.max_range) | (rng.random(len(ranges)) < laser.dropout)] = np.inf
     ranges[ranges < laser.min_range] = -np.inf
@@ -196,7 +196,7 @@ def _joined(segments: NDArray) -> NDArray:
     return np.array(joined)
 
 
-def _cast(origin: NDArray, directions: NDArray, segments: NDArray, circles: NDArray) -> NDArray:
+def cast(origin: NDArray, directions: NDArray, segments: NDArray, circles: NDArray) -> NDArray:
     """Distance to the first thing on each ray, inf for none [m].
 
     Args:
