@@ -265,7 +265,7 @@ class Localizer:
         measured: list[SeenWalls | Pose] = [*told.walls, *told.absolute]
         for seen in measured:
             key = type(seen), seen.stamp_ns
-            if key not in mate.seen and mate.track.covers(seen.stamp_ns):
+            if key not in mate.seen and mate.track.tells(seen.stamp_ns):
                 mate.seen.add(key)
                 self._add(told.robot, mate.track, seen)
 

@@ -30,6 +30,8 @@ class OdometryTuning:
 
     Attributes:
         max_ahead_ns: How far the newest motion is extrapolated [ns].
+        longest_ns: Between two that are farther apart in time, as messages were lost [ns], ...
+        longest_turn: ... and in heading [rad], it is not known when the robot turned.
         most_stated: Covariances of the odometry's message count up to so many times the modelled
             growth.
         max_variances: Of position and heading between two times: beyond, nothing is known [m^2,
@@ -50,6 +52,8 @@ class OdometryTuning:
     """
 
     max_ahead_ns: int = 100_000_000
+    longest_ns: int = 220_000_000
+    longest_turn: float = 0.03
     most_stated: float = 25.0
     max_variances: tuple[float, float] = (1e4, 10.0)
     turn: float = 1.0
@@ -368,6 +372,18 @@ class OdometryTrack:
     def covers(self, stamp_ns: int) -> bool:
         """Whether there is some on both sides of a time, or at it."""
         return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
+
+    def tells(self, stamp_ns: int) -> bool:
+        """Whether it covers a time, and when the robot turned about then."""
+        if not self.covers(stamp_ns):
+            return False
+        index = bisect.bisect_left(self._stamps, stamp_ns)
+        if self._stamps[index] == stamp_ns:
+            return True
+        one, other = self._values[index - 1], self._values[index]
+        turn = abs(wrap_angle(other.yaw - one.yaw))
+        is_long = other.stamp_ns - one.stamp_ns > _TUNING.longest_ns
+        return not (is_long and turn > _TUNING.longest_turn)
 
     def at(self, stamp_ns: int) -> Odometry:
         """Dead reckoning at a time, interpolated; extrapolated by at most `max_ahead_ns`.

@@ -311,3 +311,16 @@ def test_robot_that_was_slow_or_stood_for_a_moment_does_not_hang(speed, stands_s
     reckoning, made = hanging(speed, stands_s=stands_s)
     assert reckoning.hung_ns == 0
     assert made[-1].position_variance == made[39].position_variance
+
+
+@pytest.mark.parametrize(
+    ("rate", "turn", "told"), [(8, 0.06, True), (4, 0.06, False), (4, 0.02, True)]
+)
+def test_when_a_robot_turned_is_not_known_where_odometry_was_lost(rate, turn, told):
+    track = OdometryTrack()
+    for k in range(3):
+        track.add(Odometry(S + k * S // rate, 0.1 * k, 0.0, turn * k, 0.0, 0.0))
+    assert track.tells(S + S // rate)
+    assert track.tells(S + S // rate + 1) == told
+    assert not track.tells(S - 1)
+    assert not track.tells(S + 2 * S // rate + 1)

@@ -35,8 +35,8 @@ class ContradictionsTuning:
         longest_s: An interval counts for no longer than this [s].
         least: Two robots agree, or not, if they share so much: people, times how long [s].
         odds: They contradict each other if that is more than so many times what they agree about.
-        holds_s: A robot is contradicted for no longer than this, until it agrees with one again
-            [s].
+        after_s: A robot is contradicted after this time, in which it agreed with nobody [s] ...
+        holds_s: ... and for no longer than this, until it agrees with one again [s].
     """
 
     same: float = 0.4
@@ -45,6 +45,7 @@ class ContradictionsTuning:
     longest_s: float = 0.3
     least: float = 0.4
     odds: float = 0.5
+    after_s: float = 0.25
     holds_s: float = 15.0
 
 
@@ -135,6 +136,6 @@ class Contradictions:
         contradicted = (
             name
             for name, since_ns in self._since_ns.items()
-            if (now_ns - since_ns) / 1e9 < tuning.holds_s
+            if tuning.after_s <= (now_ns - since_ns) / 1e9 < tuning.holds_s
         )
         return dict.fromkeys(agreeing, True) | dict.fromkeys(contradicted, False)

@@ -12,7 +12,7 @@ from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.team.poses import Pose
 
 #: Five people, and three robots around them that look at them.
-GROUP = np.array([[0.0, 0.0], [0.9, 0.4], [-0.7, 0.8], [0.2, -0.9], [1.1, -0.6]])
+GROUP = 1.3 * np.array([[0.0, 0.0], [0.9, 0.4], [-0.7, 0.8], [0.2, -0.9], [1.1, -0.6]])
 ROBOTS = {
     "robot_a": Pose(0, 3.0, 0.0, math.pi),
     "robot_b": Pose(0, -3.0, 0.6, -0.2),
