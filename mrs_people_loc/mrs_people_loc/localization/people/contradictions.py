@@ -31,6 +31,7 @@ class ContradictionsTuning:
     Attributes:
         same: Places of two robots nearer to each other than this are of one person [m] ...
         sigmas: ... or than so many standard deviations of where the robots are to each other.
+        unknown: A larger variance is taken for this [m^2].
         lately_s: What was seen counts for so long: it fades with this time constant [s].
         longest_s: An interval counts for no longer than this [s].
         least: Two robots agree, or not, if they share so much: people, times how long [s].
@@ -41,6 +42,7 @@ class ContradictionsTuning:
 
     same: float = 0.4
     sigmas: float = 2.0
+    unknown: float = 1e6
     lately_s: float = 0.5
     longest_s: float = 0.3
     least: float = 0.4
@@ -108,8 +110,10 @@ class Contradictions:
         self, own: Float, others: Float, robot: str, other: str, poses: Mapping[str, Pose]
     ) -> tuple[Bool, Bool]:
         """Which people of a robot another one sees at the same place, and which it should."""
-        spreads = [math.sqrt(np.trace(poses[one].covariance[:2, :2])) for one in (robot, other)]
-        same = math.hypot(self._tuning.same, *(self._tuning.sigmas * one for one in spreads))
+        variances = np.diagonal([poses[name].covariance for name in (robot, other)], 0, 1, 2)[:, :2]
+        # Larger ones, and NaN, stand for "unknown".
+        variance = sum(min(self._tuning.unknown, value) for value in variances.ravel().tolist())
+        same = math.hypot(self._tuning.same, self._tuning.sigmas * math.sqrt(variance))
         away = np.linalg.norm(own[:, np.newaxis] - others, axis=2)
         near = (away < same).any(axis=1)
         everybody, index = np.concatenate([own, others]), np.arange(len(own))
