@@ -42,7 +42,10 @@ class MonitorTuning:
         stands: A lower speed than this is none [m/s].
         rounds: A lower speed makes another arc of the same turn, which is looked at again, so often
             at most.
-        gap: Nobody fits between sectors that are seen and nearer together than twice this [rad].
+        gap: Nobody fits between sectors that are seen and nearer together than twice this [rad] ...
+        beside_cone: ... or, where the field of view is narrow, such as that of one of several
+            sonars, than twice this [rad]: 0.2 m to each side at `near`.
+        cone: What is narrow [rad].
         near: The way is looked at from this distance on [m]: what is nearer is seen in the same
             direction, or was.
         step: In these steps [m].
@@ -66,7 +69,9 @@ class MonitorTuning:
     sideways: float = 0.2
     stands: float = 0.01
     rounds: int = 4
-    gap: float = 0.2
+    gap: float = 0.14
+    beside_cone: float = 0.28
+    cone: float = 1.0
     near: float = 0.7
     step: float = 0.1
     edges: float = 0.6
@@ -188,7 +193,8 @@ class CollisionMonitor:
         if before is not None:
             kept = before.obstacles.select(self._are_out_of_sight(before, scan, seen_s))
             new = _Obstacles.joined([new, kept]).select(slice(tuning.most_points))
-        covered = _widened(scan.seen, tuning.gap)
+        is_cone = np.count_nonzero(scan.looks) < tuning.cone / (2.0 * math.pi) * SECTORS
+        covered = _widened(scan.seen, tuning.beside_cone if is_cone else tuning.gap)
         self._sources[name] = _Source(scan, seen_s, now_s, covered, new, motion)
         for other in self._sources.keys() - {name}:
             self._sources[other] = self._without_gone(self._sources[other], scan, seen_s)
