@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Twist
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import CameraInfo, Image, LaserScan
 from std_msgs.msg import Bool
 
+from core.conftest import Head, Rectangle
 from mrs_people_loc.health.findings import Code
 from mrs_ros.qos import STREAM
 from ros.harness import WARN, Finding, NodeProcess, Peer, Team
@@ -169,3 +170,43 @@ def test_robot_stands_when_the_node_is_deactivated_or_ended(
     driver.until_speed(0.5, 0.5, lambda: process.log)
     process.stop()
     driver.until_speed(0.0, 0.0, lambda: process.log)
+
+
+def test_body_before_the_head_stops_the_robot(team: Team, peer: Peer) -> None:
+    """Images of a room and of somebody in it, through the node's own stereo matching."""
+    params = {"collision_monitor.stop_distance": "0.6"}
+    process = team.start("robot_node", namespace="/robot_h", params=params)
+    peer.until_active("/robot_h/robot_node")
+    centre, positions = (79.5, 59.5), {"left": (0.0, 0.0), "right": (0.0996, 0.0)}
+    head = Head(centres=dict.fromkeys(positions, centre), positions=positions)
+    room = [
+        Rectangle((-9, -9, 0), (18, 0, 0), (0, 18, 0), grain=0.1),
+        Rectangle((5, -5, 0), (0, 10, 0), (0, 0, 2.8), seed=2),
+    ]
+    body = Rectangle((0.8, -0.22, 0), (0, 0.44, 0), (0, 0, 1.7), seed=5, grain=0.04)
+    views = {things: head.draw(*room, *things)[0] for things in ((), (body,))}
+    driven: list[Twist] = peer.hear(Twist, "/robot_h/cmd_vel")
+    command = Twist()
+    command.linear.x = 0.5
+
+    def shows(things: tuple[Rectangle, ...], low: float, high: float) -> bool:
+        stamp_ns = time.time_ns()
+        for camera in positions:
+            model = head.model(camera)
+            info = CameraInfo(width=160, height=120, p=model.p.ravel(), k=model.k.ravel())
+            info.r = np.eye(3).ravel()
+            grey = getattr(views[things], camera)
+            image = Image(width=160, height=120, step=160, encoding="mono8", data=grey.tobytes())
+            for topic, message in (("camera_info", info), ("image_rect", image)):
+                message.header.frame_id = f"robot_h/{camera}_camera_optical"
+                set_stamp(message, stamp_ns)
+                peer.send(f"/robot_h/{camera}/{topic}", message)
+        for _ in range(4):
+            peer.send("/robot_h/cmd_vel_guide", command)
+            peer.spin(0.04)
+        return bool(driven) and low <= driven[-1].linear.x <= high
+
+    log = lambda: f"{driven[-1:]}; {process.log}"  # noqa: E731
+    peer.until(lambda: shows((), 0.5, 0.5), log)
+    peer.until(lambda: shows((body,), 0.0, 0.0), log)
+    peer.until(lambda: shows((), 0.5, 0.5), log)
