@@ -184,7 +184,8 @@ def test_body_before_the_head_stops_the_robot(team: Team, peer: Peer) -> None:
         Rectangle((5, -5, 0), (0, 10, 0), (0, 0, 2.8), seed=2),
     ]
     body = Rectangle((0.8, -0.22, 0), (0, 0.44, 0), (0, 0, 1.7), seed=5, grain=0.04)
-    views = {things: head.draw(*room, *things)[0] for things in ((), (body,))}
+    scenes: tuple[tuple[Rectangle, ...], ...] = ((), (body,))
+    views = {things: head.draw(*room, *things)[0] for things in scenes}
     driven: list[Twist] = peer.hear(Twist, "/robot_h/cmd_vel")
     command = Twist()
     command.linear.x = 0.5
