@@ -29,8 +29,6 @@ class LayoutTuning:
         off: ... and so many times the distance from people to its left and right.
         ahead: While the group moves a post has to be free for so far ahead [m].
         narrowing: Where a post is not free, its distance from the way shrinks by these factors.
-        short: The first row comes nearer to the last person, up to `formation.close`, as the group
-            gets longer than this share of `pace.stretch`, until it is as long as that.
         closer: A post may be nearer to people than the distance, by this factor: they move.
         farther: What it costs to be behind the first row, per metre, as a share of all that can
             be seen.
@@ -49,7 +47,6 @@ class LayoutTuning:
     off: tuple[float, ...] = (1.0, 1.6)
     ahead: tuple[float, ...] = (0.0, 0.5, 1.0)
     narrowing: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
-    short: float = 0.5
     closer: float = 0.85
     farther: float = 0.02
     travel: float = 0.1
@@ -219,8 +216,8 @@ class Layout:
 
     def _closing(self, frame: Frame) -> float:
         """Distance of the first row behind a group that moves: it closes a long one up [m]."""
-        formation, stretch = self.config.formation, self.config.pace.stretch
-        loose = falls(frame.front - frame.rear, self._tuning.short * stretch, stretch)
+        formation, pace = self.config.formation, self.config.pace
+        loose = falls(frame.front - frame.rear, pace.stretch, pace.max_stretch)
         close = min(formation.close, formation.distance)
         return close + loose * (formation.distance - close)
 

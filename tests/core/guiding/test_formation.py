@@ -230,7 +230,7 @@ def groups(draw):
 
 @pytest.mark.parametrize(
     ("length", "close", "expected"),
-    [(1.0, 1.0, 1.3), (4.5, 1.0, 1.0), (3.0, 1.0, 1.15), (4.5, 1.3, 1.3), (4.5, 2.0, 1.3)],
+    [(4.0, 1.0, 1.3), (6.5, 1.0, 1.0), (5.0, 1.0, 1.15), (6.5, 1.3, 1.3), (6.5, 2.0, 1.3)],
 )  # fmt: skip
 def test_robots_behind_close_a_long_group_up_while_it_moves(length, close, expected):
     run = Run("ab", formation={"close": close})
