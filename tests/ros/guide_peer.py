@@ -105,7 +105,7 @@ class GuideWorld:
 
         kind = TwistStamped if self._stamped else Twist
         topic = f"{self.namespace}{robot}/cmd_vel"
-        depth = QoSProfile(depth=10)
+        depth = QoSProfile(depth=1000)  # a peer that is late misses nothing
         self._bases.append(self.peer.node.create_subscription(kind, topic, take, depth))
 
     def give_nav2(self, robot: str) -> tuple[list[Any], list[Any], list[Any]]:

@@ -76,7 +76,8 @@ def guide(
             )
         if not asked.result().accepted:
             raise PeopleLocError(
-                "guide_node takes no tour: it is not active, or others ask too often"
+                "guide_node takes no tour: it is not active, others ask too often, or the tour has "
+                "too many points or stops"
             )
         return _follow(client, asked.result(), spin, stop)
     finally:

@@ -1,7 +1,14 @@
 """Entry point of `guide_node`."""
 
+from __future__ import annotations
+
+import gc
 import signal
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from planner_node.guide_node.node import GuideNode
 
 USAGE = """
 usage: guide_node [--ros-args --params-file TEAM.yaml -p NAME:=VALUE ...]
@@ -17,9 +24,23 @@ def main() -> None:
     """Starts the node; the exit code is 0 after Ctrl-C or SIGTERM, 2 for bad configuration."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while the libraries load: no traceback
     from mrs_ros.running import run
+
+    sys.exit(run(_made, USAGE))
+
+
+def _made() -> GuideNode:
+    """The node; from now on garbage is collected between messages, see `GuideNode.observe`.
+
+    Otherwise the collector goes through all objects in the midst of a large message, and no thread
+    goes on meanwhile.
+    """
     from planner_node.guide_node.node import GuideNode
 
-    sys.exit(run(GuideNode, USAGE))
+    node = GuideNode()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return node
 
 
 if __name__ == "__main__":

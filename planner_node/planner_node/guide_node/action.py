@@ -14,10 +14,13 @@ from mrs_people_msgs.msg import GuideStatus
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from mrs_people_loc.errors import PeopleLocError
+from mrs_people_loc.guiding.tour import LIMITS
 from mrs_ros.managed_node import ManagedNode
 
 #: Of the goals that come within a second so many are answered with a reason; the rest are rejected.
 _ANSWERED, _FLOOD_S = 5, 1.0
+#: Results are kept for clients that ask late [s].
+_KEPT_S = 10
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ class TourAction:
             goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
+            result_timeout=_KEPT_S,
         )
 
     def destroy(self) -> None:
@@ -92,12 +96,13 @@ class TourAction:
             self._end = end
             self._server.notify_execute(self._handle, self._execute)
 
-    def _on_goal(self, _: Any) -> GoalResponse:
+    def _on_goal(self, goal: Any) -> GoalResponse:
         # A rejection has no message, so that what is wrong with a goal is in its result; but that
         # costs more than a flood of goals may.
         asked_s, now_s = self._asked_s, time.monotonic()
         is_flood = len(asked_s) == asked_s.maxlen and now_s - asked_s[0] < _FLOOD_S
-        if is_flood or not self._node.is_active:
+        is_long = len(goal.path.poses) > LIMITS.points or len(goal.stops) > LIMITS.stops
+        if is_flood or is_long or not self._node.is_active:
             return GoalResponse.REJECT
         asked_s.append(now_s)
         return GoalResponse.ACCEPT
