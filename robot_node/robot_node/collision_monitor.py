@@ -92,16 +92,20 @@ class MonitorTopics:
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None
-        if self._out is not None and (self._zeros or self._verdict is not None):
-            self._publish((0.0, 0.0))
+        if self.reset():
             self._out.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
-        self.reset()
+        for name in _STOPS:
+            self._core.take_contact(name, pressed=False)
 
-    def reset(self) -> None:
-        """Forgets what was seen, and what was commanded."""
+    def reset(self) -> bool:
+        """Forgets what was seen and commanded; whether a driven robot was told to stand."""
+        is_driven = self._out is not None and (self._zeros > 0 or self._verdict is not None)
+        if is_driven:
+            self._publish((0.0, 0.0))
         self._core.reset()
         self._sonars.clear()
         self._verdict, self._zeros = None, 0
+        return is_driven
 
     def changed(self, config: RobotConfig) -> None:
         """Takes new parameters."""

@@ -40,6 +40,7 @@ class MonitorTuning:
         sideways: What touches the robot, and lies in a direction whose cosine from that of its
             motion is less than this, is not come nearer to.
         stands: A lower speed than this is none [m/s].
+        most_wanted: A command of more than this is an error [m/s], [rad/s].
         rounds: A lower speed makes another arc of the same turn, which is looked at again, so often
             at most.
         gap: Nobody fits between sectors that are seen and nearer together than twice this [rad] ...
@@ -68,6 +69,7 @@ class MonitorTuning:
     own: float = 0.5
     sideways: float = 0.2
     stands: float = 0.01
+    most_wanted: float = 20.0
     rounds: int = 4
     gap: float = 0.14
     beside_cone: float = 0.28
@@ -163,12 +165,12 @@ class CollisionMonitor:
 
     def __init__(self, config: CollisionMonitoring, tuning: MonitorTuning = MONITOR_TUNING) -> None:
         self.config, self._tuning = config, tuning
+        self._pressed: dict[str, bool] = {}
         self.reset()
 
     def reset(self) -> None:
-        """Forgets all that was seen."""
+        """Forgets all that was seen; a bumper stays as it was."""
         self._sources: dict[str, _Source] = {}
-        self._pressed: dict[str, bool] = {}
         self._motion = _Motion(self._tuning)
 
     # ---- inputs ----
@@ -248,8 +250,9 @@ class CollisionMonitor:
     def _judge(self, wanted: Velocity, now_s: float) -> Verdict:
         speed, turn = wanted
         fault = self._fault(now_s)
-        if not (math.isfinite(speed) and math.isfinite(turn)):
-            fault = fault or "the command is not finite"
+        most = self._tuning.most_wanted
+        if not (abs(speed) <= most and abs(turn) <= most):  # NaN compares false
+            fault = fault or f"the command is {speed:g} m/s, {turn:g} rad/s"
         if fault:
             return Verdict(action=Action.FAILS, reason=fault)
         if abs(speed) < self._tuning.stands:

@@ -154,8 +154,8 @@ def test_velocity_is_never_faster_than_wanted_nor_turned_round(bodies, speed, tu
     assert w == turn
 
 
-@pytest.mark.parametrize("wanted", [(math.nan, 0.0), (0.5, math.inf)])
-def test_command_that_is_not_finite_stops_the_robot(wanted):
+@pytest.mark.parametrize("wanted", [(math.nan, 0.0), (0.5, math.inf), (1e300, 0.0)])
+def test_command_that_is_an_error_stops_the_robot(wanted):
     verdict = judge(wanted=wanted)
     assert verdict.velocity == (0.0, 0.0)
     assert verdict.action is Action.FAILS
@@ -219,6 +219,8 @@ def test_bumper_stops_the_robot_while_it_is_pressed():
     monitor.take_contact("bumper", pressed=True)
     verdict = monitor.step((0.5, 0.3), 10.0)
     assert (verdict.velocity, verdict.reason) == ((0.0, 0.0), "bumper is true")
+    monitor.reset()
+    assert monitor.step((0.5, 0.3), 9.0).reason == "bumper is true", "forgotten with the time"
     monitor.take_contact("bumper", pressed=False)
     assert monitor.step((0.0, 0.3), 10.0).velocity == (0.0, 0.3)
 
