@@ -214,6 +214,17 @@ def test_stop_holds_until_it_is_released_though_tours_come(
     peer.until(lambda: _is_driven(world), lambda: guide.log)
 
 
+def test_stop_outlives_a_cleanup(make_world: Callable[..., GuideWorld], guide: NodeProcess) -> None:
+    """Whoever manages the node does not release robots."""
+    world = make_world()
+    peer = world.peer
+    assert peer.call(Trigger, "/stop", Trigger.Request()).success
+    for transition in ("deactivate", "cleanup", "configure", "activate"):
+        assert peer.change_state("/guide_node", transition)
+    assert world.refused(AHEAD).endswith("release the robots first: mrs tour release")
+    assert peer.call(Trigger, "/release", Trigger.Request()).success
+
+
 def test_mrs_tour_stop_and_release(
     make_world: Callable[..., GuideWorld], guide: NodeProcess
 ) -> None:

@@ -290,7 +290,7 @@ class TourControl:
             self._send_goals(guide, now)
 
     def drive(self, clock: Callable[[], Now]) -> None:
-        """Drives the robots; to be called at the rate of velocities.
+        """Drives the robots; to be called at the rate of velocities. They stand where that fails.
 
         Args:
             clock: Tells the time: velocities that took too long are not sent.
@@ -300,7 +300,11 @@ class TourControl:
             self._bases.keep_standing(always=stopped)
             return
         now = clock()
-        velocities = guide.velocities(now.ns)
+        try:
+            velocities = guide.velocities(now.ns)
+        except Exception:
+            self._bases.drive({})
+            raise
         is_late = clock().steady_s - now.steady_s > self._tuning.late_s
         self._bases.drive({} if is_late else velocities)
 

@@ -62,6 +62,7 @@ class GuideNode(ManagedNode):
 
     def __init__(self) -> None:
         self._is_ending = False
+        self._stopped = ""  # by whom at the last cleanup
         super().__init__("guide_node", GuideConfig)
         load_scipy()
 
@@ -78,6 +79,8 @@ class GuideNode(ManagedNode):
         )
         bases.begin(config.robots)  # so that they are found before a tour
         self._bases, self._control = bases, TourControl(config, bases, self)
+        self._control.stopped = self._stopped
+        self.until_cleanup(self._keep_stop)
         self._action = TourAction(self, self._begin_goal, self._cancel)
         self.until_cleanup(self._action.destroy)
         self.serve(Trigger, "stop", self._on_stop)
@@ -106,10 +109,12 @@ class GuideNode(ManagedNode):
 
     def stop(self) -> None:
         """Ends the tour: the robots stand."""
-        self._control.end("guide_node was deactivated", last=True)
-        self._beat.close()
-        self.destroy_timer(self._timer)
-        self._control.forget()
+        try:
+            self._control.end("guide_node was deactivated", last=True)
+        finally:
+            self._beat.close()
+            self.destroy_timer(self._timer)
+            self._control.forget()
 
     def destroy_node(self) -> None:
         """Lets the robots stand before the node is destroyed."""
@@ -197,6 +202,9 @@ class GuideNode(ManagedNode):
         self._begin_tour(messages.read_tour_path(message, self.config.map_frame))
 
     # ---- a stop that holds ----
+
+    def _keep_stop(self) -> None:
+        self._stopped = self._control.stopped
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._control.stop("stopped by a call of the service", self._now())

@@ -536,6 +536,16 @@ def test_velocities_that_took_too_long_are_not_sent(team: Stepped) -> None:
         assert team.drives() == drives
 
 
+def test_robots_stand_where_velocities_fail(team: Stepped, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A base goes on with the last velocity that it was told."""
+    assert team.drives()
+    assert team.control.guide is not None
+    monkeypatch.setattr(team.control.guide, "velocities", lambda now_ns: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        team.control.drive(lambda: team.now)
+    assert not team.drives()
+
+
 def test_robot_whose_base_is_gone_takes_no_part(team: Stepped) -> None:
     team.listeners = ["mrs_record_17"]
     team.run(1.5)
