@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -874,9 +874,12 @@ def test_robot_is_left_out_if_two_doubt_it(planner: PlannerPeer, robots: list[Pl
     peer = planner.peer
     events = peer.hear(String, "/team/events")
 
-    def tell(*names: str) -> Any:
+    def tell(*names: str, people: Sequence[tuple[float, float]] = (SOMEBODY,)) -> Any:
         peer.spin(0.1)
-        message = _still_works(planner, robots)
+        stamp_ns = planner.now()
+        for robot in robots:
+            robot.send(stamp_ns, *people)
+        message = planner.people_at(stamp_ns)
         for name in names:
             told = TeamPose(robot=name, doubted=["robot_b"])
             told.header.frame_id = "map"
@@ -890,8 +893,11 @@ def test_robot_is_left_out_if_two_doubt_it(planner: PlannerPeer, robots: list[Pl
         return code == "doubted"  # (for some seconds it is that its pose has jumped)
 
     peer.until(doubted, lambda: peer.findings(planner.node)["robot robot_b"])
-    tell("robot_a", "robot_c")
-    peer.until(lambda: events, "an event")
+    for _ in range(10):
+        tell("robot_a")
+    for _ in range(10):  # it sees people where the others do
+        assert list(tell("robot_a", "robot_c").quarantined) == []
+    peer.until(lambda: tell("robot_a", "robot_c", people=()) and events, "an event")
     assert [event.data for event in events] == [
         "robot_b is left out: robot_a, robot_c doubt its pose"
     ]

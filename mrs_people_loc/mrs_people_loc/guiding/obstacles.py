@@ -242,7 +242,7 @@ def _table(sector: Int, support: int) -> tuple[Int, Int, Int]:
     counts = np.bincount(sector, minlength=SECTORS)
     sectors = np.flatnonzero(counts >= 2 * support)
     order, begins = np.argsort(sector, kind="stable"), np.cumsum(counts) - counts
-    most = int(counts.max(initial=0))
+    most = int(counts.max(initial=support))  # a head that looks straight down has no sector
     column = np.arange(most)
     index = begins[sectors, np.newaxis] + column
     inside = column < counts[sectors, np.newaxis]

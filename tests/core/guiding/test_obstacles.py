@@ -179,3 +179,12 @@ def test_support_is_as_stated(make_head):
     assert not len(eyes(disparity).places)
     disparity[58, 80] = camera.disparity_of(1.0)
     np.testing.assert_allclose(eyes(disparity).places, [(1.0, 0.0)], atol=0.02)
+
+
+def test_narrow_head_that_looks_straight_down_sees_no_way(make_head):
+    camera = make_head(mounting=Mounting(pitch=1.5)).camera()
+    camera = dataclasses.replace(camera, fx=3.0 * camera.fx, fy=3.0 * camera.fy)
+    eyes = HeadObstacles(camera, CONFIG, nearest=2.0)
+    scan = eyes(np.full((camera.height, camera.width), 5.0, dtype=np.float32))
+    assert not scan.looks.any()
+    assert not len(scan.places)

@@ -80,8 +80,8 @@ def test_the_team_has_the_poses_that_were_asked_for(tmp_path: Path, poses: str) 
         (["--simulate", "--poses", "guessed"], "allowed: exact, localized, odometry"),
         (
             ["--simulate", "--scene", "nowhere"],
-            "'nowhere'; allowed: a file NAME.yaml, or guided_corridor, guided_doors, guided_hall, "
-            "guided_loop",
+            "'nowhere'; allowed: a file NAME.yaml, or guided_bystanders, guided_corridor, "
+            "guided_doors, guided_hall, guided_loop, guided_narrow, guided_narrow_against",
         ),
         (["t.yaml", "--seed", "1", "--images"], "--seed, --images: applies only with --simulate"),
         (["t.yaml", "--no-open"], "--open: applies only with --simulate"),
