@@ -188,7 +188,8 @@ def test_stop_holds_until_it_is_released_though_tours_come(
     stops.publish(Empty())
     peer.until(lambda: _status(world).state == GuideStatus.STOPPED, lambda: guide.log)
     _until_standing(world)
-    assert _status(world).reason.startswith(f"stopped by {peer.node.get_fully_qualified_name()}")
+    who = peer.node.get_fully_qualified_name(), "somebody"  # a name may be discovered later
+    assert _status(world).reason in [f"stopped by {one} on /stop" for one in who]
     world.commands.clear()
     peer.spin(1.0)
     assert {(one.v, one.w) for one in world.commands} == {STAND}
@@ -374,7 +375,12 @@ def test_robots_are_driven_through_their_collision_monitors(
     events = peer.hear(String, "/events")
     handle, result = world.start(AHEAD)
     peer.until(lambda: _is_driven(world, "robot_b"), lambda: guide.log)
-    peer.until(lambda: world.last_commands("robot_a", 1) == [(0.05, 0.0)], lambda: robot.log)
+
+    def speeds() -> list[float]:
+        return [speed for speed, _ in world.last_commands("robot_a", len(world.commands))]
+
+    peer.until(lambda: 0.05 in speeds(), lambda: f"{speeds()[-5:]} {guide.log} {robot.log}")
+    assert max(speeds()) == 0.05
     names = {node_of(one) for one in peer.node.get_publishers_info_by_topic("/robot_a/cmd_vel")}
     assert names == {"/robot_a/robot_node"}, "it sees nothing, and crawls"
     alone = "no collision monitor: only tracked people and the map stop robot_b"

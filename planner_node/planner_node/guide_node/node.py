@@ -219,8 +219,10 @@ class GuideNode(ManagedNode):
 
     def _on_stop_topic(self, _: Empty) -> None:
         topic = self.resolve_topic_name("stop")
-        names = " or ".join(sorted(map(node_of, self.get_publishers_info_by_topic(topic))))
-        self._control.stop(f"stopped by {names or 'somebody'} on {topic}", self._now())
+        names = set(map(node_of, self.get_publishers_info_by_topic(topic)))
+        known = sorted(name for name in names if "_UNKNOWN_" not in name)  # not discovered yet
+        who = " or ".join(known) or "somebody"
+        self._control.stop(f"stopped by {who} on {topic}", self._now())
 
     def _on_attended(self, _: Empty) -> None:
         self._control.attend(self._now())
