@@ -53,11 +53,6 @@ class Formation(Section):
     distance: float = field(
         1.3, "smallest distance of a robot on its post from people [m]", low=0.5, high=5.0
     )
-    close: float = field(
-        1.0, "... of one behind the group, where that is long: it closes it up; as `distance`: "
-        "never [m]",
-        low=0.5, high=5.0,
-    )  # fmt: skip
     reach: float = field(4.5, "people are seen up to this distance [m]", low=1.0, high=20.0)
     nearest: float = field(1.0, "... and from this distance on [m]", low=0.1, high=5.0)
     view: float = field(1.2, "horizontal field of view of the heads [rad]", low=0.2, high=6.3)

@@ -11,7 +11,6 @@ import numpy as np
 from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.pace import falls
 from mrs_people_loc.guiding.way import Way
 
 
@@ -151,14 +150,13 @@ class Layout:
             people: [m], shape (n, 2).
             robots: Places of the robots that are to take them [m], by a number that stays.
         """
-        distance = self._closing(frame)
-        along, left = self._rows(frame, distance)
+        along, left = self._rows(frame)
         xy, free = self._narrowed(along, frame.left + left, self._tuning.ahead)
         gaze = _angles(self._way.ahead(along))
         number, beside = np.arange(len(xy)), np.zeros(len(xy), dtype=bool)
         cost = self._tuning.farther * (along.max() - along)
         every = Candidates(number, xy, gaze, cost + self._travel(xy, robots), beside)
-        return every.select(free & self._is_off(xy, people, distance))
+        return every.select(free & self._is_off(xy, people))
 
     def around(
         self, frame: Frame, people: Float, robots: Mapping[int, Float], *, beside: bool
@@ -172,7 +170,7 @@ class Layout:
             beside: Whether there are posts beside the group, too.
         """
         tuning, distance = self._tuning, self.config.formation.distance
-        along, left = self._rows(frame, distance)
+        along, left = self._rows(frame)
         cost = tuning.farther * (along.max() - along)
         sides = 0
         if beside:
@@ -190,7 +188,7 @@ class Layout:
         is_beside = np.zeros(len(xy), dtype=bool)
         is_beside[len(xy) - sides - len(here) : len(xy) - len(here)] = True
         every = Candidates(number, xy, _angles(frame.centre(self._way) - xy), cost, is_beside)
-        return every.select(free & self._is_off(xy, people, distance))
+        return every.select(free & self._is_off(xy, people))
 
     def is_free(self, xy: Float) -> Bool:
         """Whether places are far enough from walls for a post, shape (...)."""
@@ -209,22 +207,14 @@ class Layout:
             Places [m], shape (k, 2), and shape (k,).
         """
         around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        distance = self.config.formation.distance
-        xy = person + distance * around
+        xy = person + self.config.formation.distance * around
         seen = self.space.is_visible(xy, person[np.newaxis])
-        return xy, np.asarray(self.is_free(xy) & seen & self._is_off(xy, people, distance))
+        return xy, np.asarray(self.is_free(xy) & seen & self._is_off(xy, people))
 
-    def _closing(self, frame: Frame) -> float:
-        """Distance of the first row behind a group that moves: it closes a long one up [m]."""
-        formation, pace = self.config.formation, self.config.pace
-        loose = falls(frame.front - frame.rear, pace.stretch, pace.max_stretch)
-        close = min(formation.close, formation.distance)
-        return close + loose * (formation.distance - close)
-
-    def _rows(self, frame: Frame, distance: float) -> tuple[Float, Float]:
+    def _rows(self, frame: Frame) -> tuple[Float, Float]:
         """How far along the way, and to the left of the group's middle, posts behind it are."""
         back = np.array(self._tuning.rows) * self.apart
-        first = frame.rear - distance
+        first = frame.rear - self.config.formation.distance
         along, left = np.meshgrid(first - back, self._tuning.columns, indexing="ij")
         return along.ravel(), left.ravel()
 
@@ -234,10 +224,10 @@ class Layout:
         longest = self._tuning.longest
         return np.asarray(self._tuning.travel * away.min(axis=1, initial=longest))
 
-    def _is_off(self, xy: Float, people: Float, distance: float) -> Bool:
+    def _is_off(self, xy: Float, people: Float) -> Bool:
         """Whether places are off people."""
         away = np.linalg.norm(xy[:, np.newaxis] - people, axis=2)
-        least = self._tuning.closer * distance
+        least = self._tuning.closer * self.config.formation.distance
         return np.asarray((away >= least).all(axis=1))
 
     def _narrowed(self, along: Float, left: Float, ahead: tuple[float, ...]) -> tuple[Float, Bool]:

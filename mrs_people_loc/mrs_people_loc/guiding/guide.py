@@ -119,7 +119,7 @@ class Guide:
         self._begun_ns, self._now_ns = now_ns, 0
         self._post_m = self._settled_s = self._there_s = 0.0
         self._nearest_m = math.inf
-        self._overtakes = self._tells_many = self._tells_large = False
+        self._overtakes = False
         self._next = 0
         self._set_spare()
         self._turn(Cue.BEGINS)
@@ -179,7 +179,7 @@ class Guide:
         groups: Sequence[Group],
         stamp_ns: int,
         now_ns: int,
-        scans: Collection[str] | None = None,
+        scans: Collection[str],
         quarantined: Collection[str] = (),
     ) -> Guidance | None:
         """Takes the people of an interval.
@@ -189,7 +189,7 @@ class Guide:
             groups: Their groups, with ids.
             stamp_ns: Of the people [ns].
             now_ns: Time [ns].
-            scans: Names of the robots whose scans were used; None: of all.
+            scans: Names of the robots whose scans were used.
             quarantined: Names of the robots in quarantine.
 
         Returns:
@@ -199,7 +199,6 @@ class Guide:
         if not self.is_running:
             return None
         self._steering.take_people(people, stamp_ns, now_ns)
-        self._tell_limits(len(people))
         if self._misfit or self._is_stopped:
             return None
         self._quarantined = frozenset(quarantined)
@@ -207,16 +206,12 @@ class Guide:
         self._steering.blind = frozenset(self._steering.robots) - self._sights.seeing
         return self._told(guidance)
 
-    def _tell_limits(self, count: int) -> None:
-        """Tells once where there are more people than count."""
+    def limits(self, count: int) -> list[str]:
+        """What is not done for all of so many people, in words."""
         most, guided = self._steering.most, self._group.tuning.most
-        if count > most and not self._tells_many:
-            self._events.append(f"{count} people: each robot keeps clear of the {most} nearest")
-            self._tells_many = True
-        if self._group.size > guided and not self._tells_large:
-            size = self._group.size
-            self._events.append(f"the group has {size} people; guides the {guided} nearest")
-            self._tells_large = True
+        kept = f"more than {most} people: each robot keeps clear of the nearest {most}"
+        led = f"the group has more than {guided} people; guides the nearest {guided}"
+        return [kept] * (count > most) + [led] * (self._group.size > guided)
 
     def check_age(self, now_ns: int) -> Guidance | None:
         """Halts the tour once people are outdated.
@@ -321,7 +316,7 @@ class Guide:
         people: Sequence[Person],
         groups: Sequence[Group],
         now_ns: int,
-        scans: Collection[str] | None,
+        scans: Collection[str],
     ) -> Guidance:
         """Where the robots are to go, by people of a time [ns]."""
         since_s = (now_ns - (self._now_ns or now_ns)) / 1e9
@@ -329,8 +324,11 @@ class Guide:
         self._now_ns = now_ns
         posts: dict[str, Post] = {}
         known = {**dict.fromkeys(self._quarantined, _APART), **self.faults}
+        guests = {one.id for one in self._group.guests}
+        others = [person for person in people if person.id not in guests]
         self._team.take(self._steering.poses(), self._config, now_ns, known)
-        self._look(people, scans)
+        self._sights.step(scans, people, self._team.robots, self._config, self.space, now_ns / 1e9)
+        self._events += self._sights.events
         if not self._team.robots:
             faults = "; ".join(f"{name}: {why}" for name, why in self._team.faults.items())
             self._events += self._team.events
@@ -343,10 +341,7 @@ class Guide:
                 self._gather(people, groups, dt_s)
             else:
                 self._group.leader_m = self._team.leader_m
-                self._yields = yielding(
-                    people, {one.id for one in self._group.guests}, self.tour.way,
-                    self._team.leader_m,
-                )  # fmt: skip
+                self._yields = yielding(others, self.tour.way, self._team.leader_m)
                 self._group.step(people, groups, now_ns / 1e9, self._in_view)
                 self._group.give_up(self._config.pace.patience)
                 self._events += self._group.events
@@ -354,25 +349,14 @@ class Guide:
             posts = self._posts() if self.state in RUNNING else {}
         is_to_go = self._pace.speed > 0.0 or self._overtakes
         held, self._steering.held = self._steering.held, frozenset()
-        told = self._unhindered(posts, people) if is_to_go else {}
+        told = self._unhindered(posts, others) if is_to_go else {}
         self._team.watch({name: told[name] for name in told.keys() - held}, dt_s)
         return self._guidance(posts)
 
-    def _look(self, people: Sequence[Person], scans: Collection[str] | None) -> None:
-        """Which robots see."""
-        robots = self._team.robots
-        if scans is None:
-            self._sights.seeing = frozenset(robots)
-            return
-        now_s = self._now_ns / 1e9
-        self._sights.step(scans, people, robots, self._config, self.space, now_s)
-        self._events += self._sights.events
-
-    def _unhindered(self, posts: Mapping[str, Post], people: Sequence[Person]) -> dict[str, Post]:
+    def _unhindered(self, posts: Mapping[str, Post], others: Sequence[Person]) -> dict[str, Post]:
         """Posts of robots that do not stand for somebody who is not of the group."""
-        guests, robots = {one.id for one in self._group.guests}, self._team.robots
-        others = [person.position for person in people if person.id not in guests]
-        xy = np.array(others).reshape(-1, 2)
+        robots = self._team.robots
+        xy = np.array([person.position for person in others]).reshape(-1, 2)
         away = {
             name: np.hypot(*(xy - (robots[name].x, robots[name].y)).T).min(initial=math.inf)
             for name in posts

@@ -245,6 +245,8 @@ class TourControl:
             self._looked_ns = now.ns
         in_time_ns = now.of_stamp(stamp_ns)
         guidance = guide.take_people(people, groups, in_time_ns, now.ns, scans, quarantined)
+        for limit in guide.limits(len(people)):
+            self._tell_once(limit)
         self._go_on(guide, guidance, now)
 
     def space_by(self, grid: OccupancyGrid) -> tuple[Guide, FreeSpace] | None:

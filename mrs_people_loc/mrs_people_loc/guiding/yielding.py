@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,8 +55,7 @@ class Yielding:
 
 
 def yielding(
-    people: Sequence[Person],
-    guests: Collection[int],
+    others: Sequence[Person],
     way: Way,
     leader_m: float,
     tuning: YieldTuning = YIELD_TUNING,
@@ -64,13 +63,11 @@ def yielding(
     """How the leader makes way for people who are not of the group.
 
     Args:
-        people: Who is followed.
-        guests: Ids of those who are of the group.
+        others: Those who are followed, and not of the group.
         way: Of the tour.
         leader_m: How far along it the leader is [m].
         tuning: Constants.
     """
-    others = [person for person in people if person.id not in guests]
     if not others:
         return Yielding()
     xy = np.array([person.position for person in others])

@@ -68,7 +68,7 @@ def time_guiding(on_step: Callable[[str], None] = lambda _: None) -> dict[str, A
         if step % (_DRIVE_HZ // _GUIDE_HZ) == 0:
             people, groups = _walking(tour, step / _DRIVE_HZ)
             space.took_ns, began = 0, timing.now_ns()
-            guide.take_people(people, groups, now_ns, now_ns)
+            guide.take_people(people, groups, now_ns, now_ns, config.robots)
             took["guide"].append((timing.now_ns() - began - space.took_ns) / 1e6)
             took["paths"].append(space.took_ns / 1e6)
         began = timing.now_ns()

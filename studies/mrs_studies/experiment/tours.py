@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.guiding.guidance import Guidance, Role
 from mrs_people_sim.guided import guided_scene
 from mrs_people_sim.light.guided_tour import OFF_M, POSES, LightTour, TourRun, Trouble
@@ -48,7 +47,6 @@ class Case:
         trouble: What goes wrong.
         robots: How many guide; None: they and the people are as in the scene.
         leavers: How many people leave for good; None: as in the scene.
-        close: `formation.close` [m]: how far robots behind move in; None: as usual.
         ignored: Whether the scene's bystanders walk as if there were no robots.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """
@@ -59,7 +57,6 @@ class Case:
     trouble: Trouble = field(default_factory=Trouble)
     robots: int | None = 3
     leavers: int | None = 0
-    close: float | None = None
     ignored: bool = False
     main: bool = False
 
@@ -77,10 +74,6 @@ CASES = (
         Case(f"{name}, {poses} poses", scene, poses)
         for poses in ("localized", "odometry")
         for name, scene in _SCENES.items()
-    ),
-    *(
-        Case(f"{name}, nobody closes up", _SCENES[name], close=GuideConfig().formation.distance)
-        for name in ("corridor", "doors")
     ),
     *(Case(f"hall, {count} robots", _SCENES["hall"], robots=count) for count in (2, 4)),
     Case("hall, one person leaves for good", _SCENES["hall"], leavers=1),
@@ -198,11 +191,7 @@ def run_case(case: Case, seed: int) -> CaseScores:
     if case.ignored:
         others = (dataclasses.replace(one, ignores=True) for one in scene.bystanders)
         scene = dataclasses.replace(scene, bystanders=tuple(others))
-    config = GuideConfig()
-    if case.close is not None:
-        formation = dataclasses.replace(config.formation, close=case.close)
-        config = dataclasses.replace(config, formation=formation)
-    run = LightTour(scene, case.poses, case.trouble, config).run()
+    run = LightTour(scene, case.poses, case.trouble).run()
     stays = run.world.crowd.stragglers.stays
     fetched = sum(stay.fetched for stay in stays)
     waited_for = sum(not s.fetched and _is_near(run, s.person, s.begin_s, s.end_s) for s in stays)

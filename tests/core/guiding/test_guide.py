@@ -112,7 +112,7 @@ def test_cancelled_tour_gives_no_posts():
     ended = world.guide.cancel()
     assert (ended.state, dict(ended.posts)) == (State.CANCELLED, {})
     assert (ended.reason, ended.speed, ended.people) == ("", 0.0, (1, 2, 3, 4, 5))
-    assert world.guide.take_people(world.people(), [], world.now_ns, world.now_ns) is None
+    assert world.guide.take_people(world.people(), [], world.now_ns, world.now_ns, ()) is None
     assert world.guide.cancel("again") == ended
 
 
@@ -581,7 +581,7 @@ def test_nobody_and_no_robot_are_no_error(poses):
     for name, pose in poses.items():
         guide.take_pose(name, pose, START_NS)
     for k in range(3):
-        guidance = guide.take_people([], [], START_NS + k, START_NS + k)
+        guidance = guide.take_people([], [], START_NS + k, START_NS + k, ())
     assert guidance is not None
     assert guidance.state == (State.GATHERING if poses else State.HALTED)
     assert dict(guidance.posts) == {}

@@ -45,7 +45,7 @@ def hear(made: Guide, now: int, robots: tuple[str, ...] = CONFIG.robots) -> None
     for robot in robots:
         x = 4.0 if robot == "robot_a" else 0.6
         made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
-    made.take_people(PEOPLE, [GROUP], now, now)
+    made.take_people(PEOPLE, [GROUP], now, now, robots)
 
 
 def test_outdated_people_halt_a_tour_once_until_they_come_again() -> None:
@@ -113,7 +113,7 @@ def test_map_with_a_wall_on_the_way_halts_a_tour_until_another_comes() -> None:
     halted = made.take_space(WALLED)
     assert halted is not None
     assert "by the new map" in halted.reason
-    assert made.take_people(PEOPLE, [GROUP], now + 200 * MS, now + 200 * MS) is None
+    assert made.take_people(PEOPLE, [GROUP], now + 200 * MS, now + 200 * MS, ()) is None
     assert made.take_space(WALLED) is None
     assert made.take_space(ROOM) is None
     hear(made, now + 400 * MS)
@@ -155,7 +155,7 @@ def test_no_crowd_delays_a_step(show: Callable[[str], None], same: bool) -> None
         for robot, x in (("robot_a", 4.0), ("robot_b", 0.6)):
             made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
         began_s = time.perf_counter()
-        made.take_people(people, [group], now, now)
+        made.take_people(people, [group], now, now, CONFIG.robots)
         made.velocities(now)
         return time.perf_counter() - began_s
 
@@ -163,19 +163,20 @@ def test_no_crowd_delays_a_step(show: Callable[[str], None], same: bool) -> None
     nine_of_ten(took_s, 0.05, "a step with 1000 people", show=show)
 
 
-def test_limits_are_told_once() -> None:
-    made, events = Guide(TOUR, CONFIG, ROOM, T0), []
+def test_limits_are_in_words() -> None:
+    made = Guide(TOUR, CONFIG, ROOM, T0)
+    assert not made.limits(24)
     for now in range(T0, T0 + 1000 * MS, 200 * MS):
         people, group = crowd(100, 1)
         for robot, x in (("robot_a", 6.0), ("robot_b", 7.0)):
             made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
-        guidance = made.take_people(people, [group], now, now)
+        guidance = made.take_people(people, [group], now, now, CONFIG.robots)
         assert guidance is not None
         assert len(guidance.people) in (0, 30)
-        events += [event for event in guidance.events if "100" in event]
+        events = made.limits(len(people))
     assert events == [
-        "100 people: each robot keeps clear of the 24 nearest",
-        "the group has 100 people; guides the 30 nearest",
+        "more than 24 people: each robot keeps clear of the nearest 24",
+        "the group has more than 30 people; guides the nearest 30",
     ]
 
 
@@ -186,6 +187,6 @@ def test_people_in_another_country_cost_nothing(space: FreeSpace) -> None:
     for now in range(T0, T0 + 4000 * MS, 200 * MS):
         for robot, x in (("robot_a", 4.0), ("robot_b", 0.6)):
             made.take_pose(robot, Pose(now, x, 3.0, 0.0), now)
-        made.take_people(far, [GROUP], now, now)
+        made.take_people(far, [GROUP], now, now, CONFIG.robots)
         made.velocities(now)
     assert made.guidance.reason.startswith("waits for the group: it is 2")

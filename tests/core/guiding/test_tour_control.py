@@ -508,6 +508,14 @@ def test_people_that_come_again_are_no_news(team: Stepped, again: str) -> None:
     assert len([event for event in team.events if "come late, or again" in event]) == 1
 
 
+def test_limit_on_people_is_told_once_a_tour(team: Stepped) -> None:
+    for _ in range(3):
+        team.now_s += 0.2
+        team.hear_people(team.now_ns, [*PEOPLE, *((0.1 * k, 9.0) for k in range(30))])
+    told = "more than 24 people: each robot keeps clear of the nearest 24"
+    assert team.events.count(told) == 1
+
+
 @pytest.mark.parametrize(("late_s", "is_at_fault"), [(0.1, True), (0.67, False)])
 def test_robots_that_stand_for_late_people_are_not_at_fault(
     team: Stepped, late_s: float, is_at_fault: bool

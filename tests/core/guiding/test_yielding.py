@@ -31,11 +31,10 @@ def person(x: float, y: float, *velocity: float, number: int = 9) -> Person:
         (person(7.0, 0.0, 0.8, 0.0), 1.0, False),  # walks along
         (person(10.0, 0.0, -1.0, 0.0), 1.0, False),
         (person(3.0, 0.0, 1.0, 0.0), 1.0, False),
-        (person(8.0, 0.2, -1.0, 0.0, number=1), 1.0, False),  # is of the group
     ],
 )
 def test_who_is_in_the_way_slows_the_leader_down(who, share, is_right) -> None:
-    found = yielding([who], {1, 2}, WAY, 5.0)
+    found = yielding([who], WAY, 5.0)
     assert found.share == pytest.approx(share)
     assert (found.right > 0.0) == is_right
 

@@ -93,7 +93,7 @@ class World:
                 covariance=0.01 * np.eye(2),
                 height=1.7,
                 sigma=0.1,
-                robots=("robot_a",),
+                robots=tuple(self.robots),
                 label=-1,
                 id=one.id,
                 velocity=one.speed * self.tour.way.ahead(one.way_m),
@@ -113,7 +113,9 @@ class World:
             stamp_ns = START_NS + round(self.last_seen[name] * 1e9)
             pose = Pose(stamp_ns, float(xy[0]), float(xy[1]), 0.0)
             self.guide.take_pose(name, pose, self.now_ns)
-        guidance = self.guide.take_people(people, groups, self.now_ns, self.now_ns)
+        guidance = self.guide.take_people(
+            people, groups, self.now_ns, self.now_ns, tuple(self.robots)
+        )
         assert guidance is not None, "the tour has ended"
         self.said.append((self.time_s, guidance))
         self._move(guidance)
