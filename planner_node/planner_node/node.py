@@ -195,10 +195,10 @@ class PlannerNode(ManagedNode):
 
     def _measure_robots(self, closed: Closed) -> None:
         """Publishes where robots are to each other, by the people whom both see, if any listens."""
-        if self._outputs.wants_relative_poses and closed.poses_of_scans:
+        if self._outputs.wants_relative_poses and (closed.scans or closed.apart):
             persons = self._result.everybody if self._result is not None and closed.scans else ()
             measured = self._relative_poses.step(
-                people_in(closed, persons, self.config), closed.poses_of_scans, closed.quarantined
+                people_in(closed, persons, self.config), closed.everywhere, closed.quarantined
             )
             self._quarantine.compare(self._relative_poses.fits, self._now_ns())
             if measured:

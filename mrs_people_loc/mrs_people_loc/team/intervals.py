@@ -39,10 +39,11 @@ class Closed:
         left_out: By robot, why its scan takes no part.
         others: By robot whose scan takes no part, its pose at `time_ns`, or the one nearest to it
             within `robot_timeout`: it may be in view of those that do. Where a robot is whose poses
-            are older is not known, nor where one in quarantine is.
+            are older is not known; those in quarantine are in `apart_poses`.
         quarantined: Robots in quarantine, sorted.
         apart: Their scans, which find no people but tell where they are.
-        apart_poses: By robot, its pose at the stamp of that.
+        apart_poses: By robot in quarantine, its pose at the stamp of that; without one as in
+            `others`.
     """
 
     scans: tuple[Scan, ...]
@@ -60,9 +61,9 @@ class Closed:
         return {**self.others, **self.poses}
 
     @property
-    def poses_of_scans(self) -> dict[str, Pose]:
-        """Those of all scans, of robots in quarantine, too: to measure where these are."""
-        return {**self.poses, **self.apart_poses}
+    def everywhere(self) -> dict[str, Pose]:
+        """Those of robots in quarantine, too: any of them may be what another one sees."""
+        return {**self.all_poses, **self.apart_poses}
 
 
 @dataclass
@@ -351,12 +352,11 @@ class IntervalCollector:
         time_ns = max((scan.stamp_ns for scan in scans), default=stamp_ns)
         if scans:
             time_ns = self._follow(time_ns, seen_ns, newest_ns, poses)
-        others = {}
+        others: dict[str, Pose] = {}
         for name, state in self.robots.items():
-            if name not in poses and not state.apart:
-                pose = self._standing(state, time_ns + off_ns.get(name, 0))
-                if pose is not None:
-                    others[name] = pose
+            pose = self._standing(state, time_ns + off_ns.get(name, 0))
+            if pose is not None and name not in poses and name not in apart_poses:
+                (apart_poses if state.apart else others)[name] = pose
         quarantined = tuple(sorted(name for name, state in self.robots.items() if state.apart))
         self._forget(now_ns)
         return Closed(

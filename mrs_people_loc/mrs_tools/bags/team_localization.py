@@ -82,10 +82,10 @@ class TeamLocalization:
             people: Whom the planner found; None: all of its scans are of robots in quarantine.
             config: What is human.
         """
-        if not self._robots or not closed.poses_of_scans:
+        if not self._robots or not (closed.scans or closed.apart):
             return
         seen = people_in(closed, () if people is None else people.everybody, config)
-        measured = self._relative.step(seen, closed.poses_of_scans, closed.quarantined)
+        measured = self._relative.step(seen, closed.everywhere, closed.quarantined)
         self.quarantine.compare(self._relative.fits, closed.time_ns)
         for relative in measured:
             for robot in self._robots.values():

@@ -777,7 +777,13 @@ def test_scans_of_a_robot_in_quarantine_are_apart():
     assert [scan.robot for scan in closed.apart] == ["robot_b"]
     assert closed.quarantined == ("robot_b",)
     assert closed.all_poses.keys() == {"robot_a", "robot_c"}
-    assert closed.poses_of_scans.keys() == set(THREE)
+    assert closed.everywhere.keys() == set(THREE)
+    team.scan("robot_a", 1150)
+    alone = team.collector.close(1250 * MS, ["robot_b"])
+    assert alone is not None
+    assert (list(alone.poses), list(alone.others)) == (["robot_a"], ["robot_c"])
+    assert alone.apart == ()
+    assert alone.everywhere.keys() == set(THREE)  # any of them may be what robot_a sees
     for robot in THREE:
         team.scan(robot, 1200)
     assert team.close(1200) == dict.fromkeys(THREE, 1200)  # it is back
