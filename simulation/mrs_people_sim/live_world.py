@@ -99,15 +99,14 @@ class LiveWorld(Closing):
 
     Args:
         scene: The scene (`guided.guided_scene`).
-        ranges: Whether sonars and laser scanners measure.
     """
 
-    def __init__(self, scene: Scene, *, ranges: bool) -> None:
+    def __init__(self, scene: Scene) -> None:
         context = get_context("spawn")
         self._progress = Progress()
         self._pipe, others = context.Pipe()
         self._process: BaseProcess = context.Process(
-            target=_run_world, args=(scene, ranges, others), name="world"
+            target=_run_world, args=(scene, others), name="world"
         )
         self._process.start()
         others.close()
@@ -151,11 +150,11 @@ def make_message(kind: str, **fields: Any) -> Any:
 # ---------------------------------------------------------------------------------------- world
 
 
-def _run_world(scene: Scene, ranges: bool, pipe: Connection) -> None:
+def _run_world(scene: Scene, pipe: Connection) -> None:
     """The process that moves people and robots, until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal's; the parent closes the pipe
     with node("mrs_world") as ros, _Cameras(scene) as cameras:
-        _World(scene, ranges, ros, cameras).run(pipe)
+        _World(scene, ros, cameras).run(pipe)
 
 
 class _World:
@@ -166,12 +165,12 @@ class _World:
         names: Of the robots.
     """
 
-    def __init__(self, scene: Scene, ranges: bool, ros: Any, cameras: _Cameras) -> None:
+    def __init__(self, scene: Scene, ros: Any, cameras: _Cameras) -> None:
         self.scene, self.names = scene, list(scene.robots)
         self._world, self._cameras, self._ros = GuidedWorld(scene), cameras, ros
         self._messages = Messages(make_message)
-        self._stage = Stage(scene) if ranges else None
-        self._sensors = RangeTopics(self, make_message, self._messages.header) if ranges else None
+        self._stage = Stage(scene)
+        self._sensors = RangeTopics(self, make_message, self._messages.header)
         self._start_ns, self._began_s, self._rendering_s = 0, 0.0, 0.0
         self._people_s, self._heard_s = 0.0, -_SILENT_S
         self._publishers: dict[str, Any] = {}
@@ -182,7 +181,6 @@ class _World:
     @property
     def room(self) -> Mesh:
         """The room and its furniture, in the map."""
-        assert self._stage is not None
         return self._stage.room
 
     def person_places(self, time: float) -> list[Place]:
@@ -215,11 +213,10 @@ class _World:
         for name in self.names:
             self._offer(f"/{name}/odom", Odometry, POSES)
             self._offer(true_pose_topic(name), PoseStamped, POSES)
-            if self._sensors is not None:
-                for k in range(len(self.scene.sonars.get(name, ()))):
-                    self._offer(f"/{name}/sonar_{k}", Range, POSES)
-                if name in self.scene.lasers:
-                    self._offer(f"/{name}/scan", LaserScan, POSES)
+            for k in range(len(self.scene.sonars.get(name, ()))):
+                self._offer(f"/{name}/sonar_{k}", Range, POSES)
+            if name in self.scene.lasers:
+                self._offer(f"/{name}/scan", LaserScan, POSES)
         self._offer(PEOPLE_TOPIC, PoseArray, POSES)
         self._offer(GROUP_TOPIC, Int32MultiArray, POSES)
         self._offer(VISIBLE_TOPIC, Int32MultiArray, POSES)
@@ -324,8 +321,6 @@ class _World:
         self._measure(step)
 
     def _measure(self, step: int) -> None:
-        if self._sensors is None:
-            return
         due = [(name, "sonars") for name in self.scene.sonars if _is_due(step, SONAR_RATE)]
         due += [(n, "laser") for n, laser in self.scene.lasers.items() if _is_due(step, laser.rate)]
         for name, kind in due:

@@ -208,6 +208,6 @@ def test_body_before_the_head_stops_the_robot(team: Team, peer: Peer) -> None:
         return bool(driven) and low <= driven[-1].linear.x <= high
 
     log = lambda: f"{driven[-1:]}; {process.log}"  # noqa: E731
-    peer.until(lambda: shows((), 0.5, 0.5), log)
+    peer.until(lambda: shows((), 0.1, 0.1), log)
     peer.until(lambda: shows((body,), 0.0, 0.0), log)
-    peer.until(lambda: shows((), 0.5, 0.5), log)
+    peer.until(lambda: shows((), 0.1, 0.1), log)

@@ -16,7 +16,6 @@
 | `drive` | velocity of a differential drive on its way to a post |
 | `steering` | velocities of all robots, from posts, people and poses that come now and then |
 | `obstacles` | what laser scanners, sonars and heads see around a robot |
-| `obstacle_motion` | how that moves |
 | `collision_monitor` | limits the velocity of a robot by it: what `robot_node` calls |
 | `progress` | whether a robot that drives by itself goes to its goal |
 | `tour_control` | when a tour may begin and why it ends: what `guide_node` calls |

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -26,7 +27,6 @@ from mrs_people_loc.arrays import Bool, Float, StructOfArrays
 from mrs_people_loc.config import CollisionMonitoring
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.guiding.drive import Velocity
-from mrs_people_loc.guiding.obstacle_motion import ObstacleMotion
 from mrs_people_loc.guiding.obstacles import SECTORS, ObstacleScan
 
 
@@ -43,15 +43,16 @@ class MonitorTuning:
         most_wanted: A command of more than this is an error [m/s], [rad/s].
         rounds: A lower speed makes another arc of the same turn, which is looked at again, so often
             at most.
-        gap: Nobody fits between sectors that are seen and nearer together than twice this [rad] ...
-        beside_cone: ... or, where the field of view is narrow, such as that of one of several
-            sonars, than twice this [rad]: 0.2 m to each side at `near`.
-        cone: What is narrow [rad].
+        gap: Nobody fits between sectors that are seen and nearer together than twice this [rad],
+            unless ...
+        cone: ... the field of view is as narrow as this, as that of a sonar [rad]: it is deaf to
+            whose middle is beside it, and its echoes, which may be anywhere across it, are neither
+            remembered nor followed.
         near: The way is looked at from this distance on [m]: what is nearer is seen in the same
             direction, or was.
         step: In these steps [m].
-        edges: The front of the robot is looked at straight on and at this angle to both sides
-            [rad].
+        aside: ... and so many places to both sides of it, as far as from where who `walks` is in
+            the way when the robot is, or before it has stopped.
         memory: What is out of the field of view is remembered for so long [s], ...
         long_memory: ... and for so long where it is nearer than `near`, where sensors have gaps
             [s].
@@ -59,6 +60,13 @@ class MonitorTuning:
         most_age: What was seen earlier counts as so old [s].
         most_points: Remembered of a source, at most.
         odometry: Without odometry for so long, motion is that of the commands [s].
+        walks: What moves, and who comes from where no sensor looks, may go in any direction as
+            fast as this [m/s].
+        moved: What a sensor sees where it saw past it by more than this [m], and this share of the
+            range, ...
+        before: ... at a time of from so long ago to so long ago [s] ...
+        around: ... and in so many sectors to both sides of it, moves.
+        forward: ... and by so much of that ahead of where it was.
         margin: Nearer than this beyond the radius is contact with what moves [m]; ...
         horizon: ... looked for within this time [s], ...
         dt: ... in these steps [s].
@@ -72,17 +80,21 @@ class MonitorTuning:
     most_wanted: float = 20.0
     rounds: int = 4
     gap: float = 0.14
-    beside_cone: float = 0.28
     cone: float = 1.0
     near: float = 0.7
     step: float = 0.1
-    edges: float = 0.6
+    aside: int = 4
     memory: float = 2.0
     long_memory: float = 10.0
     behind: float = 0.3
     most_age: float = 0.5
     most_points: int = 1000
     odometry: float = 0.3
+    walks: float = 1.2
+    moved: tuple[float, float] = (0.15, 0.08)
+    before: tuple[float, float] = (0.15, 0.6)
+    around: int = 2
+    forward: float = 0.5
     margin: float = 0.15
     horizon: float = 2.0
     dt: float = 0.05
@@ -123,12 +135,12 @@ class _Obstacles(StructOfArrays):
 
     Attributes:
         xy: [m], shape (n, 2).
-        velocity: [m/s], shape (n, 2).
+        moves: Which of them do, shape (n,).
         seen_s: When they were seen [s], shape (n,).
     """
 
     xy: Float
-    velocity: Float
+    moves: Bool
     seen_s: Float
 
 
@@ -142,7 +154,7 @@ class _Source:
         came_s: When it came [s].
         covered: The sectors that are seen, or that nobody fits into, shape (SECTORS,).
         obstacles: What it has seen, in the frame of `_Motion`.
-        motion: How that moves.
+        past: Scans of before, and when they were made [s].
     """
 
     scan: ObstacleScan
@@ -150,7 +162,7 @@ class _Source:
     came_s: float
     covered: Bool
     obstacles: _Obstacles
-    motion: ObstacleMotion
+    past: tuple[tuple[ObstacleScan, float], ...] = ()
 
 
 class CollisionMonitor:
@@ -185,21 +197,38 @@ class CollisionMonitor:
             now_s: Now [s].
         """
         tuning, before = self._tuning, self._sources.get(name)
+        past: tuple[tuple[ObstacleScan, float], ...] = ()
         self._motion.advance(now_s)
-        motion = ObstacleMotion() if before is None else before.motion
+        is_cone = np.count_nonzero(scan.looks) < tuning.cone / (2.0 * math.pi) * SECTORS
+        if before is not None and not is_cone:
+            past = (*before.past, (before.scan, before.seen_s))
+            past = tuple(one for one in past if one[1] >= seen_s - tuning.before[1])
         points = self._motion.from_robot(scan.places, seen_s)
-        sensor = self._motion.from_robot(np.array([[scan.x, scan.y]]), seen_s)[0]
-        velocities = motion(scan, points, sensor, seen_s)
-        new = _Obstacles(points, velocities, np.full(len(points), seen_s))
+        moves = self._were_free(points, past, seen_s)
+        new = _Obstacles(points, moves, np.full(len(points), seen_s))
         new = new.select(np.hypot(*scan.places.T) > tuning.own * self.config.radius)
-        if before is not None:
+        if before is not None and not is_cone:
             kept = before.obstacles.select(self._are_out_of_sight(before, scan, seen_s))
             new = _Obstacles.joined([new, kept]).select(slice(tuning.most_points))
-        is_cone = np.count_nonzero(scan.looks) < tuning.cone / (2.0 * math.pi) * SECTORS
-        covered = _widened(scan.seen, tuning.beside_cone if is_cone else tuning.gap)
-        self._sources[name] = _Source(scan, seen_s, now_s, covered, new, motion)
+        covered = scan.seen if is_cone else _widened(scan.seen, tuning.gap)
+        self._sources[name] = _Source(scan, seen_s, now_s, covered, new, past)
         for other in self._sources.keys() - {name}:
             self._sources[other] = self._without_gone(self._sources[other], scan, seen_s)
+
+    def _were_free(
+        self, points: Float, past: Sequence[tuple[ObstacleScan, float]], seen_s: float
+    ) -> Bool:
+        """Where a sensor saw past a place a moment ago, shape (n,)."""
+        tuning, free = self._tuning, np.zeros(len(points), dtype=bool)
+        for scan, past_s in past:
+            if past_s > seen_s - tuning.before[0]:
+                continue
+            sectors, away = scan.sectors_of(self._motion.to_robot(points, past_s))
+            shifts = range(-tuning.around, tuning.around + 1)
+            through = np.where(scan.seen, scan.ranges, 0.0)
+            nearest = np.min([np.roll(through, k) for k in shifts], axis=0)
+            free |= nearest[sectors] > away + tuning.moved[0] + tuning.moved[1] * away
+        return free
 
     def _are_out_of_sight(self, before: _Source, scan: ObstacleScan, seen_s: float) -> Bool:
         """What was seen before and may be there still, as nothing is seen in its direction."""
@@ -297,10 +326,9 @@ class CollisionMonitor:
         """Obstacles in base_link, source by source."""
         parts = [one.obstacles for one in self._sources.values()]
         if not parts:
-            return _Obstacles(np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
+            return _Obstacles(np.empty((0, 2)), np.empty(0, dtype=bool), np.empty(0))
         known = _Obstacles.joined(parts)
-        xy, velocity = self._motion.to_robot(known.xy, now_s), self._motion.turned(known.velocity)
-        return replace(known, xy=xy, velocity=velocity)
+        return replace(known, xy=self._motion.to_robot(known.xy, now_s))
 
     def _source_of(self, point: int) -> str:
         """The name of the source of one of the known points."""
@@ -326,32 +354,30 @@ class CollisionMonitor:
         left = np.maximum(way - config.stop_distance, 0.0)
         most = left / (config.time_before_collision + ages)
         most = np.minimum(most, braking_speed(left, config.deceleration, tuning.reaction))
-        moving = np.flatnonzero(known.velocity.any(axis=1))
-        if len(moving):
-            xy = known.xy[moving] + known.velocity[moving] * ages[moving, np.newaxis]
-            times = self._times_to_contact(xy, known.velocity[moving], velocity)
-            brakes = config.deceleration * np.maximum(times - tuning.reaction, 0.0)
-            scaled = wanted * times / config.time_before_collision
-            most[moving] = np.minimum(most[moving], np.minimum(scaled, brakes))
-        nearest = int(most.argmin())
+        moving = np.flatnonzero(known.moves)
+        times = self._times_to_contact(known.xy[moving], ages[moving], velocity)
+        brakes = config.deceleration * np.maximum(times - tuning.reaction, 0.0)
+        most[moving] = np.minimum(most[moving], brakes)
+        nearest = int(np.lexsort((way, most))[0])
         return float(most[nearest]), nearest
 
-    def _times_to_contact(self, xy: Float, moves: Float, velocity: Velocity) -> Float:
-        """When what moves is ahead of the robot, and touches it [s]; inf: never.
+    def _times_to_contact(self, xy: Float, ages: Float, velocity: Velocity) -> Float:
+        """When what moves, anywhere, may be ahead of the robot, and touch it [s]; inf: never.
 
         Args:
-            xy: Where that is now [m], shape (n, 2).
-            moves: Its velocity [m/s], shape (n, 2).
+            xy: Where that was [m], shape (n, 2).
+            ages: ... so long ago [s], shape (n,).
             velocity: Of the robot.
         """
         tuning, (speed, turn) = self._tuning, velocity
         times = np.arange(0.0, tuning.horizon, tuning.dt)
         places = _along_arc(speed * times, velocity)
         headings = turn * times + (0.0 if speed > 0.0 else math.pi)
-        off = xy[:, np.newaxis] + moves[:, np.newaxis] * times[:, np.newaxis] - places
+        off = xy[:, np.newaxis] - places
         ahead = off[:, :, 0] * np.cos(headings) + off[:, :, 1] * np.sin(headings)
-        meets = np.hypot(off[:, :, 0], off[:, :, 1]) < self.config.radius + tuning.margin
-        meets &= ahead > 0.0
+        reach = self.config.radius + tuning.margin + tuning.walks * (ages[:, np.newaxis] + times)
+        meets = np.hypot(off[:, :, 0], off[:, :, 1]) < reach
+        meets &= ahead > -tuning.forward * tuning.walks * times
         return np.asarray(np.where(meets.any(axis=1), times[meets.argmax(axis=1)], np.inf))
 
     def _seen_speed(self, velocity: Velocity) -> float:
@@ -365,11 +391,14 @@ class CollisionMonitor:
         first = tuning.near - config.radius
         last = max(abs(speed) * config.time_before_collision + config.stop_distance, first)
         ways = np.arange(first, last + 0.5 * tuning.step, tuning.step)
-        ahead = ways * turn / abs(speed) + (0.0 if speed > 0.0 else math.pi)
-        looked = ahead[:, np.newaxis] + np.array([-tuning.edges, 0.0, tuning.edges])
-        front = config.radius * np.stack([np.cos(looked), np.sin(looked)], axis=-1)
-        front += _along_arc(math.copysign(1.0, speed) * ways, velocity)[:, np.newaxis]
-        seen = self._are_seen(front.reshape(-1, 2)).reshape(len(ways), -1).all(axis=1)
+        heading = ways * turn / abs(speed)
+        across = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)[:, np.newaxis]
+        share = np.linspace(-1.0, 1.0, 2 * tuning.aside + 1)[:, np.newaxis]
+        stops_s = tuning.reaction + abs(speed) / config.deceleration
+        aside = config.radius + tuning.walks * np.minimum(ways / abs(speed), stops_s)
+        looked = _along_arc(math.copysign(1.0, speed) * ways, velocity)[:, np.newaxis]
+        looked = looked + share * aside[:, np.newaxis, np.newaxis] * across
+        seen = self._are_seen(looked.reshape(-1, 2)).reshape(len(ways), -1).all(axis=1)
         if seen.all():
             return math.inf
         unseen = int(seen.argmin())
@@ -472,10 +501,6 @@ class _Motion:
                 self._append(now_s, *self._as_told(dt))
         while self._poses[0][0] < now_s - self._tuning.history and len(self._poses) > 1:
             self._poses.popleft()
-
-    def turned(self, vectors: Float) -> Float:
-        """Vectors of its frame in base_link of now."""
-        return np.asarray(vectors @ rotation_2d(self._poses[-1][3])) if self._poses else vectors
 
     def to_robot(self, points: Float, at_s: float) -> Float:
         """Points of its frame in base_link of a time [s]."""

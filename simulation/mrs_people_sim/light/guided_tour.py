@@ -120,7 +120,6 @@ class LightTour:
         poses: One of `POSES`.
         trouble: What goes wrong.
         config: Of the guide; its robots and which of them look back are those of the scene.
-        monitored: Whether collision monitors drive the robots.
     """
 
     def __init__(
@@ -129,8 +128,6 @@ class LightTour:
         poses: str = "exact",
         trouble: Trouble = Trouble(),
         config: GuideConfig = _CONFIG,
-        *,
-        monitored: bool = False,
     ) -> None:
         mode = "exact" if poses == "exact" else "drift"
         odometry = dataclasses.replace(scene.odometry, mode=mode)
@@ -145,8 +142,8 @@ class LightTour:
         }
         self._monitors = {
             name: MonitoredBase(scene, name, world.solid, looks_back=name in world.looks_back)
-            for name in world.names if monitored
-        }  # fmt: skip
+            for name in world.names
+        }
         self._localizers = self._made_localizers() if poses == "localized" else {}
         self._relative, self._quarantine = RelativePoses(), Quarantine()
         self._planner = self._made_planner()
@@ -335,11 +332,8 @@ class LightTour:
         """The robots get commands, as from guide_node."""
         self._say(self._guide.check_age(now_ns))
         for name, velocity in self._guide.velocities(now_ns).items():
-            if name in self._monitors:
-                wheels, wanted = self.world.wheels[name], velocity if name in alive else (0.0, 0.0)
-                self._monitors[name].drive(wanted, wheels, self._bodies(name))
-            elif name in alive:
-                self.world.wheels[name].command(*velocity)
+            wanted = velocity if name in alive else (0.0, 0.0)
+            self._monitors[name].drive(wanted, self.world.wheels[name], self._bodies(name))
 
     def _say(self, guidance: Guidance | None) -> None:
         """What the guide says is recorded, and tells people who leads."""

@@ -103,7 +103,7 @@ def run_tour(
         log = stack.enter_context((folder / "log").open("w+"))
         team_file = folder / "team.yaml"
         team_file.write_text(yaml.safe_dump(team_of(plan)), encoding="utf-8")
-        world = stack.enter_context(LiveWorld(plan.scene, ranges=plan.poses == "localized"))
+        world = stack.enter_context(LiveWorld(plan.scene))
         nodes = team_processes([team_file], sim_time=True, guide=True)
         team = stack.enter_context(RunningTeam(nodes, log=log))
         console.print(f"starting the world, {', '.join(one.label for one in nodes)} ...")
@@ -124,13 +124,9 @@ def team_of(plan: Plan) -> dict[str, Any]:
     """Parameters of the simulated team, as a ROS 2 parameter file holds them."""
     world = GuidedWorld(plan.scene)
     starts = {name: wheels.map_from_odom for name, wheels in world.wheels.items()}
-    scene = plan.scene
-    if plan.poses != "localized":
-        scene = dataclasses.replace(scene, sonars={}, lasers={})
-    document = team_parameters(Stage(scene), starts)
+    document = team_parameters(Stage(plan.scene), starts)
     for name in world.names:
         parameters = document[f"/{name}/robot_node"]["ros__parameters"]
-        parameters["collision_monitor"] = {"enabled": False}
         if plan.poses == "odometry":
             parameters["localization"] = {"run": "never"}
         elif plan.poses == "localized":

@@ -48,6 +48,7 @@ class Case:
         robots: How many guide; None: they and the people are as in the scene.
         leavers: How many people leave for good; None: as in the scene.
         ignored: Whether the scene's bystanders walk as if there were no robots.
+        heads_alone: Whether robots have neither sonars nor laser scanners.
         main: Whether it is repeated with all seeds, or with `FEW` at most.
     """
 
@@ -58,6 +59,7 @@ class Case:
     robots: int | None = 3
     leavers: int | None = 0
     ignored: bool = False
+    heads_alone: bool = False
     main: bool = False
 
 
@@ -76,6 +78,7 @@ CASES = (
         for name, scene in _SCENES.items()
     ),
     *(Case(f"hall, {count} robots", _SCENES["hall"], robots=count) for count in (2, 4)),
+    Case("corridor, heads alone", _CORRIDOR, heads_alone=True),
     Case("hall, one person leaves for good", _SCENES["hall"], leavers=1),
     Case("hall, two people leave for good", _SCENES["hall"], leavers=2),
     Case("corridor, robot_a (leader) killed at 60 s", _CORRIDOR,
@@ -188,6 +191,8 @@ def run_case(case: Case, seed: int) -> CaseScores:
     if case.leavers is not None:
         followers = dataclasses.replace(scene.followers, leavers=case.leavers)
         scene = dataclasses.replace(scene, followers=followers)
+    if case.heads_alone:
+        scene = dataclasses.replace(scene, sonars={}, lasers={})
     if case.ignored:
         others = (dataclasses.replace(one, ignores=True) for one in scene.bystanders)
         scene = dataclasses.replace(scene, bystanders=tuple(others))

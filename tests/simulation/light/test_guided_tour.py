@@ -17,6 +17,7 @@ robots:
   robot_a: {x: 7.5, y: 4.0, head: {yaw: 3.1416}}
   robot_b: {x: 2.5, y: 4.7}
   robot_c: {x: 2.5, y: 3.3}
+laser: {field_of_view: 6.2832}
 """
 
 
@@ -33,6 +34,11 @@ def test_a_group_is_guided_to_the_end(tmp_path):
     assert np.linalg.norm(record.truth.positions[-1] - [13.0, 4.0], axis=1).max() < 4.0
     assert result.world.bumps == 0
     assert len(record.estimates[-1].positions) == 3
+
+
+def test_robots_with_heads_alone_crawl(tmp_path):
+    result = run(tmp_path, 12.0, scene=SCENE.replace("laser:", "#"))
+    assert 0.05 < result.speeds[:, 1:].max() <= 0.1 + 1e-9
 
 
 def test_tour_goes_on_without_somebody_who_leaves(tmp_path):

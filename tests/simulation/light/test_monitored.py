@@ -11,6 +11,7 @@ import math
 import numpy as np
 import pytest
 
+from mrs_people_loc.config import CollisionMonitoring
 from mrs_people_sim.light.monitored import MonitoredBase
 from mrs_people_sim.light.sensing import BODY
 from mrs_people_sim.scene import Laser, Odometry, Robot, Scene
@@ -20,6 +21,7 @@ NOWHERE = np.empty((0, 2, 2))
 RADIUS, STEP_S = 0.22, 0.05
 #: Comes nearer by more than this [m/s].
 OWN = 0.03
+CRAWL = CollisionMonitoring().crawl
 
 
 def scene_with(*, laser: bool, seed: int) -> Scene:
@@ -30,7 +32,8 @@ def scene_with(*, laser: bool, seed: int) -> Scene:
 def touched_by_own_motion(kind: str, speed: float, seed: int, *, laser: bool) -> float:
     """The robot's speed towards the person when they touch [m/s]; 0: they do not.
 
-    Without a monitor they would meet, within 0.35 m, after 2.5 to 5 s.
+    Without a monitor they would meet, within 0.35 m, after 2.5 to 5 s; who crosses before a robot
+    with a head alone meets it at its crawl.
     """
     rng = np.random.default_rng([seed, 7])
     base = MonitoredBase(scene_with(laser=laser, seed=seed), "robot_a", NOWHERE, looks_back=False)
@@ -40,7 +43,8 @@ def touched_by_own_motion(kind: str, speed: float, seed: int, *, laser: bool) ->
     ways = {"stands": None, "crosses": side * math.pi / 2 + slant, "towards": math.pi + 0.6 * slant}
     way = ways[kind]
     velocity = np.zeros(2) if way is None else np.array([math.cos(way), math.sin(way)])
-    person = np.array([speed * meets_s, aside]) - meets_s * velocity
+    fastest = speed if laser or kind != "crosses" else CRAWL
+    person = np.array([fastest * meets_s, aside]) - meets_s * velocity
     for _ in range(round(8.0 / STEP_S)):
         base.drive((speed, 0.0), wheels, person[np.newaxis])
         wheels.step(STEP_S)
@@ -59,7 +63,10 @@ def test_nobody_is_touched_by_a_robot_with_a_laser_scanner(kind: str, speed: flo
     assert sum(one > OWN for one in found) == 0, found
 
 
-@pytest.mark.parametrize("kind", ["stands", "towards"])
-def test_nobody_in_view_is_touched_by_a_robot_with_a_head_alone(kind: str) -> None:
+@pytest.mark.parametrize(("kind", "most"), [("stands", OWN), ("crosses", CRAWL), ("towards", OWN)])
+def test_robot_with_a_head_alone_touches_nobody_whom_it_sees_and_else_at_its_crawl(
+    kind: str, most: float
+) -> None:
+    """It does not see who comes from aside; whom it sees it stands for."""
     found = [touched_by_own_motion(kind, 0.5, seed, laser=False) for seed in range(25)]
-    assert sum(one > OWN for one in found) == 0, found
+    assert max(found) <= most + 1e-9, found

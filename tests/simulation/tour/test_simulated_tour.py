@@ -70,7 +70,7 @@ def test_the_team_has_the_poses_that_were_asked_for(tmp_path: Path, poses: str) 
             assert start[:2] == pytest.approx((robot.x, robot.y), abs=0.06)
         assert (settings.localization.run == "never") == (poses == "odometry")
         assert settings.walls.occupancy_grid == (poses == "localized")
-        assert bool(settings.walls.sonars) == (poses == "localized")
+        assert settings.walls.laser, "for the collision monitor"
 
 
 @pytest.mark.parametrize(
