@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -60,7 +60,8 @@ class MrclamTuning:
         silence_s: Where there are none for longer, the camera saw nobody: empty scans ...
         period_s: ... with its period [s].
         start_s: Where odometry begins is known from the truth of so long [s] ...
-        start_sigmas: ... to within this: x, y [m] and yaw [rad].
+        odometry: ... to within `start_sigmas`, x, y [m] and yaw [rad], and what it errs by over 1
+            to 10 s, as the section `localization` has it: speeds are those that were commanded.
         range_share: Standard deviation of a range over the range.
         bearing: Standard deviation of a bearing [rad].
         landmark: What landmarks look like: clearly people.
@@ -78,7 +79,15 @@ class MrclamTuning:
     silence_s: float = 0.35
     period_s: float = 0.235
     start_s: float = 1.0
-    start_sigmas: _Place = (0.01, 0.01, 0.01)
+    odometry: Mapping[str, float | _Place] = field(
+        default_factory=lambda: {
+            "start_sigmas": (0.01, 0.01, 0.01),
+            "position_noise": 0.05,
+            "heading_noise": 0.06,
+            "turn_noise": 0.07,
+            "wheel_sigmas": (0.05, 0.05, 0.07),
+        }
+    )
     range_share: float = 0.042
     bearing: float = math.radians(0.6)
     landmark: Look = Look(6.0, 1.7)
@@ -151,7 +160,7 @@ def convert_mrclam(folder: Path, out: Path, tuning: MrclamTuning = MRCLAM_TUNING
         for _, write in sorted(events, key=lambda event: event[0]):
             write()
     starts = {name: robot.start for name, robot in robots.items()}
-    write_team(team_file(out), starts, tuning.start_sigmas)
+    write_team(team_file(out), starts, tuning)
     return Converted(
         float(times[-1] - times[0]),
         {name: robot.counts(tuning.landmark) for name, robot in robots.items()},
@@ -393,19 +402,22 @@ def _true_landmarks(
         yield ns, partial(writer.ground_truth, places, ns, seen)
 
 
-def write_team(file: Path, starts: Mapping[str, _Place], sigmas: _Place) -> None:
+def write_team(file: Path, starts: Mapping[str, _Place], tuning: MrclamTuning) -> None:
     """Writes the team's parameters, as the nodes and `--config` read them.
 
     Args:
         file: Where to.
         starts: By robot, where the frame of its odometry is in the map.
-        sigmas: How sure that is.
+        tuning: How sure that is, and the odometry.
     """
     document = {
         f"/{name}/robot_node": {
             "ros__parameters": {
                 "pose": {"map_from_odom": [round(value, 6) for value in place]},
-                "localization": {"start_sigmas": [*sigmas]},
+                "localization": {
+                    name: [*value] if isinstance(value, tuple) else value
+                    for name, value in tuning.odometry.items()
+                },
             }
         }
         for name, place in starts.items()

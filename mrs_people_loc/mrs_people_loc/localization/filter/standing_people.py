@@ -25,13 +25,15 @@ class StandingTuning:
         apart: Of several people who fit, one is taken if their squared Mahalanobis length is less
             by this.
         new_from: Who is within this squared Mahalanobis length of somebody is nobody new.
+        outline: Standard deviation of the middle of a person's visible outline [m].
     """
 
     most: int = 16
-    unseen_s: float = 60.0
+    unseen_s: float = 300.0
     sway: float = 0.02
     apart: float = 9.0
     new_from: float = 30.0
+    outline: float = 0.1
 
 
 _TUNING = StandingTuning()
@@ -50,22 +52,33 @@ class StandingLandmarks:
         self.tuning = tuning
 
     def take(self, state: TeamState, seen: PeopleStand) -> TeamState:
-        """The state after a sight."""
-        stamp_ns = seen.odometry.stamp_ns
-        state = self._swayed(state, stamp_ns)
-        new = []
-        for xy, covariance in zip(seen.xy, seen.covariance, strict=True):
-            squared = self._squared(state, seen.robot, xy, covariance)
-            order = np.argsort(squared)
-            if not len(order) or squared[order[0]] > self.tuning.new_from:
-                new.append((xy, covariance))
-            elif squared[order[0]] <= self.gates[2] and (
-                len(order) == 1 or squared[order[1]] > squared[order[0]] + self.tuning.apart
-            ):
-                state = self._recognized(state, seen, int(order[0]), xy, covariance)
-        for xy, covariance in new:
-            state = self._added(state, seen, xy, covariance)
+        """The state after a sight: first those are recognized who are the surest."""
+        state = self._swayed(state, seen.odometry.stamp_ns)
+        # Those of one sight err by what a single one does, however long it lasts.
+        single = seen.covariance / seen.inflated + self.tuning.outline**2 * np.eye(2)
+        sights, people = list(range(len(seen.xy))), list(range(len(state.people)))
+        squared = np.empty((0, 0))
+        while sights and people:
+            squared, surprise = self._compared(state, seen, single, sights, people)
+            pair = self._surest(squared, surprise)
+            if pair is None:
+                break
+            k, j = sights.pop(pair[0]), people.pop(pair[1])
+            state = self._recognized(state, seen, j, seen.xy[k], seen.covariance[k])
+        for row, k in enumerate(sights):
+            if not people or (squared[row] > self.tuning.new_from).all():
+                state = self._added(state, seen, seen.xy[k], seen.covariance[k])
         return state
+
+    def _surest(self, squared: Float, surprise: Float) -> tuple[int, int] | None:
+        """Which sight is of which person, where that is the surest; None: nowhere."""
+        best, least = None, self.tuning.apart
+        for k, j in np.argwhere(squared <= self.gates[2]).tolist():
+            rest = np.concatenate([np.delete(surprise[k], j), np.delete(surprise[:, j], k)])
+            margin = float((rest - surprise[k, j]).min(initial=np.inf))
+            if margin > least:
+                best, least = (k, j), margin
+        return best
 
     def _swayed(self, state: TeamState, stamp_ns: int) -> TeamState:
         """The state at a time [ns], without those who were not seen for long."""
@@ -79,20 +92,36 @@ class StandingLandmarks:
         covariance[places, places] += self.tuning.sway**2 * seconds
         return changed(state, covariance=covariance, people_ns=max(stamp_ns, state.people_ns))
 
-    def _squared(self, state: TeamState, robot: str, xy: Float, covariance: Float) -> Float:
-        """Squared Mahalanobis length of the difference from each person, shape (n,)."""
-        count, i, first = len(state.people), state.at(robot), state.person_at(0)
-        places = state.mean[first : first + 2 * count].reshape(-1, 2)
+    def _compared(
+        self, state: TeamState, seen: PeopleStand, single: Float, sights: list[int],
+        people: list[int],
+    ) -> tuple[Float, Float]:  # fmt: skip
+        """Squared Mahalanobis lengths of differences, and -2 times their log likelihoods.
+
+        Args:
+            state: The state.
+            seen: The sights.
+            single: What each errs by at one time, shape (n, 2, 2).
+            sights: Which of them.
+            people: Which people of the state.
+
+        Returns:
+            Both of shape (len(sights), len(people)).
+        """
+        count, i = len(people), state.at(seen.robot)
+        at = np.array([state.person_at(j) for j in people])[:, np.newaxis] + (0, 1)
         pose, rotation = state.mean[i : i + 3], rotation_2d(float(state.mean[i + 2]))
-        offset = places - pose[:2]
-        at = np.arange(first, first + 2 * count).reshape(-1, 2)
+        offset = state.mean[at] - pose[:2]
         columns = np.concatenate([np.tile(np.arange(i, i + 3), (count, 1)), at], axis=1)
         joint = state.covariance[columns[:, :, np.newaxis], columns[:, np.newaxis]]
         jacobian = np.zeros((count, 2, 5))
         jacobian[:, :, :2], jacobian[:, :, 3:] = -rotation.T, rotation.T
         jacobian[:, :, 2] = np.stack([offset[:, 1], -offset[:, 0]], axis=1) @ rotation
-        total = jacobian @ joint @ jacobian.transpose(0, 2, 1) + covariance
-        return squared_mahalanobis(xy - offset @ rotation, total)
+        total = jacobian @ joint @ jacobian.transpose(0, 2, 1) + single[sights, np.newaxis]
+        away = seen.xy[sights, np.newaxis] - offset @ rotation
+        squared = squared_mahalanobis(away.reshape(-1, 2), total.reshape(-1, 2, 2))
+        squared = squared.reshape(len(sights), count)
+        return squared, squared + np.log(np.linalg.det(total))
 
     def _recognized(
         self, state: TeamState, seen: PeopleStand, index: int, xy: Float, covariance: Float

@@ -1,5 +1,7 @@
 """People who stand as landmarks of a robot that is alone."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,29 @@ def test_somebody_who_may_be_either_of_two_is_not_used():
     assert len(state.people) == people
     np.testing.assert_array_equal(state.mean, before)
     assert ("a", "standing people") not in state.sources
+
+
+def test_two_seen_at_once_are_two_people():
+    """One of two who stand 0.5 m apart: the other one of a sight of both is not them, too."""
+    team, state = joined()
+    two = np.array([(3.0, 0.0), (3.0, 0.5)])
+    state = team.apply(state, sight(two[:1], stands(0.1)))
+    for k in range(3):
+        state = team.apply(state, sight(two, stands(0.2 + 0.1 * k)))
+    np.testing.assert_allclose(places(state), two, atol=1e-6)
+    assert state.sources["a", "standing people"].accepted == 5
+
+
+def test_who_they_are_is_told_by_errors_of_a_single_sight():
+    """Errors that last make a sight count less, and do not make somebody 1 m away the same."""
+    team, state = joined()
+    state = team.apply(state, sight(PEOPLE[:1], stands(0.1)))
+    before = state.mean[:3].copy()
+    away = sight(PEOPLE[:1] + (0.0, 1.0), stands(0.2))
+    away = dataclasses.replace(away, covariance=100.0 * away.covariance, inflated=100.0)
+    state = team.apply(state, away)
+    assert len(state.people) == 2
+    np.testing.assert_array_equal(state.mean[:3], before)
 
 
 def test_who_went_away_is_somebody_new():
