@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -57,6 +58,25 @@ class StampOrder:
     def reset(self) -> None:
         """Forgets the newest stamp."""
         self.newest_ns, self._back = None, 0
+
+
+@dataclass
+class Standstill:
+    """For how long a clock, such as that of a simulation, stands still."""
+
+    _value: float = math.nan
+    _since_s: float = 0.0
+
+    def lasts_s(self, value: float, steady_s: float) -> float:
+        """How long it has been so [s].
+
+        Args:
+            value: Of the clock.
+            steady_s: Of a clock that goes on [s].
+        """
+        if value != self._value:
+            self._value, self._since_s = value, steady_s
+        return steady_s - self._since_s
 
 
 class RateLimit:

@@ -16,8 +16,9 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 
 from mrs_people_loc.arrays import Float32
+from mrs_people_loc.clocks import Standstill
 from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.guiding.collision_monitor import CollisionMonitor, Verdict
+from mrs_people_loc.guiding.collision_monitor import Action, CollisionMonitor, Verdict
 from mrs_people_loc.guiding.drive import Velocity
 from mrs_people_loc.guiding.obstacles import HeadObstacles, SonarObstacles, obstacles_of_laser
 from mrs_people_loc.health.findings import Finding
@@ -43,6 +44,10 @@ _ACKNOWLEDGED_S = 0.2
 _COMMANDS = QoSProfile(depth=1)
 #: Topics of std_msgs/Bool that stop the robot while they are true.
 _STOPS = ("bumper", "base_fault")
+#: Stamps that are farther ahead of the clock than this are refused [s].
+_AHEAD_S = 0.1
+#: `/clock` has ended once it stands still for so long [s].
+_FROZEN_S = 1.0
 #: Obstacles have this height over the floor on `obstacles` [m].
 _HEIGHT = 0.3
 
@@ -70,6 +75,7 @@ class MonitorTopics:
         self._wanted_s = self._stepped_s = 0.0
         self._zeros = 0
         self._verdict: Verdict | None = None
+        self._clock = Standstill()
         self._obstacles = node.offer(PointCloud2, "obstacles", STREAM)
         # Before others, which may refuse a scan.
         ranges.on_laser.insert(0, self._take_laser)
@@ -81,6 +87,9 @@ class MonitorTopics:
         if not self._enabled:
             return
         self._ranges.start()
+        walls = node.config.walls
+        laser = ("scan",) if walls.laser else ()
+        self._core.expected = (*laser, *map(self._name_of, walls.sonars))
         node.listen(self._type, "cmd_vel_guide", self._on_command, _COMMANDS, any_number=True)
         for name in _STOPS:
             node.listen(Bool, name, partial(self._on_stop, name), _COMMANDS, any_number=True)
@@ -119,11 +128,14 @@ class MonitorTopics:
         asked = self._obstacles.get_subscription_count()
         if not self._enabled and not asked:
             return
+        now_s = self._now_s()
+        seen_s = self._seen_s("head", stamp_ns, now_s)
+        if seen_s is None:
+            return
         if self._head is None or self._head.camera is not camera:
             nearest = self._disparity.min_range
             self._head = HeadObstacles(camera, self._core.config, nearest=nearest)
-        now_s = self._now_s()
-        self._core.take_scan("head", self._head(disparity), self._seen_s(stamp_ns, now_s), now_s)
+        self._core.take_scan("head", self._head(disparity), seen_s, now_s)
         if asked:
             xy = self._core.obstacles(now_s)
             xyz = np.column_stack([xy, np.full(len(xy), _HEIGHT)])
@@ -132,19 +144,24 @@ class MonitorTopics:
 
     def take_odometry(self, pose: Pose) -> None:
         """Takes where the robot is, in any frame that goes on smoothly."""
-        at_s = self._seen_s(pose.stamp_ns, self._now_s())
+        at_s = self._now_s() - max(self._age_s(pose.stamp_ns), 0.0)
         self._core.take_odometry(pose.x, pose.y, pose.yaw, at_s)
 
     def _take_laser(self, scan: LaserScan, mounting: Mounting) -> None:
         now_s = self._now_s()
-        seen_s = self._seen_s(scan.stamp_ns, now_s)
-        self._core.take_scan("scan", obstacles_of_laser(scan, mounting), seen_s, now_s)
+        seen_s = self._seen_s("scan", scan.stamp_ns, now_s)
+        if seen_s is not None:
+            self._core.take_scan("scan", obstacles_of_laser(scan, mounting), seen_s, now_s)
 
     def _take_range(self, topic: str, measured: SonarRange, mounting: Mounting) -> None:
-        now_s = self._now_s()
-        scan, age_s = self._sonars.setdefault(topic, SonarObstacles())(measured, mounting)
-        name = topic.removeprefix(f"{self._node.get_namespace()}/")
-        self._core.take_scan(name, scan, self._seen_s(measured.stamp_ns, now_s) - age_s, now_s)
+        now_s, name = self._now_s(), self._name_of(topic)
+        seen_s = self._seen_s(name, measured.stamp_ns, now_s)
+        if seen_s is not None:
+            scan, age_s = self._sonars.setdefault(topic, SonarObstacles())(measured, mounting)
+            self._core.take_scan(name, scan, seen_s - age_s, now_s)
+
+    def _name_of(self, topic: str) -> str:
+        return topic.removeprefix(f"{self._node.get_namespace()}/")
 
     def _now_s(self) -> float:
         """The time, by a clock that nobody sets back, or by `/clock` [s]."""
@@ -152,10 +169,16 @@ class MonitorTopics:
             return float(self._node.get_clock().now().nanoseconds / 1e9)
         return time.monotonic()
 
-    def _seen_s(self, stamp_ns: int, now_s: float) -> float:
-        """A stamp by that clock [s]; now at the latest."""
-        age_ns = self._node.get_clock().now().nanoseconds - stamp_ns
-        return now_s - max(age_ns, 0) / 1e9
+    def _seen_s(self, name: str, stamp_ns: int, now_s: float) -> float | None:
+        """A stamp by that clock [s], now at the latest; None, and a fault: it is of the future."""
+        age_s = self._age_s(stamp_ns)
+        if age_s < -_AHEAD_S:
+            self._core.refuse(name, f"has stamps {-age_s:.1f} s ahead of the clock")
+            return None
+        return now_s - max(age_s, 0.0)
+
+    def _age_s(self, stamp_ns: int) -> float:
+        return float(self._node.get_clock().now().nanoseconds - stamp_ns) / 1e9
 
     def _on_stop(self, name: str, message: Bool) -> None:
         self._core.take_contact(name, pressed=bool(message.data))
@@ -187,6 +210,8 @@ class MonitorTopics:
     def _step(self, now_s: float) -> None:
         self._stepped_s = now_s
         self._verdict = self._core.step(self._wanted, now_s)
+        if self._clock.lasts_s(now_s, time.monotonic()) > _FROZEN_S:
+            self._verdict = Verdict(action=Action.FAILS, reason="/clock stands still")
         self._publish(self._verdict.velocity)
 
     def _publish(self, velocity: Velocity) -> None:

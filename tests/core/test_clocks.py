@@ -2,7 +2,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrs_people_loc.clocks import ClockOffset, Order, RateLimit, StampOrder, right_offset
+from mrs_people_loc.clocks import (
+    ClockOffset,
+    Order,
+    RateLimit,
+    StampOrder,
+    Standstill,
+    right_offset,
+)
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -130,3 +137,9 @@ def test_rate_limit_begins_anew_where_stamps_jump_back():
     stamps = [0, 5, 10, 15, 20, 1000, 3, 8, 13]  # [ms], at 100 Hz
     passed = [stamp for stamp in stamps if limit.lets_through(stamp * 1_000_000, 100.0)]
     assert passed == [0, 10, 20, 1000, 3, 13]
+
+
+def test_standstill_lasts_until_the_clock_goes_on() -> None:
+    clock = Standstill()
+    assert [clock.lasts_s(5.0, t) for t in (1.0, 1.5, 3.0)] == [0.0, 0.5, 2.0]
+    assert [clock.lasts_s(5.1, t) for t in (3.0, 3.5)] == [0.0, 0.5]

@@ -219,9 +219,16 @@ def test_stop_outlives_a_cleanup(make_world: Callable[..., GuideWorld], guide: N
     """Whoever manages the node does not release robots."""
     world = make_world()
     peer = world.peer
+    _, result = world.start(AHEAD)
+    peer.until(lambda: _is_driven(world), lambda: guide.log)
     assert peer.call(Trigger, "/stop", Trigger.Request()).success
     for transition in ("deactivate", "cleanup", "configure", "activate"):
         assert peer.change_state("/guide_node", transition)
+    peer.until(result.done, lambda: guide.log)
+    world.commands.clear()
+    peer.spin(1.0)
+    assert {(one.v, one.w) for one in world.commands} == {STAND}
+    assert {one.robot for one in world.commands} == set(PLACES), "those of the last tour"
     assert world.refused(AHEAD).endswith("release the robots first: mrs tour release")
     assert peer.call(Trigger, "/release", Trigger.Request()).success
 

@@ -62,9 +62,6 @@ def test_collision_monitor_stands_between_guide_and_base_and_hears_what_robot_no
     monitor = parameters["/**/collision_monitor"]["ros__parameters"]
     assert Velocities.topics == (monitor["cmd_vel_out_topic"], monitor["cmd_vel_in_topic"])
     ours = CollisionMonitoring()
-    approach = monitor["Approach"]
-    assert approach["radius"] == ours.radius + ours.stop_distance
-    assert approach["time_before_collision"] == ours.time_before_collision
     assert monitor["source_timeout"] == ours.source_timeout
     topics = {monitor[name]["topic"] for name in monitor["observation_sources"]}
     assert topics == {"scan", "obstacles"}

@@ -173,16 +173,22 @@ class CollisionMonitor:
     Args:
         config: Parameters; may be replaced at any time.
         tuning: Constants.
+
+    Attributes:
+        expected: Names of sensors that have to deliver: before they have, the robot stands.
     """
 
     def __init__(self, config: CollisionMonitoring, tuning: MonitorTuning = MONITOR_TUNING) -> None:
         self.config, self._tuning = config, tuning
         self._pressed: dict[str, bool] = {}
+        self._refused: dict[str, str] = {}
+        self.expected: tuple[str, ...] = ()
         self.reset()
 
     def reset(self) -> None:
         """Forgets all that was seen; a bumper stays as it was."""
         self._sources: dict[str, _Source] = {}
+        self._refused.clear()
         self._motion = _Motion(self._tuning)
 
     # ---- inputs ----
@@ -197,6 +203,7 @@ class CollisionMonitor:
             now_s: Now [s].
         """
         tuning, before = self._tuning, self._sources.get(name)
+        self._refused.pop(name, None)
         past: tuple[tuple[ObstacleScan, float], ...] = ()
         self._motion.advance(now_s)
         is_cone = np.count_nonzero(scan.looks) < tuning.cone / (2.0 * math.pi) * SECTORS
@@ -249,6 +256,10 @@ class CollisionMonitor:
         out = ~source.scan.looks[source.scan.sectors_of(here)[0]]
         kept = ~(remembered & out & seen_through)
         return replace(source, obstacles=source.obstacles.select(kept))
+
+    def refuse(self, name: str, why: str) -> None:
+        """What a sensor says cannot be used: the robot stands until something can."""
+        self._refused[name] = why
 
     def take_odometry(self, x: float, y: float, yaw: float, at_s: float) -> None:
         """Takes where the robot is by its odometry [m], [rad], at a time [s]."""
@@ -312,6 +323,11 @@ class CollisionMonitor:
         for name, pressed in self._pressed.items():
             if pressed:
                 return f"{name} is true"
+        for name, why in self._refused.items():
+            return f"{name} {why}"
+        for name in self.expected:
+            if name not in self._sources:
+                return f"nothing has come of {name} yet"
         timeout = self.config.source_timeout
         for name, source in self._sources.items():
             silent_s = now_s - source.came_s

@@ -156,6 +156,10 @@ class Guide:
         """Takes a pose of any robot, also of one that is not driven: it is avoided."""
         self._steering.take_pose(robot, pose, now_ns)
 
+    def take_driven(self, robot: str, velocity: Velocity) -> None:
+        """Takes what a collision monitor has made of a robot's velocity."""
+        self._steering.take_driven(robot, velocity)
+
     def take_space(self, space: FreeSpace) -> Guidance | None:
         """Takes another map: robots stand while the tour is not possible by it.
 

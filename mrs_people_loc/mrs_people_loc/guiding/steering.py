@@ -36,6 +36,8 @@ class SteeringTuning:
         people_s: Images become people in this time [s]; poses come at once.
         future_s: What comes from so far in the future is of no use [s]: the clock was set back.
         outside_s: A robot outside the tour is avoided for so long after its last pose [s].
+        passes: A collision monitor that leaves less than this share of a robot's speed, or of its
+            turn, holds it.
         most: So many people count for each robot: those who are nearest to it. Whoever is farther
             away is behind these.
     """
@@ -50,6 +52,7 @@ class SteeringTuning:
     people_s: float = 0.2
     future_s: float = 0.05
     outside_s: float = 120.0
+    passes: float = 0.5
     most: int = 24
 
 
@@ -117,8 +120,8 @@ class Steering:
         robots: Names of the robots that are driven.
         blind: Names of robots that see nothing: no place is seen empty by them.
         spare: Margins of unsure poses bring robots no farther off walls than this [m].
-        held: Those of them that had to stand in a step because people or poses were outdated; to be
-            emptied by the caller.
+        held: Those of them that had to stand in a step because people or poses were outdated, or
+            that their collision monitors held; to be emptied by the caller.
     """
 
     def __init__(
@@ -145,6 +148,12 @@ class Steering:
     def take_pose(self, robot: str, pose: Pose, now_ns: int) -> None:
         """Takes a pose of any robot, also of one that is not driven: it is avoided."""
         self._heard[robot] = _Heard(pose, now_ns)
+
+    def take_driven(self, robot: str, velocity: Velocity) -> None:
+        """Takes what a collision monitor has made of the velocity of a robot: it may hold it."""
+        told, share = self._velocities.get(robot, (0.0, 0.0)), self._tuning.passes
+        if any(abs(made) < share * abs(one) for made, one in zip(velocity, told, strict=True)):
+            self.held |= {robot}
 
     def take_people(self, people: Sequence[Person], stamp_ns: int, now_ns: int) -> None:
         """Takes the people of an interval; those who vanished are avoided for some seconds."""

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mrs_people_loc.clocks import BELIEVED, RESET_NS
+from mrs_people_loc.clocks import BELIEVED, RESET_NS, Standstill
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.errors import AheadError, TourError
 from mrs_people_loc.guiding.drive import Velocity
@@ -35,6 +35,7 @@ class ControlTuning:
         ahead_s: Stamps that are farther ahead of the clock than this are refused [s].
         attended_s: An attended tour ends once its client is silent for so long [s].
         late_s: Velocities that took longer than this are outdated: zero is sent instead [s].
+        frozen_s: Simulated time has ended once it stands still for so long [s]: likewise.
     """
 
     most_robots: int = 4
@@ -44,6 +45,7 @@ class ControlTuning:
     ahead_s: float = 0.1
     attended_s: float = 2.0
     late_s: float = 0.05
+    frozen_s: float = 1.0
 
 
 CONTROL_TUNING = ControlTuning()
@@ -171,6 +173,7 @@ class TourControl:
         self._have_ids = True
         self._used_ns: dict[str, int] = {}  # when a scan of a robot was used last
         self._people_ns = self._sent_ns = self._looked_ns = 0
+        self._clock = Standstill()
 
     # ---- inputs ----
 
@@ -308,7 +311,18 @@ class TourControl:
             self._bases.drive({})
             raise
         is_late = clock().steady_s - now.steady_s > self._tuning.late_s
-        self._bases.drive({} if is_late else velocities)
+        frozen = self._clock.lasts_s(now.ns, now.steady_s) > self._tuning.frozen_s
+        self._bases.drive({} if is_late or frozen else velocities)
+
+    @property
+    def monitored(self) -> frozenset[str]:
+        """Names of the robots of the last tour that collision monitors drive."""
+        return self._monitored
+
+    def take_driven(self, robot: str, velocity: Velocity) -> None:
+        """Takes what a collision monitor has made of a robot's velocity."""
+        if self.guide is not None:
+            self.guide.take_driven(robot, velocity)
 
     def _check_is_past(self, stamp_ns: int, now: Now, ends: Callable[[], Ends]) -> None:
         """Refuses what is of the future.

@@ -35,6 +35,9 @@ class Velocities:
     Args:
         node: The guide's node.
         stamped: Whether messages are TwistStamped, or Twist.
+
+    Attributes:
+        robots: Names of those of the last tour.
     """
 
     topics = ("cmd_vel", "cmd_vel_guide")
@@ -43,7 +46,7 @@ class Velocities:
         self._node = node
         self._type: Any = TwistStamped if stamped else Twist
         self._publishers: dict[str, tuple[str, Any]] = {}  # with their topics
-        self._robots: tuple[str, ...] = ()
+        self.robots: tuple[str, ...] = ()
         self._zeros = 0
         self._is_driven = False
         self._lock = threading.Lock()
@@ -55,8 +58,8 @@ class Velocities:
     def begin(self, robots: Iterable[str], monitored: Container[str] = ()) -> None:
         """Takes the robots of a tour, and those of them that a monitor drives."""
         with self._lock:
-            self._robots, self._zeros, self._is_driven = tuple(robots), 0, True
-            topics = {robot: self.topics[robot in monitored] for robot in self._robots}
+            self.robots, self._zeros, self._is_driven = tuple(robots), 0, True
+            topics = {robot: self.topics[robot in monitored] for robot in self.robots}
             for robot, (topic, publisher) in list(self._publishers.items()):
                 if topics.get(robot) != topic:
                     self._node.destroy_lifecycle_publisher(publisher)
@@ -73,7 +76,7 @@ class Velocities:
                 self._send(velocities)
 
     def _send(self, velocities: Mapping[str, Velocity]) -> None:
-        for robot in self._robots:
+        for robot in self.robots:
             frame_id = f"{self._node.resolve_topic_name(robot).strip('/')}/base_link"
             now_ns = self._node.get_clock().now().nanoseconds
             wanted = velocities.get(robot, (0.0, 0.0))
@@ -98,7 +101,7 @@ class Velocities:
 
     def finish(self) -> None:
         """Waits until the last velocities have arrived, before the publishers are destroyed."""
-        for robot in self._robots:
+        for robot in self.robots:
             self._publishers[robot][1].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
 
@@ -111,6 +114,9 @@ class Goals:
     Args:
         node: The guide's node.
         frame_id: The frame of goals: the common one.
+
+    Attributes:
+        robots: Names of those of the last tour.
     """
 
     topics = ("goal_update",)
@@ -119,7 +125,7 @@ class Goals:
         self._node = node
         self._frame_id = frame_id
         self._publishers: dict[str, tuple[Any, Any, Any]] = {}
-        self._robots: tuple[str, ...] = ()
+        self.robots: tuple[str, ...] = ()
         self._started: dict[str, Progress] = {}  # of the robots for which Nav2 was started
         self._last_ns = 0
 
@@ -129,14 +135,14 @@ class Goals:
 
     def begin(self, robots: Iterable[str], monitored: Container[str] = ()) -> None:
         """Takes the robots of a tour."""
-        self._robots = tuple(robots)
+        self.robots = tuple(robots)
         self._started.clear()
-        for robot in set(self._publishers) - set(self._robots):
+        for robot in set(self._publishers) - set(self.robots):
             update, start, cancel = self._publishers.pop(robot)
             self._node.destroy_lifecycle_publisher(update)
             self._node.destroy_lifecycle_publisher(start)
             self._node.destroy_client(cancel)
-        for robot in self._robots:
+        for robot in self.robots:
             if robot not in self._publishers:
                 self._publishers[robot] = self._offer(robot)
 
@@ -155,7 +161,7 @@ class Goals:
 
     def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
         """Moves goals to posts; of robots without one, to where these are, so that they stand."""
-        for robot in self._robots:
+        for robot in self.robots:
             post, pose = posts.get(robot), poses.get(robot)
             if pose is not None and post is not None:
                 self._move(robot, Pose(0, float(post.xy[0]), float(post.xy[1]), post.yaw), pose)
@@ -175,7 +181,7 @@ class Goals:
 
     def finish(self) -> None:
         """Waits until the last goals have arrived, before the publishers are destroyed."""
-        for robot in self._robots:
+        for robot in self.robots:
             self._publishers[robot][0].wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED_S))
 
     def _move(self, robot: str, goal: Pose, pose: Pose) -> None:

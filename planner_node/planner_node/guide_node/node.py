@@ -11,7 +11,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from mrs_people_msgs.msg import People
 from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.clock import Clock, ClockType
@@ -62,7 +62,8 @@ class GuideNode(ManagedNode):
 
     def __init__(self) -> None:
         self._is_ending = False
-        self._stopped = ""  # by whom at the last cleanup
+        self._stopped = ""  # by whom at the last cleanup, ...
+        self._driven: tuple[str, ...] = ()  # ... and whose robots
         super().__init__("guide_node", GuideConfig)
         load_scipy()
 
@@ -77,7 +78,8 @@ class GuideNode(ManagedNode):
             if config.drive == "nav2"
             else Velocities(self, stamped=config.base.stamped)
         )
-        bases.begin(config.robots)  # so that they are found before a tour
+        # So that they are found before a tour; those who are stopped stay so.
+        bases.begin((self._stopped and self._driven) or config.robots)
         self._bases, self._control = bases, TourControl(config, bases, self)
         self._control.stopped = self._stopped
         self.until_cleanup(self._keep_stop)
@@ -204,7 +206,7 @@ class GuideNode(ManagedNode):
     # ---- a stop that holds ----
 
     def _keep_stop(self) -> None:
-        self._stopped = self._control.stopped
+        self._stopped, self._driven = self._control.stopped, self._bases.robots
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._control.stop("stopped by a call of the service", self._now())
@@ -244,7 +246,21 @@ class GuideNode(ManagedNode):
             raise TourError("guide_node is ending")
         self._take_map()
         guide = self._control.begin(tour, self._now(), attended=attended)
+        self._hear_monitors()
         self.get_logger().info(f"tour {guide.tour.name!r} with {', '.join(guide.config.robots)}")
+
+    def _hear_monitors(self) -> None:
+        """Hears what collision monitors make of velocities."""
+        kind = TwistStamped if self.config.base.stamped else Twist
+        topics = {robot: f"{robot}/cmd_vel" for robot in self._control.monitored}
+        for robot, topic in topics.items():
+            if topic not in self.inputs:
+                take = partial(self._on_driven, robot)
+                self.listen(kind, topic, take, QoSProfile(depth=1), once=True, any_number=True)
+
+    def _on_driven(self, robot: str, message: Twist | TwistStamped) -> None:
+        twist = message if isinstance(message, Twist) else message.twist
+        self._control.take_driven(robot, (twist.linear.x, twist.angular.z))
 
     def _cancel(self) -> None:
         self._control.end()
@@ -307,7 +323,11 @@ class GuideNode(ManagedNode):
         """Of a robot's commands; without the publishers of this node and of its monitors."""
         bases, own, drivers = self._bases, self.get_fully_qualified_name(), []
         base, *guided = (self.resolve_topic_name(f"{robot}/{topic}") for topic in bases.topics)
-        listeners = [one.node_name for one in self.get_subscriptions_info_by_topic(base)]
+        listeners = [
+            one.node_name
+            for one in self.get_subscriptions_info_by_topic(base)
+            if node_of(one) != own
+        ]
         monitors = [node_of(one) for t in guided for one in self.get_subscriptions_info_by_topic(t)]
         for topic, name in zip(bases.topics, (base, *guided), strict=True):
             names = list(map(node_of, self.get_publishers_info_by_topic(name)))

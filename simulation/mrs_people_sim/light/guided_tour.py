@@ -333,7 +333,9 @@ class LightTour:
         self._say(self._guide.check_age(now_ns))
         for name, velocity in self._guide.velocities(now_ns).items():
             wanted = velocity if name in alive else (0.0, 0.0)
-            self._monitors[name].drive(wanted, self.world.wheels[name], self._bodies(name))
+            wheels, bodies = self.world.wheels[name], self._bodies(name)
+            verdict = self._monitors[name].drive(wanted, wheels, bodies)
+            self._guide.take_driven(name, verdict.velocity)
 
     def _say(self, guidance: Guidance | None) -> None:
         """What the guide says is recorded, and tells people who leads."""

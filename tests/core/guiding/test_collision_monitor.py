@@ -225,6 +225,22 @@ def test_scans_that_are_old_when_they_come_stop_the_robot():
     assert verdict.reason == "scan is 0.7 s old when it comes; allowed: 0.5 s"
 
 
+def test_sensor_that_has_not_delivered_or_is_refused_stops_the_robot_and_is_named():
+    monitor = CollisionMonitor(CONFIG)
+    monitor.expected = ("scan", "sonar_0")
+    monitor.take_scan("scan", scan_of(), 10.0, 10.0)
+    verdict = monitor.step((0.5, 0.3), 10.0)
+    assert (verdict.velocity, verdict.reason) == ((0.0, 0.0), "nothing has come of sonar_0 yet")
+    monitor.take_scan("sonar_0", scan_of(), 10.0, 10.0)
+    assert monitor.step((0.5, 0.0), 10.0).velocity == (0.5, 0.0)
+    monitor.refuse("scan", "has stamps 0.3 s ahead of the clock")
+    assert monitor.step((0.5, 0.0), 10.0).reason == "scan has stamps 0.3 s ahead of the clock"
+    monitor.take_scan("scan", scan_of(), 10.1, 10.1)
+    assert monitor.step((0.5, 0.0), 10.1).velocity == (0.5, 0.0)
+    monitor.reset()  # as where the node is deactivated
+    assert monitor.step((0.5, 0.0), 10.2).reason == "nothing has come of scan yet"
+
+
 def test_bumper_stops_the_robot_while_it_is_pressed():
     monitor = CollisionMonitor(CONFIG)
     monitor.take_contact("bumper", pressed=True)

@@ -535,6 +535,33 @@ def test_robots_that_stand_for_late_people_are_not_at_fault(
     assert (fault in events) == is_at_fault
 
 
+@pytest.mark.parametrize("driven", [0.0, 1.0])
+def test_robot_that_its_collision_monitor_holds_is_not_at_fault(
+    team: Stepped, driven: float
+) -> None:
+    """It stands, and so does one whose base does not obey."""
+    for _ in range(50):
+        team.now_s += 0.2
+        for robot, place in PLACES.items():
+            team.hear_pose(robot, team.now_ns, *place)
+        team.hear_people(team.now_ns)
+        team.tick()
+        speed, turn = team.bases.velocities.get("robot_a", (0.0, 0.0))
+        team.control.take_driven("robot_a", (driven * speed, driven * turn))
+    fault = "robot_a takes no part: is told to drive, but has not moved for 8 s"
+    assert (fault in [event for told in team.said for event in told.events]) == (driven > 0.0)
+
+
+def test_robots_stand_while_simulated_time_stands_still(team: Stepped) -> None:
+    for steady_s, drives in ((0.0, True), (0.9, True), (1.1, False), (9.0, False)):
+        team.steady_s = steady_s
+        team.control.drive(lambda: team.now)
+        assert team.drives() == drives
+    team.now_s += 0.05
+    team.control.drive(lambda: team.now)
+    assert team.drives()
+
+
 def test_velocities_that_took_too_long_are_not_sent(team: Stepped) -> None:
     """A stalled machine: what was computed by ages of before says nothing."""
     for took_s, drives in ((0.04, True), (0.06, False)):
