@@ -285,6 +285,7 @@ def test_policy_of_the_guide_matches_its_topics_and_services(running: Peer) -> N
             for kind in KINDS
         }
         real["publish"].add("/robot_a/cmd_vel_guide")  # on tours of robots with monitors
+        real["subscribe"].add("/robot_a/cmd_vel")
         return difference(allowed("/guide", "guide_node"), real)
 
     running.until(lambda: not off(), lambda: off())
