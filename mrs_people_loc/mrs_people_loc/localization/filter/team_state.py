@@ -235,6 +235,11 @@ class TeamState:
     meetings: Mapping[tuple[str, str], Source] = field(default_factory=dict)
     misfits: Mapping[int, Misfit] = field(default_factory=dict)
 
+    @property
+    def has_map(self) -> bool:
+        """Whether some of the walls are known."""
+        return any(wall.known >= 0 for wall in self.walls)
+
     def at(self, robot: str) -> int:
         """Where a robot's pose begins in `mean`."""
         return 3 * list(self.odometry).index(robot)
@@ -456,8 +461,7 @@ class TeamState:
         i = np.arange(0, robots, 3)
         carried[i, i + 2], carried[i + 1, i + 2] = -way.imag, way.real
         shape = np.zeros((robots, robots))
-        is_known = any(wall.known >= 0 for wall in self.walls)
-        if not is_known and np.abs(turn).max() > STATE_TUNING.least_turn:
+        if not self.has_map and np.abs(turn).max() > STATE_TUNING.least_turn:
             shape = self._turned_shape(turn)
         carried[:robots, :robots] += shape
         if self.people:

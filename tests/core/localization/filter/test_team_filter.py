@@ -152,6 +152,22 @@ def test_filters_may_drift_apart_slowly_for_long(speed, doubted):
         assert off(state, "a") > 0.9 * speed * 60.0 - 0.1
 
 
+def test_known_walls_are_not_moved_by_claims():
+    """Else filters that agree with each other would turn the map, and believe it."""
+    line = as_walls([(0.0, 1.5, 4.0, 1.5)], (0.02, 0.01))
+    team, state = TeamFilter("a", Localization(), line), TeamState()
+    for robot in "ab":
+        state = team.apply(state, Joined(robot, standing(0), TRUE[robot], np.diag([0.01] * 3)))
+    state = team.apply(state, WallsSeen("a", standing(0.1), line))
+    assert state.has_map
+    before = state.mean
+    for second in np.arange(0.25, 5.0, 0.25):
+        said = TRUE["b"] + (0.2, 0.1, 0.05)
+        state = team.apply(state, Claimed("b", standing(second), said, np.diag([0.01] * 3)))
+    assert state.sources["b", "claim"].accepted == 19
+    np.testing.assert_array_equal(state.mean, before)
+
+
 # ------------------------------------------------------------------------------------ found again
 
 #: b is turned by 90 degrees and 3 m from where it was.
