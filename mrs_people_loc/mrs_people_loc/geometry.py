@@ -84,6 +84,19 @@ def quaternion_from_rotation(rotation: Float) -> tuple[float, float, float, floa
     return float(x), float(y), float(z), float(w)
 
 
+def margins(costs: Float) -> Float:
+    """By how much each pair is cheaper than any other of its row or column, shape (n, m).
+
+    Args:
+        costs: Of the pairs of n things and m others, shape (n, m).
+    """
+    sides = [
+        np.where(np.eye(table.shape[1], dtype=bool), np.inf, table[:, np.newaxis]).min(axis=2)
+        for table in (costs, costs.T)
+    ]
+    return np.asarray(np.minimum(sides[0], sides[1].T) - costs)
+
+
 def squared_mahalanobis(offset: Float, covariance: Float) -> Float:
     """Squared Mahalanobis lengths, shape (m,).
 

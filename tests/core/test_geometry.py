@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from mrs_people_loc.geometry import (
     BODY_FROM_OPTICAL,
+    margins,
     quaternion_from_rotation,
     quaternion_from_yaw,
     rotation_2d,
@@ -155,3 +156,9 @@ def test_quaternion_of_a_rotation_matches_hand_computed_values():
     assert quaternion_from_rotation(nose_down) == pytest.approx((0, s, 0, s))
     # A camera's optical frame on a level robot, as every URDF has it: (-0.5, 0.5, -0.5, 0.5).
     assert quaternion_from_rotation(BODY_FROM_OPTICAL) == pytest.approx((-0.5, 0.5, -0.5, 0.5))
+
+
+def test_margins_are_over_all_others_of_a_row_or_column():
+    costs = np.array([[1.0, 5.0, 4.0], [2.0, 9.0, 8.0]])
+    np.testing.assert_array_equal(margins(costs), [[1.0, -4.0, -3.0], [-1.0, -7.0, -6.0]])
+    np.testing.assert_array_equal(margins(costs[:1, :1]), [[np.inf]])

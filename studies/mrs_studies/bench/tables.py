@@ -109,6 +109,8 @@ def _localization_table(rows: Sequence[Mapping[str, Any]]) -> Table:
         "walls of a frame": "walls_ms",
         "shared pose": "shared_ms",
         "at most": "shared_most_ms",
+        "all, frame to frame": "frame_ms",
+        "p99": "frame_p99_ms",
     }
     table = make_table(title, "robots", *columns)
     for row in rows:

@@ -75,6 +75,7 @@ def targets(report: Mapping[str, Any]) -> list[Target]:
         where = f"{row['robots']} robots"
         found.append(Target("shared pose, one robot", where, row["shared_ms"], 0.2, "ms"))
         found.append(Target("walls of a frame", where, row["walls_ms"], 1.0, "ms"))
+        found.append(Target("whole filter, frame to frame", where, row["frame_ms"], 1.0, "ms"))
     guiding = report["guiding"]
     where = f"{guiding['robots']} robots, {guiding['people']} people"
     found.append(Target("guide, one step", where, guiding["guide_ms"], _GUIDE_MS, "ms"))

@@ -178,6 +178,8 @@ def test_report_has_all_documented_figures(bag, tmp_path, monkeypatch):
     assert all(0 < row["median"] <= row["p99"] and row["found"] > 0 for row in report["walls"])
     assert [row["robots"] for row in report["localization"]] == [3, 8]
     assert all(row["shared_ms"] > 0 and row["walls_ms"] > 0 for row in report["localization"])
+    for row in report["localization"]:
+        assert row["walls_ms"] < row["frame_ms"] <= row["frame_p99_ms"]
     guiding = report["guiding"]
     assert (guiding["robots"], guiding["people"]) == (3, 10)
     assert all(guiding[f"{what}_ms"] > 0.05 for what in ("guide", "paths", "drive"))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
-from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis
+from mrs_people_loc.geometry import margins, rotation_2d, squared_mahalanobis
 from mrs_people_loc.localization.filter.kalman import corrected, noted
 from mrs_people_loc.localization.filter.observations import PeopleStand, pose_from
 from mrs_people_loc.localization.filter.team_state import Standing, TeamState, changed
@@ -57,7 +57,7 @@ class StandingLandmarks:
         # Those of one sight err by what a single one does, however long it lasts.
         single = seen.covariance / seen.inflated + self.tuning.outline**2 * np.eye(2)
         sights, people = list(range(len(seen.xy))), list(range(len(state.people)))
-        squared = np.empty((0, 0))
+        squared = np.zeros((0, 0))
         while sights and people:
             squared, surprise = self._compared(state, seen, single, sights, people)
             pair = self._surest(squared, surprise)
@@ -72,13 +72,9 @@ class StandingLandmarks:
 
     def _surest(self, squared: Float, surprise: Float) -> tuple[int, int] | None:
         """Which sight is of which person, where that is the surest; None: nowhere."""
-        best, least = None, self.tuning.apart
-        for k, j in np.argwhere(squared <= self.gates[2]).tolist():
-            rest = np.concatenate([np.delete(surprise[k], j), np.delete(surprise[:, j], k)])
-            margin = float((rest - surprise[k, j]).min(initial=np.inf))
-            if margin > least:
-                best, least = (k, j), margin
-        return best
+        margin = np.where(squared <= self.gates[2], margins(surprise), -np.inf)
+        k, j = np.unravel_index(int(margin.argmax()), margin.shape)
+        return (int(k), int(j)) if margin[k, j] > self.tuning.apart else None
 
     def _swayed(self, state: TeamState, stamp_ns: int) -> TeamState:
         """The state at a time [ns], without those who were not seen for long."""

@@ -137,7 +137,7 @@ class TeamFilter:
         if not isinstance(observation, Joined):
             if observation.robot not in state.odometry:
                 return state
-            state = state.carried_on(observation.robot, observation.odometry)
+            state = state.carried_on(observation.robot, observation.odometry, self._wheels)
             trust = state.trust.get(observation.robot)
             if trust is not None and trust.astray and isinstance(observation, _OF_PLACES):
                 return state
@@ -293,7 +293,7 @@ class TeamFilter:
     def _met(self, state: TeamState, seen: Met) -> TeamState:
         if seen.other not in state.odometry:
             return state
-        state = state.carried_on(seen.other, seen.other_odometry)
+        state = state.carried_on(seen.other, seen.other_odometry, self._wheels)
         columns = np.r_[state.at(seen.robot) + np.arange(3), state.at(seen.other) + np.arange(3)]
         freedom = 2 if seen.covariance[2, 2] >= YAW_UNKNOWN else 3
 

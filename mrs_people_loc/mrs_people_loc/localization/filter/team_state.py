@@ -213,7 +213,6 @@ class TeamState:
         covariance: Shape (n, n).
         odometry: By robot, in the order of `mean`: dead reckoning at the time that its pose in
             `mean` is of. It is carried on only when something is observed.
-        wheels: Variances of the systematic errors of wheels at the start, shape (3,).
         people: In the order of `mean`.
         people_ns: Time that the places of people are of [ns].
         walls: Likewise.
@@ -226,7 +225,6 @@ class TeamState:
     mean: Float = field(default_factory=lambda: np.zeros(0))
     covariance: Float = field(default_factory=lambda: np.zeros((0, 0)))
     odometry: Mapping[str, Odometry] = field(default_factory=dict)
-    wheels: Float = field(default_factory=lambda: np.zeros(3))
     people: tuple[Standing, ...] = ()
     people_ns: int = 0
     walls: tuple[Landmark, ...] = ()
@@ -302,8 +300,8 @@ class TeamState:
         _, jacobian, noise = self._ahead(robot, odometry)
         return np.asarray(jacobian[:, :3] @ own @ jacobian[:, :3].T + noise)
 
-    def carried_on(self, robot: str, odometry: Odometry) -> TeamState:
-        """The state with a robot's pose at the time of this dead reckoning."""
+    def carried_on(self, robot: str, odometry: Odometry, wheels: Float) -> TeamState:
+        """The state with a robot at the time of this dead reckoning; `wheels`: see `with_robot`."""
         before, i, w = self.odometry[robot], self.at(robot), self.wheels_at(robot)
         if before.stamp_ns == odometry.stamp_ns:
             return self
@@ -314,7 +312,7 @@ class TeamState:
         covariance[:, block] = covariance[:, both] @ jacobian.T
         covariance[block, block] += noise
         own = range(w, w + 3)
-        covariance[own, own] += self.wheels * wandered(before, odometry)
+        covariance[own, own] += wheels * wandered(before, odometry)
         return changed(
             self,
             mean=mean,
@@ -343,7 +341,6 @@ class TeamState:
             mean=mean,
             covariance=made,
             odometry={**self.odometry, robot: odometry},
-            wheels=wheels,
         )
 
     def replaced(self, robot: str, place: Float, across: Float, covariance: Float) -> TeamState:

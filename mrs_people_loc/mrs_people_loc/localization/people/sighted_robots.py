@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis, wrap_angle
+from mrs_people_loc.geometry import margins, rotation_2d, squared_mahalanobis, wrap_angle
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.localization.shared import YAW_UNKNOWN, RelativePose
 from mrs_people_loc.team.poses import Pose
@@ -120,13 +120,9 @@ class SightedRobots:
             covariances: Of where team-mates are, shape (m, 2, 2).
         """
         largest = np.linalg.eigvalsh(covariances)[:, -1]
-        pairs = np.argwhere((squared < self.tuning.gate) & (largest < self.tuning.farthest**2))
-        found = []
-        for k, j in pairs.tolist():
-            rest = np.concatenate([np.delete(surprise[k], j), np.delete(surprise[:, j], k)])
-            if (rest > surprise[k, j] + self.tuning.apart).all():
-                found.append((k, j))
-        return found
+        right = (squared < self.tuning.gate) & (largest < self.tuning.farthest**2)
+        pairs = np.argwhere(right & (margins(surprise) > self.tuning.apart))
+        return [(k, j) for k, j in pairs.tolist()]
 
     def _factor(self, robot: str, mate: str, stamp_ns: int) -> float:
         """What a sighting's variance is multiplied by, as its error lasts (`relative_poses`)."""
