@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -193,6 +194,10 @@ def test_configured_sonar_has_to_deliver_and_not_of_the_future(
             peer.spin(0.04)
         return bool(driven) and driven[-1].linear.x == speed
 
+    def is_said(part: str, speed: float, ahead_s: float | None) -> bool:
+        found = peer.findings(node).get("collision_monitor")
+        return is_driven(speed, ahead_s) and found is not None and part in found.message
+
     def log() -> str:
         return f"{driven[-1:]}; {process.log}"
 
@@ -201,14 +206,7 @@ def test_configured_sonar_has_to_deliver_and_not_of_the_future(
         (0.0, 0.1, "no sensor sees where it drives"),
         (5.0, 0.0, "sonar/left has stamps 5.0 s ahead of the clock"),
     ):
-        peer.until(lambda v=speed, s=ahead_s: is_driven(v, s), log)
-        found = peer.until(
-            lambda s=ahead_s, v=speed, part=part: (
-                is_driven(v, s) and part in peer.findings(node)["collision_monitor"].message
-            ),
-            log,
-        )
-        assert found
+        peer.until(partial(is_said, part, speed, ahead_s), log)
     process.stop()
 
 
