@@ -7,6 +7,8 @@ PYTHON ?=
 PYTEST_ARGS ?=
 # Folder of bags of real rooms (docs/real_rooms.md).
 RECORDINGS ?= .recordings
+# Folder of public pictures (docs/rooms.md).
+PICTURES ?= .pictures
 # Tests at the same time: those of nodes mostly wait, so more than there are processors.
 WORKERS ?= $(shell n=$$(nproc); echo $$((n < 4 ? 2 * n : 8)))
 # Fuzzing time per target [s].
@@ -36,7 +38,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export PIP_USER := 0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo tour test test-all test-all-parallel test-alone soak fuzz test-oldest lint format bench suite localization guiding real fit experiment colcon lock release-check clean FORCE
+.PHONY: help setup demo tour test test-all test-all-parallel test-alone soak fuzz test-oldest lint format bench suite localization guiding real rooms fit experiment colcon lock release-check clean FORCE
 FORCE:
 
 help: ## List these targets
@@ -104,6 +106,9 @@ guiding: $(VENV)/.sim ## Score simulated guided tours, into docs/ (30 min)
 
 real: $(VENV)/.sim ## Score real rooms in RECORDINGS=DIR, into docs/real_rooms.md
 	$(BIN)/mrs real "$(RECORDINGS)" --out docs/real_rooms.md
+
+rooms: $(VENV)/.sim ## Count people in rooms without any in PICTURES=DIR, into docs/
+	$(BIN)/mrs rooms "$(PICTURES)" --out docs/rooms.md
 
 fit: $(VENV)/.sim ## Fit the body model to suite and variants, and RECORDINGS=DIR
 	$(BIN)/mrs render-suite train .suite/train

@@ -73,7 +73,8 @@ HEADINGS = {
 #: the names of these, for who has only heard of them.
 FURTHER = {
     "mrs_people_sim": "demo evaluate plot simulate",
-    "mrs_studies": "bench convert experiment fit guiding localization real render-suite suite",
+    "mrs_studies": "bench convert experiment fit guiding localization real render-suite rooms "
+    "suite",
 }
 for _package in FURTHER:
     if importlib.util.find_spec(_package) is not None:

@@ -10,6 +10,10 @@ HEADINGS = {
             "mrs_studies.commands.real:command",
             "Score the labelled recordings of real rooms.",
         ),
+        "rooms": (
+            "mrs_studies.commands.rooms:command",
+            "Count the people who are found in rooms without any.",
+        ),
         "localization": (
             "mrs_studies.commands.localization:command",
             "Score a team's poses on simulated tours of 100 m.",
@@ -40,6 +44,7 @@ HEADINGS = {
 EXAMPLES = {
     "experiment": {"--draws 5 --json figures.json": "five recordings of each scene"},
     "real": {".recordings --out docs/real_rooms.md": "score them all into this file"},
+    "rooms": {".pictures --only fitting": "the half that may be fitted to"},
     "localization": {"--seeds 3 --only hall": "three tours of each kind in the hall"},
     "guiding": {"--seeds 3 --only corridor": "three tours of each kind in the corridor"},
     "suite": {".suite/test --steps": "render it there if need be, and score each step"},
