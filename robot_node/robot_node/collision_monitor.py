@@ -161,7 +161,7 @@ class MonitorTopics:
             self._core.take_scan(name, scan, seen_s - age_s, now_s)
 
     def _name_of(self, topic: str) -> str:
-        return topic.removeprefix(f"{self._node.get_namespace()}/")
+        return topic.removeprefix(f"{self._node.get_namespace().rstrip('/')}/")
 
     def _now_s(self) -> float:
         """The time, by a clock that nobody sets back, or by `/clock` [s]."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import Twist
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from sensor_msgs.msg import CameraInfo, Image, LaserScan, Range
 from std_msgs.msg import Bool
 
 from core.conftest import Head, Rectangle
@@ -170,6 +171,43 @@ def test_robot_stands_when_the_node_is_deactivated_or_ended(
     driver.until_speed(0.5, 0.5, lambda: process.log)
     process.stop()
     driver.until_speed(0.0, 0.0, lambda: process.log)
+
+
+@pytest.mark.parametrize("space", ["", "/robot_s"])
+def test_configured_sonar_has_to_deliver_and_not_of_the_future(
+    team: Team, peer: Peer, space: str
+) -> None:
+    params = {"walls.sonars": "[sonar/left]", "walls.sonar_mountings": "[0.2, 0.0, 0.0]"}
+    process = team.start("robot_node", namespace=space or "/", params=params)
+    node = f"{space}/robot_node"
+    peer.until_active(node)
+    driven: list[Twist] = peer.hear(Twist, f"{space}/cmd_vel")
+    command, measured = Twist(), Range(field_of_view=0.5, min_range=0.1, max_range=4.0, range=3.9)
+    command.linear.x = 0.5
+
+    def is_driven(speed: float, ahead_s: float | None) -> bool:
+        for _ in range(4):
+            if ahead_s is not None:
+                set_stamp(measured, time.time_ns() + round(ahead_s * 1e9))
+                peer.send(f"{space}/sonar/left", measured)
+            peer.send(f"{space}/cmd_vel_guide", command)
+            peer.spin(0.04)
+        return bool(driven) and driven[-1].linear.x == speed
+
+    def is_said(part: str, speed: float, ahead_s: float | None) -> bool:
+        found = peer.findings(node).get("collision_monitor")
+        return is_driven(speed, ahead_s) and found is not None and part in found.message
+
+    def log() -> str:
+        return f"{driven[-1:]}; {process.log}"
+
+    for ahead_s, speed, part in (
+        (None, 0.0, "nothing has come of sonar/left yet"),
+        (0.0, 0.1, "no sensor sees where it drives"),
+        (5.0, 0.0, "sonar/left has stamps 5.0 s ahead of the clock"),
+    ):
+        peer.until(partial(is_said, part, speed, ahead_s), log)
+    process.stop()
 
 
 def test_body_before_the_head_stops_the_robot(team: Team, peer: Peer) -> None:

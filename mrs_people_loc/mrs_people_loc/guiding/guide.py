@@ -43,8 +43,6 @@ class GuideTuning:
         closes_up_s: Nobody waits any longer for a group that is near a stop, but has come no
             nearer in this time [s] ...
         nearer: ... by more than this [m].
-        in_front: A leader that passes the group is in front of it where it is ahead of the foremost
-            by this share of `pace.lead`.
         fetch_s: A person who has been behind for so long is fetched [s].
         halts_s: A tour is halted once people have been outdated for so long [s]: robots that are
             driven from here stand as soon as they are outdated.
@@ -63,7 +61,6 @@ class GuideTuning:
     brakes: float = 0.8
     closes_up_s: float = 10.0
     nearer: float = 0.2
-    in_front: float = 0.5
     fetch_s: float = 2.0
     halts_s: float = 1.0
     spare: float = 0.05
@@ -552,8 +549,7 @@ class Guide:
             self._pace.stand()
             self._overtakes = self._phase != State.GATHERING and self._team.leader_m < group.way_m
         else:
-            in_front_m = group.front_m + self._tuning.in_front * self._config.pace.lead
-            enough_m = min(in_front_m, self._stop_m - self._tuning.there)
+            enough_m = min(group.front_m, self._stop_m - self._tuning.there)
             self._overtakes = self._overtakes and self._team.leader_m < enough_m
         self._events += self._team.events
 

@@ -468,7 +468,7 @@ def test_successor_looks_ahead_and_passes_those_who_are_hidden_before_it_leads()
     assert world.last().posts[name].xy[0] == pytest.approx(front.way_m + 1.6, abs=0.3)
     while world.last().state == State.WAITING and world.time_s < 60.0:
         world.step()
-    assert world.robots[name][0] > front.way_m
+    assert world.robots[name][0] > front.way_m - 0.1, "beside the foremost"
     assert hidden in world.last().people
 
 

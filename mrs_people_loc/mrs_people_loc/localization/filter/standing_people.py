@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrs_people_loc.arrays import Float, Int
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.geometry import margins, rotation_2d, squared_mahalanobis
 from mrs_people_loc.localization.filter.kalman import corrected, noted
 from mrs_people_loc.localization.filter.observations import PeopleStand, pose_from
@@ -57,24 +57,19 @@ class StandingLandmarks:
         # Those of one sight err by what a single one does, however long it lasts.
         single = seen.covariance / seen.inflated + self.tuning.outline**2 * np.eye(2)
         sights, people = list(range(len(seen.xy))), list(range(len(state.people)))
-        squared = np.zeros((0, 0))
+        squared = np.full((len(sights), 0), np.inf)
         while sights and people:
             squared, surprise = self._compared(state, seen, single, sights, people)
-            pair = self._surest(squared, surprise)
-            if pair is None:
+            margin = np.where(squared <= self.gates[2], margins(surprise), -np.inf)
+            row, column = divmod(int(margin.argmax()), len(people))
+            if margin[row, column] <= self.tuning.apart:
                 break
-            k, j = sights.pop(pair[0]), people.pop(pair[1])
+            k, j = sights.pop(row), people.pop(column)
             state = self._recognized(state, seen, j, seen.xy[k], seen.covariance[k])
         for row, k in enumerate(sights):
             if not people or (squared[row] > self.tuning.new_from).all():
                 state = self._added(state, seen, seen.xy[k], seen.covariance[k])
         return state
-
-    def _surest(self, squared: Float, surprise: Float) -> tuple[int, int] | None:
-        """Which sight is of which person, where that is the surest; None: nowhere."""
-        margin = np.where(squared <= self.gates[2], margins(surprise), -np.inf)
-        k, j = np.unravel_index(int(margin.argmax()), margin.shape)
-        return (int(k), int(j)) if margin[k, j] > self.tuning.apart else None
 
     def _swayed(self, state: TeamState, stamp_ns: int) -> TeamState:
         """The state at a time [ns], without those who were not seen for long."""
@@ -122,7 +117,8 @@ class StandingLandmarks:
     def _recognized(
         self, state: TeamState, seen: PeopleStand, index: int, xy: Float, covariance: Float
     ) -> TeamState:
-        columns = self._columns(state, seen.robot, index)
+        i, p = state.at(seen.robot), state.person_at(index)
+        columns = np.array([i, i + 1, i + 2, p, p + 1])
 
         def model(part: Float) -> tuple[Float, Float]:
             predicted, by_robot, by_other = pose_from(part[:3], np.array([*part[3:], 0.0]))
@@ -134,11 +130,6 @@ class StandingLandmarks:
         people = (*state.people[:index], person, *state.people[index + 1 :])
         state = changed(state, people=people)
         return noted(state, seen.robot, "standing people", True, found, stamp_ns)
-
-    def _columns(self, state: TeamState, robot: str, index: int) -> Int:
-        """Indices of a robot's pose and of a person, shape (5,)."""
-        i, p = state.at(robot), state.person_at(index)
-        return np.array([i, i + 1, i + 2, p, p + 1])
 
     def _added(
         self, state: TeamState, seen: PeopleStand, xy: Float, covariance: Float

@@ -30,6 +30,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -102,17 +103,13 @@ class RelativePosesTuning:
         anywhere: Constants of the search whatever poses are wrong by.
         anywhere_after: After so many comparisons in a row that found nothing, a pair of robots is
             searched whatever their poses are wrong by ...
-        anywhere_people: ... if each of them sees so many people, at least.
-        anywhere_matches: People in an alignment of that search, at least; it counts if the last
-            window had the same.
+        anywhere_people: ... if each of them sees so many people, at least; and people in an
+            alignment of that search, at least; it counts if the last window had the same.
         anywhere_evidence: Log-odds of each of the two, at least ...
         anywhere_both: ... and their sum, at least. Where nobody was the same, by simulation, less
             than one of 1000 windows had the former by chance, and none of 30,000 both.
         anywhere_margin: Log-odds of each over the next best one, at least.
         anywhere_gate: The two are the same to within so many standard deviations.
-        anywhere_step, anywhere_sightings, anywhere_bend, anywhere_slope: `step`, `sightings`,
-            `bend` and `slope` over the two windows of that search. A path that bends, bends for
-            both robots.
     """
 
     window_ns: int = 700_000_000
@@ -146,15 +143,10 @@ class RelativePosesTuning:
     unknown: float = 1e6
     anywhere_after: int = 3
     anywhere_people: int = 3
-    anywhere_matches: int = 3
     anywhere_evidence: float = 0.0
     anywhere_both: float = 2.0
     anywhere_margin: float = 3.5
     anywhere_gate: float = 4.0
-    anywhere_step: float = 0.3
-    anywhere_sightings: int = 5
-    anywhere_bend: float = 0.0025
-    anywhere_slope: float = 0.015
     alignment: AlignmentTuning = ALIGNMENT_TUNING
     anywhere: AlignmentTuning = ANYWHERE_TUNING
 
@@ -162,16 +154,10 @@ class RelativePosesTuning:
         """Whether an alignment counts if it is the last one again."""
         return found.evidence >= self.evidence_again and found.margin >= self.margin_again
 
-    @property
-    def over_two_windows(self) -> RelativePosesTuning:
-        """Constants of the tracks of the search whatever poses are wrong by."""
-        return dataclasses.replace(
-            self, step=self.anywhere_step, sightings=self.anywhere_sightings,
-            bend=self.anywhere_bend, slope=self.anywhere_slope,
-        )  # fmt: skip
-
 
 RELATIVE_POSES_TUNING = RelativePosesTuning()
+#: What differs over the two windows of a search anywhere: a path that bends, bends for both robots.
+_OVER_TWO_WINDOWS: dict[str, Any] = {"step": 0.3, "sightings": 5, "bend": 0.0025, "slope": 0.015}
 
 
 @dataclass(frozen=True)
@@ -474,7 +460,8 @@ class RelativePoses:
         Returns:
             None: not found, or not yet confirmed.
         """
-        tuning, last, pair.far = self.tuning.over_two_windows, pair.far, None
+        tuning = dataclasses.replace(self.tuning, **_OVER_TWO_WINDOWS)
+        last, pair.far = pair.far, None
         seen = [self._robots[name].before + self._robots[name].seen for name in names]
         stamps = [people.stamp_ns for of_robot in seen for people, _ in of_robot]
         time_ns, pose = (max(stamps) + min(stamps)) // 2, seen[1][-1][1]
@@ -482,7 +469,7 @@ class RelativePoses:
         found = align_anywhere(own, there, tuning=tuning.anywhere)
         if (
             found is None
-            or len(found.own) < tuning.anywhere_matches
+            or len(found.own) < tuning.anywhere_people
             or found.evidence < tuning.anywhere_evidence
             or found.margin < tuning.anywhere_margin
         ):
