@@ -155,7 +155,7 @@ format: $(VENV)/.lint ## Fix the style as far as ruff can
 soak: $(VENV)/.test ## Run the long tests, of ten minutes and more
 	$(BIN)/python -m pytest -m soak $(PYTEST_ARGS)
 
-fuzz: $(VENV)/.fuzz ## Fuzz all inputs (27 targets, FUZZ_SECONDS=60 for each)
+fuzz: $(VENV)/.fuzz ## Fuzz all inputs (28 targets, FUZZ_SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py all .fuzz -max_total_time=$(FUZZ_SECONDS)
 
 test-oldest: $(OLDEST)/.installed ## Test the core with the oldest supported dependencies
