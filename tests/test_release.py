@@ -58,7 +58,7 @@ def test_workflow_is_valid(path: Path) -> None:
         assert job["steps"], name
         for step in job["steps"]:
             assert ("uses" in step) != ("run" in step), step
-            assert re.fullmatch(r"[\w-]+/[\w-]+@v\d+", step.get("uses", "a/b@v1")), step
+            assert re.fullmatch(r"[\w-]+(/[\w-]+)+@v\d+", step.get("uses", "a/b@v1")), step
     called = set(re.findall(r"\bmake ([a-z-]+)", text))
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert called <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
