@@ -185,7 +185,7 @@ def test_report_has_all_documented_figures(bag, tmp_path, monkeypatch):
     assert all(guiding[f"{what}_ms"] > 0.05 for what in ("guide", "paths", "drive"))
     targets = report["targets"]
     limits = [1.0, 500.0, 2.0, 1.0, 1.0, 8.0, 3.0, 1.0, 1.0, 0.5, 10.0, 1.0, 1.0]
-    limits += [*[0.2, 1.0] * 2, 10.0, 2.0]
+    limits += [*[0.2, 1.0, 1.0] * 2, 10.0, 2.0]
     assert [t["limit"] for t in targets] == limits
     files = [t["configuration"].partition(",")[0] for t in targets]
     walls = ["stereo head", "laser"]
@@ -193,8 +193,8 @@ def test_report_has_all_documented_figures(bag, tmp_path, monkeypatch):
         "10 people",
         "200 people",
         *walls,
-        *["3 robots"] * 2,
-        *["8 robots"] * 2,
+        *["3 robots"] * 3,
+        *["8 robots"] * 3,
         *["3 robots"] * 2,
     ]
     assert files == ["paper.yaml"] * 5 + ["default.yaml"] * 4 + sizes
