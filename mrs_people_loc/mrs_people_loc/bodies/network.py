@@ -90,7 +90,7 @@ def sample_windows(
 
     Beyond the image its border is repeated. Args: as those of `PersonNetwork`.
     """
-    u, v, inside = _pixels(camera, bearing, ranges)
+    u, v, inside = upright_pixels(camera, bearing, ranges, _HEIGHTS, _ACROSS)
     covered = camera.fx * _STEP / np.maximum(ranges, _LEAST_RANGE)
     level = np.searchsorted([px for px, _ in _SMOOTHING], covered, side="right")
     image: Any = left.astype(np.float32)
@@ -108,16 +108,29 @@ def sample_windows(
     return values, inside
 
 
-def _pixels(camera: StereoCamera, bearing: Float, ranges: Float) -> tuple[Any, Any, Any]:
-    """Columns and rows [px] of the samples, and whether they are in the image."""
+def upright_pixels(
+    camera: StereoCamera, bearing: Float, ranges: Float, heights: Float32, across: Float32
+) -> tuple[Any, Any, Any]:
+    """Columns and rows [px] of the samples of upright windows, and whether they are in the image.
+
+    Args:
+        camera: The head.
+        bearing: Of the windows' axes, from the lens [rad], shape (n,).
+        ranges: Likewise, horizontal [m].
+        heights: Of the samples over the floor [m], float32, shape (rows,).
+        across: How far they are to the left of the axis [m], float32, shape (columns,).
+
+    Returns:
+        Shapes (n, rows, columns).
+    """
     rotation, lens = camera.robot_from_optical
     cos, sin, zero = np.cos(bearing), np.sin(bearing), np.zeros_like(bearing)
     away: Any = np.stack([ranges * cos, ranges * sin, zero], axis=1) @ rotation
     aside: Any = np.stack([-sin, cos, zero], axis=1) @ rotation
-    up: Any = (_HEIGHTS - lens[2])[:, np.newaxis]
+    up: Any = (heights - lens[2])[:, np.newaxis]
     x, y, z = (
         (away[:, k, np.newaxis, np.newaxis] + up * rotation[2, k]).astype(np.float32)
-        + aside[:, k, np.newaxis, np.newaxis].astype(np.float32) * _ACROSS
+        + aside[:, k, np.newaxis, np.newaxis].astype(np.float32) * across
         for k in range(3)
     )
     inverse = 1.0 / np.maximum(z, _LEAST_DEPTH)

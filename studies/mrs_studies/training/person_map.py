@@ -14,7 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mrs_people_loc.arrays import Bool, Float, Float32
+from mrs_people_loc.arrays import Float, Float32
+from mrs_people_loc.bodies.network import upright_pixels
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
 
@@ -23,14 +24,12 @@ FOCAL = 140.0
 #: Pixels of a cell of the map, and what the sides of the network's image are a multiple of.
 CELL, MULTIPLE = 4, 32
 #: Heights over the floor at which the map is read [m], and how far to the left of the axis [m].
-HEIGHTS = np.arange(0.25, 2.3, 0.1)
-ACROSS = np.array([0.1, 0.0, -0.1])
+HEIGHTS: Float32 = np.arange(0.25, 2.3, 0.1).astype(np.float32)
+ACROSS: Float32 = np.array([0.1, 0.0, -0.1], dtype=np.float32)
 #: From which height on it is read for each part [m]: legs, trunk, head, above.
 PARTS = (0.0, 0.9, 1.3, 1.9)
 #: So many samples beside those in the image are taken to say nothing: few say less.
 _UNKNOWN = 3.0
-#: Samples with less depth than this are not in the image [m].
-_LEAST_DEPTH = 0.05
 #: Added to the standard deviation of an image [square roots of grey levels]: noise stays small.
 _LEAST_CONTRAST = np.float32(0.5)
 
@@ -70,33 +69,16 @@ class PersonMap:
         """
         if not len(bearing):
             return np.zeros((0, len(PARTS)))
-        u, v, inside = self._pixels(bearing, ranges)
-        cell = self.scale / CELL
-        column, row = (((at + 0.5) * cell - 0.5).astype(np.float32) for at in (u, v))
+        at = upright_pixels(self.camera, bearing, ranges, HEIGHTS, ACROSS)
+        u, v, inside = (part.reshape(len(bearing), -1) for part in at)
+        cell = np.float32(self.scale / CELL)
+        column, row = ((pixel + 0.5) * cell - 0.5 for pixel in (u, v))
         border = cv2.BORDER_REPLICATE
         seen: Any = cv2.remap(log_odds, column, row, cv2.INTER_LINEAR, borderMode=border)
         values: Float = np.where(inside, seen, 0.0)
         of_part = np.searchsorted(PARTS, np.repeat(HEIGHTS, len(ACROSS)), side="right") - 1
         chosen = (of_part[:, np.newaxis] == np.arange(len(PARTS))).astype(np.float64)
         return (values @ chosen) / (inside @ chosen + _UNKNOWN)
-
-    def _pixels(self, bearing: Float, ranges: Float) -> tuple[Float, Float, Bool]:
-        """Columns and rows [px] of the samples of bodies, and whether they are in the image.
-
-        Shapes (n, heights times across).
-        """
-        camera = self.camera
-        rotation, lens = camera.robot_from_optical
-        up, left = (part.ravel() for part in np.meshgrid(HEIGHTS - lens[2], ACROSS, indexing="ij"))
-        cos, sin = np.cos(bearing)[:, np.newaxis], np.sin(bearing)[:, np.newaxis]
-        away = ranges[:, np.newaxis]
-        ahead, aside = away * cos - left * sin, away * sin + left * cos
-        x, y, z = (ahead * r[0] + aside * r[1] + up * r[2] for r in rotation.T)
-        depth = np.maximum(z, _LEAST_DEPTH)
-        u, v = camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy
-        inside = (z > _LEAST_DEPTH) & (u > -0.5) & (u < camera.width - 0.5)
-        inside &= (v > -0.5) & (v < camera.height - 0.5)
-        return u, v, inside
 
 
 def normalized(grey: Gray) -> Float32:
