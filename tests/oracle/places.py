@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from oracle.numbers import (
     BEST_OF,
     FORGET_S,
-    LARGEST_LOOK,
+    LONG_S,
     LONGEST_GAP_S,
     LOST_PER_LOG,
     LOST_TAU_S,
@@ -19,6 +19,7 @@ from oracle.numbers import (
     PLACE_SIGMAS,
     PRESENT_SHARE,
     SURE_LOOK,
+    SUREST_LOOK,
 )
 
 
@@ -127,13 +128,15 @@ def _see(place: _Place, body: Look, now: int) -> None:
     if not place.came:
         place.seen_s += min((now - place.last_ns) / 1e9, LONGEST_GAP_S)
     place.last_ns = now
-    place.looks.append(min(max(body.scores), LARGEST_LOOK))
-    latest = place.looks[-BEST_OF:]
+    place.looks.append(max(body.scores))
+    latest = sorted(place.looks[-BEST_OF:])
     if len(latest) == BEST_OF:
-        place.best = max(place.best, sum(latest) / BEST_OF)
+        place.best = max(place.best, latest[BEST_OF // 2])
 
 
 def _lost(place: _Place, look: float, most: float) -> float:
     best = max(place.best, PRESENT_SHARE * look)
-    doubt = min(1.0, max(0.0, 1.0 - best / SURE_LOOK))
+    share = 0.0 if place.came else min(1.0, place.seen_s / LONG_S)
+    sure = SURE_LOOK + (SUREST_LOOK - SURE_LOOK) * share
+    doubt = min(1.0, max(0.0, 1.0 - best / sure))
     return min(most, LOST_PER_LOG * math.log1p(place.seen_s / LOST_TAU_S)) * doubt

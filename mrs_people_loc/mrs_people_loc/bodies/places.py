@@ -2,14 +2,15 @@
 
 One view cannot tell a dark chair from a person behind a desk, and more views of it say little more:
 they resemble each other. What separates the two is the best view there has been. A place therefore
-remembers for how long something has been seen there, T, and its best look b, the largest mean score
-of `looks` consecutive intervals; bodies there lose
+remembers for how long something has been seen there, T, and its best look b, the largest median
+score of `looks` consecutive intervals; bodies there lose
 
-    min(static_score, gain * ln(1 + T / tau)) * clip(1 - b / sure, 0, 1)
+    min(static_score, gain * ln(1 + T / tau)) * clip(1 - b / sure(T), 0, 1)
 
-of log-odds, so that a person who looked like one keeps their score however long they stand. T stays
-as it is while somebody stands there who walked to the place. What a followed person adds to b is
-forgotten when they leave. Time is an argument; where it jumps back by more than `clocks.RESET_NS`,
+of log-odds, so that a person who looked like one keeps their score however long they stand. What
+has not moved for longer must look more like a person: sure(T) grows from `sure` to `surest` until
+T = `long_s`. While somebody stands there who walked to the place, T stays as it is and sure(T) is
+`sure`. What a followed person adds to b is forgotten when they leave. Time is an argument; where it jumps back by more than `clocks.RESET_NS`,
 all places are new.
 """
 
@@ -37,10 +38,12 @@ class PlacesTuning:
     Attributes:
         gain: Log-odds that are lost per unit of ln(1 + T / tau).
         tau: See above [s].
-        sure: Score from which a look is that of a person.
+        sure: Score from which a look is that of a person at once, ...
+        surest: ... and at a place where something has been seen for this long ...
+        long_s: ... or longer [s].
         present: Share of the present look that counts if it is larger than b.
-        max_look: Upper bound of a look's score: a single high one does not decide.
-        looks: So many consecutive intervals are averaged.
+        looks: Of so many consecutive intervals the median counts: a single high look does not
+            decide.
         reach: A body belongs to a place within this distance [m], ...
         reach_sigmas: ... plus so many standard deviations of its position, ...
         max_reach: ... but no more than this [m].
@@ -52,8 +55,9 @@ class PlacesTuning:
     gain: float = 2.5
     tau: float = 0.5
     sure: float = 1.5
+    surest: float = 6.0
+    long_s: float = 5.0
     present: float = 0.5
-    max_look: float = 2.25
     looks: int = 3
     reach: float = 0.15
     reach_sigmas: float = 1.5
@@ -76,7 +80,7 @@ class _Places(StructOfArrays):
         seen_s: For how long, without the time of people who came from elsewhere: T [s].
         last_ns: When it was last seen [ns].
         recent: The latest looks, the newest first; NaN: none yet, shape (n, looks).
-        best: Largest mean of consecutive looks; -infinity: none yet.
+        best: Largest median of consecutive looks; -infinity: none yet.
         visitor: Id of the followed person who stands there; 0: nobody.
         came: Whether they came from elsewhere.
         before: The best look when they came.
@@ -151,13 +155,16 @@ class PlaceMemory:
         _update_visitors(places, expected, tuning)
         look = _best_look(joined, bodies)
         _add_looks(places, of_body, joined.xy, look, self._time_ns, tuning)
-        lost = tuning.gain * np.log1p(places.seen_s[of_body] / tuning.tau)
+        seen_s = places.seen_s[of_body]
+        lost = tuning.gain * np.log1p(seen_s / tuning.tau)
+        sure = np.interp(seen_s, [0.0, tuning.long_s], [tuning.sure, tuning.surest])
+        sure[places.came[of_body]] = tuning.sure
         best = np.maximum(places.best[of_body], tuning.present * look)
         if len(places) > tuning.max_places:
             latest = np.argsort(-places.last_ns, kind="stable")[: tuning.max_places]
             places = places.select(np.sort(latest))
         self._places = places
-        doubt = np.clip(1.0 - best / tuning.sure, 0.0, 1.0)
+        doubt = np.clip(1.0 - best / sure, 0.0, 1.0)
         return np.asarray(np.minimum(static_score, lost) * doubt)
 
 
@@ -239,6 +246,6 @@ def _add_looks(
     places.seen_s[seen] += np.where(places.came[seen], 0.0, since_s)
     places.last_ns[seen] = time_ns
     recent = np.roll(places.recent[seen], 1, axis=1)
-    recent[:, 0] = np.minimum(look[body], tuning.max_look)
+    recent[:, 0] = look[body]
     places.recent[seen] = recent
-    places.best[seen] = np.fmax(places.best[seen], recent.mean(axis=1))
+    places.best[seen] = np.fmax(places.best[seen], np.median(recent, axis=1))
