@@ -296,19 +296,24 @@ class BodyFinder:
         Between two people who stand side by side there often is a third place, as likely as each
         of them, that covers half of both: it gives way to the two.
         """
-        same, score, sure = self._same(bodies), bodies.score, self.tuning.finder.sure
+        same, score = self._same(bodies), bodies.score
+        rival = same & (score > self.tuning.finder.sure)
+        taken = np.zeros(len(bodies), dtype=bool)
         kept: list[int] = []
         for i in np.argsort(-score, kind="stable").tolist():
             if score[i] < self.config.min_score:
                 break
-            if same[i, kept].any():
+            if taken[i]:
                 continue
-            rivals = np.flatnonzero(same[i] & (score > sure) & ~same[:, kept].any(axis=1))
-            left = rivals[bodies.bearing[rivals] > bodies.bearing[i]]
-            right = rivals[bodies.bearing[rivals] < bodies.bearing[i]]
-            two = ~same[np.ix_(left, right)]
-            if not (two & (np.add.outer(score[left], score[right]) > score[i])).any():
-                kept.append(i)
+            rivals = np.flatnonzero(rival[i] & ~taken)
+            if len(rivals) > 1:
+                left = rivals[bodies.bearing[rivals] > bodies.bearing[i]]
+                right = rivals[bodies.bearing[rivals] < bodies.bearing[i]]
+                two = ~same[np.ix_(left, right)]
+                if (two & (np.add.outer(score[left], score[right]) > score[i])).any():
+                    continue
+            kept.append(i)
+            taken |= same[i]
         return np.array(kept, dtype=np.intp)
 
     def _same(self, bodies: Bodies) -> Bool:
@@ -335,13 +340,14 @@ def _tops(patches: Patches, contrast: Float32, tuning: FinderTuning) -> Float:
     upwards, too.
     """
     first = int(np.searchsorted(HEIGHTS, tuning.lowest_top))
-    rows = slice(first, None)
     tolerance = patches.tolerance[:, np.newaxis, np.newaxis]
     with np.errstate(invalid="ignore"):
-        same = np.abs(patches.difference[:, :, TRUNK]) < tolerance
-    behind = contrast[:, rows, TRUNK].mean(axis=2) < tuning.min_contrast
-    filled = (same.mean(axis=2)[:, rows] >= tuning.filled) & ~behind
-    padded = np.pad(filled, ((0, 0), (0, 3)))
+        same = np.abs(patches.difference[:, first:, TRUNK]) < tolerance
+    ones = np.ones(same.shape[2], dtype=np.float32)
+    behind = contrast[:, first:, TRUNK] @ ones < tuning.min_contrast * len(ones)
+    filled = (same.astype(np.float32) @ ones >= tuning.filled * len(ones)) & ~behind
+    padded = np.zeros((len(filled), filled.shape[1] + 3), dtype=bool)
+    padded[:, :-3] = filled
     gap = ~(padded[:, :-2] | padded[:, 1:-1] | padded[:, 2:])
     end = gap.argmax(axis=1)  # the first row of the first gap
     top = HEIGHTS[first - 1] + end * ROW + 0.5 * ROW

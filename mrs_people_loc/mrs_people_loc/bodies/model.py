@@ -57,7 +57,13 @@ _OF_STRIPES = _means(  # first those to the right, then those to the left
     [_between(side * ACROSS, *stripe) for side in (-1, 1) for stripe in STRIPES]
 )
 _OF_SLICES = np.array([_between(HEIGHTS, *part) for part in SLICES], dtype=np.float32)
-_UPPER = _between(HEIGHTS[BODY_HEIGHTS], 1.0, 9.0)
+#: Of each sample of a body, row by row: whether it is in the upper part; its distance to the left
+#: to the powers 0, 1 and 2.
+_UPPER = np.repeat(_between(HEIGHTS[BODY_HEIGHTS], 1.0, 9.0), len(ACROSS[SILHOUETTE]))
+_MOMENTS = np.tile(
+    np.vander(ACROSS[SILHOUETTE].astype(np.float64), 3, increasing=True),
+    (len(HEIGHTS[BODY_HEIGHTS]), 1),
+)
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ def gather_evidence(
     ranges = depth_disparity / inverse
     metres = ranges / inverse  # per pixel of disparity
     slope = surface.slope * metres
-    even += [
+    of_place = [
         ranges,
         1.0 / ranges,
         extent,
@@ -111,15 +117,15 @@ def gather_evidence(
     depth = np.column_stack([*surface.middles, vote.shift, np.minimum(vote.sigma, 0.5)])
     worth = 1.0 / np.sqrt(metres)[:, np.newaxis]
     return Evidence(
-        even=np.column_stack(even).astype(np.float64),
-        odd=np.column_stack([_centroids(same), slope, *odd]).astype(np.float64),
+        even=np.column_stack([even, *of_place]).astype(np.float64),
+        odd=np.column_stack([_centroids(same), slope, odd]).astype(np.float64),
         depth=np.hstack(
             [depth, depth / worth, depth * worth, worth, worth * worth, 1.0 / worth]
         ).astype(np.float64),
     )
 
 
-def _shares(patches: Patches, vote: Vote) -> tuple[list[Any], list[Any], Float32]:
+def _shares(patches: Patches, vote: Vote) -> tuple[Float32, Float32, Float32]:
     """Shares of the samples in each class, by band and stripe.
 
     Returns:
@@ -129,21 +135,25 @@ def _shares(patches: Patches, vote: Vote) -> tuple[list[Any], list[Any], Float32
     relative = patches.difference / patches.tolerance.astype(np.float32)[:, np.newaxis, np.newaxis]
     known = np.isfinite(relative)
     relative[~known] = 0.0
+    parts = np.empty((6, *relative.shape), dtype=np.float32)
+    same, behind, front, depth, contrast, outside = parts
     # How far a sample belongs to a class, with soft borders: -1 ... 1 tolerances are the body.
-    same = np.clip(2.0 - np.abs(relative), 0.0, 1.0) * known
-    behind = np.clip(-1.0 - relative, 0.0, 1.0)
-    front = np.clip(relative - 1.0, 0.0, 1.0)
-    depth = np.clip(relative, -2.0, 2.0)
-    outside = (~patches.inside).astype(np.float32)
-    even, odd = [], []
-    for part in (same, behind, front, depth, vote.contrast, outside):
-        shares = _OF_BANDS @ part @ _OF_STRIPES.T
-        left, right = shares[..., len(STRIPES) :], shares[..., : len(STRIPES)]
-        odd.append(in_rows(left - right))
-        if part is not outside:
-            even.append(in_rows(0.5 * (left + right)))
-            even.append(in_rows(np.minimum(left, right)[..., 2:]))
-    return even, odd, same
+    np.clip(2.0 - np.abs(relative), 0.0, 1.0, out=same)
+    same *= known
+    np.clip(-1.0 - relative, 0.0, 1.0, out=behind)
+    np.clip(relative - 1.0, 0.0, 1.0, out=front)
+    np.clip(relative, -2.0, 2.0, out=depth)
+    contrast[:] = vote.contrast
+    outside[:] = ~patches.inside
+    right, left = np.split(_OF_BANDS @ parts @ _OF_STRIPES.T, 2, axis=-1)
+    least = np.minimum(left, right)[:-1, ..., 2:]
+    return _columns(0.5 * (left + right)[:-1], least), _columns(left - right), same
+
+
+def _columns(*shares: Float32) -> Float32:
+    """Shares of shapes (parts, n, bands, stripes) as columns, part by part, shape (n, columns)."""
+    columns = [each.reshape(*each.shape[:2], each.shape[2] * each.shape[3]) for each in shares]
+    return np.asarray(in_rows(np.concatenate(columns, axis=2).swapaxes(0, 1)))
 
 
 def _centroids(same: Float32) -> Float:
@@ -157,7 +167,7 @@ class _Surface(NamedTuple):
     """Disparities of the bodies in patches, against the patches' own [px].
 
     Attributes:
-        middles: Quantiles, mean, and median of the upper part: shapes (n, 5), (n,) and (n, 1).
+        middles: Quantiles, mean, and median of the upper part: shapes (n, 5), (n,) and (n,).
         deviation: Standard deviation, shape (n,).
         slope: To the left [px/m], shape (n,): an oblique wall has one, a body has not.
     """
@@ -169,23 +179,22 @@ class _Surface(NamedTuple):
 
 def _surface(patches: Patches) -> _Surface:
     """Measures the surfaces of the bodies, sample by sample of their silhouettes."""
-    inner = patches.difference[:, BODY_HEIGHTS, SILHOUETTE]
+    inner = in_rows(patches.difference[:, BODY_HEIGHTS, SILHOUETTE])
     with np.errstate(invalid="ignore"):
-        body = np.abs(inner) < 1.5 * patches.tolerance[:, np.newaxis, np.newaxis]
-    chosen = in_rows(body)
-    spread = quantiles(in_rows(inner), chosen, _SHARES)
-    upper = quantiles(in_rows(inner[:, _UPPER]), in_rows(body[:, _UPPER]), (0.5,))
-    number = np.maximum(chosen.sum(axis=1), 1)
-    values = np.where(body, inner, 0.0)
-    mean = values.sum(axis=(1, 2)) / number
-    across = ACROSS[SILHOUETTE].astype(np.float64)
-    columns, of_columns = body.sum(axis=1), values.sum(axis=1)
-    middle = columns @ across / number
-    moment = columns @ across**2 / number - middle**2
+        body = np.abs(inner) < 1.5 * patches.tolerance[:, np.newaxis]
+    both = np.concatenate([body, body & _UPPER])
+    spread, upper = np.split(quantiles(np.concatenate([inner, inner]), both, _SHARES), 2)
+    values = np.where(body, inner, 0.0).astype(np.float64)
+    number, columns, squares = (body.astype(np.float64) @ _MOMENTS).T
+    number = np.maximum(number, 1.0)
+    total, of_columns, _ = (values @ _MOMENTS).T
+    mean, middle = total / number, columns / number
+    moment = squares / number - middle**2
+    variance = np.einsum("ij,ij->i", values, values) / number - mean**2
     return _Surface(
-        middles=(spread, mean, upper),
-        deviation=np.sqrt(np.maximum((values**2).sum(axis=(1, 2)) / number - mean**2, 0.0)),
-        slope=(of_columns @ across / number - mean * middle) / (moment + 1e-3),  # least squares
+        middles=(spread, mean, upper[:, _SHARES.index(0.5)]),
+        deviation=np.sqrt(np.maximum(variance, 0.0)),
+        slope=(of_columns / number - mean * middle) / (moment + 1e-3),  # least squares
     )
 
 

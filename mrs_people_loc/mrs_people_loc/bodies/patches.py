@@ -53,6 +53,7 @@ CELL_HEIGHTS = span((HEIGHTS > 0.2) & (HEIGHTS < TALLEST))
 TRUNK = span(np.abs(ACROSS) < CHEST_DEPTH / 2.0)
 BODY = span(np.abs(ACROSS) < SHOULDER_BREADTH / 2.0)
 SILHOUETTE = span(np.abs(ACROSS) < SHOULDER_BREADTH / 2.0 + COLUMN)
+_WHOLE = slice(0, len(HEIGHTS)), slice(0, len(ACROSS))
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,6 @@ class PatchSampler:
         self.tuning = tuning
         rotation, translation = camera.robot_from_optical
         self._optical_from_robot = rotation.T
-        self._up: Any = rotation[2].astype(np.float32)  # the vertical in the optical frame
         self._lens_height = np.float32(translation[2])
 
     def __call__(self, disparity: Float32, bearing: Float, inverse_range: Float) -> Patches:
@@ -125,25 +125,9 @@ class PatchSampler:
             bearing: From the lens [rad], shape (n,).
             inverse_range: [px], shape (n,).
         """
-        camera = self.camera
-        x, y, z = self._optical(bearing, camera.depth_disparity / inverse_range)
-        inverse = 1.0 / np.maximum(z, np.float32(0.05))
-        u = x * inverse * np.float32(camera.fx) + np.float32(camera.cx)
-        v = y * inverse * np.float32(camera.fy) + np.float32(camera.cy)
-        inside = (
-            (z > 0.1)
-            & (u > -0.5)
-            & (u < camera.width - 0.5)
-            & (v > -0.5)
-            & (v < camera.height - 0.5)
-        )
-        expected: Any = inverse * np.float32(camera.depth_disparity)
-        column = np.clip(u + np.float32(0.5), 0, camera.width - 1).astype(np.intp)
-        row = np.clip(v + np.float32(0.5), 0, camera.height - 1).astype(np.intp)
-        seen = np.take(disparity.reshape(-1), row * camera.width + column)
-        difference = seen - (expected + np.float32(camera.disparity_offset_px))
-        difference[~inside] = np.nan
-        ratio: Any = expected[:, len(HEIGHTS) // 2, len(ACROSS) // 2] / inverse_range
+        samples, ratio = self._samples(disparity, bearing, inverse_range, *_WHOLE)
+        shape = len(bearing), len(HEIGHTS), len(ACROSS)
+        u, v, expected, difference, inside = (part.reshape(shape) for part in samples)
         return Patches(
             bearing=bearing,
             inverse_range=inverse_range,
@@ -152,44 +136,70 @@ class PatchSampler:
             expected=expected,
             difference=difference,
             inside=inside,
-            tolerance=tolerance_px(inverse_range, camera.depth_disparity) * ratio,
+            tolerance=tolerance_px(inverse_range, self.camera.depth_disparity) * ratio,
         )
 
-    def _optical(self, bearing: Float, ranges: Float) -> tuple[Any, Any, Any]:
-        """Samples in the optical frame [m], three arrays of shape (n, heights, across)."""
+    def _samples(
+        self, disparity: Float32, bearing: Float, inverse_range: Float, rows: slice, columns: slice
+    ) -> tuple[tuple[Any, ...], Float]:
+        """Samples of patches.
+
+        Args: as those of a call, and which rows and columns, with the middle ones.
+
+        Returns:
+            `u`, `v`, `expected`, `difference` and `inside` of `Patches`, of shape (n, samples);
+            disparity in the middle of the patches over their inverse range, shape (n,).
+        """
+        camera, count = self.camera, len(bearing)
+        heights, across = HEIGHTS[rows], ACROSS[columns]
         cos, sin = np.cos(bearing), np.sin(bearing)
-        away: Any = np.stack([ranges * cos, ranges * sin, np.zeros_like(cos)], axis=1)
-        left: Any = np.stack([-sin, cos, np.zeros_like(cos)], axis=1)
-        away = (away @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
-        left = (left @ self._optical_from_robot.T).astype(np.float32)[:, :, np.newaxis, np.newaxis]
-        up: Any = (HEIGHTS - self._lens_height)[:, np.newaxis]
-        x, y, z = (away[:, k] + up * self._up[k] + left[:, k] * ACROSS for k in range(3))
-        return x, y, z
+        # In the optical frame [m], shape (3, n): of the places, and of a metre to their left.
+        level = self._optical_from_robot[:, :2]
+        ranges = camera.depth_disparity / inverse_range
+        away = (level @ np.array([ranges * cos, ranges * sin])).astype(np.float32)
+        left = (level @ np.array([-sin, cos])).astype(np.float32)[..., np.newaxis]
+        up = self._optical_from_robot[:, 2:].astype(np.float32)
+        upright = away[..., np.newaxis] + ((heights - self._lens_height) * up)[:, np.newaxis]
+        samples = upright[..., np.newaxis] + (left * across)[:, :, np.newaxis]
+        u, v, z = samples.reshape(3, count, len(heights) * len(across))
+        inside = z > 0.1
+        inverse = np.float32(1.0) / np.maximum(z, np.float32(0.05))
+        for part, focal, centre in ((u, camera.fx, camera.cx), (v, camera.fy, camera.cy)):
+            part *= inverse
+            part *= np.float32(focal)
+            part += np.float32(centre)
+        inside &= (u > -0.5) & (u < camera.width - 0.5) & (v > -0.5) & (v < camera.height - 0.5)
+        expected = inverse
+        expected *= np.float32(camera.depth_disparity)
+        column = np.clip(u + np.float32(0.5), 0, camera.width - 1).astype(np.int32)
+        row = np.clip(v + np.float32(0.5), 0, camera.height - 1).astype(np.int32)
+        difference = np.take(disparity.reshape(-1), row * camera.width + column)
+        difference -= expected + np.float32(camera.disparity_offset_px)
+        difference[~inside] = np.nan
+        above, aside = len(HEIGHTS) // 2 - rows.start, len(ACROSS) // 2 - columns.start
+        middle = above * len(across) + aside
+        return (u, v, expected, difference, inside), expected[:, middle] / inverse_range
 
     def centred(self, disparity: Float32, bearing: Float, inverse_range: Float) -> Patches:
         """Patches moved to the median range and the centroid of the body at their places.
 
         Args: as those of a call.
         """
-        tuning = self.tuning
+        tuning, scale = self.tuning, self.camera.depth_disparity
+        across = np.tile(ACROSS[BODY].astype(np.float64), len(HEIGHTS[BODY_HEIGHTS]))
         for _ in range(tuning.passes):
-            patches = self(disparity, bearing, inverse_range)
-            difference = in_rows(patches.difference[:, BODY_HEIGHTS, BODY])
-            tolerance = patches.tolerance[:, np.newaxis]
+            samples, ratio = self._samples(disparity, bearing, inverse_range, BODY_HEIGHTS, BODY)
+            difference = samples[3]
+            tolerance = (tolerance_px(inverse_range, scale) * ratio)[:, np.newaxis]
             with np.errstate(invalid="ignore"):
                 near = np.abs(difference) < tuning.near * tolerance
-            middle = _median(difference, near)[:, np.newaxis]
-            with np.errstate(invalid="ignore"):
-                same = near & (np.abs(difference - middle) < tolerance)
-            across = ACROSS[BODY]
-            columns = same.reshape(-1, len(HEIGHTS[BODY_HEIGHTS]), len(across)).sum(axis=1)
-            offset = columns @ across / np.maximum(columns.sum(axis=1), 1)
+                middle = _median(difference, near)
+                same = near & (np.abs(difference - middle[:, np.newaxis]) < tolerance)
+            offset = same @ across / np.maximum(same.sum(axis=1), 1)
             bearing = bearing + np.clip(offset, -tuning.max_across, tuning.max_across) * (
-                inverse_range / self.camera.depth_disparity
+                inverse_range / scale
             )
-            nearer = np.clip(middle[:, 0], -tuning.max_px, tuning.max_px) * (
-                inverse_range / patches.expected[:, len(HEIGHTS) // 2, len(ACROSS) // 2]
-            )
+            nearer = np.clip(middle, -tuning.max_px, tuning.max_px) / ratio
             inverse_range = np.maximum(inverse_range + nearer, 0.5 * inverse_range)
         return self(disparity, bearing, inverse_range)
 
@@ -216,13 +226,12 @@ def quantiles(values: Float32, chosen: Bool, shares: tuple[float, ...]) -> Float
         Shape (n, k).
     """
     count: Any = chosen.sum(axis=1)
-    ordered = np.sort(np.where(chosen, values, np.float32(np.inf)), axis=1)
-    place = np.maximum(count - 1, 0)[:, np.newaxis] * np.array(shares)
+    ordered = np.sort(np.where(chosen, values, np.finfo(np.float32).max), axis=1)
+    last = np.maximum(count - 1, 0)[:, np.newaxis]
+    place = last * np.array(shares)
     low = place.astype(np.intp)
     row = np.arange(len(values))[:, np.newaxis]
-    high = np.minimum(low + 1, np.maximum(count - 1, 0)[:, np.newaxis])
-    below, above = ordered[row, low].astype(np.float64), ordered[row, high].astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        result = below + (above - below) * (place - low)
+    below, above = ordered[row, low], ordered[row, np.minimum(low + 1, last)]
+    result = below + (above.astype(np.float64) - below) * (place - low)
     result[count == 0] = 0.0
     return np.asarray(result)

@@ -158,8 +158,9 @@ class _Windows:
         half: Half the window of inverse range [rows], shape (rows,).
         below: First row of the window, shape (rows,).
         above: Row after its last one, shape (rows,).
-        left: First column of a body's width, shape (rows, columns).
-        right: Column after its last one, shape (rows, columns).
+        left: First column of a body's width, as index of `sums` [row, column], which has one column
+            more, shape (rows, columns).
+        right: Column after its last one, likewise.
         width: Columns that the sum is divided by, shape (rows, columns).
         apart: Distance of candidates [columns], shape (rows,).
     """
@@ -188,13 +189,14 @@ class _Windows:
         aside = np.maximum(1, np.round(tuning.half_width / ranges / columns.step)).astype(np.intp)
         left = np.maximum(column - aside[:, np.newaxis], 0)
         right = np.minimum(column + aside[:, np.newaxis] + 1, columns.count)
+        before = (columns.count + 1) * row[:, np.newaxis]
         return cls(
             inverse_range=inverse_range,
             half=half,
             below=np.maximum(row - half, 0),
             above=np.minimum(row + half, count),
-            left=left,
-            right=right,
+            left=before + left,
+            right=before + right,
             # A body that the border of the image cuts is judged by what could be seen of it, but
             # half of it must be there.
             width=np.maximum(right - left, aside[:, np.newaxis] + 1),
@@ -239,6 +241,17 @@ class BodySearch:
         self._windows = _Windows.of_ranges(
             scale, self._least, scale / min_range, self._columns, tuning
         )
+        self._least_px = self._least_disparities(max_range)
+
+    def _least_disparities(self, max_range: float) -> Float32:
+        """Pixels with less are too far away, too low or too high; less rounding [px]."""
+        columns, lens = self._columns, self._lens_height
+        with np.errstate(divide="ignore", invalid="ignore"):
+            height = np.where(columns.slope > 0, HIGHEST - lens, lens - LOWEST)
+            farthest = np.minimum(height / np.abs(columns.slope), max_range)
+            least = self.camera.depth_disparity / farthest * columns.level
+        least[farthest <= 0] = np.inf
+        return np.asarray(least + self.camera.disparity_offset_px - 1e-3, dtype=np.float32)
 
     def __call__(self, disparity: Float32, *, min_extent: float, max_count: int) -> Candidates:
         """Places with the most vertical extent.
@@ -271,7 +284,7 @@ class BodySearch:
         """Metres of vertical extent by inverse range (rows, far first) and bearing (columns)."""
         columns, rows = self._columns, len(self._windows.half)
         flat = disparity.reshape(-1)
-        index = np.flatnonzero(flat > self.camera.disparity_offset_px)  # NaN compares false
+        index = np.flatnonzero(flat > self._least_px)  # NaN compares false
         values = np.take(flat, index, mode="clip")
         if self.camera.disparity_offset_px:
             values = values - np.float32(self.camera.disparity_offset_px)
@@ -300,6 +313,7 @@ class BodySearch:
         deep = sums[windows.above] - sums[windows.below]
         sums = np.zeros((rows, columns + 1))
         np.cumsum(deep, axis=1, out=sums[:, 1:])
-        row = np.arange(rows)[:, np.newaxis]
-        wide: Float = (sums[row, windows.right] - sums[row, windows.left]) / windows.width
+        wide: Float = np.take(sums, windows.right, mode="clip")
+        wide -= np.take(sums, windows.left, mode="clip")
+        wide /= windows.width
         return wide

@@ -8,6 +8,7 @@ left and right, with gain and offset between the cameras fitted at the same time
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,7 +47,9 @@ class VotesTuning:
 
 VOTES_TUNING = VotesTuning()
 #: Added to the diagonal of the normal equations, which are singular where an image is flat.
-_RIDGE = 1e-2
+_RIDGE = np.eye(3) * 1e-2
+#: Where the right image is looked up: at the samples, and half a pixel to either side [px].
+_ASIDE = np.array([[0.0], [-0.5], [0.5]], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -117,27 +120,30 @@ def _align(
     weight = same.astype(np.float32)
     seen = _look_up(left, u, v)
     matched = u - expected - np.float32(offset_px)
+    rows = np.hstack([v] * len(_ASIDE))
     total = np.maximum(weight.sum(axis=1), 1.0)
     shift = np.zeros(len(patches), dtype=np.float32)
     for _ in range(tuning.iterations):
         x = matched - shift[:, np.newaxis]
-        other = _look_up(right, x, v)
-        slope = _look_up(right, x - np.float32(0.5), v)
-        slope -= _look_up(right, x + np.float32(0.5), v)
         # seen = gain * other + offset + slope * more, least squares over the samples.
-        design = np.stack([other, np.ones_like(other), slope], axis=1)
+        at = x[:, np.newaxis] + _ASIDE
+        design = _look_up(right, in_rows(at), rows).reshape(at.shape)
+        slope = design[:, 2]
+        np.subtract(design[:, 1], slope, out=slope)
+        design[:, 1] = 1.0
         weighted = design * weight[:, np.newaxis]
-        normal = weighted @ design.transpose(0, 2, 1) + np.eye(3) * _RIDGE
+        normal = weighted @ design.transpose(0, 2, 1) + _RIDGE
         right_side = weighted @ seen[:, :, np.newaxis]
-        solution = np.linalg.solve(normal.astype(np.float64), right_side.astype(np.float64))[..., 0]
+        solution = np.linalg.solve(normal, right_side.astype(np.float64))[..., 0]
         more = solution[:, 2] / np.clip(solution[:, 0], *tuning.gains)
         shift += np.clip(more, -tuning.max_step_px, tuning.max_step_px).astype(np.float32)
         np.clip(shift, -tuning.max_shift_px, tuning.max_shift_px, out=shift)
-    residual = seen - (design.transpose(0, 2, 1) @ solution[:, :, np.newaxis])[..., 0]
+    fitted = design.transpose(0, 2, 1) @ solution[:, :, np.newaxis].astype(np.float32)
+    residual = seen - fitted[..., 0]
     variance = np.maximum((weight * residual**2).sum(axis=1) / total, 1.0)
     mean_slope = (weight * slope).sum(axis=1) / total
     texture = (weight * (slope - mean_slope[:, np.newaxis]) ** 2).sum(axis=1)
-    sigma = np.sqrt(variance / np.maximum(texture, 1e-3))
+    sigma = np.sqrt(variance / np.maximum(texture, 1e-3)).astype(np.float64)
     found = replace(Vote.nothing(len(patches)), shift=shift.astype(np.float64), sigma=sigma)
     return found, solution[:, 0], solution[:, 1]
 
@@ -162,30 +168,35 @@ def _contrast(
         fitted: Gain and offset of the grey levels from right to left, shape (n,) each.
         tuning: Its constants.
     """
-    shape = (len(patches) * len(HEIGHTS), len(ACROSS))
-    seen = _look_up(left, patches.u.reshape(shape), patches.v.reshape(shape)).reshape(
-        patches.u.shape
+    u, v, expected = (in_rows(part) for part in (patches.u, patches.v, patches.expected))
+    gain, level, offset, reach = (
+        values.astype(np.float32)[:, np.newaxis]
+        for values in (*fitted, offset, np.maximum(patches.tolerance / BODY_TOLERANCE_PX, 1.0))
     )
-    gain, level = (values.astype(np.float32)[:, np.newaxis, np.newaxis] for values in fitted)
-    matched = patches.u - patches.expected - offset[:, np.newaxis, np.newaxis]
-    reach = np.maximum(patches.tolerance / BODY_TOLERANCE_PX, 1.0).astype(np.float32)
+    matched = u - expected - offset
+    seen = _look_up(left, u, v) - level
     costs = []
     for behind in (0.0, *tuning.behind_px):
-        x = matched + behind * reach[:, np.newaxis, np.newaxis]
-        other = _look_up(right, x.reshape(shape), patches.v.reshape(shape)).reshape(x.shape)
-        costs.append(_blurred(np.abs(seen - gain * other - level)))
-    there, elsewhere = costs[0], np.minimum.reduce(costs[1:])
-    contrast: Float32 = (elsewhere - there) / (elsewhere + there + np.float32(tuning.noise))
+        cost = _look_up(right, matched + behind * reach, v)
+        cost *= gain
+        np.subtract(seen, cost, out=cost)
+        costs.append(_blurred(np.abs(cost, out=cost)))
+    there, elsewhere = costs[0], functools.reduce(np.minimum, costs[1:])
+    contrast = (elsewhere - there) / (elsewhere + there + np.float32(tuning.noise))
+    contrast = np.ascontiguousarray(contrast.T).reshape(patches.u.shape)
     contrast[~patches.inside] = 0.0
-    return contrast
+    return np.asarray(contrast, dtype=np.float32)
 
 
-def _blurred(patches: Float32) -> Float32:
-    """Means over 3 x 3 samples, patch by patch; shape (n, heights, across), n up to 512."""
+def _blurred(patches: Float32) -> Any:
+    """Means over 3 x 3 samples, patch by patch; from shape (n, samples) to (samples, n).
+
+    Args:
+        patches: At most 128 patches, the channels that OpenCV takes.
+    """
     # As channels of one image, so that no patch gets anything from its neighbour.
-    channels: Any = cv2.blur(np.ascontiguousarray(np.moveaxis(patches, 0, -1)), (3, 3))
-    apart = np.moveaxis(channels.reshape(*patches.shape[1:], -1), -1, 0)
-    return np.asarray(apart, dtype=np.float32)
+    channels = np.ascontiguousarray(patches.T).reshape(len(HEIGHTS), len(ACROSS), -1)
+    return cv2.blur(channels, (3, 3)).reshape(patches.T.shape)
 
 
 def _smoothed(image: Gray, sigma_px: float) -> Float32:
@@ -194,6 +205,6 @@ def _smoothed(image: Gray, sigma_px: float) -> Float32:
 
 
 def _look_up(image: Float32, u: Float32, v: Float32) -> Float32:
-    """Bilinear values of an image at (u, v), the border repeated."""
+    """Bilinear values of an image at (u, v), shape (n, samples), the border repeated."""
     values: Any = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(values, dtype=np.float32)
