@@ -83,8 +83,8 @@ def measure(fused: ShortTermMap, label: Int, of: Int | slice = slice(None)) -> C
 
     order = np.argsort(label, kind="stable")
     first = np.cumsum(cells) - cells
-    angle = (0.5 * np.arctan2(2.0 * yx, xx - yy))[label]  # of the long axis
-    cos, sin = np.cos(angle), np.sin(angle)
+    angle = 0.5 * np.arctan2(2.0 * yx, xx - yy)  # of the long axis
+    cos, sin = np.cos(angle)[label], np.sin(angle)[label]
     distance = np.hypot(dx, dy)
     mean_distance = np.bincount(label, distance, minlength=count) / cells
     sigma = np.sqrt(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -75,22 +74,26 @@ def persons_of(
         covariances: Of the positions [m^2], shape (p, 2, 2).
         scores: Log-odds of each; None: the paper's test gives none.
     """
-    persons = []
-    for i, label in enumerate(labels.tolist()):
-        seen_by = clusters.seen_by[label]
-        stamps_ns = list(itertools.compress(fused.stamps_ns, seen_by))
-        person = Person(
-            position=positions[i],
-            covariance=covariances[i],
-            height=float(clusters.height[label]),
-            sigma=float(clusters.sigma[label]),
-            robots=tuple(itertools.compress(fused.robots, seen_by)),
+    person, robot = (index.tolist() for index in np.nonzero(clusters.seen_by[labels]))
+    seen_by: list[list[int]] = [[] for _ in labels]
+    for who, by in zip(person, robot, strict=True):
+        seen_by[who].append(by)
+    columns = [labels, clusters.height[labels], clusters.sigma[labels]]
+    scores = np.full(len(labels), PLAIN_SCORE) if scores is None else scores
+    each = zip(*(column.tolist() for column in (*columns, scores)), seen_by, strict=True)
+    return tuple(
+        Person(
+            position=positions[who],
+            covariance=covariances[who],
+            height=height,
+            sigma=sigma,
+            robots=tuple(fused.robots[by] for by in robots),
             label=label,
-            score=PLAIN_SCORE if scores is None else float(scores[i]),
-            stamp_ns=sum(stamps_ns) // len(stamps_ns),
+            score=score,
+            stamp_ns=sum(fused.stamps_ns[by] for by in robots) // len(robots),
         )
-        persons.append(person)
-    return tuple(persons)
+        for who, (label, height, sigma, score, robots) in enumerate(each)
+    )
 
 
 @dataclass(frozen=True)

@@ -206,9 +206,9 @@ class Planner:
         if not self.config.tracking.enabled:
             everybody = gather(persons)
             return persons, (everybody,) if everybody else (), ()
-        for name, pose in looking.items():
-            places = [person.position for person in persons if name in person.robots]
-            self.views.learn(name, np.reshape(places, (-1, 2)), pose)
+        seen = [(name, person.position) for person in persons for name in person.robots]
+        places = np.reshape([place for _, place in seen], (-1, 2))
+        self.views.learn([name for name, _ in seen], places, looking)
         sees = partial(self.views.are_seen, looking=looking, robots=poses, walls=self._walls)
         off_walls: Off = anywhere
         if self._walls is not None:
@@ -227,6 +227,8 @@ def _in_map(
     """With covariances in the map: those in the team's frame, and those of the team in the map."""
     places = [*(person.position for person in persons), *(group.centre for group in groups)]
     shared = shared_effect(poses.values(), np.reshape(places, (-1, 2)))
+    if not shared.any():
+        return tuple(persons), tuple(groups)
     return (
         tuple(starmap(_with, zip(persons, shared, strict=False))),
         tuple(starmap(_with, zip(groups, shared[len(persons) :], strict=True))),
@@ -235,7 +237,7 @@ def _in_map(
 
 def _with(one: _Found, more: Float) -> _Found:
     """A person or a group with more covariance [m^2], shape (2, 2)."""
-    return dataclasses.replace(one, covariance=one.covariance + more) if more.any() else one
+    return dataclasses.replace(one, covariance=one.covariance + more)
 
 
 def _by_robot(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> list[Scan]:

@@ -8,6 +8,7 @@ different robots become one; the log-odds that each robot gives them add up.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,26 +81,17 @@ def join(
     if not len(index):
         return Joined(of_body, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
     xy, covariance, robot = bodies.xy[index], bodies.covariance[index], bodies.robot[index]
-    information = _information(covariance, xy)
-    components = [
-        _Component([k], {of}, *numbers)
-        for k, (of, numbers) in enumerate(zip(robot.tolist(), information.tolist(), strict=True))
-    ]
-    _merge(components, *_pairs(xy, covariance, robot, config), config)
-    found = list(dict.fromkeys(components))
-    number = np.empty(len(index), dtype=np.intp)
-    for k, component in enumerate(found):
-        number[component.members] = k
-    of_body[index] = number
-    joined_xy, joined_covariance = _places(
-        np.array([(c.xx, c.xy, c.yy, c.x, c.y) for c in found]).reshape(-1, 5)
+    first, information = _merge(
+        _information(covariance, xy), robot, *_pairs(xy, covariance, robot, config), config
     )
+    of_body[index] = (np.cumsum(first == np.arange(len(index))) - 1)[first]
+    joined_xy, joined_covariance = _places(information)
     scores = np.maximum(bodies.score[index], tuning.min_score)
     return Joined(
         of_body=of_body,
         xy=joined_xy,
         covariance=joined_covariance,
-        score=np.bincount(number, scores, minlength=len(found)).astype(np.float64),
+        score=np.bincount(of_body[index], scores).astype(np.float64),
     )
 
 
@@ -114,30 +106,69 @@ def _pairs(xy: Float, covariance: Float, robot: Int, config: cfg.Joining) -> tup
     return one[possible][nearest_first], other[possible][nearest_first]
 
 
-def _merge(components: list[_Component], one: Int, other: Int, config: cfg.Joining) -> None:
-    """Merges the components of pairs of bodies, in their order.
+def _merge(
+    information: Float, robot: Int, one: Int, other: Int, config: cfg.Joining
+) -> tuple[Int, Float]:
+    """Merges bodies, pair by pair in their order, unless they have a robot in common.
 
     Args:
-        components: Of each body, the one that it belongs to; changed in place.
+        information: Of each body, shape (n, 5).
+        robot: Which robot saw it, shape (n,).
         one: First bodies of the pairs, shape (m,).
         other: Second ones, likewise.
         config: Parameters.
+
+    Returns:
+        Of each body, the first of those that it is one with, shape (n,); and the information of
+        those that are one, added, in the order of their first bodies.
     """
+    up = list(range(len(robot)))  # those that are one: a tree, with the first one as its root
+    robots, total = [1 << number for number in robot.tolist()], information.tolist()
+    merged: set[int] = set()
     for start in range(0, len(one), _BLOCK):
         pairs = one[start : start + _BLOCK], other[start : start + _BLOCK]
         if start:  # many are one, or have a robot in common, by now
-            unmerged = _may_be_merged(components, *pairs)
+            unmerged = ~_share_a_robot(root := _roots(up), robot, root[pairs[0]], root[pairs[1]])
             pairs = pairs[0][unmerged], pairs[1][unmerged]
         for i, j in zip(pairs[0].tolist(), pairs[1].tolist(), strict=True):
-            a, b = components[i], components[j]
-            if a is b or not a.robots.isdisjoint(b.robots):
+            while i != up[i]:
+                i = up[i]
+            while j != up[j]:
+                j = up[j]
+            if robots[i] & robots[j]:
                 continue
-            # Pairs were gated by their bodies' places; a component that has grown has moved.
-            if len(a.members) + len(b.members) > 2 and not a.is_near(b, config):
+            # Pairs were gated by their bodies' places; those that are several have moved.
+            if (i in merged or j in merged) and not _are_near(total[i], total[j], config):
                 continue
-            a.take(b)
-            for member in b.members:
-                components[member] = a
+            i, j = min(i, j), max(i, j)
+            up[j] = i
+            robots[i] |= robots[j]
+            total[i] = [a + b for a, b in zip(total[i], total[j], strict=True)]
+            merged.add(i)
+    first = _roots(up)
+    return first, np.array([total[k] for k in np.flatnonzero(first == np.arange(len(up)))])
+
+
+def _roots(up: list[int]) -> Int:
+    """The root of each element of trees, shape (n,)."""
+    root = np.array(up)
+    while not np.array_equal(root, root[root]):
+        root = root[root]
+    return root
+
+
+def _are_near(one: list[float], other: list[float], config: cfg.Joining) -> bool:
+    """Whether two that are several bodies each may be one, where they are by now."""
+    xx, xy, yy, x, y = one
+    a, b, c = _inverse(xx, xy, yy)
+    x, y = a * x + b * y, b * x + c * y
+    xx, xy, yy, right, up = other
+    d, e, f = _inverse(xx, xy, yy)
+    x, y = x - (d * right + e * up), y - (e * right + f * up)
+    if not math.hypot(x, y) < config.max_distance:
+        return False
+    xx, xy, yy = _inverse(a + d, b + e, c + f)
+    return bool(xx * x * x + 2.0 * xy * x * y + yy * y * y < config.gate**2)
 
 
 def _likeliest_in_square(bodies: BodiesOnMap, index: Int, tuning: JoiningTuning) -> Int:
@@ -166,17 +197,19 @@ def _squared_between(xy: Float, covariance: Float, one: Int, other: Int) -> Floa
     return squared
 
 
-def _may_be_merged(components: list[_Component], one: Int, other: Int) -> Bool:
-    """Which pairs are not one yet and have no robot in common, shape (m,)."""
-    number = {id(component): k for k, component in enumerate(dict.fromkeys(components))}
-    of_body = np.array([number[id(component)] for component in components], dtype=np.intp)
-    most = max(max(component.robots) for component in components)
-    robots = np.zeros((len(number), 1 + most), dtype=bool)
-    for component in dict.fromkeys(components):
-        robots[number[id(component)], list(component.robots)] = True
+def _share_a_robot(number: Int, robot: Int, one: Int, other: Int) -> Bool:
+    """Which pairs of joined bodies a robot saw both of, shape (m,).
+
+    Args:
+        number: Which of them each body belongs to, shape (n,).
+        robot: Which robot saw each body, shape (n,).
+        one: First ones of the pairs, shape (m,).
+        other: Second ones, likewise.
+    """
+    robots = np.zeros((int(number.max()) + 1, int(robot.max()) + 1), dtype=bool)
+    robots[number, robot] = True
     bits = np.packbits(robots, axis=1)
-    i, j = of_body[one], of_body[other]
-    return np.asarray((i != j) & ~(bits[i] & bits[j]).any(axis=1))
+    return np.asarray((bits[one] & bits[other]).any(axis=1))
 
 
 def _information(covariance: Float, xy: Float) -> Float:
@@ -198,40 +231,6 @@ def _inverse(xx: Any, xy: Any, yy: Any) -> tuple[Any, Any, Any]:
     """Inverse of symmetric matrices of 2 x 2."""
     determinant = xx * yy - xy * xy
     return yy / determinant, -xy / determinant, xx / determinant
-
-
-@dataclass(eq=False)
-class _Component:
-    """Bodies that are one: their indices, their robots, and their information added."""
-
-    members: list[int]
-    robots: set[int]
-    xx: float
-    xy: float
-    yy: float
-    x: float
-    y: float
-
-    def is_near(self, other: _Component, config: cfg.Joining) -> bool:
-        """Whether the two may be one, where they are by now."""
-        a, b, c = _inverse(self.xx, self.xy, self.yy)
-        d, e, f = _inverse(other.xx, other.xy, other.yy)
-        x = a * self.x + b * self.y - (d * other.x + e * other.y)
-        y = b * self.x + c * self.y - (e * other.x + f * other.y)
-        if not math.hypot(x, y) < config.max_distance:
-            return False
-        xx, xy, yy = _inverse(a + d, b + e, c + f)
-        return bool(xx * x * x + 2.0 * xy * x * y + yy * y * y < config.gate**2)
-
-    def take(self, other: _Component) -> None:
-        """Joins the other to this one."""
-        self.members += other.members
-        self.robots |= other.robots
-        self.xx += other.xx
-        self.xy += other.xy
-        self.yy += other.yy
-        self.x += other.x
-        self.y += other.y
 
 
 def are_people(
@@ -256,37 +255,39 @@ def are_people(
     """
     if not len(joined):
         return np.empty(0, dtype=bool)
-    rivals = _rivals(joined, bodies, config, expected)
-    people = [False] * len(joined)
-    for i in np.argsort(-joined.score, kind="stable").tolist():
-        if joined.score[i] < config.min_score:
-            break
+    likely = joined.score >= config.min_score
+    pairs = _rivals(joined, bodies, likely, config, expected)
+    rivals: defaultdict[int, list[int]] = defaultdict(list)
+    for i, j in pairs.tolist():
+        rivals[i].append(j)
+        rivals[j].append(i)
+    people, rivalled = likely.tolist(), np.unique(pairs)
+    for i in rivalled.tolist():
+        people[i] = False
+    for i in rivalled[np.argsort(-joined.score[rivalled], kind="stable")].tolist():
         people[i] = not any(people[j] for j in rivals[i])
     return np.array(people, dtype=bool)
 
 
 def _rivals(
-    joined: Joined, bodies: BodiesOnMap, config: cfg.Joining, expected: Int | None
-) -> list[list[int]]:
-    """Of each joined body, those that are not people if it is one; see `are_people`."""
+    joined: Joined, bodies: BodiesOnMap, likely: Bool, config: cfg.Joining, expected: Int | None
+) -> Int:
+    """Pairs of likely joined bodies of which one at most is a person; see `are_people`.
+
+    Returns:
+        Shape (k, 2).
+    """
     one, other, away = pairs_within(joined.xy, max(config.apart, config.fragment_distance))
-    squared = _squared_between(joined.xy, joined.covariance, one, other)
-    same = away < config.apart
-    fragment = (squared < config.fragment_gate**2) & (away < config.fragment_distance)
-    rival = same | fragment
+    rival = likely[one] & likely[other]
     if expected is not None:
         two = (expected[one] >= 0) & (expected[other] >= 0) & (expected[one] != expected[other])
         rival &= ~two
-    member = joined.of_body >= 0
-    robots: list[set[int]] = [set() for _ in range(len(joined))]
-    of_body, robot = joined.of_body[member].tolist(), bodies.robot[member].tolist()
-    for number, name in zip(of_body, robot, strict=True):
-        robots[number].add(name)
-    rivals: list[list[int]] = [[] for _ in robots]
-    near = np.flatnonzero(rival)
-    pairs = zip(one[near].tolist(), other[near].tolist(), same[near].tolist(), strict=True)
-    for i, j, always in pairs:
-        if always or robots[i].isdisjoint(robots[j]):
-            rivals[i].append(j)
-            rivals[j].append(i)
-    return rivals
+    one, other, away = one[rival], other[rival], away[rival]
+    rival = away < config.apart
+    squared = _squared_between(joined.xy, joined.covariance, one, other)
+    fragment = (squared < config.fragment_gate**2) & (away < config.fragment_distance) & ~rival
+    if fragment.any():
+        member = joined.of_body >= 0
+        of_body, robot = joined.of_body[member], bodies.robot[member]
+        rival[fragment] = ~_share_a_robot(of_body, robot, one[fragment], other[fragment])
+    return np.stack([one[rival], other[rival]], axis=1)

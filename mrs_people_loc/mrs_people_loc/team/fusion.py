@@ -79,17 +79,18 @@ def fuse(scans: Sequence[Scan], poses: Mapping[str, Pose]) -> ShortTermMap:
         scans: One per robot.
         poses: By robot, its pose in the common frame at its scan's stamp.
     """
-    parts = [
-        map_from_robot(
-            np.stack([scan.cells.x, scan.cells.y], axis=1).astype(np.float64), poses[scan.robot]
-        )
-        for scan in scans
-    ]
+    cells = Cells.union([scan.cells for scan in scans])
+    xy = np.stack([cells.x, cells.y], axis=1).astype(np.float64)
+    sizes = [len(scan.cells) for scan in scans]
+    end = 0
+    for scan, size in zip(scans, sizes, strict=True):
+        begin, end = end, end + size
+        xy[begin:end] = map_from_robot(xy[begin:end], poses[scan.robot])
     return ShortTermMap(
         robots=tuple(scan.robot for scan in scans),
-        robot=np.repeat(np.arange(len(scans)), [len(part) for part in parts]),
-        xy=np.concatenate([np.empty((0, 2)), *parts]),
-        cells=Cells.union([scan.cells for scan in scans]),
+        robot=np.repeat(np.arange(len(scans)), sizes),
+        xy=xy,
+        cells=cells,
         stamps_ns=tuple(scan.stamp_ns for scan in scans),
     )
 

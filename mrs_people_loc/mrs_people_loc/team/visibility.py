@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -33,16 +33,30 @@ class FieldsOfView:
     """
 
     def __init__(self) -> None:
-        #: By robot and bearing, the least and the greatest distance of a detection [m].
-        self._ranges: dict[str, tuple[Float, Float]] = {}
+        #: Which row each robot has below; by row and bearing, the least and the greatest distance
+        #: of a detection [m].
+        self._row: dict[str, int] = {}
+        self._least = np.empty((0, _BEARINGS))
+        self._greatest = np.empty((0, _BEARINGS))
 
-    def learn(self, robot: str, xy: Float, pose: Pose) -> None:
-        """Takes the people whom a robot has detected, at places on the map [m], shape (n, 2)."""
-        bearing, away = _seen_from(xy, pose)
-        unknown = np.full(_BEARINGS, np.inf), np.zeros(_BEARINGS)
-        least, greatest = self._ranges.setdefault(robot, unknown)
-        np.minimum.at(least, bearing, away)
-        np.maximum.at(greatest, bearing, away)
+    def learn(self, robots: Sequence[str], xy: Float, poses: Mapping[str, Pose]) -> None:
+        """Takes detections of people.
+
+        Args:
+            robots: Which robot has made each.
+            xy: Where, on the map [m], shape (n, 2).
+            poses: By robot, its pose.
+        """
+        rows = np.array([self._row.setdefault(name, len(self._row)) for name in poses], np.intp)
+        new = np.zeros((len(self._row) - len(self._least), _BEARINGS))
+        self._least = np.concatenate([self._least, new + np.inf])
+        self._greatest = np.concatenate([self._greatest, new])
+        number = {name: k for k, name in enumerate(poses)}
+        by = np.array([number[name] for name in robots], dtype=np.intp)
+        row = rows[by]
+        bearing, away = _seen_from(xy, _numbers(poses.values())[by])
+        np.minimum.at(self._least, (row, bearing), away)
+        np.maximum.at(self._greatest, (row, bearing), away)
 
     def are_seen(
         self,
@@ -70,16 +84,14 @@ class FieldsOfView:
         """
         seen = np.zeros(len(xy), dtype=bool)
         mates = places_of(robots.values())
-        for name, pose in looking.items():
-            if name not in self._ranges:
-                continue
-            least, greatest = self._ranges[name]
-            bearing, away = _seen_from(xy, pose)
-            in_range = (away >= least[bearing]) & (away <= greatest[bearing])
-            rows = np.flatnonzero(in_range & ~seen)
-            if not len(rows):
-                continue
-            place = np.array([[pose.x, pose.y]])
+        known = [name for name in looking if name in self._row]
+        row = np.array([self._row[name] for name in known], dtype=np.intp)[:, np.newaxis]
+        at = _numbers(looking[name] for name in known)
+        bearing, away = _seen_from(xy, at[:, np.newaxis])
+        in_range = (away >= self._least[row, bearing]) & (away <= self._greatest[row, bearing])
+        for k in np.flatnonzero(in_range.any(axis=1)).tolist():
+            rows = np.flatnonzero(in_range[k] & ~seen)
+            place = at[k : k + 1, :2]
             by_people = hidden_by_people(place, xy[rows], people, own[rows])[0]
             by_robots = hidden_by_robots(place, xy[rows], mates)[0].max(axis=0, initial=0.0)
             rows = rows[np.maximum(by_people, by_robots) <= _HIDDEN]
@@ -109,9 +121,13 @@ def _behind_walls(place: Float, xy: Float, walls: Walls) -> Bool:
     return np.asarray(((walls.distance(line) <= 0.5 * _RAY_STEP) & (steps < last)).any(axis=0))
 
 
-def _seen_from(xy: Float, pose: Pose) -> tuple[Int, Float]:
-    """Bearings, as indices, and distances [m] of places, shape (n,) each."""
-    offset = xy - (pose.x, pose.y)
-    bearing = (np.arctan2(offset[:, 1], offset[:, 0]) - pose.yaw) % (2.0 * np.pi)
-    index = (bearing / _STEP).astype(np.intp) % _BEARINGS
-    return index, np.asarray(np.hypot(*offset.T))
+def _numbers(poses: Iterable[Pose]) -> Float:
+    """The numbers x, y [m] and yaw [rad] of poses, shape (n, 3)."""
+    return np.array([(pose.x, pose.y, pose.yaw) for pose in poses]).reshape(-1, 3)
+
+
+def _seen_from(xy: Float, poses: Float) -> tuple[Int, Float]:
+    """Bearings, as indices, and distances [m] of places from poses, shapes (..., 2), (..., 3)."""
+    dx, dy = xy[..., 0] - poses[..., 0], xy[..., 1] - poses[..., 1]
+    bearing = (np.arctan2(dy, dx) - poses[..., 2]) % (2.0 * np.pi)
+    return (bearing / _STEP).astype(np.intp) % _BEARINGS, np.asarray(np.hypot(dx, dy))

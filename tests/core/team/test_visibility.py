@@ -18,7 +18,7 @@ AHEAD = {"a": Pose(0, 0.0, 0.0, 0.0)}
 def views():
     """People have been detected straight ahead of the robot, at 1 to 4 m."""
     made = FieldsOfView()
-    made.learn("a", np.array([[1.0, 0.02], [4.0, 0.08]]), AHEAD["a"])
+    made.learn(["a", "a"], np.array([[1.0, 0.02], [4.0, 0.08]]), AHEAD)
     return made
 
 
@@ -59,7 +59,7 @@ def test_people_and_robots_hide_people(views):
 def test_another_robot_sees_who_is_hidden_from_the_first(views):
     both = {**AHEAD, "b": Pose(0, 5.0, 0.0, math.pi)}
     assert are_seen(views, [(3.0, 0.05)], people=[(1.5, 0.02)], looking=both) == [False]
-    views.learn("b", np.array([[2.0, -0.05], [4.0, -0.02]]), both["b"])
+    views.learn(["b", "b"], np.array([[2.0, -0.05], [4.0, -0.02]]), both)
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], looking=both) == [True]
     # It has sent no scan in this interval.
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], robots=both) == [False]

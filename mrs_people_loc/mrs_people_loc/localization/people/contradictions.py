@@ -93,8 +93,8 @@ class Contradictions:
         seconds = min(max(seconds, 0.0), self._tuning.longest_s)
         self._newest_ns = now_ns
         places = {name: map_from_robot(people.xy, poses[name]) for name, people in seen.items()}
-        for name, xy in places.items():
-            self._views.learn(name, xy, poses[name])
+        robots = [name for name, xy in places.items() for _ in xy]
+        self._views.learn(robots, np.concatenate(list(places.values())), poses)
         kept = math.exp(-seconds / self._tuning.lately_s)
         for pair in self._pairs.values():
             pair.agree, pair.contradict = kept * pair.agree, kept * pair.contradict
