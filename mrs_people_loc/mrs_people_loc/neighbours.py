@@ -6,25 +6,20 @@ many there are in all: what looks at neighbours only grows no faster than the te
 
 from __future__ import annotations
 
-import itertools
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Int
 
-#: So many pairs are looked at faster than points are sorted.
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
+
+
+#: So many pairs are looked at faster than a tree is made.
 _FEW = 4096
-#: The plane is cut into columns as wide as the reach, and these into so many cells per reach: where
-#: these are smaller, fewer pairs are looked at that are too far apart.
-_FINE = 8
-#: So many pairs are looked at at once.
-_BLOCK = 200_000
-#: Beyond so many columns from the origin all points are near each other at first: the number of a
-#: cell is below 2^63.
-_FAR = 1 << 27
-_COLUMN = _FAR * _FINE * 4
-#: Least width of a column [m].
-_LEAST = 1e-6
+#: Points that are farther out are looked for here [m]; squares of it are still far from infinite.
+_FAR = 1e9
 
 
 def pairs_within(xy: Float, reach: float) -> tuple[Int, Int, Float]:
@@ -39,7 +34,8 @@ def pairs_within(xy: Float, reach: float) -> tuple[Int, Int, Float]:
     """
     if len(xy) < 2:
         return _nobody()
-    return _pairs(xy, xy, reach, once=True)
+    pairs = _tree(xy).query_pairs(_a_little_more(reach), output_type="ndarray")
+    return _near(xy, xy, pairs[:, 0], pairs[:, 1], reach)
 
 
 def pairs_between(xy: Float, others: Float, reach: float) -> tuple[Int, Int, Float]:
@@ -58,7 +54,10 @@ def pairs_between(xy: Float, others: Float, reach: float) -> tuple[Int, Int, Flo
     if len(xy) * len(others) <= _FEW:
         one, other = np.indices((len(xy), len(others))).reshape(2, -1)
         return _near(xy, others, one, other, reach)
-    return _pairs(xy, others, reach)
+    pairs = _tree(xy).sparse_distance_matrix(
+        _tree(others), _a_little_more(reach), output_type="ndarray"
+    )
+    return _near(xy, others, pairs["i"], pairs["j"], reach)
 
 
 def nearest_to(places: Float, xy: Float, most: int) -> Int:
@@ -82,51 +81,21 @@ def _nobody() -> tuple[Int, Int, Float]:
     return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)
 
 
-def _pairs(xy: Float, others: Float, reach: float, *, once: bool = False) -> tuple[Int, Int, Float]:
-    """Pairs of a point and another one within the reach, out of those in the cells around it.
+def _tree(xy: Float) -> KDTree:
+    """A tree of the points, which it wants to be finite. Clipping takes none of them apart."""
+    from scipy.spatial import KDTree  # here: it takes long to load
 
-    Args:
-        xy: Points [m], shape (n, 2).
-        others: Likewise, shape (k, 2).
-        reach: The distance [m].
-        once: Both are the same points, and each pair is wanted once.
-    """
-    cell = _cells(others, reach)
-    order = np.argsort(cell)
-    cell = cell[order]
-    middle = (_cells(xy, reach) + _COLUMN * np.arange(-1, 2)[:, np.newaxis]).ravel()
-    begin = np.searchsorted(cell, middle - _FINE, side="left")
-    count = np.searchsorted(cell, middle + _FINE, side="right") - begin
-    point, total = np.tile(np.arange(len(xy)), 3), np.cumsum(count)
-    ends = np.searchsorted(total, np.arange(_BLOCK, total[-1], _BLOCK)).tolist()
-    found = []
-    for start, end in itertools.pairwise([0, *ends, len(count)]):
-        counts = count[start:end]
-        one = np.repeat(point[start:end], counts)
-        skipped = np.repeat(begin[start:end] - (np.cumsum(counts) - counts), counts)
-        other = order[np.arange(len(one)) + skipped]
-        if once:
-            first = one < other
-            one, other = one[first], other[first]
-        found.append(_near(xy, others, one, other, reach))
-    if len(found) == 1:
-        return found[0]
-    ones, nearby, away = zip(*found, strict=True)
-    return np.concatenate(ones), np.concatenate(nearby), np.concatenate(away)
+    return KDTree(np.fmin(np.fmax(xy, -_FAR), _FAR))  # of NaN and a number, the number
 
 
-def _cells(xy: Float, reach: float) -> Int:
-    """Numbers of the cells of points: those along y follow one another, column by column."""
-    wide = max(1.001 * reach, _LEAST)  # rounding hides no pair
-    numbers = np.fmin(np.fmax(xy, -_FAR * wide), _FAR * wide)  # of NaN and a number, the number
-    x, y = numbers.T / wide
-    column, row = (np.floor(of).astype(np.intp) for of in (x, _FINE * y))
-    return np.asarray(column * _COLUMN + row)
+def _a_little_more(reach: float) -> float:
+    """What rounding does in the tree must hide no pair."""
+    return reach * (1.0 + 1e-9)
 
 
 def _near(xy: Float, others: Float, one: Int, other: Int, reach: float) -> tuple[Int, Int, Float]:
     # Most pairs are far apart; the square around a point is cheaper than the circle.
-    side = reach * (1.0 + 1e-9)
+    side = _a_little_more(reach)
     near = np.flatnonzero(np.abs(xy[one, 0] - others[other, 0]) <= side)
     near = near[np.abs(xy[one[near], 1] - others[other[near], 1]) <= side]
     one, other = one[near], other[near]

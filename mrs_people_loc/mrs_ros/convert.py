@@ -56,13 +56,13 @@ from mrs_people_loc.localization.shared import (
 )
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.people import Group, Person
+from mrs_people_loc.planner import People
 from mrs_people_loc.scan import Scan
 from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
 from mrs_people_loc.team.poses import Pose
 
 if TYPE_CHECKING:
     from mrs_people_loc.guiding.tour import Tour  # which loads OpenCV
-    from mrs_people_loc.planner import People  # which loads the planner's method in each robot
 
 _FIELD_TYPES = {"f4": PointField.FLOAT32, "u4": PointField.UINT32, "i4": PointField.INT32}
 #: Variance of a heading that nothing is known of: uniform over the circle [rad^2].

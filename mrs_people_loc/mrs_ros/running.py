@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 import threading
@@ -60,7 +59,6 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
             return 1
         executor = make_executor()
         executor.add_node(node)
-        gc.freeze()  # what was loaded stays: to search it for garbage takes longer than an interval
         while not stop.is_set():
             executor.spin_once(timeout_sec=_NOTICE_S)
     except ConfigError as err:

@@ -38,6 +38,7 @@ from mrs_ros.diagnostics import LOG_PERIOD_S, Growth, Throttle, recording_hint, 
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import node_of
 from mrs_ros.qos import MAP, TEAM
+from planner_node.loading import load_scipy
 from planner_node.others.publishing import Others
 from planner_node.outputs import Outputs
 from planner_node.roster import Roster
@@ -57,6 +58,7 @@ class PlannerNode(ManagedNode):
         super().__init__("planner_node", PlannerConfig)
         # Kept from one configuration of the node to the next: ids never repeat.
         self._planner = Planner(self.config)
+        load_scipy()  # the node is on the network now, and discovers the robots meanwhile
 
     # ---- parameters and life cycle ----
 

@@ -10,8 +10,8 @@ score of `looks` consecutive intervals; bodies there lose
 of log-odds, so that a person who looked like one keeps their score however long they stand. What
 has not moved for longer must look more like a person: sure(T) grows from `sure` to `surest` until
 T = `long_s`. While somebody stands there who walked to the place, T stays as it is and sure(T) is
-`sure`. What a followed person adds to b is forgotten when they leave. Time is an argument; where it jumps back by more than `clocks.RESET_NS`,
-all places are new.
+`sure`. What a followed person adds to b is forgotten when they leave. Time is an argument; where it
+jumps back by more than `clocks.RESET_NS`, all places are new.
 """
 
 from __future__ import annotations

@@ -618,58 +618,16 @@ def _best(row: Int, column: Int, gain: Float, rows: int, columns: int) -> Int:
     open_ones = np.unique(component[best[contested]])
     taken = [best[~np.isin(component[best], open_ones)]]
     for number in open_ones.tolist():
+        from scipy.optimize import linear_sum_assignment  # here: it takes long to load
+
         mine = np.flatnonzero(component == number)
-        i, j = (_ranks(of[mine].tolist()) for of in (row, column))
-        table = [[0.0] * (max(j) + 1) for _ in range(max(i) + 1)]
-        for one, other, more in zip(i, j, gain[mine].tolist(), strict=True):
-            table[one][other] = more
-        chosen = _assignment(table)
-        taken.append(mine[[pair in chosen for pair in zip(i, j, strict=True)]])
+        (_, i), (_, j) = (np.unique(of[mine], return_inverse=True) for of in (row, column))
+        table = np.zeros((i.max() + 1, j.max() + 1))
+        table[i, j] = gain[mine]
+        chosen = np.zeros(table.shape, dtype=bool)
+        chosen[linear_sum_assignment(table, maximize=True)] = True
+        taken.append(mine[chosen[i, j]])
     return np.concatenate(taken)
-
-
-def _ranks(numbers: list[int]) -> list[int]:
-    """Of each number, how many others came before it for the first time."""
-    rank = {number: k for k, number in enumerate(dict.fromkeys(numbers))}
-    return [rank[number] for number in numbers]
-
-
-def _assignment(gain: list[list[float]]) -> set[tuple[int, int]]:
-    """Pairs of a row and a column, each at most once, so that the total gain is greatest.
-
-    By shortest augmenting paths (Jonker & Volgenant 1987), as in SciPy, which takes longer to load
-    than all else that the planner needs. Tables are small.
-    """
-    if len(gain) > len(gain[0]):
-        return {
-            (i, j) for j, i in _assignment([list(column) for column in zip(*gain, strict=True)])
-        }
-    rows, columns = len(gain), len(gain[0])
-    of_row, of_column = [0.0] * rows, [0.0] * columns  # the dual variables
-    row_at = [-1] * columns
-    for row in range(rows):
-        shortest, before = [math.inf] * columns, [-1] * columns
-        left, reached = list(range(columns)), []
-        least, at, column = 0.0, row, -1
-        while at >= 0:
-            own, level = gain[at], least - of_row[at]
-            for k in left:
-                length = level - own[k] - of_column[k]
-                if length < shortest[k]:
-                    shortest[k], before[k] = length, column
-            column = min(left, key=shortest.__getitem__)
-            left.remove(column)
-            reached.append(column)
-            least, at = shortest[column], row_at[column]
-        of_row[row] += least
-        for k in reached:
-            of_column[k] -= least - shortest[k]
-            if row_at[k] >= 0:
-                of_row[row_at[k]] += least - shortest[k]
-        while column >= 0:
-            row_at[column] = row_at[before[column]] if before[column] >= 0 else row
-            column = before[column]
-    return {(row, column) for column, row in enumerate(row_at) if row >= 0}
 
 
 def _update(

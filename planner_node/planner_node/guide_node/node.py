@@ -42,8 +42,8 @@ from mrs_ros.qos import MAP, POSES, STREAM
 from planner_node.guide_node.action import End, TourAction
 from planner_node.guide_node.bases import Goals, Velocities
 from planner_node.guide_node.beat import Beat
-from planner_node.guide_node.loading import load_scipy
 from planner_node.guide_node.outputs import Outputs
+from planner_node.loading import load_scipy
 
 #: Period of velocities [s].
 _PERIOD_S = 0.05

@@ -463,7 +463,7 @@ def test_fifty_robots_with_a_hundred_bodies_each_stay_in_bounds(size):
     rng = np.random.default_rng(2)
     places = rng.uniform(0, size, (5000, 2))
     bodies = bodies_of(*[(k % 50, xy, 0.3**2 * np.eye(2), 3.0) for k, xy in enumerate(places)])
-    joined_of(bodies_of((0, (0, 0), ROUND, 1.0), (1, (0, 0), ROUND, 1.0)))  # warms up
+    joined_of(bodies_of((0, (0, 0), ROUND, 1.0), (1, (0, 0), ROUND, 1.0)))  # loads SciPy
     tracemalloc.start()
     try:
         joined = joined_of(bodies)
