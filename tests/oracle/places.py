@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from oracle.numbers import (
     BEST_OF,
+    FIRST_S,
     FORGET_S,
     LONG_S,
     LONGEST_GAP_S,
@@ -47,6 +48,7 @@ class _Place:
 
     first: tuple[float, float]
     last_ns: int
+    from_start: bool
     seen_s: float = 0.0
     seen_at: list[tuple[float, float]] = field(default_factory=list)
     looks: list[float] = field(default_factory=list)
@@ -90,7 +92,7 @@ def lost_by(
             reach = min(PLACE_M + PLACE_SIGMAS * math.sqrt(body.variance), PLACE_MOST_M)
             near = [one for one in old if math.dist(one.xy, body.xy) <= reach]
             if not near:
-                places.append(_Place(body.xy, now))
+                places.append(_Place(body.xy, now, now - times_ns[0] < FIRST_S * 1e9))
                 near = places[-1:]
             of_body.append(_nearest(near, body))
         for place in places:
@@ -136,7 +138,8 @@ def _see(place: _Place, body: Look, now: int) -> None:
 
 def _lost(place: _Place, look: float, most: float) -> float:
     best = max(place.best, PRESENT_SHARE * look)
-    share = 0.0 if place.came else min(1.0, place.seen_s / LONG_S)
+    grows = place.from_start and not place.came
+    share = min(1.0, place.seen_s / LONG_S) if grows else 0.0
     sure = SURE_LOOK + (SUREST_LOOK - SURE_LOOK) * share
     doubt = min(1.0, max(0.0, 1.0 - best / sure))
     return min(most, LOST_PER_LOG * math.log1p(place.seen_s / LOST_TAU_S)) * doubt

@@ -8,10 +8,11 @@ score of `looks` consecutive intervals; bodies there lose
     min(static_score, gain * ln(1 + T / tau)) * clip(1 - b / sure(T), 0, 1)
 
 of log-odds, so that a person who looked like one keeps their score however long they stand. What
-has not moved for longer must look more like a person: sure(T) grows from `sure` to `surest` until
-T = `long_s`. While somebody stands there who walked to the place, T stays as it is and sure(T) is
-`sure`. What a followed person adds to b is forgotten when they leave. Time is an argument; where it
-jumps back by more than `clocks.RESET_NS`, all places are new.
+has stood there since the robots first saw anything, and has not moved, must look more like a person
+the longer it stands: sure(T) grows from `sure` to `surest` until T = `long_s`; it is `sure` of all
+else. T stays as it is, too, while somebody stands there who walked to the place. What a followed
+person adds to b is forgotten when they leave. Time is an argument; where it jumps back by more than
+`clocks.RESET_NS`, all places are new.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class PlacesTuning:
         tau: See above [s].
         sure: Score from which a look is that of a person at once, ...
         surest: ... and at a place where something has been seen for this long ...
-        long_s: ... or longer [s].
+        long_s: ... or longer [s], ...
+        first_s: ... and that was seen within this after the first interval with bodies [s].
         present: Share of the present look that counts if it is larger than b.
         looks: Of so many consecutive intervals the median counts: a single high look does not
             decide.
@@ -57,6 +59,7 @@ class PlacesTuning:
     sure: float = 1.5
     surest: float = 6.0
     long_s: float = 5.0
+    first_s: float = 2.0
     present: float = 0.5
     looks: int = 3
     reach: float = 0.15
@@ -79,6 +82,7 @@ class _Places(StructOfArrays):
         count: In how many intervals.
         seen_s: For how long, without the time of people who came from elsewhere: T [s].
         last_ns: When it was last seen [ns].
+        first: Whether it was there when the robots first saw anything.
         recent: The latest looks, the newest first; NaN: none yet, shape (n, looks).
         best: Largest median of consecutive looks; -infinity: none yet.
         visitor: Id of the followed person who stands there; 0: nobody.
@@ -90,6 +94,7 @@ class _Places(StructOfArrays):
     count: Int
     seen_s: Float
     last_ns: NDArray[np.int64]
+    first: Bool
     recent: Float
     best: Float
     visitor: Int
@@ -118,7 +123,8 @@ class PlaceMemory:
     def reset(self) -> None:
         """Forgets all places: the time jumped back."""
         self._time_ns: int | None = None
-        self._places = _begun(np.empty((0, 2)), 0, self.tuning)
+        self._began_ns = 0
+        self._places = _begun(np.empty((0, 2)), 0, self.tuning, first=True)
 
     def step(
         self,
@@ -142,7 +148,9 @@ class PlaceMemory:
         """
         if self._time_ns is not None and self._time_ns - time_ns > RESET_NS:
             self.reset()
-        self._time_ns = time_ns if self._time_ns is None else max(self._time_ns, time_ns)
+        if self._time_ns is None:
+            self._time_ns = self._began_ns = time_ns
+        self._time_ns = max(self._time_ns, time_ns)
         tuning, places = self.tuning, self._places
         forgotten = self._time_ns - places.last_ns > tuning.forget_s * 1e9
         if forgotten.any():
@@ -151,14 +159,16 @@ class PlaceMemory:
         new = np.flatnonzero(of_body < 0)
         of_body[new] = len(places) + np.arange(len(new))
         if len(new):
-            places = _Places.joined([places, _begun(joined.xy[new], self._time_ns, tuning)])
+            first = self._time_ns - self._began_ns < tuning.first_s * 1e9
+            begun = _begun(joined.xy[new], self._time_ns, tuning, first=first)
+            places = _Places.joined([places, begun])
         _update_visitors(places, expected, tuning)
         look = _best_look(joined, bodies)
         _add_looks(places, of_body, joined.xy, look, self._time_ns, tuning)
         seen_s = places.seen_s[of_body]
         lost = tuning.gain * np.log1p(seen_s / tuning.tau)
         sure = np.interp(seen_s, [0.0, tuning.long_s], [tuning.sure, tuning.surest])
-        sure[places.came[of_body]] = tuning.sure
+        sure[~places.first[of_body] | places.came[of_body]] = tuning.sure
         best = np.maximum(places.best[of_body], tuning.present * look)
         if len(places) > tuning.max_places:
             latest = np.argsort(-places.last_ns, kind="stable")[: tuning.max_places]
@@ -168,7 +178,7 @@ class PlaceMemory:
         return np.asarray(np.minimum(static_score, lost) * doubt)
 
 
-def _begun(xy: Float, time_ns: int, tuning: PlacesTuning) -> _Places:
+def _begun(xy: Float, time_ns: int, tuning: PlacesTuning, *, first: bool) -> _Places:
     """New places."""
     count = len(xy)
     return _Places(
@@ -176,6 +186,7 @@ def _begun(xy: Float, time_ns: int, tuning: PlacesTuning) -> _Places:
         count=np.zeros(count, dtype=np.intp),
         seen_s=np.zeros(count),
         last_ns=np.full(count, time_ns, dtype=np.int64),
+        first=np.full(count, first),
         recent=np.full((count, tuning.looks), np.nan),
         best=np.full(count, -np.inf),
         visitor=np.zeros(count, dtype=np.intp),

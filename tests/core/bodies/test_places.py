@@ -279,6 +279,15 @@ def test_look_of_a_person_must_be_the_better_the_longer_nothing_moves(seconds):
     assert after(PlaceMemory(), seconds, score=1.5, expected=came) == 0.0
 
 
+def test_what_appears_later_need_not_look_better():
+    memory = PlaceMemory()
+    for k in range(21):
+        taken(memory, [(9.0, 9.0, 0.0)], 0.1 * k)
+    assert after(memory, 20.0, score=1.5, start=2.1) == 0.0
+    memory.reset()
+    assert after(memory, 20.0, score=1.5) > 5.0
+
+
 def test_one_lucky_look_does_not_decide():
     memory = PlaceMemory()
     after(memory, 5.0)
