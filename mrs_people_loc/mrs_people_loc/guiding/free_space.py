@@ -251,8 +251,9 @@ class _Cost:
         cost[too_near] += np.where(escapes, tuning.too_near, np.inf)
         cost[clearance < min(tuning.least(nodes or tuning.nodes), self._radius)] = np.inf
         if len(self._discs):
-            away = np.linalg.norm(xy[..., np.newaxis, :] - self._discs[:, :2], axis=-1)
-            cost = cost + tuning.through_disc * (away < self._discs[:, 2]).any(axis=-1)
+            x, y = (xy[..., k, np.newaxis] - self._discs[:, k] for k in (0, 1))
+            inside = np.sqrt(x * x + y * y) < self._discs[:, 2]
+            cost = cost + tuning.through_disc * inside.any(axis=-1)
         return np.asarray(cost)
 
     def of_lines(self, a: Float, b: Float) -> Float:

@@ -124,10 +124,11 @@ class Way:
             return np.asarray(away.argmin(axis=1) * grain - extra)
         most = round(min(reach / grain, len(self._points)))
         steps: Int = np.arange(-most, most + 1)
-        middle = np.rint(self._row(np.broadcast_to(around, len(xy)))).astype(np.intp)
-        rows = np.clip(middle[:, np.newaxis] + steps, 0, len(self._points) - 1)
-        away = ((self._points[rows] - xy[:, np.newaxis]) ** 2).sum(axis=2)
-        best = rows[np.arange(len(rows)), away.argmin(axis=1)]
+        middle = np.rint(self._row(np.reshape(around, (-1, 1)))).astype(np.intp)
+        rows = np.clip(middle + steps, 0, len(self._points) - 1)  # one for all, or one for each
+        x, y = (self._points[rows, k] - xy[:, k, np.newaxis] for k in (0, 1))
+        nearest = (x * x + y * y).argmin(axis=1)
+        best = np.broadcast_to(rows, x.shape)[np.arange(len(xy)), nearest]
         # Between the points: how far along the way the place is from the nearest one.
         rest = ((xy - self._points[best]) * self._ahead[best]).sum(axis=1)
         return np.asarray(best * grain - extra + np.clip(rest, -grain, grain))

@@ -70,12 +70,21 @@ def yielding(
     """
     if not others:
         return Yielding()
-    xy = np.array([person.position for person in others])
-    velocity = np.array([np.zeros(2) if p.velocity is None else p.velocity for p in others])
+    still = np.zeros(2)
+    xy = np.concatenate([person.position for person in others]).reshape(-1, 2)
+    velocity = np.concatenate([still if p.velocity is None else p.velocity for p in others])
+    velocity = velocity.reshape(-1, 2)
+    speed = np.hypot(*velocity.T)
+    # Whoever is farther away than this is neither ahead nor comes to the way soon.
+    reach = tuning.ahead + 2.0 * tuning.beside + tuning.soon_s * speed
+    near = np.hypot(*(xy - way.at(leader_m)).T) < reach
+    xy, velocity, speed = xy[near], velocity[near], speed[near]
+    if not len(xy):
+        return Yielding()
     ways = way.nearest(xy, leader_m, tuning.ahead)
     ahead = ways - leader_m
     along = (way.ahead(ways) * velocity).sum(axis=1)
-    stands = np.hypot(*velocity.T) < tuning.stands
+    stands = speed < tuning.stands
     # Also who is beside the way now and on it in a moment.
     beside = np.min(
         [np.hypot(*(xy + velocity * s - way.at(ways)).T) for s in (0.0, tuning.soon_s)], axis=0
