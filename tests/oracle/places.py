@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 
 from oracle.numbers import (
     BEST_OF,
-    FIRST_S,
     FORGET_S,
-    LONG_S,
+    LARGEST_LOOK,
     LONGEST_GAP_S,
     LOST_PER_LOG,
     LOST_TAU_S,
@@ -20,7 +19,6 @@ from oracle.numbers import (
     PLACE_SIGMAS,
     PRESENT_SHARE,
     SURE_LOOK,
-    SUREST_LOOK,
 )
 
 
@@ -48,7 +46,6 @@ class _Place:
 
     first: tuple[float, float]
     last_ns: int
-    from_start: bool
     seen_s: float = 0.0
     seen_at: list[tuple[float, float]] = field(default_factory=list)
     looks: list[float] = field(default_factory=list)
@@ -92,7 +89,7 @@ def lost_by(
             reach = min(PLACE_M + PLACE_SIGMAS * math.sqrt(body.variance), PLACE_MOST_M)
             near = [one for one in old if math.dist(one.xy, body.xy) <= reach]
             if not near:
-                places.append(_Place(body.xy, now, now - times_ns[0] < FIRST_S * 1e9))
+                places.append(_Place(body.xy, now))
                 near = places[-1:]
             of_body.append(_nearest(near, body))
         for place in places:
@@ -130,16 +127,13 @@ def _see(place: _Place, body: Look, now: int) -> None:
     if not place.came:
         place.seen_s += min((now - place.last_ns) / 1e9, LONGEST_GAP_S)
     place.last_ns = now
-    place.looks.append(max(body.scores))
-    latest = sorted(place.looks[-BEST_OF:])
+    place.looks.append(min(max(body.scores), LARGEST_LOOK))
+    latest = place.looks[-BEST_OF:]
     if len(latest) == BEST_OF:
-        place.best = max(place.best, latest[BEST_OF // 2])
+        place.best = max(place.best, sum(latest) / BEST_OF)
 
 
 def _lost(place: _Place, look: float, most: float) -> float:
     best = max(place.best, PRESENT_SHARE * look)
-    grows = place.from_start and not place.came
-    share = min(1.0, place.seen_s / LONG_S) if grows else 0.0
-    sure = SURE_LOOK + (SUREST_LOOK - SURE_LOOK) * share
-    doubt = min(1.0, max(0.0, 1.0 - best / sure))
+    doubt = min(1.0, max(0.0, 1.0 - best / SURE_LOOK))
     return min(most, LOST_PER_LOG * math.log1p(place.seen_s / LOST_TAU_S)) * doubt

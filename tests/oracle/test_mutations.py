@@ -432,8 +432,7 @@ OF_PLACES = {
     **{
         f"tuning: {name}": (places, "PLACES_TUNING", constants(**{name: value}))
         for name, value in {
-            "gain": 2.4, "tau": 0.6, "sure": 1.6, "surest": 5.9, "long_s": 5.5, "first_s": 0.0,
-            "present": 0.6, "looks": 2,
+            "gain": 2.4, "tau": 0.6, "sure": 1.6, "present": 0.6, "max_look": 2.0, "looks": 2,
             "reach": 0.1, "reach_sigmas": 1.0, "max_reach": 0.4, "max_gap_s": 0.4, "forget_s": 2.0,
             "max_places": 4,
         }.items()

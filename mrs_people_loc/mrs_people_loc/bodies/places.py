@@ -2,17 +2,15 @@
 
 One view cannot tell a dark chair from a person behind a desk, and more views of it say little more:
 they resemble each other. What separates the two is the best view there has been. A place therefore
-remembers for how long something has been seen there, T, and its best look b, the largest median
-score of `looks` consecutive intervals; bodies there lose
+remembers for how long something has been seen there, T, and its best look b, the largest mean score
+of `looks` consecutive intervals; bodies there lose
 
-    min(static_score, gain * ln(1 + T / tau)) * clip(1 - b / sure(T), 0, 1)
+    min(static_score, gain * ln(1 + T / tau)) * clip(1 - b / sure, 0, 1)
 
-of log-odds, so that a person who looked like one keeps their score however long they stand. What
-has stood there since the robots first saw anything, and has not moved, must look more like a person
-the longer it stands: sure(T) grows from `sure` to `surest` until T = `long_s`; it is `sure` of all
-else. T stays as it is, too, while somebody stands there who walked to the place. What a followed
-person adds to b is forgotten when they leave. Time is an argument; where it jumps back by more than
-`clocks.RESET_NS`, all places are new.
+of log-odds, so that a person who looked like one keeps their score however long they stand. T stays
+as it is while somebody stands there who walked to the place. What a followed person adds to b is
+forgotten when they leave. Time is an argument; where it jumps back by more than `clocks.RESET_NS`,
+all places are new.
 """
 
 from __future__ import annotations
@@ -39,13 +37,10 @@ class PlacesTuning:
     Attributes:
         gain: Log-odds that are lost per unit of ln(1 + T / tau).
         tau: See above [s].
-        sure: Score from which a look is that of a person at once, ...
-        surest: ... and at a place where something has been seen for this long ...
-        long_s: ... or longer [s], ...
-        first_s: ... and that was seen within this after the first interval with bodies [s].
+        sure: Score from which a look is that of a person.
         present: Share of the present look that counts if it is larger than b.
-        looks: Of so many consecutive intervals the median counts: a single high look does not
-            decide.
+        max_look: Upper bound of a look's score: a single high one does not decide.
+        looks: So many consecutive intervals are averaged.
         reach: A body belongs to a place within this distance [m], ...
         reach_sigmas: ... plus so many standard deviations of its position, ...
         max_reach: ... but no more than this [m].
@@ -57,10 +52,8 @@ class PlacesTuning:
     gain: float = 2.5
     tau: float = 0.5
     sure: float = 1.5
-    surest: float = 6.0
-    long_s: float = 5.0
-    first_s: float = 2.0
     present: float = 0.5
+    max_look: float = 2.25
     looks: int = 3
     reach: float = 0.15
     reach_sigmas: float = 1.5
@@ -82,9 +75,8 @@ class _Places(StructOfArrays):
         count: In how many intervals.
         seen_s: For how long, without the time of people who came from elsewhere: T [s].
         last_ns: When it was last seen [ns].
-        first: Whether it was there when the robots first saw anything.
         recent: The latest looks, the newest first; NaN: none yet, shape (n, looks).
-        best: Largest median of consecutive looks; -infinity: none yet.
+        best: Largest mean of consecutive looks; -infinity: none yet.
         visitor: Id of the followed person who stands there; 0: nobody.
         came: Whether they came from elsewhere.
         before: The best look when they came.
@@ -94,7 +86,6 @@ class _Places(StructOfArrays):
     count: Int
     seen_s: Float
     last_ns: NDArray[np.int64]
-    first: Bool
     recent: Float
     best: Float
     visitor: Int
@@ -123,8 +114,7 @@ class PlaceMemory:
     def reset(self) -> None:
         """Forgets all places: the time jumped back."""
         self._time_ns: int | None = None
-        self._began_ns = 0
-        self._places = _begun(np.empty((0, 2)), 0, self.tuning, first=True)
+        self._places = _begun(np.empty((0, 2)), 0, self.tuning)
 
     def step(
         self,
@@ -148,9 +138,7 @@ class PlaceMemory:
         """
         if self._time_ns is not None and self._time_ns - time_ns > RESET_NS:
             self.reset()
-        if self._time_ns is None:
-            self._time_ns = self._began_ns = time_ns
-        self._time_ns = max(self._time_ns, time_ns)
+        self._time_ns = time_ns if self._time_ns is None else max(self._time_ns, time_ns)
         tuning, places = self.tuning, self._places
         forgotten = self._time_ns - places.last_ns > tuning.forget_s * 1e9
         if forgotten.any():
@@ -159,26 +147,21 @@ class PlaceMemory:
         new = np.flatnonzero(of_body < 0)
         of_body[new] = len(places) + np.arange(len(new))
         if len(new):
-            first = self._time_ns - self._began_ns < tuning.first_s * 1e9
-            begun = _begun(joined.xy[new], self._time_ns, tuning, first=first)
-            places = _Places.joined([places, begun])
+            places = _Places.joined([places, _begun(joined.xy[new], self._time_ns, tuning)])
         _update_visitors(places, expected, tuning)
         look = _best_look(joined, bodies)
         _add_looks(places, of_body, joined.xy, look, self._time_ns, tuning)
-        seen_s = places.seen_s[of_body]
-        lost = tuning.gain * np.log1p(seen_s / tuning.tau)
-        sure = np.interp(seen_s, [0.0, tuning.long_s], [tuning.sure, tuning.surest])
-        sure[~places.first[of_body] | places.came[of_body]] = tuning.sure
+        lost = tuning.gain * np.log1p(places.seen_s[of_body] / tuning.tau)
         best = np.maximum(places.best[of_body], tuning.present * look)
         if len(places) > tuning.max_places:
             latest = np.argsort(-places.last_ns, kind="stable")[: tuning.max_places]
             places = places.select(np.sort(latest))
         self._places = places
-        doubt = np.clip(1.0 - best / sure, 0.0, 1.0)
+        doubt = np.clip(1.0 - best / tuning.sure, 0.0, 1.0)
         return np.asarray(np.minimum(static_score, lost) * doubt)
 
 
-def _begun(xy: Float, time_ns: int, tuning: PlacesTuning, *, first: bool) -> _Places:
+def _begun(xy: Float, time_ns: int, tuning: PlacesTuning) -> _Places:
     """New places."""
     count = len(xy)
     return _Places(
@@ -186,7 +169,6 @@ def _begun(xy: Float, time_ns: int, tuning: PlacesTuning, *, first: bool) -> _Pl
         count=np.zeros(count, dtype=np.intp),
         seen_s=np.zeros(count),
         last_ns=np.full(count, time_ns, dtype=np.int64),
-        first=np.full(count, first),
         recent=np.full((count, tuning.looks), np.nan),
         best=np.full(count, -np.inf),
         visitor=np.zeros(count, dtype=np.intp),
@@ -257,6 +239,6 @@ def _add_looks(
     places.seen_s[seen] += np.where(places.came[seen], 0.0, since_s)
     places.last_ns[seen] = time_ns
     recent = np.roll(places.recent[seen], 1, axis=1)
-    recent[:, 0] = look[body]
+    recent[:, 0] = np.minimum(look[body], tuning.max_look)
     places.recent[seen] = recent
-    places.best[seen] = np.fmax(places.best[seen], np.median(recent, axis=1))
+    places.best[seen] = np.fmax(places.best[seen], recent.mean(axis=1))

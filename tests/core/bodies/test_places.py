@@ -1,8 +1,7 @@
 """Place memory in the real planner: furniture, people who stand, and people who come and go.
 
-Scores are what the scanner gave single views, with appearance: furniture of a recorded office, a
-cabinet in a corridor, and rendered people who stand: of 34, the quarter and the twentieth who look
-least like people.
+Scores are what the scanner gave single views, with appearance: furniture of a recorded office, and
+rendered people who stand, one of whom is hard to see.
 """
 
 from __future__ import annotations
@@ -25,9 +24,8 @@ from mrs_people_loc.team.poses import Pose
 MS = 1_000_000
 CHAIR = [0.5, 0.3, 0.3, 0.7, 0.4, 0.2, 0.0, 0.1, -0.9, -0.7, 0.3, 0.1, 0.3, 0.6, 0.2]
 BLANKET = [0.2, 0.7, 0.1, 0.2, 1.5, 0.3, -0.5, 0.4, -0.5, 0.0, -0.3, -1.0, -0.4, 0.6, 1.0]
-CABINET = [3.2, 2.8, 2.6, 2.6, 2.2, 1.9]
-STANDS = [9.6, 11.2, 9.6, 12.8, 10.2, 13.0, 14.1, 13.2, 13.2, 13.0, 12.8, 11.2, 10.7, 13.7, 11.7]
-HARD_TO_SEE = [4.3, 4.4, 3.9, 5.2, 4.8, 5.0, 4.5, 5.9, 6.1, 6.6, 5.9, 6.4, 5.8]
+STANDS = [3.4, 3.5, 3.4, 2.9, 2.6, 2.5, 2.4, 2.4, 3.4, 3.7, 3.3, 3.7, 2.7, 2.4, 2.3, 2.2, 2.5, 2.8]
+HARD_TO_SEE = [1.2, 1.1, 1.5, 1.5, 1.9, 2.2, 1.9, 1.9, 1.8, 1.6, 0.7, 1.0, 1.2, 1.4, 0.5, 1.1]
 HIDDEN = [-0.9, -0.7, -2.0, -1.6, 0.6, -0.1, -1.4]
 
 
@@ -108,16 +106,8 @@ def test_furniture_that_stands_doubtful_for_a_minute_is_nobody(watch, moves):
     assert not any(people.everybody for people in out[50:])
 
 
-@moving
-def test_what_always_looks_like_a_person_and_never_moves_is_nobody_soon(watch, moves):
-    """In the planner, where it is followed and therefore expected."""
-    out = watch([still(3.0, 0.5, CABINET)], 60, moves=moves)
-    assert any(people.everybody for people in out[:30])
-    assert not any(people.everybody for people in out[100:])
-
-
 def test_what_is_taken_for_a_person_at_first_loses_its_track(watch):
-    """Two high looks start a track; the median of three is that of furniture."""
+    """Two high looks start a track; the mean of three is that of furniture."""
     scores = [1.4, 1.3, *CHAIR * 10]
     out = watch([still(2.6, 0.7, scores)], 12)
     assert any(people.everybody for people in out[:5])
@@ -265,38 +255,17 @@ def test_no_more_is_lost_than_the_parameter_allows():
     assert after(PlaceMemory(), 10.0, most=0.0) == 0.0
 
 
-@pytest.mark.parametrize(("score", "share"), [(-3.0, 1.0), (0.0, 1.0), (3.0, 0.5), (6.0, 0.0)])
+@pytest.mark.parametrize(("score", "share"), [(-3.0, 1.0), (0.0, 1.0), (0.75, 0.5), (1.5, 0.0)])
 def test_less_is_lost_where_the_best_look_was_better(score, share):
     assert after(PlaceMemory(), 9.5, score=score) == pytest.approx(share * 7.4893, abs=1e-4)
-
-
-@pytest.mark.parametrize("seconds", [0.5, 2.5, 5.0, 20.0])
-def test_look_of_a_person_must_be_the_better_the_longer_nothing_moves(seconds):
-    sure = 1.5 + 4.5 * min(seconds / 5.0, 1.0)
-    whole = after(PlaceMemory(), seconds)
-    assert after(PlaceMemory(), seconds, score=0.9) == pytest.approx((1 - 0.9 / sure) * whole)
-    came = guest(7, 2.0, 0.0, travelled=True)
-    assert after(PlaceMemory(), seconds, score=1.5, expected=came) == 0.0
-
-
-def test_what_appears_later_need_not_look_better():
-    memory = PlaceMemory()
-    for k in range(21):
-        taken(memory, [(9.0, 9.0, 0.0)], 0.1 * k)
-    assert after(memory, 20.0, score=1.5, start=2.1) == 0.0
-    memory.reset()
-    assert after(memory, 20.0, score=1.5) > 5.0
 
 
 def test_one_lucky_look_does_not_decide():
     memory = PlaceMemory()
     after(memory, 5.0)
-    assert float(taken(memory, [(2.0, 0.0, 13.0)], 5.1)[0]) == 0.0  # itself, it loses nothing
-    assert after(memory, 4.4, start=5.2) == pytest.approx(7.5, abs=0.05)
-    # Two of three do.
-    for k in (0, 1):
-        taken(memory, [(2.0, 0.0, 13.0)], 9.7 + 0.1 * k)
-    assert after(memory, 4.4, start=9.9) == 0.0
+    assert float(taken(memory, [(2.0, 0.0, 8.0)], 5.1)[0]) == 0.0  # itself, it loses nothing
+    # It counts as 2.25, of a mean of three: half of a sure one.
+    assert after(memory, 4.4, start=5.2) == pytest.approx(0.5 * 7.5, abs=0.05)
 
 
 def test_place_is_forgotten_after_thirty_seconds():
@@ -362,7 +331,7 @@ def test_looks_of_a_followed_person_leave_with_them():
 def test_who_walks_past_takes_the_place_of_nobody_who_stands_there():
     memory = PlaceMemory()
     stands = guest(7, 2.0, 0.0, travelled=False)
-    after(memory, 3.0, score=7.0, expected=stands)
+    after(memory, 3.0, score=3.0, expected=stands)
     for k in range(12):
         passing = guest(8, 2.1, -0.6 + 0.1 * k, travelled=True)
         taken(memory, [(2.0, 0.0, 0.0)], 3.1 + 0.1 * k, Expected.joined([stands, passing]))
