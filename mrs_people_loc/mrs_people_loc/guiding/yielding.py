@@ -79,8 +79,6 @@ def yielding(
     reach = tuning.ahead + 2.0 * tuning.beside + tuning.soon_s * speed
     near = np.hypot(*(xy - way.at(leader_m)).T) < reach
     xy, velocity, speed = xy[near], velocity[near], speed[near]
-    if not len(xy):
-        return Yielding()
     ways = way.nearest(xy, leader_m, tuning.ahead)
     ahead = ways - leader_m
     along = (way.ahead(ways) * velocity).sum(axis=1)

@@ -47,14 +47,11 @@ class FieldsOfView:
             xy: Where, on the map [m], shape (n, 2).
             poses: By robot, its pose.
         """
-        rows = np.array([self._row.setdefault(name, len(self._row)) for name in poses], np.intp)
-        new = np.zeros((len(self._row) - len(self._least), _BEARINGS))
-        self._least = np.concatenate([self._least, new + np.inf])
-        self._greatest = np.concatenate([self._greatest, new])
-        number = {name: k for k, name in enumerate(poses)}
-        by = np.array([number[name] for name in robots], dtype=np.intp)
-        row = rows[by]
-        bearing, away = _seen_from(xy, _numbers(poses.values())[by])
+        row = np.array([self._row.setdefault(name, len(self._row)) for name in robots], np.intp)
+        if more := len(self._row) - len(self._least):
+            self._least = np.concatenate([self._least, np.full((more, _BEARINGS), np.inf)])
+            self._greatest = np.concatenate([self._greatest, np.zeros((more, _BEARINGS))])
+        bearing, away = _seen_from(xy, _numbers(poses[name] for name in robots))
         np.minimum.at(self._least, (row, bearing), away)
         np.maximum.at(self._greatest, (row, bearing), away)
 
@@ -91,6 +88,8 @@ class FieldsOfView:
         in_range = (away >= self._least[row, bearing]) & (away <= self._greatest[row, bearing])
         for k in np.flatnonzero(in_range.any(axis=1)).tolist():
             rows = np.flatnonzero(in_range[k] & ~seen)
+            if not len(rows):
+                continue
             place = at[k : k + 1, :2]
             by_people = hidden_by_people(place, xy[rows], people, own[rows])[0]
             by_robots = hidden_by_robots(place, xy[rows], mates)[0].max(axis=0, initial=0.0)
