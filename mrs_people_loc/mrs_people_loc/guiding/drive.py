@@ -471,11 +471,11 @@ def _are_allowed(now: Situation, tried: Float, others: _Others, tuning: DriveTun
     arcs = _arcs(now, tried, times, brakes_at=tuning.reaction)
     allowed = np.ones(len(tried), dtype=bool)
     if len(others):
-        offset, distance = _offsets(arcs, others, times)
-        ahead = np.stack([np.cos(arcs.yaw), np.sin(arcs.yaw)], axis=-1)
-        moves = ahead * arcs.speed[..., np.newaxis]
-        towards = np.einsum("ktnd,ktd->ktn", offset, moves) / np.maximum(distance, 1e-6)
-        towards += others.aside * np.abs(arcs.speed)[..., np.newaxis]
+        x, y, distance = _offsets(arcs, others, times)
+        yaw, speed = arcs.yaw[..., np.newaxis], arcs.speed[..., np.newaxis]
+        towards = x * (speed * np.cos(yaw)) + y * (speed * np.sin(yaw))
+        towards /= np.maximum(distance, 1e-6)
+        towards += others.aside * np.abs(speed)
         most = np.maximum(others.gain * (distance - others.keep), tuning.tolerance)
         allowed &= (towards <= most).all(axis=(1, 2))
     clearance = now.space.clearance(arcs.xy)
@@ -499,7 +499,8 @@ def _costs(
     cost += tuning.turn_cost * ((tried[:, 1] - wanted[1]) / base.max_turn) ** 2
     cost += tuning.way_cost * left * np.linalg.norm(arcs.xy[:, -1] - goal, axis=1)
     if len(others):
-        free = (_offsets(arcs, others, times)[1] - others.keep) / others.clear
+        *_, distance = _offsets(arcs, others, times)
+        free = (distance - others.keep) / others.clear
         cost += tuning.near_cost * np.clip(1.0 - free.min(axis=(1, 2)), 0.0, most) ** 2
     free = now.space.clearance(arcs.xy).min(axis=1) - now.config.safety.wall_distance
     cost += tuning.wall_cost * np.clip(1.0 - free / tuning.clear[2], 0.0, most) ** 2
@@ -544,11 +545,11 @@ def _arcs(now: Situation, wanted: Float, times: Float, brakes_at: float | None =
     return _Arcs(np.cumsum(moves, axis=1) + now.here, yaw, v)
 
 
-def _offsets(arcs: _Arcs, others: _Others, times: Float) -> tuple[Float, Float]:
-    """Vectors and distances from a robot on arcs to the others, (n, times, others[, 2])."""
+def _offsets(arcs: _Arcs, others: _Others, times: Float) -> tuple[Float, Float, Float]:
+    """Vectors (x, y) and distances from a robot on arcs to the others, (n, times, others)."""
     there = others.xy + times[:, np.newaxis, np.newaxis] * others.velocity
-    offset = there - arcs.xy[:, :, np.newaxis]
-    return offset, np.asarray(np.hypot(offset[..., 0], offset[..., 1]))
+    x, y = (there[..., k] - arcs.xy[..., k, np.newaxis] for k in (0, 1))
+    return x, y, np.sqrt(x * x + y * y)
 
 
 def _ramp(start: float, wanted: Float, times: Float, up: float, down: float) -> Float:

@@ -251,9 +251,11 @@ class _Cost:
         cost[too_near] += np.where(escapes, tuning.too_near, np.inf)
         cost[clearance < min(tuning.least(nodes or tuning.nodes), self._radius)] = np.inf
         if len(self._discs):
-            x, y = (xy[..., k, np.newaxis] - self._discs[:, k] for k in (0, 1))
-            inside = np.sqrt(x * x + y * y) < self._discs[:, 2]
-            cost = cost + tuning.through_disc * inside.any(axis=-1)
+            # Half of |place|^2 - |place - centre|^2 + radius^2, from the start.
+            place, centre = xy - self._start, self._discs[:, :2] - self._start
+            beyond = 0.5 * (self._discs[:, 2] ** 2 - (centre**2).sum(axis=1))
+            most = (place @ centre.T + beyond).max(axis=-1)
+            cost = cost + tuning.through_disc * (most > 0.5 * (place**2).sum(axis=-1))
         return np.asarray(cost)
 
     def of_lines(self, a: Float, b: Float) -> Float:

@@ -438,13 +438,14 @@ class GuidedGroup:
         Where somebody of the group is hidden, they are that one.
         """
         known = {guest.id for guest in self.guests if guest.followed}
-        for number in sorted((home - known) & by_id.keys()):
-            if len(self.guests) < self.tuning.most:
-                xy = by_id[number].position[None]
-                (way_m,) = self.way.nearest(xy, self.way_m, self.tuning.start_reach)
-                guest = _guest(by_id[number], float(way_m), now_s)
-                guest.joined_m = guest.way_m
-                self.guests.append(guest)
+        room = max(self.tuning.most - len(self.guests), 0)
+        newcomers = [by_id[number] for number in sorted((home - known) & by_id.keys())[:room]]
+        xy = np.array([person.position for person in newcomers]).reshape(-1, 2)
+        ways = self.way.nearest(xy, self.way_m, self.tuning.start_reach).tolist()
+        for person, way_m in zip(newcomers, ways, strict=True):
+            guest = _guest(person, way_m, now_s)
+            guest.joined_m = way_m
+            self.guests.append(guest)
         for guest in [one for one in self.guests if one.joined_m is not None]:
             if guest.id not in home or not guest.followed:
                 self.guests.remove(guest)

@@ -126,9 +126,11 @@ class Way:
         steps: Int = np.arange(-most, most + 1)
         middle = np.rint(self._row(np.reshape(around, (-1, 1)))).astype(np.intp)
         rows = np.clip(middle + steps, 0, len(self._points) - 1)  # one for all, or one for each
-        x, y = (self._points[rows, k] - xy[:, k, np.newaxis] for k in (0, 1))
-        nearest = (x * x + y * y).argmin(axis=1)
-        best = np.broadcast_to(rows, x.shape)[np.arange(len(xy)), nearest]
+        points = self._points[rows] - self._points[rows[:, :1]]
+        along = (points @ (xy - self._points[rows[:, 0]])[..., np.newaxis])[..., 0]
+        # Half the square of the distance, but for what is the same for all of a place's points.
+        nearest = (0.5 * (points**2).sum(axis=2) - along).argmin(axis=1)
+        best = np.broadcast_to(rows, along.shape)[np.arange(len(xy)), nearest]
         # Between the points: how far along the way the place is from the nearest one.
         rest = ((xy - self._points[best]) * self._ahead[best]).sum(axis=1)
         return np.asarray(best * grain - extra + np.clip(rest, -grain, grain))
