@@ -110,11 +110,12 @@ real: $(VENV)/.sim ## Score real rooms in RECORDINGS=DIR, into docs/real_rooms.m
 rooms: $(VENV)/.sim ## Count people in rooms without any in PICTURES=DIR, into docs/
 	$(BIN)/mrs rooms "$(PICTURES)" --out docs/rooms.md
 
-fit: $(VENV)/.sim ## Fit the body model to suite and variants, and RECORDINGS=DIR
+fit: $(VENV)/.sim ## Fit the body model to suite and variants, RECORDINGS=DIR, PICTURES=DIR
 	$(BIN)/mrs render-suite train .suite/train
 	$(BIN)/mrs render-suite train .suite/more --variants 12
 	$(BIN)/mrs fit .suite/train/*/ .suite/more/*/ --jobs 2 \
 	    $(if $(wildcard $(RECORDINGS)),--real "$(RECORDINGS)") \
+	    $(if $(wildcard $(PICTURES)),--rooms "$(PICTURES)") \
 	    --out mrs_people_loc/mrs_people_loc/bodies/body_model.json
 
 # --- checks ---------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from mrs_people_loc.sensing.images import StereoImages
 from mrs_people_loc.team.poses import Pose
 from mrs_people_sim.common import number, one_thread
 from mrs_studies.experiment.suite_report import table
-from mrs_studies.recordings.depth_views import StereoView, stereo_view
+from mrs_studies.recordings.depth_views import StereoView
 from mrs_studies.recordings.empty_rooms import HALVES, Room
 from mrs_studies.recordings.frames import EPOCH_NS
 
@@ -162,18 +162,16 @@ def run_rooms(
     with one_thread():
         for index, room in enumerate(rooms):
             try:
-                pictures = room.pictures(folder)
+                room.source.within(folder)
             except BagError as err:
                 lines.append(f"{room.name}: {err}")
                 continue
             views = []
-            for seed, (name, colour, depth) in enumerate(pictures):
-                on_progress(name, (index + seed / len(pictures)) / len(rooms))
-                try:
-                    view = stereo_view(*room.camera.read(colour, depth), room.camera)
-                except FloorError as err:
-                    lines.append(f"{name}: left out, {err}")
-                    views.append(Count(left_out={name: str(err)}))
+            for seed, (name, view) in enumerate(room.views(folder)):
+                on_progress(name, (index + seed / len(room.numbers)) / len(rooms))
+                if isinstance(view, FloorError):
+                    lines.append(f"{name}: left out, {view}")
+                    views.append(Count(left_out={name: str(view)}))
                 else:
                     views.append(count_false(view, seed=seed))
             counts[room] = Count.pooled(views)

@@ -13,7 +13,7 @@ import numpy as np
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
 from mrs_people_loc.bodies.appearance import Appearance, Looks
 from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
-from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.config import RobotConfig, load_team
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
 from mrs_people_loc.messages import stamp_ns_of
@@ -24,6 +24,7 @@ from mrs_people_loc.sensing.images import Gray, StereoImages
 from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.timing import StageTimes
 from mrs_people_sim.evaluation.labels import Labels
+from mrs_studies.recordings.depth_views import StereoView
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.reader import BagReader
 
@@ -37,6 +38,9 @@ _ROBOT_ACROSS, _ROBOT_ALONG, _ROBOT_ALONG_PX = 0.35, 0.3, 0.3
 #: Augmentation of every second image: largest sigma of blur [px] and of noise [grey levels], and
 #: contrast, at least and at most.
 _BLUR, _NOISE, _CONTRAST = 1.2, 6.0, (0.5, 1.3)
+#: A room without people counts with so many frames, however many views of it there are.
+_EMPTY_FRAMES = 8
+_ROBOT = "robot_a"
 
 
 @dataclass(frozen=True)
@@ -204,6 +208,25 @@ def labelled_examples(path: Path, labels: Labels, number: int) -> Examples:
             some = _examples(*common, people[must], nobody, number, looks)
             others = _examples(*common, people[~must], nobody, number, looks)
             parts.append(some.select(some.person | (others.away >= _NOBODY)))
+    return Examples.joined(parts)
+
+
+def empty_examples(views: Sequence[StereoView], number: int) -> Examples:
+    """The examples of a room in which nobody is.
+
+    Args:
+        views: What a head sees of it.
+        number: What `Examples.bag` shall say.
+    """
+    config, nobody, parts = load_team(robots=(_ROBOT,)).robots[_ROBOT], np.empty((0, 2)), []
+    rng = np.random.default_rng(number)
+    for index in range(_EMPTY_FRAMES):
+        camera = views[index % len(views)].camera
+        looker = _Looker(_ROBOT, camera, config, BODY_TUNING)
+        looker.stages(StereoImages(index, *views[index % len(views)].images(rng)))
+        ((_, view, left),) = looker.views
+        looks = looker.looks(view, left)
+        parts.append(_examples(camera, view, np.zeros(3), nobody, nobody, number, looks))
     return Examples.joined(parts)
 
 

@@ -91,14 +91,14 @@ def real_rooms(
         parts: Fitted to the renderings.
     """
     room = np.array(rooms)[real.bag]
-    lines = ["room, left out   people  others  found  false (log-odds above 0.5)"]
+    lines = ["room, left out        people  others  found  false (log-odds above 0.5)"]
     for name in sorted(set(rooms)):
         weights = combination(examples, scores, real.select(room != name), parts)
         part = real.select((room == name) & real.clear)
         found = parts.scores(part).combined(weights) > 0.5
         person = part.person
         lines.append(
-            f"{name:16s} {person.sum():6d}  {(~person).sum():6d}  {(found & person).sum():5d}  "
+            f"{name:21s} {person.sum():6d}  {(~person).sum():6d}  {(found & person).sum():5d}  "
             f"{(found & ~person).sum():5d}"
         )
     return lines

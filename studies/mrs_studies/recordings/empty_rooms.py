@@ -7,11 +7,13 @@ of TUM's data sets stand so that they are in one half.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from mrs_studies.recordings.depth_views import DepthCamera
+from mrs_people_loc.errors import FloorError
+from mrs_studies.recordings.depth_views import DepthCamera, StereoView, stereo_view
 from mrs_studies.recordings.sources import Source
 
 
@@ -70,6 +72,21 @@ class Room:
             )
             for number in self.numbers
         ]
+
+    def views(self, folder: Path) -> Iterator[tuple[str, StereoView | FloorError]]:
+        """Name of each view, and what a head sees there, or why it cannot be used.
+
+        Args:
+            folder: Holds the checkouts of all sources.
+
+        Raises:
+            BagError: That of this room is missing, or a picture cannot be read.
+        """
+        for name, colour, depth in self.pictures(folder):
+            try:
+                yield name, stereo_view(*self.camera.read(colour, depth), self.camera)
+            except FloorError as err:
+                yield name, err
 
 
 def _numbers(first: int, last: int, step: int, digits: int = 1) -> tuple[str, ...]:

@@ -40,9 +40,16 @@ from mrs_studies.fitting.body_fit import (
     held_out_scores,
     true_range,
 )
-from mrs_studies.fitting.examples import Examples, examples_of, labelled_examples
+from mrs_studies.fitting.examples import (
+    Examples,
+    empty_examples,
+    examples_of,
+    labelled_examples,
+)
 from mrs_studies.fitting.validation import cross_validate, figures, real_rooms, table
+from mrs_studies.recordings.depth_views import stereo_view
 from mrs_tools.cli import app
+from tools.box_room import BOX, CAMERA, person, picture
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -363,6 +370,18 @@ def test_examples_of_a_labelled_bag_leave_out_whoever_need_not_be_found(bag: Pat
     assert 0 < got.person.sum() < both.person.sum()
     assert len(got) <= len(both)
     assert (got.clear & ~got.person).any()
+
+
+def test_whoever_is_found_in_a_room_without_people_is_a_false_example() -> None:
+    seen = (*BOX, *person(2.5, 0.4)), ()
+    views = [stereo_view(*picture(boxes), CAMERA) for boxes in seen]
+    got = empty_examples(views, 7)
+    assert len(got) > 0
+    assert got.clear.all()
+    assert not got.person.any()
+    np.testing.assert_array_equal(got.bag, 7)
+    again = empty_examples(views, 7)
+    np.testing.assert_array_equal(got.even, again.even)
 
 
 def test_true_poses_are_required() -> None:
