@@ -245,6 +245,7 @@ class TourControl:
         if now.ns - self._looked_ns >= self._tuning.look_s * 1e9:
             faults = {robot: self._fault_of_base(robot) for robot in guide.config.robots}
             guide.faults = {robot: fault for robot, fault in faults.items() if fault}
+            self._take_monitors(guide)
             self._looked_ns = now.ns
         in_time_ns = now.of_stamp(stamp_ns)
         guidance = guide.take_people(people, groups, in_time_ns, now.ns, scans, quarantined)
@@ -530,6 +531,16 @@ class TourControl:
         if commands.publishers:
             others = ", ".join(commands.publishers)
             raise TourError(f"{robot} is driven by others: {others} on {commands.topic}; end them")
+
+    def _take_monitors(self, guide: Guide) -> None:
+        """Drives robots through the monitors that have come since the tour began."""
+        found = {robot for robot in self.unmonitored if self._monitors(robot)}
+        if not found or self.stopped:
+            return
+        self.unmonitored = tuple(robot for robot in self.unmonitored if robot not in found)
+        self._monitored |= found
+        self._bases.begin(guide.config.robots, self._monitored)
+        self._host.say(f"drives {', '.join(sorted(found))} through collision monitors from now on")
 
     def _fault_of_base(self, robot: str) -> str:
         """Why a robot cannot be driven; empty: it can."""

@@ -56,12 +56,16 @@ class Velocities:
         return robot in self._publishers and self._publishers[robot][0] == topic
 
     def begin(self, robots: Iterable[str], monitored: Container[str] = ()) -> None:
-        """Takes the robots of a tour, and those of them that a monitor drives."""
+        """Takes the robots of a tour, and those of them that a monitor drives.
+
+        A robot that is driven another way from now on gets zero at last on the old one.
+        """
         with self._lock:
             self.robots, self._zeros, self._is_driven = tuple(robots), 0, True
             topics = {robot: self.topics[robot in monitored] for robot in self.robots}
             for robot, (topic, publisher) in list(self._publishers.items()):
                 if topics.get(robot) != topic:
+                    publisher.publish(self._message(robot, (0.0, 0.0)))
                     self._node.destroy_lifecycle_publisher(publisher)
                     del self._publishers[robot]
             for robot in topics.keys() - self._publishers.keys():
@@ -77,11 +81,13 @@ class Velocities:
 
     def _send(self, velocities: Mapping[str, Velocity]) -> None:
         for robot in self.robots:
-            frame_id = f"{self._node.resolve_topic_name(robot).strip('/')}/base_link"
-            now_ns = self._node.get_clock().now().nanoseconds
-            wanted = velocities.get(robot, (0.0, 0.0))
-            message = convert.velocity(self._type, wanted, now_ns, frame_id)
+            message = self._message(robot, velocities.get(robot, (0.0, 0.0)))
             self._publishers[robot][1].publish(message)
+
+    def _message(self, robot: str, velocity: Velocity) -> Any:
+        frame_id = f"{self._node.resolve_topic_name(robot).strip('/')}/base_link"
+        now_ns = self._node.get_clock().now().nanoseconds
+        return convert.velocity(self._type, velocity, now_ns, frame_id)
 
     def send(self, posts: Mapping[str, Post], poses: Mapping[str, Pose]) -> None:
         """Does nothing: robots are driven to their posts by velocities."""

@@ -175,6 +175,7 @@ class GuideNode(ManagedNode):
         take = self._control.take_people
         apart = tuple(message.quarantined)
         self._guarded(partial(take, stamp_ns, persons, groups, scans, self._now(), apart))
+        self._hear_monitors()
 
     def _on_map(self, message: OccupancyGrid) -> None:
         """Has the free floor of a map found beside the steps of a tour; the newest map counts."""

@@ -642,6 +642,21 @@ def test_robots_are_driven_through_their_monitors_and_not_past_them(team: Steppe
     )
 
 
+def test_monitors_that_come_on_a_tour_drive_their_robots(team: Stepped) -> None:
+    team.monitors = ["/steps/robot_a/robot_node"]
+    team.control.stop("stopped", team.now)
+    team.run(2.0)
+    assert team.bases.monitored == []
+    team.control.release(team.now)
+    team.run(2.0)
+    assert team.bases.monitored == ["robot_a", "robot_b"]
+    assert team.control.monitored == {"robot_a", "robot_b"}
+    assert of_monitors(team.control.unmonitored).level == OK
+    told = [event for event in team.events if "through collision monitors" in event]
+    assert told == ["drives robot_a, robot_b through collision monitors from now on"]
+    assert not team.guide.guidance.faults
+
+
 def test_recorder_is_no_monitor(team: Stepped) -> None:
     team.cancel()
     team.monitors = ["/steps/mrs_record"]
