@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.errors import BagError
 from mrs_people_sim.common import number, one_thread
 from mrs_people_sim.evaluation.labels import SUFFIX, Labels, labels_beside, name_of, read_labels
 from mrs_people_sim.evaluation.results import Result, evaluate_bag
-from mrs_people_sim.scoring.positions import Frame, score, summary
+from mrs_people_sim.scoring.positions import CHI2_95, Frame, score, summary
 from mrs_studies.experiment.suite_report import table
 from mrs_tools.bags.sources import file_beside
 
@@ -28,6 +31,8 @@ _HEAD = (
     "MODP",
     "frames without a false person",
 )
+#: Ranges that are told apart end here [m].
+_RANGES_M = (2.5, 3.5, 5.0)
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,26 @@ class Score:
 
     result: Result = field(default_factory=Result)
     trunk: list[Frame] = field(default_factory=list)
+
+    @property
+    def along(self) -> Float:
+        """Of people found, range, error along the line of sight and squared Mahalanobis distance.
+
+        As seen from the origin of the map, where the robots of the recordings stand, against the
+        trunk; errors are positive where people were found too far away.
+
+        Returns:
+            Ranges and errors [m], shape (n, 3).
+        """
+        rows = [np.empty((0, 3))]
+        for frame in self.trunk:
+            if frame.estimate is not None:
+                one, other = frame.pairs.T
+                found, true = self.result.estimates[frame.estimate].positions, frame.true
+                away = np.hypot(*true[other].T)
+                errors = ((found[one] - true[other]) * true[other]).sum(axis=1) / away
+                rows.append(np.column_stack([away, errors, frame.mahalanobis]))
+        return np.concatenate(rows)
 
     @classmethod
     def pooled(cls, scores: Sequence[Score]) -> Score:
@@ -170,7 +195,8 @@ def as_json(scores: Scores) -> dict[str, Any]:
 
     Returns:
         `recordings.NAME.followed` and `.intervals`, each a `Score.report()`, `.paper` likewise,
-        and `.table`, which of the first two the table has; `total.default` and `total.paper`.
+        and `.table`, which of the first two the table has; `by_range` of these; `total.default` and
+        `total.paper`.
     """
     return {
         "recordings": {
@@ -182,6 +208,10 @@ def as_json(scores: Scores) -> dict[str, Any]:
             }
             for name, follow in scores.follow.items()
         },
+        "by_range": [
+            dict(zip(("up_to_m", "found", "mean_error_along_m", "coverage_95"), row, strict=True))
+            for row in _by_range(scores)
+        ],
         "total": {
             "default": Score.pooled(list(scores.default().values())).report(),
             "paper": Score.pooled(list(scores.paper.values())).report(),
@@ -210,6 +240,19 @@ def markdown(scores: Scores) -> str:
         "",
         *table(_HEAD, rows),
         "",
+        "## By range",
+        "",
+        "Against the trunk; errors along the line of sight are positive where people are found too "
+        "far away.",
+        "",
+        *table(
+            ("up to [m]", "found", "mean error along [cm]", "in 95 %"),
+            [
+                [f"{most:g}", str(count), number(along, 100, 1), number(share, 1, 3)]
+                for most, count, along, share in _by_range(scores)
+            ],
+        ),
+        "",
         "## Followed, and interval by interval",
         "",
         "With default.yaml and people followed; in brackets each interval by itself.",
@@ -217,6 +260,18 @@ def markdown(scores: Scores) -> str:
         *table((_HEAD[0], *_HEAD[2:6], _HEAD[-1]), both),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _by_range(scores: Scores) -> list[tuple[float, int, float | None, float | None]]:
+    """By range, people found, their mean error along the line of sight [m], and coverage."""
+    along = np.concatenate([one.along for one in scores.default().values()])
+    bins, rows = np.searchsorted(_RANGES_M, along[:, 0]), []
+    for row, most in enumerate(_RANGES_M):
+        _, errors, squares = along[bins == row].T
+        known = len(errors) > 0
+        share = float((squares <= CHI2_95).mean()) if known else None
+        rows.append((most, len(errors), float(errors.mean()) if known else None, share))
+    return rows
 
 
 def _figures(one: Score) -> list[str]:

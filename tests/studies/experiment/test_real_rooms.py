@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mrs_people_loc.errors import BagError
@@ -20,6 +22,7 @@ from typer.testing import CliRunner
 from mrs_people_sim.evaluation.labels import SUFFIX, read_labels
 from mrs_studies.experiment.real_rooms import (
     Scores,
+    as_json,
     find_recordings,
     markdown,
     run_recordings,
@@ -82,7 +85,7 @@ def run_both(bags: Path, labels: Path) -> Scores:
 
 def rows(text: str) -> dict[str, list[str]]:
     """The rows of the first table, by recording."""
-    first = text.partition("## Followed")[0]
+    first = text.partition("## By range")[0]
     cells = [line.strip("| ").split(" | ") for line in first.splitlines() if line.startswith("| ")]
     return {name: figures for name, *figures in cells[1:]}
 
@@ -127,6 +130,21 @@ def test_table_matches_hand_computed_values(rooms: tuple[Path, Path]) -> None:
     for name in ("**all**", "all, paper.yaml"):
         assert figures[name][:6] == ["4", "4", "12", "1.000", "0.250", "10.0 (0.0)"]
         assert figures[name][7:] == ["-2.000", "0.800", "0 of 8"]
+
+
+def test_errors_along_the_line_of_sight_are_by_range(rooms: tuple[Path, Path]) -> None:
+    scores = run_both(*rooms)
+    hall = scores.default()["hall"]
+    away = float(np.hypot(*hall.trunk[0].true[0]))
+    farther = dataclasses.replace(
+        hall,
+        trunk=[dataclasses.replace(one, true=one.true * (1 - 0.1 / away)) for one in hall.trunk],
+    )
+    np.testing.assert_allclose(farther.along[:, 1], 0.1, atol=1e-6)
+    assert len(farther.along) == 4
+    found = {row["up_to_m"]: row["found"] for row in as_json(scores)["by_range"]}
+    assert sum(found.values()) == 4
+    assert found[min(most for most in found if most >= away)] == 4
 
 
 def test_people_are_followed_only_where_the_labels_allow_it(rooms: tuple[Path, Path]) -> None:
