@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from mrs_people_msgs.msg import People
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
@@ -21,9 +22,11 @@ from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_ros import convert
 from mrs_ros.qos import STREAM
+from mrs_tools.view import live
 from mrs_tools.view.live import LiveSource
 from ros.guide_peer import GuideWorld
 from ros.harness import Peer, Team
+from ros.planner_peer import PlayedRobot, pose_of
 from tools.view.serving import Looker, served
 
 pytestmark = pytest.mark.slow
@@ -80,6 +83,32 @@ def test_people_of_a_simulation_whose_clock_has_ended_are_as_old_as_they_came(pe
 
         peer.until(come, lambda: looker.last("state"))
         assert 0.0 <= looker.last("state")["age"] < 3.0
+        looker.leave()
+
+
+def test_robots_that_have_left_are_forgotten(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "_FORGET_S", 1.5)
+    robot = PlayedRobot(peer, "leaving/robot_z", (1.0, 2.0, 0.0))
+    robot.announce()
+    with served(LiveSource("leaving")) as address:
+        looker = Looker(address)
+
+        def shown() -> list[str]:
+            return [one["name"] for one in looker.last("state").get("robots", [])]
+
+        def comes() -> bool:
+            peer.publisher(PoseWithCovarianceStamped, "/leaving/robot_z/pose").publish(
+                pose_of(time.time_ns(), *robot.place)
+            )
+            peer.spin(0.05)
+            return shown() == ["robot_z"]
+
+        for _ in range(2):  # it may come again
+            robot.announce()
+            peer.until(comes, lambda: looker.last("state"))
+            for topic in ("points", "pose"):
+                peer.silence(f"/leaving/robot_z/{topic}")
+            peer.until(lambda: not shown(), lambda: looker.last("state"))
         looker.leave()
 
 

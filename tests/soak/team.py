@@ -114,6 +114,12 @@ class Load:
         first, last = _thirds(self.memory_kb[process])
         return float(np.mean(last) - np.mean(first))
 
+    def course(self, process: str) -> str:
+        """The same, and means of the six sixths, for people."""
+        sixths = np.array_split(self.memory_kb[process], 6)
+        means = " ".join(f"{np.mean(kb) / 1024:.2f}" for kb in sixths)
+        return f"last third less first {self.growth_kb(process):+5.0f} kB: {means} MB"
+
     def ages_ms(self, which: str) -> list[float]:
         """How old the oldest or the newest scan of an interval was when its people arrived."""
         return [getattr(interval, f"{which}_ms") for interval in self.intervals]
@@ -142,9 +148,7 @@ class Load:
         for name, cores in self.cores.items():
             line = f"  {name:<10}{cores:6.2f} cores"
             if name in self.memory_kb:
-                sixths = np.array_split(self.memory_kb[name], 6)
-                course = " ".join(f"{np.mean(kb) / 1024:.2f}" for kb in sixths)
-                line += f", last third less first {self.growth_kb(name):+5.0f} kB: {course} MB"
+                line += f", {self.course(name)}"
             lines.append(line)
         reasons: Counter[str] = Counter()
         for of_robot in self.dropped.values():
@@ -203,7 +207,7 @@ def run(
         while time.monotonic() - began < seconds and not running.ended():
             time.sleep(_EVERY_S)
             for name, pid in pids.items():
-                load.memory_kb[name].append(_resident_kb(pid))
+                load.memory_kb[name].append(resident_kb(pid))
         assert not running.ended(), f"{running.ended()}\n{log.read_text()}"
         load.seconds, load.late_s = time.monotonic() - began, feeder.late_s
         load.cores = {
@@ -245,6 +249,7 @@ def _until_all_listen(node: Any, feeder: Feeder, running: RunningTeam, log: Path
         time.sleep(0.1)
 
 
-def _resident_kb(pid: int) -> int:
+def resident_kb(pid: int) -> int:
+    """Resident memory of a process [kB]."""
     pages = int(Path("/proc", str(pid), "statm").read_text(encoding="ascii").split()[1])
     return pages * _PAGE_KB

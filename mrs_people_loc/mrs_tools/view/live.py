@@ -44,6 +44,8 @@ _TICK_S = 0.05
 _IDLE_S = 0.4
 #: Walls and map are sent at most this often, and walls of a robot that says no more are kept [s].
 _MAP_S, _WALLS_S = 2.0, 5.0
+#: Robots that have been gone for longer are forgotten [s].
+_FORGET_S = 600.0
 #: The team's nodes are looked at this often [s].
 _HEALTH_S = 1.0
 #: A team that was started only now is well for so long, or until people have come for so long [s].
@@ -202,6 +204,7 @@ class _Team:
         self.refused: dict[str, str] = {}
         self.people_since_s = math.inf
         self._todo: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        self._there_s: dict[str, float] = {}  # when robots were there last, by the steady clock
         self._raw_poses: dict[str, bytes] = {}
         self._pose_subscriptions: dict[str, Any] = {}
         self._infos: dict[str, Any] = {}
@@ -246,14 +249,23 @@ class _Team:
     # ---- who is there ----
 
     def take_robots(self, robots: frozenset[str], people_topics: frozenset[str]) -> None:
-        """Subscribes to robots that have come, and to people under other names."""
+        """Subscribes to robots that have come, and to people under other names.
+
+        Robots that have been gone for `_FORGET_S` are forgotten; until then it is shown where they
+        were.
+        """
         from geometry_msgs.msg import PoseWithCovarianceStamped
 
         from mrs_ros.qos import POSES
 
         for topic in people_topics - self._people_topics:
             self._hear_people(topic)
-        self.views.robots |= robots
+        now_s = time.monotonic()
+        self._there_s |= dict.fromkeys(robots, now_s)
+        gone = {robot for robot, last_s in self._there_s.items() if now_s - last_s > _FORGET_S}
+        self.views.robots = (self.views.robots | robots) - gone
+        for robot in gone:
+            self._forget(robot)
         for robot in robots - self._pose_subscriptions.keys():
             # Bytes: of up to 100 a second, those that are shown are decoded.
             self._pose_subscriptions[robot] = self._node.create_subscription(
@@ -263,6 +275,17 @@ class _Team:
                 POSES,
                 raw=True,
             )
+
+    def _forget(self, robot: str) -> None:
+        for subscriptions in (self._pose_subscriptions, self._infos):
+            if robot in subscriptions:
+                self._node.destroy_subscription(subscriptions.pop(robot))
+        by_robot: tuple[dict[str, Any], ...] = (
+            self._there_s, self._raw_poses, self._reaches, self.views.heads,
+        )  # fmt: skip
+        for known in by_robot:
+            known.pop(robot, None)
+        self._state.forget_robot(robot)
 
     def take_head(self, robot: str, settings: HeadSettings, reach: float) -> None:
         """Takes what a robot's node says of its head; the calibration is listened for, once."""
@@ -432,6 +455,7 @@ class _Watch:
             for namespace in namespaces
             if namespace.startswith(own)
             and _POINTS in topics[f"{namespace}/points"]
+            and self._node.count_publishers(f"{namespace}/points")
             and _POSE in topics.get(f"{namespace}/pose", [])
         )
         people = frozenset(

@@ -140,6 +140,12 @@ class TeamState:
         """Takes a mrs_people_msgs/GuideStatus that comes now."""
         self._tour, self._tour_s = _tour(message), now_s
 
+    def forget_robot(self, robot: str) -> None:
+        """Forgets a robot that has left."""
+        self.heads.pop(robot, None)
+        self.poses.pop(robot, None)
+        self._poses_s.pop(robot, None)
+
     def reset(self) -> None:
         """Forgets people and poses: the time jumped back."""
         self._stamp_ns, self._people, self._groups = 0, [], []
