@@ -65,7 +65,8 @@ class Velocities:
             topics = {robot: self.topics[robot in monitored] for robot in self.robots}
             for robot, (topic, publisher) in list(self._publishers.items()):
                 if topics.get(robot) != topic:
-                    publisher.publish(self._message(robot, (0.0, 0.0)))
+                    if robot in topics:
+                        publisher.publish(self._message(robot, (0.0, 0.0)))
                     self._node.destroy_lifecycle_publisher(publisher)
                     del self._publishers[robot]
             for robot in topics.keys() - self._publishers.keys():
