@@ -76,7 +76,7 @@ def goals(node: Any, kind: str) -> tuple[Callable[[], object], Callable[[], obje
 def messages(node: Any, kind: str) -> tuple[Callable[[], object], Callable[[], object]]:
     """What sends messages, and whether somebody hears them."""
     made: dict[str, tuple[Any, str, QoSProfile, Callable[[], Any]]] = {
-        "many people": (People, "tracked_people", FEW, lambda: people(800)),
+        "many people": (People, "tracked_people", FEW, lambda: people(400)),
         "too many people": (People, "tracked_people", FEW, lambda: people(4000)),
         "people of the future": (People, "tracked_people", FEW, lambda: people(3, ahead_s=5.0)),
         "long path": (Path, "tour_path", FEW, lambda: path_of(*WAY)),

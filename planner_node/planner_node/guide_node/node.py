@@ -47,9 +47,9 @@ from planner_node.loading import load_scipy
 
 #: Period of velocities [s].
 _PERIOD_S = 0.05
-#: Larger messages are refused unread: about 800 people, a path of 1,000 poses, a map of 200 by 200
+#: Larger messages are refused unread: about 400 people, a path of 1,000 poses, a map of 200 by 200
 #: m with cells of 5 cm [bytes].
-_MOST_BYTES = {People: 640_000, Path: 128_000, OccupancyGrid: 17_000_000}
+_MOST_BYTES = {People: 320_000, Path: 128_000, OccupancyGrid: 17_000_000}
 _MOST_BYTES[PoseWithCovarianceStamped] = 4_000
 #: Robots whose poses are heard, at most.
 _MOST_ROBOTS = 16
