@@ -20,6 +20,10 @@ describe`.
 """
 
 
+#: The thread of velocities waits no longer than this for a step [s]; Python's own is 5 ms.
+_SWITCH_S = 0.5e-3
+
+
 def main() -> None:
     """Starts the node; the exit code is 0 after Ctrl-C or SIGTERM, 2 for bad configuration."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while the libraries load: no traceback
@@ -40,6 +44,7 @@ def _made() -> GuideNode:
     gc.collect()
     gc.freeze()
     gc.disable()
+    sys.setswitchinterval(_SWITCH_S)
     return node
 
 
