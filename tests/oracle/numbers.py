@@ -148,6 +148,9 @@ PUBLISHED, LEAD_M, LEAD_SPEED = 0.87, 0.05, 0.4
 LOST_PER_LOG, LOST_TAU_S = 2.5, 0.5
 #: A look of a person; so many are averaged, none counts for more; share of the present one.
 SURE_LOOK, BEST_OF, LARGEST_LOOK, PRESENT_SHARE = 1.5, 3, 2.25, 0.5
+#: A look beyond doubt; less counts from so many seconds on, and wholly from so many, where
+#: something was seen that soon.
+BEYOND_DOUBT, SOON_S, LONG_S, FIRST_S = 4.0, 5.0, 20.0, 2.0
 #: Bodies within this distance [m] plus so many sigmas, but no more than this [m], are in one place.
 PLACE_M, PLACE_SIGMAS, PLACE_MOST_M = 0.15, 1.5, 0.45
 #: Places age by no more than this at once [s], and are forgotten after this [s]; so many are kept.

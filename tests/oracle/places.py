@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 
 from oracle.numbers import (
     BEST_OF,
+    BEYOND_DOUBT,
+    FIRST_S,
     FORGET_S,
     LARGEST_LOOK,
+    LONG_S,
     LONGEST_GAP_S,
     LOST_PER_LOG,
     LOST_TAU_S,
@@ -18,6 +21,7 @@ from oracle.numbers import (
     PLACE_MOST_M,
     PLACE_SIGMAS,
     PRESENT_SHARE,
+    SOON_S,
     SURE_LOOK,
 )
 
@@ -46,13 +50,15 @@ class _Place:
 
     first: tuple[float, float]
     last_ns: int
+    from_start: bool
     seen_s: float = 0.0
     seen_at: list[tuple[float, float]] = field(default_factory=list)
     looks: list[float] = field(default_factory=list)
     best: float = -math.inf
+    face: float = -math.inf
     visitor: int = 0
     came: bool = False
-    before: float = -math.inf
+    before: tuple[float, float] = (-math.inf, -math.inf)
 
     @property
     def xy(self) -> tuple[float, float]:
@@ -89,7 +95,7 @@ def lost_by(
             reach = min(PLACE_M + PLACE_SIGMAS * math.sqrt(body.variance), PLACE_MOST_M)
             near = [one for one in old if math.dist(one.xy, body.xy) <= reach]
             if not near:
-                places.append(_Place(body.xy, now))
+                places.append(_Place(body.xy, now, now - times_ns[0] < FIRST_S * 1e9))
                 near = places[-1:]
             of_body.append(_nearest(near, body))
         for place in places:
@@ -112,12 +118,13 @@ def _receive(place: _Place, people: Sequence[Guest]) -> None:
     known = {one.id: one for one in people}
     near = [one for one in people if math.dist(one.xy, place.xy) <= PLACE_MOST_M]
     if place.visitor in known and known[place.visitor] not in near:
-        place.visitor, place.came, place.best, place.looks = 0, False, place.before, []
+        place.visitor, place.came, place.looks = 0, False, []
+        place.best, place.face = place.before
     if not near:
         return
     nearest = min(near, key=lambda one: math.dist(one.xy, place.xy))
     if known.get(place.visitor) not in near:
-        place.visitor, place.before = nearest.id, place.best
+        place.visitor, place.before = nearest.id, (place.best, place.face)
     if place.visitor == nearest.id:
         place.came = place.came or nearest.travelled
 
@@ -127,13 +134,17 @@ def _see(place: _Place, body: Look, now: int) -> None:
     if not place.came:
         place.seen_s += min((now - place.last_ns) / 1e9, LONGEST_GAP_S)
     place.last_ns = now
-    place.looks.append(min(max(body.scores), LARGEST_LOOK))
-    latest = place.looks[-BEST_OF:]
+    place.looks.append(max(body.scores))
+    latest = sorted(place.looks[-BEST_OF:])
     if len(latest) == BEST_OF:
-        place.best = max(place.best, sum(latest) / BEST_OF)
+        place.best = max(place.best, sum(min(one, LARGEST_LOOK) for one in latest) / BEST_OF)
+        place.face = max(place.face, latest[BEST_OF // 2])
 
 
 def _lost(place: _Place, look: float, most: float) -> float:
     best = max(place.best, PRESENT_SHARE * look)
     doubt = min(1.0, max(0.0, 1.0 - best / SURE_LOOK))
+    if place.from_start and not place.came:
+        lasting = min(1.0, max(0.0, (place.seen_s - SOON_S) / (LONG_S - SOON_S)))
+        doubt = max(doubt, lasting * min(1.0, max(0.0, 1.0 - place.face / BEYOND_DOUBT)))
     return min(most, LOST_PER_LOG * math.log1p(place.seen_s / LOST_TAU_S)) * doubt

@@ -433,6 +433,7 @@ OF_PLACES = {
         f"tuning: {name}": (places, "PLACES_TUNING", constants(**{name: value}))
         for name, value in {
             "gain": 2.4, "tau": 0.6, "sure": 1.6, "present": 0.6, "max_look": 2.0, "looks": 2,
+            "beyond_doubt": 5.0, "soon_s": 1.0, "long_s": 10.0, "first_s": 0.0,
             "reach": 0.1, "reach_sigmas": 1.0, "max_reach": 0.4, "max_gap_s": 0.4, "forget_s": 2.0,
             "max_places": 4,
         }.items()

@@ -7,10 +7,14 @@ of `looks` consecutive intervals; bodies there lose
 
     min(static_score, gain * ln(1 + T / tau)) * clip(1 - b / sure, 0, 1)
 
-of log-odds, so that a person who looked like one keeps their score however long they stand. T stays
-as it is while somebody stands there who walked to the place. What a followed person adds to b is
-forgotten when they leave. Time is an argument; where it jumps back by more than `clocks.RESET_NS`,
-all places are new.
+of log-odds, so that a person who looked like one keeps their score however long they stand. Of what
+has stood there since the robots first saw anything, and has not moved, the last factor is at least
+
+    clip((T - soon_s) / (long_s - soon_s), 0, 1) * clip(1 - f / beyond_doubt, 0, 1)
+
+where f is the largest median score of consecutive looks. T stays as it is while somebody stands
+there who walked to the place. What a followed person adds to b and f is forgotten when they leave.
+Time is an argument; where it jumps back by more than `clocks.RESET_NS`, all places are new.
 """
 
 from __future__ import annotations
@@ -40,7 +44,11 @@ class PlacesTuning:
         sure: Score from which a look is that of a person.
         present: Share of the present look that counts if it is larger than b.
         max_look: Upper bound of a look's score: a single high one does not decide.
-        looks: So many consecutive intervals are averaged.
+        looks: Of so many consecutive intervals is the mean, or the median.
+        beyond_doubt: A median score from which on nothing is lost, however long nothing moves.
+        soon_s: Less than that is no fault for this long [s], ...
+        long_s: ... and quite one from here on [s], ...
+        first_s: ... of what was seen within this after the first interval with bodies [s].
         reach: A body belongs to a place within this distance [m], ...
         reach_sigmas: ... plus so many standard deviations of its position, ...
         max_reach: ... but no more than this [m].
@@ -55,6 +63,10 @@ class PlacesTuning:
     present: float = 0.5
     max_look: float = 2.25
     looks: int = 3
+    beyond_doubt: float = 4.0
+    soon_s: float = 5.0
+    long_s: float = 20.0
+    first_s: float = 2.0
     reach: float = 0.15
     reach_sigmas: float = 1.5
     max_reach: float = 0.45
@@ -77,9 +89,11 @@ class _Places(StructOfArrays):
         last_ns: When it was last seen [ns].
         recent: The latest looks, the newest first; NaN: none yet, shape (n, looks).
         best: Largest mean of consecutive looks; -infinity: none yet.
+        face: Largest median of them, likewise.
+        first: Whether it was there when the robots first saw anything.
         visitor: Id of the followed person who stands there; 0: nobody.
         came: Whether they came from elsewhere.
-        before: The best look when they came.
+        before: What was best and face when they came, shape (n, 2).
     """
 
     xy: Float
@@ -88,6 +102,8 @@ class _Places(StructOfArrays):
     last_ns: NDArray[np.int64]
     recent: Float
     best: Float
+    face: Float
+    first: Bool
     visitor: Int
     came: Bool
     before: Float
@@ -114,7 +130,8 @@ class PlaceMemory:
     def reset(self) -> None:
         """Forgets all places: the time jumped back."""
         self._time_ns: int | None = None
-        self._places = _begun(np.empty((0, 2)), 0, self.tuning)
+        self._began_ns = 0
+        self._places = _begun(np.empty((0, 2)), 0, self.tuning, first=True)
 
     def step(
         self,
@@ -138,7 +155,9 @@ class PlaceMemory:
         """
         if self._time_ns is not None and self._time_ns - time_ns > RESET_NS:
             self.reset()
-        self._time_ns = time_ns if self._time_ns is None else max(self._time_ns, time_ns)
+        if self._time_ns is None:
+            self._time_ns = self._began_ns = time_ns
+        self._time_ns = max(self._time_ns, time_ns)
         tuning, places = self.tuning, self._places
         forgotten = self._time_ns - places.last_ns > tuning.forget_s * 1e9
         if forgotten.any():
@@ -147,21 +166,26 @@ class PlaceMemory:
         new = np.flatnonzero(of_body < 0)
         of_body[new] = len(places) + np.arange(len(new))
         if len(new):
-            places = _Places.joined([places, _begun(joined.xy[new], self._time_ns, tuning)])
+            first = self._time_ns - self._began_ns < tuning.first_s * 1e9
+            begun = _begun(joined.xy[new], self._time_ns, tuning, first=first)
+            places = _Places.joined([places, begun])
         _update_visitors(places, expected, tuning)
         look = _best_look(joined, bodies)
         _add_looks(places, of_body, joined.xy, look, self._time_ns, tuning)
-        lost = tuning.gain * np.log1p(places.seen_s[of_body] / tuning.tau)
-        best = np.maximum(places.best[of_body], tuning.present * look)
+        seen = places.select(of_body)
+        lost = tuning.gain * np.log1p(seen.seen_s / tuning.tau)
+        doubt = np.clip(1.0 - np.maximum(seen.best, tuning.present * look) / tuning.sure, 0.0, 1.0)
+        lasting = np.interp(seen.seen_s, [tuning.soon_s, tuning.long_s], [0.0, 1.0])
+        lasting *= np.clip(1.0 - seen.face / tuning.beyond_doubt, 0.0, 1.0)
+        doubt = np.where(seen.first & ~seen.came, np.maximum(doubt, lasting), doubt)
         if len(places) > tuning.max_places:
             latest = np.argsort(-places.last_ns, kind="stable")[: tuning.max_places]
             places = places.select(np.sort(latest))
         self._places = places
-        doubt = np.clip(1.0 - best / tuning.sure, 0.0, 1.0)
         return np.asarray(np.minimum(static_score, lost) * doubt)
 
 
-def _begun(xy: Float, time_ns: int, tuning: PlacesTuning) -> _Places:
+def _begun(xy: Float, time_ns: int, tuning: PlacesTuning, *, first: bool) -> _Places:
     """New places."""
     count = len(xy)
     return _Places(
@@ -171,9 +195,11 @@ def _begun(xy: Float, time_ns: int, tuning: PlacesTuning) -> _Places:
         last_ns=np.full(count, time_ns, dtype=np.int64),
         recent=np.full((count, tuning.looks), np.nan),
         best=np.full(count, -np.inf),
+        face=np.full(count, -np.inf),
+        first=np.full(count, first),
         visitor=np.zeros(count, dtype=np.intp),
         came=np.zeros(count, dtype=bool),
-        before=np.full(count, -np.inf),
+        before=np.full((count, 2), -np.inf),
     )
 
 
@@ -210,13 +236,13 @@ def _update_visitors(places: _Places, expected: Expected, tuning: PlacesTuning) 
     stays = np.zeros(len(places), dtype=bool)
     stays[place[ids[person] == places.visitor[place]]] = True
     left = here & ~stays
-    places.best[left] = places.before[left]
+    places.best[left], places.face[left] = places.before[left].T
     places.recent[left] = np.nan
     places.visitor[left], places.came[left] = 0, False
 
     nearest = _nearest(place, person, away, len(places))
     arrived = np.flatnonzero((nearest >= 0) & ~stays)
-    places.before[arrived] = places.best[arrived]
+    places.before[arrived] = np.column_stack([places.best[arrived], places.face[arrived]])
     places.visitor[arrived] = ids[nearest[arrived]]
     known = np.flatnonzero(nearest >= 0)
     mine = ids[nearest[known]] == places.visitor[known]
@@ -239,6 +265,8 @@ def _add_looks(
     places.seen_s[seen] += np.where(places.came[seen], 0.0, since_s)
     places.last_ns[seen] = time_ns
     recent = np.roll(places.recent[seen], 1, axis=1)
-    recent[:, 0] = np.minimum(look[body], tuning.max_look)
+    recent[:, 0] = look[body]
     places.recent[seen] = recent
-    places.best[seen] = np.fmax(places.best[seen], recent.mean(axis=1))
+    mean = np.minimum(recent, tuning.max_look).mean(axis=1)
+    places.best[seen] = np.fmax(places.best[seen], mean)
+    places.face[seen] = np.fmax(places.face[seen], np.median(recent, axis=1))
