@@ -8,7 +8,7 @@ setup(
     packages=find_packages(),
     package_data={
         "": ["py.typed"],
-        "mrs_people_loc.bodies": ["*.json", "*.npy", "*.onnx"],
+        "mrs_people_loc.bodies": ["*.json", "*.onnx"],
         "mrs_tools.view": ["page/*"],
     },
     data_files=[

@@ -31,6 +31,7 @@ from oracle.numbers import (
     TOP_SHARE,
     ZONE_ROWS,
 )
+from oracle.patches import Patch
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,8 @@ class Candidate:
         bearing: Of its patch, from the lens [rad].
         inverse_range: Likewise [px].
         extent: What the search saw [m].
-        difference: Of its patch [px], shape (heights, across), as `contrast`.
-        tolerance: Of its patch [px].
-        contrast: Of its vote.
+        patch: Its patch.
+        contrast: Of its vote, shape (heights, across).
         shift: Of its vote [px].
         even: Rows of its evidence.
         odd: Likewise.
@@ -68,8 +68,7 @@ class Candidate:
     bearing: float
     inverse_range: float
     extent: float
-    difference: Float
-    tolerance: float
+    patch: Patch
     contrast: Float
     shift: float
     even: Float
@@ -95,7 +94,7 @@ def body_of(number: int, of: Candidate, left: Gray, camera: StereoCamera, config
     away = math.hypot(away, aside)
     score = fitted("human", of.even) if config.human_test else of.extent
     if config.human_test and config.appearance:
-        score = with_appearance(score, left, camera, bearing, away)
+        score = with_appearance(score, left, camera, bearing, away, of.patch)
     return Body(
         candidate=number,
         x=lens[0] + away * math.cos(bearing),
@@ -105,7 +104,7 @@ def body_of(number: int, of: Candidate, left: Gray, camera: StereoCamera, config
         score=score,
         sigma_range=sigma_range,
         sigma_across=sigma_across,
-        top=top_of(of.difference, of.tolerance, of.contrast),
+        top=top_of(of.patch.difference, of.patch.tolerance, of.contrast),
     )
 
 
@@ -211,7 +210,7 @@ def cells_of(bodies: Sequence[Body], candidates: Sequence[Candidate]) -> list[Bo
     cells = []
     for number, body in enumerate(bodies, 1):
         of = candidates[body.candidate]
-        rows = _silhouette(of.difference, of.tolerance)
+        rows = _silhouette(of.patch.difference, of.patch.tolerance)
         for column, (x, y) in _places(body, rows).items():
             heights = [float(HEIGHTS[row]) for row in rows[column]]
             cells.append(
@@ -230,7 +229,7 @@ def points_of(
     points = []
     for body in bodies:
         of = candidates[body.candidate]
-        rows = _silhouette(of.difference, of.tolerance)
+        rows = _silhouette(of.patch.difference, of.patch.tolerance)
         places = _places(body, rows)
         points += [
             (*places[column], float(HEIGHTS[row]))

@@ -60,7 +60,7 @@ from oracle.fusion import fused_of, in_order, placed_of
 from oracle.head import scale_of
 from oracle.masking import Walls
 from oracle.numbers import HIGHEST_M, LOWEST_M
-from oracle.patches import centred, patch_at
+from oracle.patches import Patch, centred, patch_at
 from oracle.people import group_of, people_on
 from oracle.places import Guest, Look, lost_by
 from oracle.search import Bins, cross_out, extents_of, histogram_of
@@ -281,13 +281,21 @@ def check_evidence(name: str, view: CandidateEvidence, camera: StereoCamera) -> 
             near(f"{name}: evidence.{field}", getattr(view.evidence, field)[k], values, _FLOAT32)
 
 
+def _patch_of(patches: Patches, k: int) -> Patch:
+    return Patch(
+        ahead=np.ones(patches.u[k].shape, dtype=bool), u=patches.u[k], v=patches.v[k],
+        expected=patches.expected[k], difference=patches.difference[k], inside=patches.inside[k],
+        tolerance=float(patches.tolerance[k]),
+    )  # fmt: skip
+
+
 def _candidates_of(view: CandidateEvidence) -> list[Candidate]:
     patches, vote, evidence = view.patches, view.vote, view.evidence
     return [
         Candidate(
             bearing=float(patches.bearing[k]), inverse_range=float(patches.inverse_range[k]),
-            extent=float(view.candidates.extent[k]), difference=patches.difference[k],
-            tolerance=float(patches.tolerance[k]), contrast=vote.contrast[k],
+            extent=float(view.candidates.extent[k]), patch=_patch_of(patches, k),
+            contrast=vote.contrast[k],
             shift=float(vote.shift[k]), even=evidence.even[k], odd=evidence.odd[k],
             depth=evidence.depth[k],
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from importlib import resources
@@ -52,7 +53,7 @@ def log_odds_of(grey: Float, inside: Float) -> float:
     mean = sum(seen) / max(len(seen), 1)
     deviation = math.sqrt(sum((s - mean) ** 2 for s in seen) / max(len(seen), 1))
     values = np.array([(np.sqrt(grey + 1.0) - mean) / (deviation + 0.5) * inside, inside])
-    weights = weights_of_network()
+    weights = weights_of("person_network.onnx")
     for k, stride in enumerate(STRIDES):
         values = _layer(values, weights[f"weights{k}"], weights[f"bias{k}"], stride)
     return float(np.dot(weights["weights"][0], values.ravel()) + weights["bias"][0])
@@ -70,9 +71,10 @@ def _layer(values: Float, weights: Float, bias: Float, stride: int) -> Float:
     return result
 
 
-def weights_of_network() -> dict[str, Float]:
-    """The weights by name, from the ONNX file (protocol buffers: model.graph.initializer)."""
-    file = resources.files("mrs_people_loc.bodies").joinpath("person_network.onnx")
+@functools.cache
+def weights_of(name: str) -> dict[str, Float]:
+    """The weights by name, from an ONNX file (protocol buffers: model.graph.initializer)."""
+    file = resources.files("mrs_people_loc.bodies").joinpath(name)
     model = dict(_fields(file.read_bytes()))
     weights = {}
     for key, tensor in _fields(model[7]):

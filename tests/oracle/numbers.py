@@ -73,25 +73,14 @@ KNOTS = 2.0, 3.0, 4.0
 
 # --- appearance --------------------------------------------------------------------------------
 
-#: Windows: lower and upper edge over the floor, left and right edge [m], rows, columns. Those of
-#: the people detector are one cell apart.
-DETECTOR_WINDOWS = [
-    (-7 / 24, 49 / 24, 7 / 12 + aside, -7 / 12 + aside, 128, 64) for aside in (7 / 48, 0, -7 / 48)
-]
-#: Side of a cell [samples], orientations.
-CELL_SAMPLES, ORIENTATIONS = 8, 9
-#: Above so many pixels in a sample, the image is smoothed by this sigma [px].
-SMOOTHED_ABOVE = (2.5, 1.4), (1.25, 0.7)
-#: A sample of a nearer body covers as much as of one at this range [m].
-NEAREST_SAMPLED_M = 0.3
-#: Points nearer to the plane of the lens are not looked at [m].
-LEAST_DEPTH_M = 0.1
-#: Added to the norms of a block, before and after it is cut, and where it is cut.
-NORM_ADDED, CUT_AT, NORM_ADDED_AFTER = 3.6, 0.2, 1e-3
-#: What has less by the human test is not looked at [log-odds].
-RULED_OUT = -8.0
-#: The human test counts within these log-odds; least share of the blocks that divides a score.
-LEAST_HUMAN, MOST_HUMAN, LEAST_BLOCKS = -2.0, 4.0, 0.05
+#: Images are reduced to this focal length [px]; sides of the network's image are a multiple of the
+#: second; side of the square around [px]; added to standard deviations.
+MAP_FOCAL_PX, SIDE_MULTIPLE, SQUARE_PX, LEAST_DEVIATION = 140.0, 32, 17, 0.5
+#: Side of a cell of the map [px]; legs, trunk, head [m]; so many samples more say nothing.
+CELL_PX, PARTS_M, SILENT_SAMPLES = 4, [(0.2, 0.9), (0.9, 1.3), (1.3, 1.9)], 6.0
+#: What has less by the human test is nobody [log-odds]; the human test counts within these; from
+#: there to the last one, what the map says counts less and less.
+RULED_OUT, LEAST_HUMAN, MOST_HUMAN, SURE_SHAPE = -8.0, -2.0, 4.0, 6.0
 
 # --- bodies ------------------------------------------------------------------------------------
 

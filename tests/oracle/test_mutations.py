@@ -13,10 +13,10 @@ from mrs_people_loc import planner as planner_module
 from mrs_people_loc.bodies import (
     appearance,
     finder,
-    gradients,
     model,
     network,
     patches,
+    person_map,
     places,
     scanner,
     search,
@@ -190,30 +190,13 @@ OF_BODIES = {
     "depth evidence": (finder, "gather_evidence", change(depth=1e-3), r"evidence\.depth"),
     "human test": (model.Layered, "__call__", then(lambda score: score + 0.1), r"bodies"),
     "appearance": (
-        appearance.Appearance, "__call__", then(lambda score: score + 0.01), r"bodies",
+        appearance.Scores, "combined", then(lambda score: score + 0.01), r"bodies",
     ),
-    "detector": (appearance, "block_score", then(lambda score: score + 0.01), r"bodies"),
-    "network": (
-        network.PersonNetwork, "__call__", then(lambda score: score + 0.05), r"bodies",
-    ),
-    "one window": (
-        appearance, "detector_score",
-        instead(lambda looks, middle: appearance.block_score(
-            looks.detector[:, 1], looks.inside[:, 1], middle
-        )), r"bodies",
-    ),
-    "blocks in the image": (
-        gradients.GradientSampler, "__call__",
-        then(lambda found: dataclasses.replace(found, inside=all_but_one(found.inside))),
-        r"bodies",
-    ),
-    "gradients": (gradients, "histograms_of", then(lambda h: h * F32(1.02)), r"bodies"),
-    "windows": (
-        gradients.GradientSampler, "homographies",
-        then(lambda pixels: pixels + [[0.0, 0.0, 0.2], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
-        r"bodies",
-    ),
-    "smoothing": (gradients, "_SMOOTHING", instead(((0.0, 0.7),)), r"bodies"),
+    "network": (network.PersonNetwork, "__call__", then(lambda score: score + 0.05), r"bodies"),
+    "image": (person_map.PersonMap, "__call__", then(lambda score: score - 0.05), r"bodies"),
+    "map": (person_map.PersonMap, "log_odds", then(lambda shown: shown - F32(0.1)), r"bodies"),
+    "around": (person_map, "_AROUND", instead((9, 9)), r"bodies"),
+    "rows of parts": (person_map, "_ROWS", instead(person_map._ROWS[::-1]), r"bodies"),
     "axis": (model.Linear, "__call__", then(lambda place: place + 1e-3), r"bodies\.(x|y)"),
     "selection": (finder.BodyFinder, "_alone", then(lambda kept: kept[:-1]), "number of bodies"),
     "all selected": (

@@ -17,7 +17,7 @@ from mrs_people_loc.anthropometry import APART, APART_ACROSS, AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.bodies import model as body_model
 from mrs_people_loc.bodies import votes as voting
-from mrs_people_loc.bodies.appearance import Appearance
+from mrs_people_loc.bodies.appearance import RULED_OUT, Appearance, Scores
 from mrs_people_loc.bodies.model import BodyModel, Evidence, gather_evidence
 from mrs_people_loc.bodies.patches import (
     ACROSS,
@@ -248,8 +248,11 @@ class BodyFinder:
         bodies = self.all_bodies(view)
         times.mark("judge")
         if self._appearance is not None:
-            model = (self._model or body_model.fitted()).appearance
-            score = self._appearance(model, left, bodies.bearing, bodies.range, bodies.score)
+            weights = (self._model or body_model.fitted()).appearance.weights
+            score, seen = bodies.score.copy(), bodies.score >= RULED_OUT
+            some = bodies.select(seen)
+            looks = self._appearance(left, some.bearing, some.range, some.patches)
+            score[seen] = Scores(score[seen], looks).combined(weights)
             bodies = replace(bodies, score=score)
             times.mark("appearance")
         bodies = bodies.select(self._alone(bodies))

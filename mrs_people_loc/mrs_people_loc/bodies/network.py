@@ -9,6 +9,7 @@ weights are in `person_network.onnx`.
 from __future__ import annotations
 
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -53,7 +54,7 @@ class PersonNetwork:
 
     def __init__(self, camera: StereoCamera) -> None:
         self.camera = camera
-        self._network = _read(_FILE)
+        self._network = read_network(_FILE)
 
     def __call__(self, left: Gray, bearing: Float, ranges: Float) -> Float:
         """Log-odds of a person, about -5 to 5, shape (n,).
@@ -70,17 +71,21 @@ class PersonNetwork:
         return np.asarray(self._network.forward(), dtype=np.float64).reshape(-1)
 
 
-def _read(name: str) -> Any:
-    """A network of this package.
+def read_network(file: str | Path) -> Any:
+    """A network.
+
+    Args:
+        file: Its name in this package, or its path.
 
     Raises:
         ConfigError: It is missing or cannot be read.
     """
     try:
-        data = resources.files("mrs_people_loc.bodies").joinpath(name).read_bytes()
+        own = resources.files("mrs_people_loc.bodies")
+        data = (file if isinstance(file, Path) else own.joinpath(file)).read_bytes()
         return cv2.dnn.readNetFromONNX(np.frombuffer(data, dtype=np.uint8))
     except (OSError, cv2.error) as err:
-        raise ConfigError(f"{name} cannot be read; wanted: the file of this package") from err
+        raise ConfigError(f"{file} cannot be read; wanted: the file of this package") from err
 
 
 def sample_windows(

@@ -194,7 +194,7 @@ class Bodies(Section):
         "vertical extent is used instead; fitted with bodies.vote",
     )  # fmt: skip
     appearance: bool = field(
-        True, "true: the grey values of a body (OpenCV's people detector, a network) add to the "
+        True, "true: the grey values of a body (networks see people in them) add to the "
         "log-odds of the human test; without bodies.human_test it has no effect",
     )  # fmt: skip
     axis: bool = field(

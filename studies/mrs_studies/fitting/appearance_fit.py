@@ -1,7 +1,7 @@
 """Fits how the appearance of bodies, and the human test, count.
 
 The weights of the combination are fitted to scores of models that have not seen the bags that they
-judge; the network is trained beforehand (`train_network.py`), on the suite's train half. Renderings
+judge; the networks are trained beforehand (`train_map.py`, `train_network.py`). Renderings
 overrate the human test, which was fitted to them: where real rooms are given, they count nearly as
 much as all renderings together.
 """
@@ -14,32 +14,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from mrs_people_loc.arrays import Bool, Float
-from mrs_people_loc.bodies.appearance import (
-    DETECTOR_WINDOWS,
-    RULED_OUT,
-    AppearanceModel,
-    Looks,
-    Scores,
-)
+from mrs_people_loc.bodies.appearance import RULED_OUT, AppearanceModel, Scores
 from mrs_studies.fitting.regression import rounded
 
 #: Share of the real examples in the fit of the combination. More of it finds fewer people of the
 #: suite, less of it takes more furniture of a room that the fit has not seen for people.
-_REAL = 0.45
-
-
-def detector_middles(looks: Looks, person: Bool) -> Float:
-    """By block, the middle between what people and other things have there, shape (blocks,).
-
-    The window at the axis counts, which is the middle one.
-    """
-    at = DETECTOR_WINDOWS // 2
-    detector, in_image = looks.detector[:, at], looks.inside[:, at]
-    means = []
-    for chosen in (person, ~person):
-        inside = in_image[chosen]
-        means.append((detector[chosen] * inside).sum(axis=0) / np.maximum(inside.sum(0), 1))
-    return rounded(0.5 * (means[0] + means[1]))
+_REAL = 0.2
 
 
 def fit_combination(scores: Scores, person: Bool, weight: Float) -> Float:
@@ -64,7 +44,7 @@ def fit_combination(scores: Scores, person: Bool, weight: Float) -> Float:
         return float(cost), columns.T @ error + 1e-4 * p
 
     bounds: Sequence[tuple[float | None, None]] = [(0.0, None)] * 4 + [(None, None)]
-    start = np.array([0.3, 0.3, 1.0, 1.0, 0.0])
+    start = np.array([0.3, 0.3, 0.3, 0.3, 0.0])
     found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
     return rounded(np.asarray(found.x))
 
@@ -77,14 +57,6 @@ def shared_weights(real: Bool) -> Float:
     return weight
 
 
-def appearance_model(weights: Float, detector: Float) -> AppearanceModel:
+def appearance_model(weights: Float) -> AppearanceModel:
     """The fitted numbers as the model."""
-    human, above, of_detector, network, offset = (float(value) for value in weights)
-    return AppearanceModel(
-        human=human,
-        above=above,
-        detector=of_detector,
-        network=network,
-        offset=offset,
-        detector_middle=detector,
-    )
+    return AppearanceModel(*(float(value) for value in weights))

@@ -19,14 +19,13 @@ import numpy as np
 
 from mrs_people_loc.anthropometry import AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float
-from mrs_people_loc.bodies.appearance import Scores, detector_score
+from mrs_people_loc.bodies.appearance import Scores
 from mrs_people_loc.bodies.model import RANGES, BodyModel, Layered, Linear
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.precision import BODY_SIGMA_PX
 from mrs_people_sim.scoring.positions import CHI2_95
 from mrs_studies.fitting.appearance_fit import (
     appearance_model,
-    detector_middles,
     fit_combination,
     shared_weights,
 )
@@ -36,7 +35,7 @@ from mrs_studies.fitting.regression import fit_layered, fit_linear, fit_quantile
 FOLDS = 5
 #: Added to the log-odds of a person: candidates are mostly things, and a person who is missed costs
 #: more than a thing that is taken for one, which the planner's places and tracks may still remove.
-IN_FAVOUR = 1.2
+IN_FAVOUR = 0.9
 #: Width of the bins of range in which examples count alike [m], and how much one may count.
 _BIN, _MOST = 0.5, 4.0
 #: Knots of the groups that are fitted without bias: ranges [m], log2 of pixels for a metre.
@@ -52,12 +51,10 @@ class Parts:
     Attributes:
         human: The human test.
         offsets: Offsets to the axis and their standard deviations, by their names in `BodyModel`.
-        detector: Middles of the people detector.
     """
 
     human: Layered
     offsets: Mapping[str, Linear]
-    detector: Float
 
     @classmethod
     def fit(cls, examples: Examples) -> Parts:
@@ -66,21 +63,15 @@ class Parts:
         return cls(
             human=fit_layered(clear.even, clear.person.astype(np.float64)),
             offsets=fit_offsets(examples.select(examples.person)),
-            detector=detector_middles(clear.looks, clear.person),
         )
 
     def scores(self, examples: Examples) -> Scores:
         """What the parts of the combination say of examples."""
-        return Scores(
-            human=self.human(examples.even),
-            detector=detector_score(examples.looks, self.detector),
-            network=examples.looks.network,
-        )
+        return Scores(self.human(examples.even), examples.looks)
 
     def model(self, weights: Float) -> BodyModel:
         """The model with the weights of the combination."""
-        appearance = appearance_model(weights, self.detector)
-        return BodyModel(human=self.human, **self.offsets, appearance=appearance)
+        return BodyModel(human=self.human, **self.offsets, appearance=appearance_model(weights))
 
 
 def held_out(examples: Examples) -> list[tuple[Bool, Parts]]:
@@ -95,11 +86,10 @@ def held_out_scores(examples: Examples, parts: Sequence[tuple[Bool, Parts]]) -> 
         examples: The examples.
         parts: As of `held_out`.
     """
-    scores = Scores(*(np.zeros(len(examples)) for _ in dataclasses.fields(Scores)))
+    human = np.zeros(len(examples))
     for held, mine in parts:
-        for name, values in vars(mine.scores(examples.select(held))).items():
-            getattr(scores, name)[held] = values
-    return scores
+        human[held] = mine.human(examples.even[held])
+    return Scores(human, examples.looks)
 
 
 def combination(
@@ -113,12 +103,12 @@ def combination(
         real: Of real rooms.
         parts: Judge the real ones.
     """
-    scores, person = scores.select(examples.clear), examples.person[examples.clear]
+    scores, person = scores.select(examples.decided), examples.person[examples.decided]
     known = np.zeros(len(scores), dtype=bool)
     if real is not None and parts is not None:
-        clear = real.select(real.clear)
-        scores = Scores.joined([scores, parts.scores(clear)])
-        person = np.concatenate([person, clear.person])
+        decided = real.select(real.decided)
+        scores = Scores.joined([scores, parts.scores(decided)])
+        person = np.concatenate([person, decided.person])
         known = np.arange(len(scores)) >= len(known)
     weights = fit_combination(scores, person, shared_weights(known))
     weights[-1] += IN_FAVOUR

@@ -31,8 +31,9 @@ from mrs_tools.bags.reader import BagReader
 #: A person is at a candidate if within this across the line of sight [m], and along it within a
 #: part that is fixed [m] and one in disparity [px], but no more than that [m] ...
 _ACROSS, _ALONG, _ALONG_PX, _ALONG_MOST = 0.2, 0.2, 0.7, 0.8
-#: ... and nobody is if everybody is farther away than so many times that.
-_NOBODY = 2.0
+#: ... and nobody is if everybody is farther away than so many times that; whatever is just beside
+#: or behind somebody is not them from so many times that on.
+_NOBODY, _NOT_THEM = 2.0, 1.1
 #: Another robot is at a candidate likewise, within these.
 _ROBOT_ACROSS, _ROBOT_ALONG, _ROBOT_ALONG_PX = 0.35, 0.3, 0.3
 #: Augmentation of every second image: largest sigma of blur [px] and of noise [grey levels], and
@@ -83,6 +84,11 @@ class Examples(StructOfArrays):
         """Which are people or nobody, and not something in between."""
         return ((self.away < 1.0) | (self.away >= _NOBODY)) & ~self.robot
 
+    @property
+    def decided(self) -> Bool:
+        """Likewise, and what is just beside or behind somebody."""
+        return ((self.away < 1.0) | (self.away >= _NOT_THEM)) & ~self.robot
+
 
 class _Looker:
     """A robot's pipeline up to the evidence; keeps what it saw."""
@@ -107,7 +113,7 @@ class _Looker:
     def looks(self, view: CandidateEvidence, left: Gray) -> Looks:
         """Appearance of the candidates at the axes that the present model gives."""
         bodies = self._find.all_bodies(view)
-        return self._appearance.looks(left, bodies.bearing, bodies.range)
+        return self._appearance(left, bodies.bearing, bodies.range, bodies.patches)
 
 
 def _collected_lookers(

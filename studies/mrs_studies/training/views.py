@@ -15,8 +15,10 @@ from mrs_people_loc.sensing.images import Gray
 from mrs_studies.training.pictures import OTHER, UNKNOWN, Cutout, Picture
 
 WIDTH, HEIGHT = 160, 120
-#: Heights of the people that a view is centred on [px]: 8 m to 1.2 m away.
-_SMALLEST, _TALLEST = 30.0, 210.0
+#: Heights of the people that a view is centred on [px]: 8 m to 0.8 m away.
+_SMALLEST, _TALLEST = 30.0, 310.0
+#: People who walk past a near head are blurred by this much at most [px of a room's picture].
+_WALK_BLUR = 12
 #: No picture is enlarged more than this.
 _LARGEST_SCALE = 3.0
 
@@ -36,6 +38,7 @@ def view_of(
     height, width = grey.shape
     if label is None:
         label = np.zeros(grey.shape, np.uint8)
+    size = np.array([width, height])
     least = max(WIDTH / width, HEIGHT / height)  # fills the view
     aside = down = 0.0
     if len(people) and rng.random() < 0.85:
@@ -43,16 +46,18 @@ def view_of(
         tall = max(bottom - top, 1.2 * (right - left), 4.0)
         scale = math.exp(rng.uniform(math.log(_SMALLEST), math.log(_TALLEST))) / tall
         middle = np.array([left + right, top + bottom]) / 2
-        aside, down = rng.uniform(-0.45, 0.45) * WIDTH, rng.uniform(-0.3, 0.3) * HEIGHT
+        aside, down = rng.uniform(-0.52, 0.52) * WIDTH, rng.uniform(-0.4, 0.4) * HEIGHT
     else:
         scale = least * math.exp(rng.uniform(0.0, math.log(2.5)))
-        middle = rng.uniform(0, [width, height])
+        middle = rng.uniform(0, size)
     scale = min(max(scale, 0.9 * least), _LARGEST_SCALE)
+    if grey.shape == (HEIGHT, WIDTH) and rng.random() < 0.5:  # as it is
+        scale, middle, aside, down = 1.0, size / 2, 0.0, 0.0
     angle = math.radians(rng.normal(0, 4) if rng.random() < 0.8 else rng.uniform(-14, 14))
     flip = -1.0 if rng.random() < 0.5 else 1.0
     stretch = math.exp(rng.normal(0.0, 0.06))
     middle = middle - np.array([aside, down]) / scale
-    half, size = np.array([WIDTH, HEIGHT]) / (2 * scale), np.array([width, height])
+    half = np.array([WIDTH, HEIGHT]) / (2 * scale)
     middle = np.clip(middle, np.minimum(half, size / 2), np.maximum(size - half, size / 2))
     cos, sin = scale * math.cos(angle), scale * math.sin(angle)
     linear = np.array([[flip * cos * stretch, -flip * sin], [sin * stretch, cos]])
@@ -64,7 +69,7 @@ def view_of(
     shown: Any = cv2.warpAffine(
         label, at, (WIDTH, HEIGHT), flags=cv2.INTER_NEAREST, borderValue=UNKNOWN
     )
-    if rng.random() < 0.2:  # something in front
+    if rng.random() < 0.3:  # something in front
         left, top = rng.integers(0, WIDTH - 20), rng.integers(HEIGHT // 4, HEIGHT)
         columns = slice(left, left + rng.integers(15, 90))
         other = cv2.resize(_one_of(rooms, rng).grey, (WIDTH, HEIGHT))
@@ -78,12 +83,12 @@ def _by_a_cheap_camera(image: Gray, rng: np.random.Generator) -> Gray:
     if rng.random() < 0.5:
         values = cv2.GaussianBlur(values, (0, 0), rng.uniform(0.2, 1.0))
     if rng.random() < 0.15:  # it turns
-        values = cv2.blur(values, (int(rng.integers(2, 5)), 1))
+        values = cv2.blur(values, (int(rng.integers(2, 8)), 1))
     values = 255 * (values / 255).clip(0, 1) ** math.exp(rng.uniform(-0.5, 0.5))
     mean = values.mean()
     values = mean + (values - mean) * math.exp(rng.uniform(-0.7, 0.3)) + rng.uniform(-30, 30)
     across, down = np.linspace(-1, 1, WIDTH), np.linspace(-1, 1, HEIGHT)[:, np.newaxis]
-    values = values * (1 + rng.uniform(-0.3, 0.3) * across + rng.uniform(-0.3, 0.3) * down)
+    values = values * (1 + rng.uniform(-0.5, 0.5) * across + rng.uniform(-0.4, 0.4) * down)
     values = values + rng.normal(0, 1, values.shape) * 6 * rng.random() ** 2
     return np.clip(values.round(), 0, 255).astype(np.uint8)
 
@@ -107,7 +112,7 @@ def composite(
     people = []
     for _ in range(rng.integers(1, 6)):
         cutout: Cutout = cutouts[int(rng.integers(len(cutouts)))]
-        tall = math.exp(rng.uniform(math.log(0.22), math.log(1.3))) * height
+        tall = math.exp(rng.uniform(math.log(0.22), math.log(1.9))) * height
         foot = height * rng.uniform(0.55, 0.8) + tall * rng.uniform(0.1, 0.6)
         at = rng.uniform(0, width)
         if rng.random() < 0.65:
@@ -152,6 +157,9 @@ def _put(
     if rng.random() < 0.5:
         grey, opaque, shown = (part[:, ::-1] for part in (grey, opaque, shown))
     opaque = cv2.GaussianBlur(np.ascontiguousarray(opaque), (0, 0), rng.uniform(0.3, 1.0))
+    if rng.random() < 0.2:
+        along = (int(rng.integers(2, _WALK_BLUR)), 1)
+        grey, opaque = cv2.blur(np.ascontiguousarray(grey), along), cv2.blur(opaque, along)
     left, top = int(at - size[0] / 2), int(foot - size[1])
     rows = slice(max(top, 0), min(top + size[1], image.shape[0]))
     columns = slice(max(left, 0), min(left + size[0], image.shape[1]))

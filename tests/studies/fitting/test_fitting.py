@@ -24,7 +24,7 @@ pytest.importorskip("scipy", reason="fitting needs scipy")
 from typer.testing import CliRunner
 
 from mrs_people_loc.arrays import Bool
-from mrs_people_loc.bodies.appearance import DETECTOR_WINDOW, DETECTOR_WINDOWS, Looks
+from mrs_people_loc.bodies.appearance import Looks
 from mrs_people_loc.bodies.finder import BodyTuning, CandidateEvidence
 from mrs_people_loc.bodies.patches import PatchSampler
 from mrs_people_loc.bodies.search import Candidates, SearchTuning
@@ -55,14 +55,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def looks_of(person: Bool, rng: np.random.Generator) -> Looks:
-    """People have higher scores; half of their windows are in the image."""
-    count = len(person)
-    shape = count, DETECTOR_WINDOWS, DETECTOR_WINDOW.blocks
-    detector = rng.normal(0.0, 0.1, shape).astype(np.float32)
-    detector[person] += 0.01
-    inside = rng.uniform(size=(count, DETECTOR_WINDOWS, 1)) < 0.5
-    lower = np.arange(DETECTOR_WINDOW.blocks) % 7 < 4
-    return Looks(detector, inside | lower, rng.normal(0.0, 1.0, count) + 2.0 * person)
+    """People have more log-odds."""
+    window, image = rng.normal(0.0, 1.0, (2, len(person))) + 2.0 * person
+    return Looks(window, image - 1.0)
 
 
 def examples(count: int, *, bags: int = 10, noise: float = 0.0, seed: int = 0) -> Examples:
