@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -114,6 +115,24 @@ class LocalizationState:
     hung_ns: int = 0
 
 
+class _Placed(NamedTuple):
+    """A pose of the robot, and what it was made from.
+
+    Attributes:
+        odometry: Its dead reckoning.
+        state: Of the team.
+        heard: The team-mates that were heard.
+        in_team: `TeamState.in_team` of these; None: none was heard.
+        pose: The pose.
+    """
+
+    odometry: Odometry
+    state: TeamState
+    heard: list[str]
+    in_team: Float | None
+    pose: Pose
+
+
 @dataclass
 class _Mate:
     """What came from a team-mate."""
@@ -148,8 +167,7 @@ class Localizer:
         self._mates: dict[str, _Mate] = {}
         self._inbox.clear()
         self._outbox = Outbox()
-        # The robot's last pose, and what it was made from.
-        self._placed: tuple[Odometry, TeamState, list[str], Pose] | None = None
+        self._placed: _Placed | None = None
 
     def reset(self) -> None:
         """Forgets everything; the next odometry is the start."""
@@ -322,7 +340,7 @@ class Localizer:
         """
         state, found = self._history.newest, []
         try:
-            own, _ = state.pose_of(self.robot, self._track.at(stamp_ns))
+            own = state.pose_of(self.robot, self._track.at(stamp_ns)).place
         except PoseError:
             return NOBODY
         i = state.at(self.robot)
@@ -331,7 +349,7 @@ class Localizer:
                 continue
             last, j = self._mates[mate].track.newest, state.at(mate)
             assert last is not None
-            place, _ = state.pose_of(mate, last)
+            place = state.pose_of(mate, last).place
             (x, y, _), by_own, by_mate = pose_from(own, place)
             columns = np.r_[i : i + 3, j : j + 3]
             jacobian = np.hstack([by_own, by_mate])[:2]
@@ -481,13 +499,14 @@ class Localizer:
         """base_link in the map, also relative to the team-mates that are heard, if any is."""
         heard = [name for name in state.odometry if self._is_heard(name, _TUNING.silent_ns)]
         last = self._placed
-        if last and last[0] is odometry and last[1] is state and last[2] == heard:
-            return last[3]
-        pose = _pose(odometry, state, self.robot)
-        if heard:
-            in_team = state.in_team(self.robot, odometry, heard)
-            pose = dataclasses.replace(pose, in_team=in_team)
-        self._placed = odometry, state, heard, pose
+        if last is not None and last.state is state and last.heard == heard:
+            if last.odometry is odometry:
+                return last.pose
+            in_team = last.in_team
+        else:
+            in_team = state.in_team(self.robot, heard) if heard else None
+        pose = _pose(odometry, state, self.robot, in_team)
+        self._placed = _Placed(odometry, state, heard, in_team, pose)
         return pose
 
     def _is_heard(self, robot: str, within_ns: int) -> bool:
@@ -496,10 +515,13 @@ class Localizer:
         return mate is not None and newest is not None and newest.stamp_ns - mate.at_ns < within_ns
 
 
-def _pose(odometry: Odometry, state: TeamState, robot: str) -> Pose:
-    place, covariance = state.pose_of(robot, odometry)
-    x, y, yaw = place.tolist()
-    return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), covariance)
+def _pose(odometry: Odometry, state: TeamState, robot: str, in_team: Float | None = None) -> Pose:
+    """A robot's pose; `in_team`: `TeamState.in_team`, at the time of the state."""
+    made = state.pose_of(robot, odometry)
+    if in_team is not None:
+        in_team = made.carried_on(in_team)
+    x, y, yaw = made.place.tolist()
+    return Pose(odometry.stamp_ns, x, y, wrap_angle(yaw), made.covariance, in_team)
 
 
 def _arrays(pose: Pose) -> tuple[Float, Float]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -121,14 +122,11 @@ def by_wheels(moved: Float, wheels: Wheels, seconds: float = 0.0) -> tuple[Float
         The same, corrected, and its Jacobian by `wheels`, shape (3, 3).
     """
     way, aside, turn = moved.tolist()
-    scale, per_metre, per_radian = wheels.tolist()
     squared = turn * turn
     least = (_TUNING.turns_from * seconds) ** 2
     driven = turn * (1.0 - least / squared) if squared > least else 0.0
-    more = per_metre * way + per_radian * driven
+    x, y, more = _corrected(way, aside, driven, wheels.tolist())
     c, s = math.cos(0.5 * more), math.sin(0.5 * more)
-    longer = (1.0 + scale) * way
-    x, y = c * longer - s * aside, s * longer + c * aside
     jacobian = np.array(
         [
             [c * way, -0.5 * y * way, -0.5 * y * driven],
@@ -137,6 +135,17 @@ def by_wheels(moved: Float, wheels: Wheels, seconds: float = 0.0) -> tuple[Float
         ]
     )
     return np.array([x, y, turn + more]), jacobian
+
+
+def _corrected(
+    way: float, aside: float, turn: float, wheels: Sequence[float]
+) -> tuple[float, float, float]:
+    """Where a way [m] leads with errors of the wheels: x, y [m], and how much more it turns."""
+    scale, per_metre, per_radian = wheels
+    more = per_metre * way + per_radian * turn
+    c, s = math.cos(0.5 * more), math.sin(0.5 * more)
+    longer = (1.0 + scale) * way
+    return c * longer - s * aside, s * longer + c * aside, more
 
 
 def motion(begin: Odometry, end: Odometry) -> tuple[Float, Float]:
@@ -195,10 +204,15 @@ def carried_on(place: Float, moved: Float) -> tuple[Float, Float]:
     return np.array([place[0] + dx, place[1] + dy, place[2] + moved[2]]), jacobian
 
 
+def rotation_of(yaw: float) -> Float:
+    """The matrix that turns x, y of x, y, yaw by an angle [rad], shape (3, 3)."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 def turned(covariance: Float, yaw: float) -> Float:
     """The covariance of x, y, yaw in a frame that is turned by -yaw, shape (3, 3)."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotation = rotation_of(yaw)
     return np.asarray(rotation @ covariance @ rotation.T)
 
 
@@ -277,12 +291,13 @@ class DeadReckoning:
             east, north = pose.x - before.x, pose.y - before.y
             c, s = math.cos(before.yaw), math.sin(before.yaw)
             turn = wrap_angle(pose.yaw - before.yaw)
-            moved = np.array([c * east + s * north, c * north - s * east, turn])
-            moved, _ = by_wheels(moved, np.array(self.config.wheels))
-            (x, y, yaw), _ = carried_on(np.array([x, y, yaw]), moved)
+            way, aside = c * east + s * north, c * north - s * east
+            dx, dy, more = _corrected(way, aside, turn, self.config.wheels)
+            c, s = math.cos(yaw), math.sin(yaw)
+            x, y, yaw = x + c * dx - s * dy, y + s * dx + c * dy, yaw + turn + more
         return Odometry(
             pose.stamp_ns,
-            float(x), float(y), wrap_angle(float(yaw)),
+            x, y, wrap_angle(yaw),
             so_far.position_variance + position,
             so_far.heading_variance + heading,
         )  # fmt: skip
@@ -320,14 +335,13 @@ class DeadReckoning:
         turn = abs(wrap_angle(pose.yaw - before.yaw))
         position = config.position_noise**2 * way
         heading = config.heading_noise**2 * way + config.turn_noise**2 * turn
-        stated = pose.covariance - before.covariance
+        (xx, xy, _), (_, yy, _), (_, _, stated) = (pose.covariance - before.covariance).tolist()
         # An error of the heading adds to the position's covariance in one direction only.
-        xx, xy, yy = stated[0, 0], stated[0, 1], stated[1, 1]
         least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
         # Some bases state large covariances while they drive, and small ones while they stand.
         return (
-            max(position, min(float(least), _TUNING.most_stated * position)),
-            max(heading, min(float(stated[2, 2]), _TUNING.most_stated * heading)),
+            max(position, min(least, _TUNING.most_stated * position)),
+            max(heading, min(stated, _TUNING.most_stated * heading)),
         )
 
 

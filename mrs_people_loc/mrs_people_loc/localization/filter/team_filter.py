@@ -229,11 +229,11 @@ class TeamFilter:
             trust = changed(trust, claims_refused=refused, off=off)
             return _with_trust(state, robot, trust)
         trust = changed(trust, claims_refused=0)
-        share = share_of_claim(own, claim.covariance)
         again = self._is_in_contact_again(trust, stamp_ns)
         if trust.disputed >= self.tuning.lost_after:
             return _with_trust(state, robot, trust)
-        if again and share >= self.tuning.claim_gain:
+        share = share_of_claim(own, claim.covariance) if again else 0.0
+        if share >= self.tuning.claim_gain:
             state = _with_trust(state, robot, trust)
             wide = changed(state, covariance=state.covariance / (1.0 - share))
             fused = changed(claim, covariance=claim.covariance / share)

@@ -49,8 +49,11 @@ def covariance_in_team(places: Float, covariance: Float, index: int) -> Float:
     rigid[:] = np.eye(3)
     rigid[:, 0, 2], rigid[:, 1, 2] = -offset[:, 1], offset[:, 0]
     stacked = rigid.reshape(-1, 3)
-    weighted = np.tile([1.0, 1.0, STATE_TUNING.lever**2], count)[:, np.newaxis] * stacked
-    residual = -rigid[index] @ np.linalg.solve(stacked.T @ weighted, weighted.T)
+    weight = np.array([1.0, 1.0, STATE_TUNING.lever**2])
+    # About the middle of the team the normal equations are diagonal.
+    normal = np.array([count, count, (offset * offset).sum() + count * weight[2]])
+    residual = (-rigid[index] / normal) @ stacked.T
+    residual *= np.concatenate([weight] * count)
     residual[:, 3 * index : 3 * index + 3] += np.eye(3)
-    made = residual @ covariance @ residual.T * count / max(count - 1, 1)
+    made = residual @ covariance @ residual.T * (count / max(count - 1, 1))
     return np.asarray(0.5 * (made + made.T))

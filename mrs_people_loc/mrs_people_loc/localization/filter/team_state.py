@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from mrs_people_loc.localization.odometry import (
     by_wheels,
     carried_on,
     motion,
-    turned,
+    rotation_of,
     wandered,
 )
 
@@ -202,6 +202,32 @@ class Misfit:
     agreed: int = 0
 
 
+class Reckoned(NamedTuple):
+    """A robot's pose, carried on by dead reckoning.
+
+    Attributes:
+        place: The pose, shape (3,).
+        jacobian: By the pose before and the errors of the wheels, shape (3, 6).
+        noise: Covariance that the way adds, shape (3, 3).
+        before: Covariance of the pose before and of the errors of the wheels, shape (6, 6).
+    """
+
+    place: Float
+    jacobian: Float
+    noise: Float
+    before: Float
+
+    @property
+    def covariance(self) -> Float:
+        """Of the pose, shape (3, 3)."""
+        return self.jacobian @ self.before @ self.jacobian.T + self.noise
+
+    def carried_on(self, covariance: Float) -> Float:
+        """A covariance of the pose before, at this one, shape (3, 3)."""
+        by_place = self.jacobian[:, :3]
+        return by_place @ covariance @ by_place.T + self.noise
+
+
 @dataclass(frozen=True)
 class TeamState:
     """Poses of robots and walls with their joint covariance; never changed, only replaced.
@@ -259,16 +285,11 @@ class TeamState:
         r, w = self.at(robot), self.wall_at(wall)
         return np.array([r, r + 1, r + 2, w, w + 1])
 
-    def pose_of(self, robot: str, odometry: Odometry) -> tuple[Float, Float]:
-        """A robot's pose when its dead reckoning is this: shape (3,), covariance (3, 3)."""
-        i = self.at(robot)
-        place, own = self.mean[i : i + 3], self.covariance[i : i + 3, i : i + 3]
-        if self.odometry[robot].stamp_ns == odometry.stamp_ns:
-            return place, own
-        made, jacobian, noise = self._ahead(robot, odometry)
-        both = np.r_[i : i + 3, self.wheels_at(robot) + np.arange(3)]
-        joint = self.covariance[np.ix_(both, both)]
-        return made, jacobian @ joint @ jacobian.T + noise
+    def pose_of(self, robot: str, odometry: Odometry) -> Reckoned:
+        """A robot's pose when its dead reckoning is this."""
+        place, jacobian, noise = self._ahead(robot, odometry)
+        own = self._pose_and_wheels(robot)
+        return Reckoned(place, jacobian, noise, self.covariance[own[:, np.newaxis], own])
 
     def _ahead(self, robot: str, odometry: Odometry) -> tuple[Float, Float, Float]:
         """A robot's pose when its dead reckoning is this.
@@ -278,34 +299,36 @@ class TeamState:
             the covariance that the way adds, shape (3, 3).
         """
         i, w = self.at(robot), self.wheels_at(robot)
-        before = self.odometry[robot]
+        before, place = self.odometry[robot], self.mean[i : i + 3]
+        if before.stamp_ns == odometry.stamp_ns:
+            return place, np.eye(3, 6), np.zeros((3, 3))
         seconds = (odometry.stamp_ns - before.stamp_ns) / 1e9
         moved, noise = motion(before, odometry)
         noise = self.trust.get(robot, _UNKNOWN).noise * noise
         moved, by_errors = by_wheels(moved, self.mean[w : w + 3], seconds)
-        yaw = float(self.mean[i + 2])
-        made, by_place = carried_on(self.mean[i : i + 3], moved)
-        rotation = np.eye(3)
-        rotation[:2, :2] = rotation_2d(yaw)
-        return made, np.hstack([by_place, rotation @ by_errors]), turned(noise, yaw)
+        made, by_place = carried_on(place, moved)
+        rotation, jacobian = rotation_of(float(place[2])), np.empty((3, 6))
+        jacobian[:, :3], jacobian[:, 3:] = by_place, rotation @ by_errors
+        return made, jacobian, rotation @ noise @ rotation.T
 
-    def in_team(self, robot: str, odometry: Odometry, others: Collection[str]) -> Float:
-        """Covariance of a robot's pose relative to it and these others, likewise, shape (3, 3)."""
+    def _pose_and_wheels(self, robot: str) -> Int:
+        """Indices of a robot's pose and of the errors of its wheels, shape (6,)."""
+        i, w = self.at(robot), self.wheels_at(robot)
+        return np.array([i, i + 1, i + 2, w, w + 1, w + 2])
+
+    def in_team(self, robot: str, others: Collection[str]) -> Float:
+        """Covariance of a robot's pose relative to it and these others, shape (3, 3)."""
         team = [name for name in self.odometry if name == robot or name in others]
-        at = np.concatenate([self.at(n) + np.arange(3) for n in team])
+        at = np.array([self.at(n) + k for n in team for k in range(3)])
         places = self.mean[at].reshape(-1, 3)
-        own = covariance_in_team(places, self.covariance[np.ix_(at, at)], team.index(robot))
-        if self.odometry[robot].stamp_ns == odometry.stamp_ns:
-            return own
-        _, jacobian, noise = self._ahead(robot, odometry)
-        return np.asarray(jacobian[:, :3] @ own @ jacobian[:, :3].T + noise)
+        return covariance_in_team(places, self.covariance[at[:, np.newaxis], at], team.index(robot))
 
     def carried_on(self, robot: str, odometry: Odometry, wheels: Float) -> TeamState:
         """The state with a robot at the time of this dead reckoning; `wheels`: see `with_robot`."""
         before, i, w = self.odometry[robot], self.at(robot), self.wheels_at(robot)
         if before.stamp_ns == odometry.stamp_ns:
             return self
-        block, both = slice(i, i + 3), np.r_[i : i + 3, w : w + 3]
+        block, both = slice(i, i + 3), self._pose_and_wheels(robot)
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[block], jacobian, noise = self._ahead(robot, odometry)
         covariance[block] = jacobian @ covariance[both]
@@ -404,10 +427,9 @@ class TeamState:
 
     def without_robot(self, robot: str) -> TeamState:
         """The state without a robot, and without what was noted about it."""
-        i, w = self.at(robot), self.wheels_at(robot)
         others = {name: value for name, value in self.odometry.items() if name != robot}
         return changed(
-            self._without(np.r_[i : i + 3, w : w + 3]),
+            self._without(self._pose_and_wheels(robot)),
             odometry=others,
             sources={key: value for key, value in self.sources.items() if key[0] != robot},
             trust={name: value for name, value in self.trust.items() if name != robot},
@@ -478,12 +500,11 @@ class TeamState:
         robots, begin = len(shape), self.wall_at(0)
         firsts = (next(iter(wall.sights), "") for wall in self.walls)
         origin = np.array([self._tied_to(first, reference) for first in firsts])
-        dx, dy, turn = step[origin], step[origin + 1], step[origin + 2]
+        # From the anchors; vectors of the plane are complex numbers.
         off = self.mean[origin] + 1j * self.mean[origin + 1]
         off -= np.array([complex(*wall.anchor) for wall in self.walls])
-        shift = dx + 1j * dy - 1j * turn * off
-        before = np.exp(1j * self.mean[begin + 1 :: 2])
-        after = np.exp(1j * mean[begin + 1 :: 2])
+        shift = step[origin] + 1j * step[origin + 1] - 1j * step[origin + 2] * off
+        before, after = np.exp(1j * np.stack([self.mean[begin + 1 :: 2], mean[begin + 1 :: 2]]))
         rise = after - before
         mean[begin::2] += (before.conj() * (_chord(shift, -step[begin + 1 :: 2]) - shift)).real
         lines = np.arange(begin, len(step), 2)
@@ -505,16 +526,14 @@ class TeamState:
         count = len(turn)
         i = np.arange(0, 3 * count, 3)
         # Errors of places beside the common motion: the mean of the errors and of the turns.
-        own = np.eye(3 * count)
-        own[i[:, np.newaxis], i] -= 1.0 / count
-        own[i[:, np.newaxis] + 1, i + 1] -= 1.0 / count
-        x, y = self.mean[i] - self.mean[i].mean(), self.mean[i + 1] - self.mean[i + 1].mean()
-        own[i[:, np.newaxis], i + 2] += y[:, np.newaxis] / count
-        own[i[:, np.newaxis] + 1, i + 2] -= x[:, np.newaxis] / count
-        c, s = np.cos(turn) - 1.0, np.sin(turn)
-        made = np.zeros_like(own)
-        made[i] = c[:, np.newaxis] * own[i] - s[:, np.newaxis] * own[i + 1]
-        made[i + 1] = s[:, np.newaxis] * own[i] + c[:, np.newaxis] * own[i + 1]
+        places = self.mean[i] + 1j * self.mean[i + 1]
+        own = np.empty((count, 3 * count), dtype=np.complex128)
+        own[:, 0::3] = np.eye(count) - 1.0 / count
+        own[:, 1::3] = 1j * own[:, 0::3]
+        own[:, 2::3] = (-1j / count) * (places - places.mean())[:, np.newaxis]
+        own *= (np.exp(1j * turn) - 1.0)[:, np.newaxis]
+        made = np.zeros((3 * count, 3 * count))
+        made[i], made[i + 1] = own.real, own.imag
         return made
 
     def _step_people(

@@ -293,7 +293,8 @@ class WallLandmarks:
         robot = np.arange(i, i + 3)
         if candidate.in_state:
             columns = state.columns(seen.robot, candidate.index)
-            part, covariance = state.mean[columns], state.covariance[np.ix_(columns, columns)]
+            part = state.mean[columns]
+            covariance = state.covariance[columns[:, np.newaxis], columns]
             anchor = state.walls[candidate.index].anchor
         else:
             k = candidate.index
@@ -358,15 +359,14 @@ class WallLandmarks:
         Applications to Tracking and Navigation", section 10.3), and is taken for noise here, as
         much more of it as it is the same from sight to sight.
         """
-        added, columns = np.zeros((2, 2)), state.columns(seen.robot, index)
-        turn = np.array([-1.0, 1.0])
-        heading = state.covariance[np.ix_(columns[[2, 4]], columns[[2, 4]])]
-        variance = float(turn @ heading @ turn)
+        added, joint = np.zeros((2, 2)), state.covariance
+        _, _, yaw, _, at = state.columns(seen.robot, index).tolist()
+        variance = float(joint[yaw, yaw] + joint[at, at] - joint[yaw, at] - joint[at, yaw])
         if state.walls[index].known >= 0 or variance < self.tuning.sure_turn**2:
             return added
-        bearing = float(state.mean[columns[4]])
+        bearing = float(state.mean[at])
         along = np.array([-math.sin(bearing), math.cos(bearing)])
-        place = state.in_team(seen.robot, state.odometry[seen.robot], state.odometry)[:2, :2]
+        place = state.in_team(seen.robot, state.odometry)[:2, :2]
         added[0, 0] = self.tuning.direction_lasts * variance * float(along @ place @ along)
         return added
 
