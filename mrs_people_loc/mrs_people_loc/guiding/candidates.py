@@ -31,8 +31,8 @@ class LayoutTuning:
         closer: A post may be nearer to people than the distance, by this factor: they move.
         farther: What it costs to be behind the first row, per metre, as a share of all that can
             be seen.
-        travel: What it costs to go there from where the nearest robot is, likewise: robots that
-            drive to a side see nobody.
+        travel: What it costs to go there from where the nearest robot is, likewise, while the group
+            stands: robots that drive to a side see nobody.
         longest: ... up to this distance [m].
         first_here: Numbers of posts where robots stand begin with this.
     """
@@ -142,20 +142,19 @@ class Layout:
         """Least distance of two posts [m]."""
         return self.config.safety.robot_distance + self._tuning.margin[0]
 
-    def behind(self, frame: Frame, people: Float, robots: Mapping[int, Float]) -> Candidates:
+    def behind(self, frame: Frame, people: Float) -> Candidates:
         """Posts behind a group that moves; robots there look along the way.
 
         Args:
             frame: The group.
             people: [m], shape (n, 2).
-            robots: Places of the robots that are to take them [m], by a number that stays.
         """
         along, left = self._rows(frame)
         xy, free = self._narrowed(along, frame.left + left, self._tuning.ahead)
         gaze = _angles(self._way.ahead(along))
         number, beside = np.arange(len(xy)), np.zeros(len(xy), dtype=bool)
         cost = self._tuning.farther * (along.max() - along)
-        every = Candidates(number, xy, gaze, cost + self._travel(xy, robots), beside)
+        every = Candidates(number, xy, gaze, cost, beside)
         return every.select(free & self._is_off(xy, people))
 
     def around(
@@ -166,7 +165,7 @@ class Layout:
         Args:
             frame: The group.
             people: [m], shape (n, 2).
-            robots: As for `behind`.
+            robots: Places of the robots that are to take them [m], by a number that stays.
             beside: Whether there are posts beside the group, too.
         """
         tuning, distance = self._tuning, self.config.formation.distance

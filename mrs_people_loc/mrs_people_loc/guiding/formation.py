@@ -242,13 +242,15 @@ class FormationPlanner:
         self, now: Scenery, frame: Frame, names: Sequence[str], fixed: Mapping[str, Post]
     ) -> Candidates:
         """Posts that are apart from those that are fixed."""
-        robots = {
-            self._numbers.setdefault(name, len(self._numbers)): np.array(_place(now.robots[name]))
-            for name in names
-        }
         if now.moving:
-            found = self._layout.behind(frame, now.people, robots)
+            found = self._layout.behind(frame, now.people)
         else:
+            robots = {
+                self._numbers.setdefault(name, len(self._numbers)): np.array(
+                    _place(now.robots[name])
+                )
+                for name in names
+            }
             still = now.now_s - self._moved_s >= self._config.formation.hold
             found = self._layout.around(frame, now.people, robots, beside=still)
         taken = np.array([post.xy for post in fixed.values()]).reshape(-1, 2)

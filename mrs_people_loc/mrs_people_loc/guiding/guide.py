@@ -15,7 +15,7 @@ from mrs_people_loc.errors import TourError
 from mrs_people_loc.guiding.drive import Velocity
 from mrs_people_loc.guiding.formation import FormationPlanner, Scenery
 from mrs_people_loc.guiding.free_space import FreeSpace
-from mrs_people_loc.guiding.guidance import GOES_ON, Guidance, Post, State
+from mrs_people_loc.guiding.guidance import GOES_ON, Guidance, Post, Role, State
 from mrs_people_loc.guiding.guided_group import Guest, GuidedGroup
 from mrs_people_loc.guiding.pace import PaceControl
 from mrs_people_loc.guiding.sight import Sights
@@ -40,6 +40,8 @@ class GuideTuning:
         there: A leader this near to its place at a stop has arrived [m].
         brake_m: A leader that waits stops within this [m].
         brakes: The leader slows down before a stop, to this speed a metre before it [1/s].
+        unseen_s: Somebody is unseen after this time: robots that are off their posts are waited for
+            [s].
         closes_up_s: Nobody waits any longer for a group that is near a stop, but has come no
             nearer in this time [s] ...
         nearer: ... by more than this [m].
@@ -59,6 +61,7 @@ class GuideTuning:
     there: float = 0.4
     brake_m: float = 0.15
     brakes: float = 0.8
+    unseen_s: float = 1.0
     closes_up_s: float = 10.0
     nearer: float = 0.2
     fetch_s: float = 2.0
@@ -501,6 +504,7 @@ class Guide:
             gap=group.gap(self._team.leader_m, np.array([leader.x, leader.y])),
             stretch=group.stretch,
             dt_s=dt_s,
+            off=self._off_posts(),
         )
         if speed > 0.0:
             self._turn(Cue.FOLLOWS)
@@ -509,6 +513,21 @@ class Guide:
         else:
             is_long = group.stretch > config.stretch
             self._turn(Cue.STRETCHED if is_long else Cue.FAR_BEHIND)
+
+    def _off_posts(self) -> float:
+        """How far robots that could see somebody who is unseen are from their posts [m].
+
+        It is the average of those that accompany the group.
+        """
+        robots = self._team.robots
+        if all(one.unseen_s <= self._tuning.unseen_s for one in self._group.guests):
+            return 0.0
+        off = [
+            math.dist(post.xy, (robots[name].x, robots[name].y))
+            for name, post in self.guidance.posts.items()
+            if post.role in (Role.REAR, Role.SIDE) and name in robots
+        ]
+        return sum(off) / len(off) if off else 0.0
 
     def _waits_for(self) -> str:
         """Whom the group waits for, in words; empty: nobody."""

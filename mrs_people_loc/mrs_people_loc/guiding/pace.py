@@ -1,4 +1,4 @@
-"""How fast the leader goes: ahead of the foremost, and slower as the group stretches."""
+"""How fast the leader goes: slower as the group stretches, or as its robots fall behind."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ class PaceTuning:
         most: ... by no more than this in all [m], ...
         goes_on: ... until the leader may go at this share of its speed,
         recovers: ... and shrink to those of the parameters by this while it goes [m/s].
+        off: The leader slows down while the other robots are farther than the first from their
+            posts, on the average, and is slowest from the second on [m]: nobody would see those in
+            the middle of a large group.
+        slowest: This share of its speed.
+        caught_up_s: It does so for no longer than this, until they are there again [s].
         starts: The leader sets off at this share of its speed at least, and stands below it.
         acceleration: Highest increase of the speed [m/s^2].
         deceleration: Highest decrease [m/s^2].
@@ -30,6 +35,9 @@ class PaceTuning:
     most: float = 3.0
     goes_on: float = 0.5
     recovers: float = 0.05
+    off: tuple[float, float] = (0.7, 1.5)
+    slowest: float = 0.15
+    caught_up_s: float = 20.0
     starts: float = 0.15
     acceleration: float = 0.4
     deceleration: float = 1.0
@@ -54,6 +62,7 @@ class PaceControl:
         self.speed = self.in_vain_s = 0.0
         self._stood_s = 0.0
         self._relaxed, self._relaxes = 0.0, False
+        self._off_s = 0.0
 
     def stand(self) -> float:
         """The leader stands from now on, whatever the group does: 0 m/s."""
@@ -61,7 +70,14 @@ class PaceControl:
         return self.speed
 
     def step(
-        self, config: cfg.Pace, *, highest: float, gap: float, stretch: float, dt_s: float
+        self,
+        config: cfg.Pace,
+        *,
+        highest: float,
+        gap: float,
+        stretch: float,
+        dt_s: float,
+        off: float = 0.0,
     ) -> float:
         """The speed for an interval.
 
@@ -71,11 +87,13 @@ class PaceControl:
             gap: How far the leader is ahead of the foremost person along the way [m].
             stretch: Length of the group along the way [m].
             dt_s: Time since the last interval [s].
+            off: How far the other robots are from their posts, on the average [m].
 
         Returns:
             [m/s].
         """
         tuning = self.tuning
+        highest *= self._together(off, dt_s)
         if self._relaxes or self._stood_s > tuning.stands_s:
             self._relaxed = min(self._relaxed + tuning.relaxes * dt_s, tuning.most)
         elif self.speed > 0.0:
@@ -93,6 +111,13 @@ class PaceControl:
         waits = self.speed == 0.0 and self._relaxed >= tuning.most
         self.in_vain_s = self.in_vain_s + dt_s if waits else 0.0
         return self.speed
+
+    def _together(self, off: float, dt_s: float) -> float:
+        """Share of the speed at which the other robots catch up."""
+        tuning = self.tuning
+        part = falls(off, *tuning.off)
+        self._off_s = self._off_s + dt_s if part < 1.0 else 0.0
+        return 1.0 if self._off_s > tuning.caught_up_s else max(part, tuning.slowest)
 
 
 def falls(value: float, full: float, none: float) -> float:

@@ -127,13 +127,13 @@ def test_in_a_narrow_corridor_robots_are_in_file_on_the_way():
 
 
 def test_beside_a_group_only_while_it_stands():
-    column = [[10.4, 0.0], [9.2, 0.0], [8.0, 0.0], [6.8, 0.0], [5.6, 0.0]]
+    column = [[10.4 - 0.8 * k, 0.0] for k in range(8)]
     run = Run("abc", formation={"hysteresis": 0.0})
     assert [run.steps(20, column)[name].role for name in "bc"] == [Role.REAR] * 2
     standing = run.steps(20, column, moving=False)
     assert Role.SIDE in {post.role for post in standing.values()}
     for post in standing.values():  # all look at the group's centre
-        away = np.array([8.0, 0.0]) - post.xy
+        away = np.array([7.6, 0.0]) - post.xy
         assert math.cos(math.atan2(away[1], away[0]) - post.yaw) == pytest.approx(1.0)
     assert [run.step(column)[name].role for name in "bc"] == [Role.REAR] * 2
 

@@ -185,7 +185,7 @@ def test_person_who_fell_behind_and_left_is_waited_for_only_until_their_place_is
     world.walkers[-1].id = 0
     begun = world.time_s
     world.run_until(State.LEADING, 30.0)
-    assert 5.0 < world.time_s - begun < 15.0
+    assert 5.0 <= round(world.time_s - begun, 6) < 15.0  # steps of 0.2 s are not exact
     assert world.last().lost == (5,)
     assert "person 5 has left; goes on without them" in world.events()
     world.run_until(State.FINISHED)
@@ -627,6 +627,26 @@ def test_leader_waits_in_the_end_for_a_group_that_does_not_come():
     assert 10.0 < pace.in_vain_s < 20.0
     pace.step(Pace(), highest=0.6, gap=1.0, stretch=3.0, dt_s=STEP_S)
     assert pace.in_vain_s == 0.0
+
+
+def test_leader_slows_down_for_robots_that_are_off_their_posts_but_not_for_ever():
+    assert speed_after(3.0, gap=1.0, stretch=3.0, off=0.5) == pytest.approx(0.6)
+    assert speed_after(3.0, gap=1.0, stretch=3.0, off=1.1) == pytest.approx(0.3)
+    assert speed_after(15.0, gap=1.0, stretch=3.0, off=5.0) == pytest.approx(0.15 * 0.6)
+    assert speed_after(25.0, gap=1.0, stretch=3.0, off=5.0) == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_leader_waits_for_robots_that_are_off_their_posts_only_where_somebody_is_unseen(seen):
+    world = leading()
+    if not seen:
+        world.warp = lambda people: [*people[:-1], dataclasses.replace(people[-1], coasting=True)]
+    for _ in range(round(3.0 / STEP_S)):
+        for name in ("robot_b", "robot_c"):
+            world.robots[name] = world.robots["robot_a"] - (8.0, 0.0)
+        world.step()
+    (speed,) = (post.speed for post in world.last().posts.values() if post.role is Role.LEADER)
+    assert (speed > 0.5) if seen else (speed <= 0.15 * 0.6 + 1e-9)
 
 
 def test_leader_sets_off_gently():
