@@ -22,7 +22,7 @@ from ros.guide_peer import goal_of, path_of, people_of
 from ros.planner_peer import pose_of
 
 #: For so long, so often [s].
-LASTS_S, PERIOD_S = 3.0, 0.1
+LASTS_S, PERIOD_S = 1.5, 0.1
 FEW = QoSProfile(depth=10)
 WAY = [(0.1 * k, 0.0) for k in range(9000)]
 KINDS = (
@@ -95,16 +95,18 @@ def messages(node: Any, kind: str) -> tuple[Callable[[], object], Callable[[], o
 
 
 def main(kind: str) -> None:
-    """Sends one kind for some seconds."""
+    """Sends one kind for some seconds after each line of input, and says then that it is done."""
     rclpy.init()
     node = rclpy.create_node("hostile")
     send, ready = (goals if "goals" in kind else messages)(node, kind)
     while not ready():
         rclpy.spin_once(node, timeout_sec=0.05)
-    end_s = time.monotonic() + LASTS_S
-    while time.monotonic() < end_s:
-        send()
-        rclpy.spin_once(node, timeout_sec=PERIOD_S)
+    for _ in sys.stdin:
+        end_s = time.monotonic() + LASTS_S
+        while time.monotonic() < end_s:
+            send()
+            rclpy.spin_once(node, timeout_sec=PERIOD_S)
+        print("done", flush=True)
     node.destroy_node()
     rclpy.shutdown()
 

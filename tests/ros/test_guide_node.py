@@ -193,7 +193,7 @@ def test_stop_holds_until_it_is_released_though_tours_come(
     world.commands.clear()
     peer.spin(1.0)
     assert {(one.v, one.w) for one in world.commands} == {STAND}
-    assert all(len(world.last_commands(robot, 99)) > 12 for robot in PLACES), "20 Hz"
+    assert all(len(world.last_commands(robot, 99)) > 12 for robot in PLACES), "33 Hz"
     # It outlives the tour, and no other one begins.
     handle.cancel_goal_async()
     peer.until(result.done, lambda: guide.log)
