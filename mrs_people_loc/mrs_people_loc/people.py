@@ -74,25 +74,28 @@ def persons_of(
         covariances: Of the positions [m^2], shape (p, 2, 2).
         scores: Log-odds of each; None: the paper's test gives none.
     """
-    person, robot = (index.tolist() for index in np.nonzero(clusters.seen_by[labels]))
-    seen_by: list[list[int]] = [[] for _ in labels]
-    for who, by in zip(person, robot, strict=True):
-        seen_by[who].append(by)
+    seen_by = clusters.seen_by[labels]
+    robots = [fused.robots[by] for by in np.nonzero(seen_by)[1].tolist()]
+    count = seen_by.sum(axis=1)
+    ends = np.cumsum(count)
+    first_ns = min(fused.stamps_ns, default=0)
+    later_ns = np.array(fused.stamps_ns, dtype=np.int64) - first_ns
     columns = [labels, clusters.height[labels], clusters.sigma[labels]]
+    columns += [ends - count, ends, (seen_by @ later_ns) // count]
     scores = np.full(len(labels), PLAIN_SCORE) if scores is None else scores
-    each = zip(*(column.tolist() for column in (*columns, scores)), seen_by, strict=True)
+    each = zip(*(column.tolist() for column in (*columns, scores)), strict=True)
     return tuple(
         Person(
             position=positions[who],
             covariance=covariances[who],
             height=height,
             sigma=sigma,
-            robots=tuple(fused.robots[by] for by in robots),
+            robots=tuple(robots[begin:end]),
             label=label,
             score=score,
-            stamp_ns=sum(fused.stamps_ns[by] for by in robots) // len(robots),
+            stamp_ns=first_ns + after_ns,
         )
-        for who, (label, height, sigma, score, robots) in enumerate(each)
+        for who, (label, height, sigma, begin, end, after_ns, score) in enumerate(each)
     )
 
 
@@ -127,29 +130,55 @@ class Group:
 
 def gather(people: Sequence[Person]) -> Group | None:
     """All people as one group, about their centre of gravity; None if there are none."""
+    one = np.zeros(len(people), dtype=np.intp)
+    return next(iter(gather_each(people, one)), None)
+
+
+def gather_each(people: Sequence[Person], number: Int) -> list[Group]:
+    """People as groups, each about its centre of gravity.
+
+    Args:
+        people: Members of all groups.
+        number: The group of each, from 0 on; each has a member, shape (n,).
+    """
     if not people:
-        return None
-    positions = np.array([person.position for person in people])
-    centre = positions.mean(axis=0)
-    distance = np.hypot(*(positions - centre).T)
-    velocities = [p.velocity for p in people if p.velocity is not None]
-    velocity_covariances = [
-        p.velocity_covariance for p in people if p.velocity_covariance is not None
+        return []
+    size = np.bincount(number)
+
+    def sums(values: Sequence[Float | None], *shape: int) -> Float:
+        """Sums of the groups; NaN where a value is unknown."""
+        made = np.zeros((len(size), *shape))
+        unknown = np.full(shape, np.nan)
+        np.add.at(made, number, np.array([unknown if one is None else one for one in values]))
+        return made
+
+    xy = np.array([p.position for p in people])
+    centre = sums([*xy], 2) / size[:, np.newaxis]
+    away = np.hypot(*(xy - centre[number]).T)
+    radius = np.zeros(len(size))
+    np.maximum.at(radius, number, away)
+    rms_spread = np.sqrt(np.bincount(number, away**2) / size)
+    squared = size[:, np.newaxis, np.newaxis] ** 2
+    covariance = sums([p.covariance for p in people], 2, 2) / squared
+    velocity = sums([p.velocity for p in people], 2) / size[:, np.newaxis]
+    of_velocity = sums([p.velocity_covariance for p in people], 2, 2) / squared
+    members: list[list[int]] = [[] for _ in size]
+    for person, group in zip(people, number.tolist(), strict=True):
+        if person.id:
+            members[group].append(person.id)
+    return [
+        Group(
+            centre=centre[k],
+            covariance=covariance[k],
+            radius=float(radius[k]),
+            rms_spread=float(rms_spread[k]),
+            size=int(size[k]),
+            velocity=None if np.isnan(velocity[k]).any() else velocity[k],
+            velocity_covariance=None if np.isnan(of_velocity[k]).any() else of_velocity[k],
+            members=tuple(sorted(ids)),
+        )
+        for k, ids in enumerate(members)
     ]
-    return Group(
-        centre=centre,
-        covariance=np.sum([p.covariance for p in people], axis=0) / len(people) ** 2,
-        radius=float(distance.max()),
-        rms_spread=float(np.sqrt(np.mean(distance**2))),
-        size=len(people),
-        velocity=np.mean(velocities, axis=0) if len(velocities) == len(people) else None,
-        velocity_covariance=(
-            np.sum(velocity_covariances, axis=0) / len(people) ** 2
-            if len(velocity_covariances) == len(people)
-            else None
-        ),
-        members=tuple(sorted(person.id for person in people if person.id)),
-    )
 
 
 @dataclass(frozen=True)

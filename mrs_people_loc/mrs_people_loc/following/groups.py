@@ -21,7 +21,7 @@ from mrs_people_loc import config as cfg
 from mrs_people_loc.arrays import Bool, Float, Int
 from mrs_people_loc.clocks import RESET_NS
 from mrs_people_loc.neighbours import connected, pairs_within
-from mrs_people_loc.people import Group, Person, gather
+from mrs_people_loc.people import Group, Person, gather_each
 
 Ids = NDArray[np.int64]
 
@@ -137,11 +137,11 @@ class Groups:
         events: list[str] = []
         ids = self._identify(components, group_of, events)
         self._update_rosters(ids, components, group_of, dt_s, events)
-        by_id = {person.id: person for person in people}
+        in_component = {member: k for k, each in enumerate(components) for member in each}
+        number_of = np.array([in_component[person.id] for person in people], dtype=np.intp)
+        gathered = gather_each(people, number_of)
         groups = []
-        for number, component in zip(ids, components, strict=True):
-            group = gather([by_id[member] for member in component])
-            assert group is not None
+        for number, group in zip(ids, gathered, strict=True):
             away = dict(sorted(self._rosters[number].away_s.items()))
             groups.append(dataclasses.replace(group, id=number, stragglers=away))
         groups.sort(key=lambda group: (-group.size, group.id))

@@ -499,29 +499,27 @@ class Tracker:
         places = tracks.state[rows, :2] - late_s * tracks.state[rows, 2:]
         velocities, unsure = tracks.state[rows, 2:], tracks.covariance[rows, 2:, 2:]
         hidden = ~tracks.seen & (tracks.unseen_s > self.config.in_view_time)
-        persons = []
-        for index, row in enumerate(rows.tolist()):
-            last: Person = tracks.last[row]
-            seen = bool(tracks.seen[row])
-            persons.append(
-                Person(
-                    position=places[index],
-                    covariance=unsure_of[index],
-                    height=float(tracks.height[row]),
-                    sigma=last.sigma,
-                    robots=last.robots if seen else (),
-                    label=last.label if seen else -1,
-                    score=float(tracks.evidence[row]),
-                    stamp_ns=last.stamp_ns,
-                    id=int(tracks.id[row]),
-                    velocity=velocities[index],
-                    velocity_covariance=unsure[index],
-                    age_s=float(tracks.age_s[row]),
-                    coasting=not seen,
-                    seen_at=last.position if hidden[row] else None,
-                )
+        columns = tracks.id, tracks.height, tracks.evidence, tracks.age_s, tracks.last, tracks.seen
+        each = zip(*(column[rows].tolist() for column in (*columns, hidden)), strict=True)
+        return tuple(
+            Person(
+                position=places[index],
+                covariance=unsure_of[index],
+                height=height,
+                sigma=last.sigma,
+                robots=last.robots if seen else (),
+                label=last.label if seen else -1,
+                score=score,
+                stamp_ns=last.stamp_ns,
+                id=number,
+                velocity=velocities[index],
+                velocity_covariance=unsure[index],
+                age_s=age_s,
+                coasting=not seen,
+                seen_at=last.position if is_hidden else None,
             )
-        return tuple(persons)
+            for index, (number, height, score, age_s, last, seen, is_hidden) in enumerate(each)
+        )
 
     def _published(self, rows: Int) -> Float:
         """Covariances of the positions of tracks, as they are published [m^2], shape (n, 2, 2)."""
