@@ -1,299 +1,360 @@
-"""Trains the network that recognizes people, `bodies/person_network.onnx`.
+"""Trains a network that sees people in a whole image, and what judges windows of it.
 
+    pip install torch onnx onnxruntime
     mrs render-suite train .suite/train
-    pip install torch onnx
-    python studies/mrs_studies/train_network.py .suite/train/*/
+    mrs render-suite train .suite/more --variants 12
+    python studies/mrs_studies/train_network.py PICTURES .suite/*/*/
 
-Examples are the candidates of the body finder in simulated bags with ground truth, at their axes,
-and places where nobody is. Simulated images are cleaner than those of real rooms, so each example
-is distorted again in each epoch: position, size, light, blur, noise, edges of the image, and pieces
-of other examples in front of it.
+PICTURES holds checkouts of the public repositories in `training/sources.py`. Half of the views are
+photographs of people, the others are rooms with people put into them, rooms without people and
+renderings of the suite; all are made as small and grey as what a robot's head sees. The whole
+image is trained first, by the pixels that show people, then both together, at last with more
+renderings. The weights are those before and after that last phase, averaged (Wortsman et al. 2022,
+"Model soups"): in renderings nearly as good as the last ones, with furniture as good as those
+before.
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
+import pickle
+import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import onnx
 import torch
-from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 from torch.nn import functional
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from mrs_people_loc.arrays import Bool, Float, Int
-from mrs_people_loc.bodies.finder import BodyFinder
-from mrs_people_loc.bodies.network import COLUMNS, ROWS, normalized, sample_windows
-from mrs_people_loc.config import RobotConfig
-from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.scan import Cells, Scan, ScanStages
-from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.sensing.disparity import StereoMatcher
-from mrs_people_loc.sensing.images import StereoImages
-from mrs_people_loc.timing import StageTimes
-from mrs_studies.fitting.examples import _at, _true_poses
-from mrs_tools.bags.offline import BagRun
+from mrs_people_loc.bodies.network import (
+    CELL,
+    COLUMNS,
+    MIDDLE_SIZE,
+    MULTIPLE,
+    ROWS,
+    WINDOW_ACROSS,
+    WINDOW_HEIGHTS,
+    normalized,
+)
+from mrs_studies.training import pictures, renderings
+from mrs_studies.training.pictures import PERSON, UNKNOWN, Cutout, Picture
+from mrs_studies.training.places import asked
+from mrs_studies.training.views import HEIGHT, WIDTH, composite, view_of
 
-OUT = Path(__file__).parents[2] / "mrs_people_loc/mrs_people_loc/bodies/person_network.onnx"
-#: A person is at a place within this across and along [m], [m], [px], at most [m]; nobody beyond
-#: twice that.
-ACROSS, ALONG, ALONG_PX, ALONG_MOST = 0.25, 0.3, 0.7, 0.8
-#: Another robot likewise [m].
-ROBOT = 0.5
-#: Places without a candidate in each view, within these ranges [m] and this far from people [m].
-PLACES, NEAREST, FARTHEST, APART = 10, 0.7, 5.5, 0.4
-#: Views of each robot and bag.
-VIEWS = 24
-#: Filters of the layers, and their strides; share of the weights' decay; least doubt of a label.
-LAYERS = ((2, 16, 2), (16, 16, 1), (16, 32, 2), (32, 32, 1), (32, 64, 2))
-LEFT = (ROWS // 8) * (COLUMNS // 8) * LAYERS[-1][1]
-RATE, DECAY, DOUBT, BATCH = 4e-3, 0.05, 0.03, 128
-
-
-class Finder(BodyFinder):
-    """Keeps every candidate."""
-
-    def _alone(self, bodies: Any) -> Int:
-        return np.arange(len(bodies))
+OUT = Path(__file__).parents[2] / "mrs_people_loc/mrs_people_loc/bodies"
+#: Shares of the views that are not renderings by what they are of, over their sum.
+SHARES = {
+    "composites": 0.24, "indoors": 0.1, "meetings": 0.08, "watched": 0.1, "fashion": 0.05,
+    "outlines": 0.08, "rooms": 0.13,
+}  # fmt: skip
+#: Filters by halving of the image, and in the way back.
+FILTERS, BACK = (16, 32, 64, 96, 112), (64, 32)
+#: Share of a view that shows people whose cells count twice as much as others.
+EVEN = 0.1
+#: Features of a cell for windows, and hidden units of what judges them.
+FEATURES, HIDDEN = 16, 64
+DECAY, DOUBT, BATCH, DROPOUT = 0.05, 0.02, 64, 0.3
+#: How much the losses of cells and windows count.
+WEIGHTS = (1.0, 0.5)
 
 
-class Looker:
-    """A robot's pipeline up to the candidates; keeps views: stamp, left image, bodies."""
+class Phase(NamedTuple):
+    """A phase of the training.
 
-    def __init__(self, robot: str, camera: StereoCamera, config: RobotConfig) -> None:
-        self.robot, self.camera = robot, camera
-        self._match = StereoMatcher(camera, config.disparity)
-        self._find = Finder(camera, config.bodies, min_range=config.disparity.min_range)
-        self.views: list[tuple[int, Any, Any]] = []
+    Attributes:
+        steps: So many batches.
+        rate: Highest rate of learning.
+        windows: Whether windows are judged, too.
+        renderings: Their share of the views.
+    """
 
-    def stages(self, images: StereoImages) -> ScanStages:
-        """Looks at one view."""
-        disparity = self._match(images)
-        bodies = self._find(disparity, images, StageTimes())
-        self.views.append((images.stamp_ns, images.left, bodies))
-        return ScanStages(disparity, Scan(self.robot, images.stamp_ns, Cells.empty()), {})
-
-
-def examples_of(path: Path, rng: np.random.Generator) -> tuple[list[Any], list[Any]]:
-    """Windows with masks (n, 2, rows, columns), and who is a person (n,), of each view of a bag."""
-    lookers: list[Looker] = []
-
-    def make(robot: str, camera: StereoCamera, config: RobotConfig) -> Looker:
-        lookers.append(Looker(robot, camera, config))
-        return lookers[-1]
-
-    run = BagRun(path, pipeline=make)
-    truth = run.truth()
-    for _ in run.intervals():
-        pass
-    poses = _true_poses(path, [looker.robot for looker in lookers])
-    windows, people = [], []
-    for looker in lookers:
-        count = len(looker.views)
-        for k in np.unique(np.linspace(0, count - 1, min(count, VIEWS)).round().astype(int)):
-            stamp_ns, left, bodies = looker.views[k]
-            at = {name: _at(track, stamp_ns) for name, track in poses.items()}
-            others = np.array([at[n][:2] for n in at if n != looker.robot]).reshape(-1, 2)
-            xy, _ = truth.at(stamp_ns)
-            places = label(
-                looker.camera, bodies, at[looker.robot], xy[np.isfinite(xy[:, 0])], others, rng
-            )
-            grey, inside = sample_windows(looker.camera, left, *places[:2])
-            windows.append(np.stack([grey, 255.0 * inside], axis=1).astype(np.uint8))
-            people.append(places[2])
-    return windows, people
+    steps: int
+    rate: float
+    windows: bool
+    renderings: float
 
 
-def label(
-    camera: StereoCamera,
-    bodies: Any,
-    pose: Float,
-    people: Float,
-    others: Float,
-    rng: np.random.Generator,
-) -> tuple[Float, Float, Bool]:
-    """Bearings [rad] and ranges [m] of places in a view, and whether a person is there."""
-    rotation, lens = camera.robot_from_optical
-    ahead = np.arctan2(rotation[1, 2], rotation[0, 2])
-    half = np.arctan(0.5 * camera.width / camera.fx)
-    bearing = np.append(bodies.bearing, ahead + rng.uniform(-half, half, PLACES))
-    ranges = np.append(bodies.range, np.exp(rng.uniform(np.log(NEAREST), np.log(FARTHEST), PLACES)))
-    candidate = np.arange(len(bearing)) < len(bodies)
-
-    def seen(places: Float) -> tuple[Float, Float, Float]:
-        local = (places - pose[:2]) @ rotation_2d(pose[2]) - lens[:2]
-        far, at = np.hypot(*local.T), np.arctan2(local[:, 1], local[:, 0])
-        turn = np.angle(np.exp(1j * (at - bearing[:, np.newaxis])))
-        return far * np.sin(turn), far * np.cos(turn) - ranges[:, np.newaxis], far
-
-    across, along, far = seen(people)
-    allowed = np.minimum(ALONG + ALONG_PX * far**2 / camera.depth_disparity, ALONG_MOST)
-    away = np.hypot(across / ACROSS, along / allowed).min(axis=1, initial=np.inf)
-    aside = np.abs(across).min(axis=1, initial=np.inf)
-    other_across, other_along, _ = seen(others)
-    robot = (np.hypot(other_across, other_along) < ROBOT).any(axis=1)
-    person = candidate & (away < 1.0)
-    used = person | (~robot & np.where(candidate, away >= 2.0, aside > APART))
-    return bearing[used], ranges[used], person[used]
+PHASES = (
+    Phase(16_000, 3e-3, False, 0.22),
+    Phase(6_000, 1.5e-3, True, 0.22),
+    Phase(3_000, 1e-3, True, 0.36),
+)
 
 
-def distorted(x: Any, other: Any) -> Any:
-    """Distorted windows with masks, in float, shape (n, 2, rows, columns).
+class Training(NamedTuple):
+    """What views are made of.
+
+    Attributes:
+        groups: Pictures by what they are of.
+        cutouts: People for composites.
+    """
+
+    groups: dict[str, list[Picture]]
+    cutouts: list[Cutout]
+
+
+def read(folder: Path, bags: Sequence[Path]) -> Training:
+    """All pictures.
 
     Args:
-        x: Windows with masks, likewise.
-        other: Which show no person and may stand in front of others, shape (n,).
+        folder: Checkouts of the sources.
+        bags: Rendered bags with ground truth.
+
+    Raises:
+        PeopleLocError: A source is missing.
     """
-    n = len(x)
-
-    def some(low: float, high: float) -> Any:
-        return low + (high - low) * torch.rand(n, 1, 1)
-
-    move = torch.zeros(n, 2, 3)
-    move[:, 0, 0] = some(0.88, 1.12)[:, 0, 0] * torch.where(torch.rand(n) < 0.5, -1.0, 1.0)
-    move[:, 1, 1] = some(0.92, 1.08)[:, 0, 0]
-    move[:, 0, 1] = some(-0.06, 0.06)[:, 0, 0]
-    move[:, 0, 2], move[:, 1, 2] = some(-0.16, 0.16)[:, 0, 0], some(-0.08, 0.08)[:, 0, 0]
-    grid = functional.affine_grid(move, list(x.shape), align_corners=False)
-    grey = functional.grid_sample(x[:, :1], grid, padding_mode="border", align_corners=False)[:, 0]
-    mask = functional.grid_sample(x[:, 1:], grid, align_corners=False)[:, 0]
-    row, column = torch.arange(float(ROWS))[:, None], torch.arange(float(COLUMNS))
-    # Pieces of others in front of the lower part or one side.
-    from_ = torch.randperm(n)
-    kind = torch.rand(n, 1, 1)
-    piece = (kind < 0.2) & (row > some(20, 48)).expand(n, ROWS, COLUMNS)
-    piece |= (kind > 0.2) & (kind < 0.25) & (column < some(2, 9))
-    piece |= (kind > 0.25) & (kind < 0.3) & (column > some(14, 21))
-    grey = torch.where(piece & other[from_][:, None, None], grey[from_], grey)
-    # Edges of the image.
-    kind = torch.rand(n, 1, 1)
-    cut = (kind < 0.12) & (column < some(2, 12)) | (kind > 0.88) & (column > some(11, 21))
-    cut = cut.expand(n, ROWS, COLUMNS)
-    cut = cut | (kind > 0.3) & (kind < 0.5) & (row > some(20, 46))
-    cut = cut | (kind > 0.5) & (kind < 0.58) & (row < some(1, 11))
-    return torch.stack([_in_other_light(grey, row, column, some), mask * ~cut], dim=1)
+    at_home = list(pictures.taught(folder))
+    fashion = list(pictures.fashion(folder))
+    outlines = list(pictures.outlines(folder))
+    cutouts = [one for _, one in fashion if one is not None]
+    cutouts += [one for _, some in outlines for one in some]
+    groups = {
+        "rooms": [one for one in at_home if not len(one.people)],
+        "indoors": [one for one in at_home if len(one.people)],
+        "meetings": list(pictures.meetings(folder)),
+        "watched": list(pictures.watched(folder)),
+        "fashion": [one for one, _ in fashion],
+        "outlines": [one for one, _ in outlines],
+        "renderings": [one for bag in bags for one in renderings.pictures_of(bag)],
+    }
+    return Training(groups, cutouts + list(pictures.windows(folder)))
 
 
-def _in_other_light(grey: Any, row: Any, column: Any, some: Any) -> Any:
-    """Blur, gamma, contrast, brightness, gradients of light and noise."""
-    kernel = torch.tensor([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-    for along, share in (("across", 0.4), ("down", 0.2)):
-        weights = kernel.view((1, 1, 1, 5) if along == "across" else (1, 1, 5, 1))
-        pad = (2, 2, 0, 0) if along == "across" else (0, 0, 2, 2)
-        padded = functional.pad(grey[:, None], pad, "replicate")
-        grey = torch.where(some(0, 1) < share, functional.conv2d(padded, weights)[:, 0], grey)
-    grey = 255.0 * (grey.clamp(0, 255) / 255.0) ** torch.exp(some(-0.6, 0.6))
-    middle = grey.mean(dim=(1, 2), keepdim=True)
-    grey = middle + (grey - middle) * torch.exp(some(-0.9, 0.9)) + some(-40, 40)
-    light = some(-0.4, 0.4) * (row / (ROWS / 2) - 1) + some(-0.4, 0.4) * (
-        column / (COLUMNS / 2) - 1
-    )
-    grey = grey.clamp(0, 255) * (1.0 + light)
-    return (grey + torch.randn(grey.shape) * 8.0 * some(0, 1) ** 2).clamp(0, 255)
+class Views:
+    """Views with what their cells show, each drawn anew."""
+
+    def __init__(self, training: Training, count: int, renderings: float, seed: int) -> None:
+        self.training, self.count, self.seed = training, count, seed
+        rest = (1.0 - renderings) / sum(SHARES.values())
+        self.shares = {"renderings": renderings, **{name: rest * SHARES[name] for name in SHARES}}
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, index: int) -> tuple[Any, Any, Any]:
+        rng = np.random.default_rng([self.seed, index])
+        groups, cutouts = self.training
+        name = rng.choice(list(self.shares), p=list(self.shares.values()))
+        if name == "composites":
+            picture = composite(groups["rooms"], cutouts, rng)
+        else:
+            picture = groups[name][rng.integers(len(groups[name]))]
+        grey, label, told = view_of(picture, groups["rooms"], rng)
+        values, places = normalized(grey), asked(told, label, rng).astype(np.float32)
+        padding = [(0, b - a) for a, b in zip(label.shape, values.shape[1:], strict=True)]
+        return values, np.pad(label, padding, constant_values=UNKNOWN), places
 
 
-def network_input(x: Any) -> Any:
-    """The input of windows with masks: what the robot's own code makes of them."""
-    values = x.numpy()
-    return torch.from_numpy(normalized(values[:, 0], values[:, 1] > 127.0))
+def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    """A convolution, normalized over the batch, without what is negative."""
+    convolution = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
+    return nn.Sequential(convolution, nn.BatchNorm2d(outputs), nn.ReLU(inplace=True))
 
 
-def train(windows: Any, person: Any, epochs: int) -> nn.Sequential:
-    """The network, averaged over the last steps."""
-    parts: list[nn.Module] = []
-    for inputs, outputs, stride in LAYERS:
-        convolution = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
-        parts += [convolution, nn.BatchNorm2d(outputs), nn.ReLU()]
-    network = nn.Sequential(*parts, nn.Flatten(), nn.Dropout(0.5), nn.Linear(LEFT, 1))
-    mean = torch.optim.swa_utils.get_ema_multi_avg_fn(0.995)
-    average = torch.optim.swa_utils.AveragedModel(network, multi_avg_fn=mean, use_buffers=True)
-    optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
-    steps = len(windows) // BATCH
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, epochs * steps)
-    weight = person.mean() / (1.0 - person.mean())  # both kinds count alike
-    for epoch in range(epochs):
-        order, total = torch.randperm(len(windows)), 0.0
-        for k in range(steps):
-            chosen = order[k * BATCH : (k + 1) * BATCH]
-            y = person[chosen]
-            x = network_input(distorted(windows[chosen].float(), y < 0.5))
-            target = y * (1.0 - 2.0 * DOUBT) + DOUBT
-            loss = functional.binary_cross_entropy_with_logits(
-                network(x)[:, 0], target, torch.where(y > 0.5, 1.0, weight)
-            )
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-            average.update_parameters(network)
-            total += loss.item()
-        print(f"epoch {epoch + 1}: loss {total / steps:.3f}", flush=True)
-    average.eval()
+class Network(nn.Module):  # type: ignore[misc,unused-ignore]
+    """Features of cells: down to 1 / 32 of the image, and back to 1 / 4."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        a, b, c, d, e = FILTERS
+        self.first = block(2, a, 2)
+        self.quarter = nn.Sequential(block(a, b, 2), block(b, b))
+        self.eighth = nn.Sequential(block(b, c, 2), block(c, c))
+        self.sixteenth = nn.Sequential(block(c, d, 2), block(d, d), block(d, d))
+        self.last = nn.Sequential(block(d, e, 2), block(e, e), block(e, e))
+        wide, narrow = BACK
+        self.of_last, self.of_sixteenth = nn.Conv2d(e, wide, 1), nn.Conv2d(d, wide, 1)
+        self.of_eighth, self.of_quarter = nn.Conv2d(c, wide, 1), nn.Conv2d(b, narrow, 1)
+        self.to_eighth, self.to_quarter = block(wide, wide), block(wide, narrow)
+        self.log_odds = nn.Conv2d(narrow, 1, 3, 1, 1)
+        self.features = block(narrow, FEATURES)
+
+    def forward(self, image: Any) -> Any:
+        """Shape (n, `FEATURES`, height / `CELL`, width / `CELL`)."""
+        return self.features(self.back(image))
+
+    def back(self, image: Any) -> Any:
+        """What features are made of, and `log_odds`, which helps in training only."""
+
+        def larger(values: Any) -> Any:
+            return functional.interpolate(values, scale_factor=2, mode="nearest")
+
+        quarter = self.quarter(self.first(image))
+        eighth = self.eighth(quarter)
+        sixteenth = self.sixteenth(eighth)
+        back = functional.relu(
+            self.of_sixteenth(sixteenth) + larger(self.of_last(self.last(sixteenth)))
+        )
+        back = functional.relu(self.of_eighth(eighth) + larger(self.to_eighth(back)))
+        return functional.relu(self.of_quarter(quarter) + larger(self.to_quarter(back)))
+
+
+class Judge(nn.Sequential):  # type: ignore[misc,unused-ignore]
+    """Log-odds that a person stands at the middle of a window, from its `window_input`."""
+
+    def __init__(self) -> None:
+        count = ROWS * COLUMNS * (FEATURES + 1) + 1
+        first, last = nn.Linear(count, HIDDEN), nn.Linear(HIDDEN, 1)
+        super().__init__(nn.Dropout(DROPOUT), first, nn.ReLU(), nn.Dropout(DROPOUT), last)
+
+
+def windows(features: Any, places: Any) -> Any:
+    """As `window_input`, at places of views, shape (n * `COUNT`, inputs).
+
+    Args:
+        features: Of the views, shape (n, `FEATURES`, rows, columns).
+        places: Shape (n, `COUNT`, 5), as of `asked`.
+    """
+    foot_u, foot_v, size = places[..., 0], places[..., 1], places[..., 2]
+    across, up = torch.from_numpy(WINDOW_ACROSS), torch.from_numpy(WINDOW_HEIGHTS)
+    u = foot_u[..., None, None] - size[..., None, None] * across
+    v = foot_v[..., None, None] - size[..., None, None] * up[:, None]
+    u, v = torch.broadcast_tensors(u, v)
+    inside = (u > -0.5) & (u < WIDTH - 0.5) & (v > -0.5) & (v < HEIGHT - 0.5)
+    rows, columns = features.shape[2:]
+    at = torch.stack(
+        [(2 * u + 1) / (CELL * columns) - 1, (2 * v + 1) / (CELL * rows) - 1], dim=-1
+    ).flatten(1, 2)
+    seen = functional.grid_sample(features, at, padding_mode="border", align_corners=False)
+    seen = seen.unflatten(2, (places.shape[1], ROWS)).permute(0, 2, 3, 4, 1)
+    mask = inside[..., None].float()
+    seen = torch.cat([seen * mask, mask], dim=-1).flatten(2)
+    told = torch.log(size / MIDDLE_SIZE)[..., None]
+    return torch.cat([seen, told], dim=-1).flatten(0, 1)
+
+
+def by_cell(label: Any) -> tuple[Any, Any]:
+    """Share of each cell that shows a person, and whether enough of it is known."""
+    person = functional.avg_pool2d((label == PERSON).float()[:, None], CELL)
+    known = functional.avg_pool2d((label != UNKNOWN).float()[:, None], CELL)
+    return person / known.clamp(min=1e-3), (known > 0.3).float()
+
+
+def _weight(share: Any, known: Any) -> Any:
+    """How much more the cells of people count: more where little of a view shows people."""
+    part = (share * known).mean(dim=(1, 2, 3), keepdim=True)
+    return share * (EVEN / part.clamp(min=1e-3)).clamp(0.5, 4.0)
+
+
+def _map_loss(found: Any, label: Any) -> Any:
+    share, known = by_cell(label)
+    target = share * (1.0 - 2.0 * DOUBT) + DOUBT
+    loss = functional.binary_cross_entropy_with_logits(found, target, reduction="none")
+    return (loss * known * (1.0 + _weight(share, known))).sum() / known.sum()
+
+
+def _window_loss(found: Any, places: Any) -> Any:
+    person, known = places[..., 3].flatten(), places[..., 4].flatten()
+    target = person * (1.0 - 2.0 * DOUBT) + DOUBT
+    loss = functional.binary_cross_entropy_with_logits(found, target, reduction="none")
+    count = (known * person).sum(), (known * (1.0 - person)).sum()
+    weight = known * torch.where(person > 0.5, 0.5 / count[0], 0.5 / count[1])  # both count alike
+    return (loss * weight).sum()
+
+
+def train(training: Training, phases: Sequence[Phase], seed: int) -> tuple[Network, Judge]:
+    """Both networks, averaged over the last two phases."""
+    both: Any = nn.ModuleList([Network(), Judge()]).to(memory_format=torch.channels_last)
+    made = []
+    for number, phase in enumerate(phases):
+        views = Views(training, BATCH * phase.steps, phase.renderings, seed + number)
+        both = _trained(both, views, phase)
+        made.append(both)
+    average = torch.optim.swa_utils.AveragedModel(made[-2], use_buffers=True)
+    for one in made[-2:]:
+        average.update_parameters(one)
+    network, judge = average.module.eval()
+    return network, judge
+
+
+def _trained(both: Any, views: Any, phase: Phase) -> Any:
+    """Networks trained on, averaged over the last steps."""
+    both, rate, steps = copy.deepcopy(both), phase.rate, phase.steps
+    loader: Any = torch.utils.data.DataLoader(views, BATCH, num_workers=2, prefetch_factor=4)
+    mean = torch.optim.swa_utils.get_ema_multi_avg_fn(0.998)
+    average = torch.optim.swa_utils.AveragedModel(both, multi_avg_fn=mean, use_buffers=True)
+    optimizer = torch.optim.AdamW(both.parameters(), rate, weight_decay=DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, steps)
+    totals, start = np.zeros(2), time.monotonic()
+    network, judge = both
+    for step, (image, label, places) in enumerate(loader, 1):
+        with torch.autocast("cpu", torch.bfloat16):
+            back = network.back(image.to(memory_format=torch.channels_last))
+            log_odds, features = network.log_odds(back), network.features(back)
+        losses = [_map_loss(log_odds.float(), label)]
+        if phase.windows:
+            found = judge(windows(features.float(), places))[:, 0]
+            losses.append(_window_loss(found, places))
+        optimizer.zero_grad()
+        sum(weight * loss for weight, loss in zip(WEIGHTS, losses, strict=False)).backward()
+        optimizer.step()
+        schedule.step()
+        average.update_parameters(both)
+        totals[: len(losses)] += [loss.item() for loss in losses]
+        if step % 100 == 0:
+            shown = " ".join(f"{total / 100:.4f}" for total in totals)
+            print(f"{step}: losses {shown}, {time.monotonic() - start:.0f} s", flush=True)
+            totals[:] = 0.0
     return average.module
 
 
-def save(network: nn.Sequential, path: Path) -> None:
-    """Writes the network as ONNX that OpenCV 4.6 reads, batch norms merged into convolutions."""
-    nodes, weights, name = [], [], "windows"
+def save(network: Network, judge: Judge, folder: Path) -> None:
+    """Writes both as ONNX that OpenCV 4.6 reads, batch norms merged into convolutions."""
+    parts: Any = network.modules()
+    for part in parts:
+        if isinstance(part, nn.Sequential) and isinstance(part[1], nn.BatchNorm2d):
+            convolution: Any = part[0]
+            part[0], part[1] = fuse_conv_bn_eval(convolution, part[1]), nn.Identity()
+    image = torch.zeros(1, 2, MULTIPLE, MULTIPLE)
+    _export(network, image, {2: "height", 3: "width"}, folder / "person_features.onnx")
+    window = torch.zeros(1, judge[1].in_features)
+    _export(judge, window, {0: "windows"}, folder / "person_window.onnx")
 
-    def constant(key: str, value: Any) -> str:
-        weights.append(numpy_helper.from_array(value.detach().numpy().copy(), key))
-        return key
 
-    layers: list[Any] = list(network)
-    for k, (_, _, stride) in enumerate(LAYERS):
-        convolution, norm = layers[3 * k : 3 * k + 2]
-        scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
-        inputs = [
-            name,
-            constant(f"weights{k}", convolution.weight * scale[:, None, None, None]),
-            constant(f"bias{k}", norm.bias - norm.running_mean * scale),
-        ]
-        options = {"kernel_shape": [3, 3], "strides": [stride] * 2, "pads": [1] * 4}
-        nodes.append(helper.make_node("Conv", inputs, [f"conv{k}"], **options))
-        nodes.append(helper.make_node("Relu", [f"conv{k}"], [name := f"relu{k}"]))
-    last = [constant("weights", layers[-1].weight), constant("bias", layers[-1].bias)]
-    nodes.append(helper.make_node("Flatten", [name], ["flat"], axis=1))
-    nodes.append(helper.make_node("Gemm", ["flat", *last], ["log_odds"], transB=1))
-    shape = ["n", LAYERS[0][0], ROWS, COLUMNS]
-    graph = helper.make_graph(
-        nodes,
-        "person_network",
-        [helper.make_tensor_value_info("windows", TensorProto.FLOAT, shape)],
-        [helper.make_tensor_value_info("log_odds", TensorProto.FLOAT, ["n", 1])],
-        weights,
+def _export(network: Any, example: Any, free: dict[int, str], path: Path) -> None:
+    """Writes a network whose named sides are free."""
+    torch.onnx.export(
+        network,
+        (example,),
+        str(path),
+        opset_version=11,
+        dynamo=False,
+        input_names=["input"],
+        output_names=["output"],
+        dynamic_axes={"input": free, "output": free},
     )
-    opset = [helper.make_opsetid("", 11)]
-    model = helper.make_model(graph, opset_imports=opset, ir_version=6)
-    onnx.checker.check_model(model)
-    onnx.save(model, str(path))
+    onnx.checker.check_model(onnx.load(str(path)))
 
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("bags", type=Path, nargs="+", help="bags of `mrs simulate`")
-    parser.add_argument("--epochs", type=int, default=14)
+    parser.add_argument("pictures", type=Path, help="folder of the sources' checkouts")
+    parser.add_argument("bags", type=Path, nargs="+", help="bags of `mrs render-suite train`")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--cache", type=Path, help="file that keeps what was read")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of both networks")
     options = parser.parse_args()
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
     torch.manual_seed(options.seed)
-    rng = np.random.default_rng(options.seed)
-    windows, people = [], []
-    for bag in options.bags:
-        some_windows, some_people = examples_of(bag, rng)
-        windows += some_windows
-        people += some_people
-    person = np.concatenate(people)
-    print(f"{person.sum()} examples of people, {(~person).sum()} of other things")
-    network = train(
-        torch.from_numpy(np.concatenate(windows)),
-        torch.from_numpy(person.astype(np.float32)),
-        options.epochs,
-    )
-    save(network, options.out)
+    if options.cache and options.cache.exists():
+        training: Training = pickle.loads(options.cache.read_bytes())
+    else:
+        training = read(options.pictures, options.bags)
+        if options.cache:
+            options.cache.write_bytes(pickle.dumps(training))
+    for name, group in training.groups.items():
+        boxes = sum(len(one.people) for one in group)
+        print(f"{name}: {len(group)} pictures, {boxes} people")
+    print(f"{len(training.cutouts)} people to put into rooms")
+    save(*train(training, PHASES, options.seed), options.out)
 
 
 if __name__ == "__main__":

@@ -94,9 +94,8 @@ def test_stages_equal_those_of_the_paper(view, paper):
     np.testing.assert_array_equal(again.cells.to_records(), expected.to_records())
 
 
-# Everything upright goes out, whatever the fitted model says of a flat front; and StereoBM's small
-# blocks repeat themselves with a cap up to 31 only.
-UPRIGHT = {"bodies.min_score": -20.0, "disparity.pre_filter_cap": 31}
+# Everything upright goes out, whatever the fitted model says of a flat front.
+UPRIGHT = {"bodies.min_score": -20.0}
 
 
 @pytest.mark.parametrize(
@@ -312,10 +311,10 @@ def test_all_people_of_the_starter_bag_and_no_others_are_found(bag):
         group_error = math.dist(people.group.centre, bag.truth.mean(axis=0))
         assert group_error <= 0.047  # 0.041 m in the worst interval
         assert people.group.size == 5
-    # Means of 0.043 and 0.031 m, at most 0.125 and 0.099 m; and what StereoBM's versions differ by.
+    # Means of 0.043 and 0.036 m, at most 0.125 and 0.094 m; and what StereoBM's versions differ by.
     searched = bag.team.robots["robot_a"].bodies.search
     assert max(errors) < (0.12 if searched else 0.14)
-    assert np.mean(errors) <= (0.036 if searched else 0.047)
+    assert np.mean(errors) <= (0.038 if searched else 0.047)
 
 
 def test_errors_in_the_starter_bag_match_the_covariances(bag):

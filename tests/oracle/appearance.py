@@ -5,21 +5,20 @@ from __future__ import annotations
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
 from oracle.evidence import model
-from oracle.network import log_odds_of, window_of
+from oracle.network import window_log_odds
 from oracle.numbers import LEAST_HUMAN, MOST_HUMAN, RULED_OUT, SURE_SHAPE
-from oracle.patches import Patch
-from oracle.person_map import middle_part
 
 
 def with_appearance(
-    human: float, left: Gray, camera: StereoCamera, bearing: float, away: float, patch: Patch
+    human: float, left: Gray, camera: StereoCamera, bearing: float, away: float
 ) -> float:
     """The log-odds of a person whose axis is at this bearing [rad] and range [m]."""
     if human < RULED_OUT:
         return human
     of = model()["appearance"]
     score = float(of["human"]) * min(max(human, LEAST_HUMAN), MOST_HUMAN)
-    score += float(of["window"]) * log_odds_of(*window_of(left, camera, bearing, away))
-    score += float(of["above"]) * max(human - MOST_HUMAN, 0.0) + float(of["offset"])
-    share = min(1.0, max(0.0, (SURE_SHAPE - human) / (SURE_SHAPE - MOST_HUMAN)))
-    return score + float(of["image"]) * share * min(middle_part(left, camera, patch), 0.0)
+    seen = window_log_odds(left, camera, bearing, away)
+    if seen < 0.0:
+        seen *= min(1.0, max(0.0, (SURE_SHAPE - human) / (SURE_SHAPE - MOST_HUMAN)))
+    score += float(of["network"]) * seen
+    return score + float(of["above"]) * max(human - MOST_HUMAN, 0.0) + float(of["offset"])

@@ -94,7 +94,7 @@ def body_of(number: int, of: Candidate, left: Gray, camera: StereoCamera, config
     away = math.hypot(away, aside)
     score = fitted("human", of.even) if config.human_test else of.extent
     if config.human_test and config.appearance:
-        score = with_appearance(score, left, camera, bearing, away, of.patch)
+        score = with_appearance(score, left, camera, bearing, away)
     return Body(
         candidate=number,
         x=lens[0] + away * math.cos(bearing),

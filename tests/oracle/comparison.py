@@ -36,7 +36,7 @@ from mrs_people_loc.bodies.places import PlaceMemory
 from mrs_people_loc.bodies.scanner import BodyStages
 from mrs_people_loc.bodies.search import BodySearch, Candidates
 from mrs_people_loc.clusters import Clusters
-from mrs_people_loc.config import Disparity, PlannerConfig, RobotConfig
+from mrs_people_loc.config import PlannerConfig, RobotConfig
 from mrs_people_loc.people import Expected, Person
 from mrs_people_loc.planner import People, Planner
 from mrs_people_loc.robot import Stages
@@ -54,7 +54,7 @@ from oracle.cells import Cell, noise_of, zones_of
 from oracle.cells import cells_of as plain_cells_of
 from oracle.cloud import cloud_of
 from oracle.clusters import Cluster
-from oracle.disparity import disparity_of, is_repeatable
+from oracle.disparity import disparity_of
 from oracle.evidence import evidence_of
 from oracle.fusion import fused_of, in_order, placed_of
 from oracle.head import scale_of
@@ -80,8 +80,6 @@ _CENTRED_RAD, _CENTRED_PX = 4e-3, 0.02
 _VOTE_PX, _VOTE_SIGMA, _CONTRAST = (0.01, 0.02, 0.05) if STEPS else (1e-3, 1e-3, 0.01)
 #: What OpenCV's angles [log-odds] leave of a score, and where it looks between pixels in steps.
 _APPEARANCE = 0.1 if STEPS else 5e-3
-#: Part of the pixels that StereoBM may match otherwise when it does not repeat itself.
-_NOT_REPEATED = 0.005
 
 
 # ------------------------------------------------------------------------------------- one view
@@ -96,7 +94,8 @@ def check_view(
         DiffersError: Naming the first stage and field that differ.
     """
     name = f"{stages.scan.robot} at {stages.scan.stamp_ns} ns"
-    _check_disparity(name, stages.disparity, images, camera, config.disparity)
+    wanted = disparity_of(images, camera, config.disparity)
+    same(f"{name}: disparity", stages.disparity, wanted)
     cloud = cloud_of(stages.disparity, camera, config.disparity)
     near(f"{name}: cloud", stages.cloud, np.reshape(cloud, (-1, 3)), _CLOUD_M)
     if isinstance(stages, BodyStages):
@@ -106,17 +105,6 @@ def check_view(
     same(f"{name}: zones", stages.cropped, np.reshape(zones, (-1, 3)))
     same(f"{name}: noise", stages.foreground, np.reshape(noise_of(zones, config), (-1, 3)))
     check_cells(name, stages.scan.cells, plain_cells_of(stages.cloud, config))
-
-
-def _check_disparity(
-    name: str, got: Float32, images: StereoImages, camera: StereoCamera, config: Disparity
-) -> None:
-    wanted = disparity_of(images, camera, config)
-    if not is_repeatable(config) and got.shape == wanted.shape:
-        differ = (got != wanted) & ~(np.isnan(got) & np.isnan(wanted))
-        if differ.mean() <= _NOT_REPEATED:
-            return
-    same(f"{name}: disparity", got, wanted)
 
 
 def check_cells(name: str, got: Cells, wanted: Sequence[Cell]) -> None:

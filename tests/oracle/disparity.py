@@ -69,16 +69,3 @@ def _stereo_bm(config: Disparity, block: int, searched: int) -> Any:
     bm.setTextureThreshold(config.texture_threshold)
     bm.setDisp12MaxDiff(config.left_right_difference_px)
     return bm
-
-
-def is_repeatable(config: Disparity) -> bool:
-    """Whether StereoBM gives the same for the same images.
-
-    OpenCV's does not where the cap is over 31 and matches are checked both ways and for uniqueness
-    (seen with 5.0.0 and small blocks): a few pixels differ from call to call.
-    """
-    return (
-        config.pre_filter_cap <= 31
-        or config.uniqueness_ratio == 0
-        or config.left_right_difference_px < 0
-    )

@@ -1,111 +1,119 @@
-"""The network that recognizes people, sample by sample and layer by layer."""
+"""The network that sees people, layer by layer, and what it says of a body, sample by sample."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
-from importlib import resources
 from typing import Any
 
+import cv2
 import numpy as np
 
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
 from oracle.arrays import Float
 from oracle.head import axes_of, lens_of
-from oracle.votes import smoothed, value_at
+from oracle.numbers import (
+    CELL_PX,
+    LEAST_DEVIATION,
+    MAP_FOCAL_PX,
+    SIDE_MULTIPLE,
+    SQUARE_PX,
+    WINDOW_HALF_M,
+    WINDOW_HIGH_M,
+    WINDOW_LOW_M,
+    WINDOW_SHAPE,
+    WINDOW_SIZE_PX,
+)
+from oracle.onnx import weights_of
+from oracle.votes import value_at
 
-#: Rows and columns of a window; its lower and upper edge and half of its width [m].
-ROWS, COLUMNS, LOW_M, HIGH_M, HALF_M = 48, 24, -0.1, 2.1, 0.55
-#: Sigma [px] by the least number of pixels that a row covers.
-SMOOTHED_FROM = (2.5, 1.4), (1.25, 0.7)
-#: Strides of the layers.
-STRIDES = 2, 1, 2, 1, 2
+#: OpenCV looks between pixels of many channels in so many steps.
+CHANNEL_STEPS = 32
+#: Names of the layers with their strides, as they follow each other.
+DOWN = [
+    [("first.0", 2), ("quarter.0.0", 2), ("quarter.1.0", 1)],
+    [("eighth.0.0", 2), ("eighth.1.0", 1)],
+    [("sixteenth.0.0", 2), ("sixteenth.1.0", 1), ("sixteenth.2.0", 1)],
+    [("last.0.0", 2), ("last.1.0", 1), ("last.2.0", 1)],
+]
+BACK = [("of_sixteenth", None), ("of_eighth", "to_eighth.0"), ("of_quarter", "to_quarter.0")]
 
 
-def window_of(left: Gray, camera: StereoCamera, bearing: float, away: float) -> tuple[Float, Float]:
-    """Grey values of the window at a place, and 1 where it is in the image."""
-    tall, wide = (HIGH_M - LOW_M) / ROWS, 2.0 * HALF_M / COLUMNS
-    covered = camera.fx * tall / max(away, 0.3)
-    sigma = next((sigma for least, sigma in SMOOTHED_FROM if covered >= least), None)
-    image = left.astype(np.float64) if sigma is None else smoothed(left, sigma)
-    grey, inside = np.zeros((ROWS, COLUMNS)), np.zeros((ROWS, COLUMNS))
-    for row, column in np.ndindex(ROWS, COLUMNS):
-        across = HALF_M - (column + 0.5) * wide
+def window_log_odds(left: Gray, camera: StereoCamera, bearing: float, away: float) -> float:
+    """What the window at a place says."""
+    scale = min(1.0, MAP_FOCAL_PX / camera.fx)
+    features = _features_of(left.tobytes(), left.shape, scale)
+    (rows, columns), values = WINDOW_SHAPE, []
+    for row, column in np.ndindex(rows, columns):
+        across = WINDOW_HALF_M - (column + 0.5) * 2.0 * WINDOW_HALF_M / columns
+        height = WINDOW_HIGH_M - (row + 0.5) * (WINDOW_HIGH_M - WINDOW_LOW_M) / rows
         ray = (
             away * math.cos(bearing) - across * math.sin(bearing),
             away * math.sin(bearing) + across * math.cos(bearing),
-            HIGH_M - (row + 0.5) * tall - lens_of(camera)[2],
+            height - lens_of(camera)[2],
         )
         x, y, z = (float(np.dot(axis, ray)) for axis in axes_of(camera).T)
         u = camera.fx * x / max(z, 0.05) + camera.cx
         v = camera.fy * y / max(z, 0.05) + camera.cy
-        grey[row, column] = value_at(image, u, v)
-        ahead = z > 0.05 and -0.5 < u < camera.width - 0.5 and -0.5 < v < camera.height - 0.5
-        inside[row, column] = ahead
-    return grey, inside
+        inside = z > 0.1 and -0.5 < u < camera.width - 0.5 and -0.5 < v < camera.height - 0.5
+        column, row = ((pixel + 0.5) * scale / CELL_PX - 0.5 for pixel in (u, v))
+        for one in features:
+            values.append(value_at(one, column, row, CHANNEL_STEPS) if inside else 0.0)
+        values.append(float(inside))
+    values.append(math.log(camera.fx * scale / away / WINDOW_SIZE_PX))
+    of = weights_of("person_window.onnx")
+    hidden = np.maximum(of["1.weight"] @ np.array(values) + of["1.bias"], 0.0)
+    return float(of["4.weight"][0] @ hidden + of["4.bias"][0])
 
 
-def log_odds_of(grey: Float, inside: Float) -> float:
-    """What the network gives for a window."""
-    seen = [math.sqrt(g + 1.0) for g, there in zip(grey.flat, inside.flat, strict=True) if there]
-    mean = sum(seen) / max(len(seen), 1)
-    deviation = math.sqrt(sum((s - mean) ** 2 for s in seen) / max(len(seen), 1))
-    values = np.array([(np.sqrt(grey + 1.0) - mean) / (deviation + 0.5) * inside, inside])
-    weights = weights_of("person_network.onnx")
-    for k, stride in enumerate(STRIDES):
-        values = _layer(values, weights[f"weights{k}"], weights[f"bias{k}"], stride)
-    return float(np.dot(weights["weights"][0], values.ravel()) + weights["bias"][0])
+@functools.lru_cache(maxsize=64)
+def _features_of(grey: bytes, shape: tuple[int, int], scale: float) -> Float:
+    """The features of an image's cells, shape (channels, rows, columns)."""
+    image: Any = np.frombuffer(grey, dtype=np.uint8).reshape(shape)
+    if scale < 1.0:
+        size = round(shape[1] * scale), round(shape[0] * scale)
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    levels = []
+    values = channels_of(np.asarray(image))
+    for layers in DOWN:
+        for name, stride in layers:
+            values = np.maximum(_convolved(values, name, stride), 0.0)
+        levels.append(values)
+    values = _convolved(levels.pop(), "of_last", 1)
+    for across, after in BACK:
+        if after is not None:
+            values = np.maximum(_convolved(values, after, 1), 0.0)
+        larger = values.repeat(2, axis=1).repeat(2, axis=2)
+        values = np.maximum(_convolved(levels.pop(), across, 1) + larger, 0.0)
+    return np.maximum(_convolved(values, "features.0", 1), 0.0)
 
 
-def _layer(values: Float, weights: Float, bias: Float, stride: int) -> Float:
-    """A convolution of 3 x 3 with a border of zeros; what is negative becomes 0."""
-    _, rows, columns = values.shape
-    padded = np.pad(values, ((0, 0), (1, 1), (1, 1)))
-    result = np.zeros((len(weights), rows // stride, columns // stride))
-    for k, row, column in np.ndindex(result.shape):
-        i, j = row * stride, column * stride
-        total = float((weights[k] * padded[:, i : i + 3, j : j + 3]).sum()) + float(bias[k])
-        result[k, row, column] = max(total, 0.0)
+def channels_of(image: Gray) -> Float:
+    """What the network takes: shape (2, rows, columns), sides multiples of `SIDE_MULTIPLE`."""
+    root = np.sqrt(image.astype(np.float64) + 1.0)
+    rows, columns = root.shape
+    result = np.zeros((2, *(side + -side % SIDE_MULTIPLE for side in root.shape)))
+    result[0, :rows, :columns] = (root - root.mean()) / (root.std() + LEAST_DEVIATION)
+    half = SQUARE_PX // 2
+    padded = np.pad(root, half, mode="reflect")
+    for row, column in np.ndindex(root.shape):
+        square = padded[row : row + SQUARE_PX, column : column + SQUARE_PX]
+        deviation = square.std() + LEAST_DEVIATION
+        result[1, row, column] = (root[row, column] - square.mean()) / deviation
     return result
 
 
-@functools.cache
-def weights_of(name: str) -> dict[str, Float]:
-    """The weights by name, from an ONNX file (protocol buffers: model.graph.initializer)."""
-    file = resources.files("mrs_people_loc.bodies").joinpath(name)
-    model = dict(_fields(file.read_bytes()))
-    weights = {}
-    for key, tensor in _fields(model[7]):
-        if key == 5:
-            parts = list(_fields(tensor))
-            shape = [value for key, value in parts if key == 1]
-            values = dict(parts)
-            numbers = np.frombuffer(values[9], dtype="<f4").astype(np.float64)
-            weights[values[8].decode()] = numbers.reshape(shape)
-    return weights
-
-
-def _fields(data: bytes) -> Iterator[tuple[int, Any]]:
-    """Keys and values of a message's fields: whole numbers, or bytes."""
-    at = 0
-
-    def number() -> int:
-        nonlocal at
-        result = shift = 0
-        while True:
-            byte, at = data[at], at + 1
-            result, shift = result | (byte & 127) << shift, shift + 7
-            if byte < 128:
-                return result
-
-    while at < len(data):
-        key = number()
-        if key & 7 == 0:
-            yield key >> 3, number()
-        else:
-            assert key & 7 == 2
-            size = number()
-            at += size
-            yield key >> 3, data[at - size : at]
+def _convolved(values: Float, name: str, stride: int) -> Float:
+    """A convolution with a border of zeros."""
+    of = weights_of("person_features.onnx")
+    weights, bias = of[f"{name}.weight"], of[f"{name}.bias"]
+    side = weights.shape[2]
+    border = side // 2
+    _, rows, columns = values.shape
+    padded = np.pad(values, ((0, 0), (border, border), (border, border)))
+    result = np.zeros((len(weights), rows // stride, columns // stride)) + bias[:, None, None]
+    for i, j in np.ndindex(side, side):
+        part = padded[:, i : i + rows : stride, j : j + columns : stride]
+        result += np.tensordot(weights[:, :, i, j], part, axes=1)
+    return result

@@ -76,11 +76,15 @@ KNOTS = 2.0, 3.0, 4.0
 #: Images are reduced to this focal length [px]; sides of the network's image are a multiple of the
 #: second; side of the square around [px]; added to standard deviations.
 MAP_FOCAL_PX, SIDE_MULTIPLE, SQUARE_PX, LEAST_DEVIATION = 140.0, 32, 17, 0.5
-#: Side of a cell of the map [px]; legs, trunk, head [m]; so many samples more say nothing.
-CELL_PX, PARTS_M, SILENT_SAMPLES = 4, [(0.2, 0.9), (0.9, 1.3), (1.3, 1.9)], 6.0
+#: Side of a cell [px].
+CELL_PX = 4
+#: Rows and columns of a window; its lower and upper edge and half of its width [m]; the pixels of a
+#: metre whose logarithm is told as 0.
+WINDOW_SHAPE, WINDOW_LOW_M, WINDOW_HIGH_M, WINDOW_HALF_M = (12, 6), -0.1, 2.1, 0.55
+WINDOW_SIZE_PX = 60.0
 #: What has less by the human test is nobody [log-odds]; the human test counts within these; from
-#: there to the last one, what the map says counts less and less.
-RULED_OUT, LEAST_HUMAN, MOST_HUMAN, SURE_SHAPE = -8.0, -2.0, 4.0, 6.0
+#: there to the last one, what the network says against a person counts less and less.
+RULED_OUT, LEAST_HUMAN, MOST_HUMAN, SURE_SHAPE = -8.0, -3.0, 4.0, 5.0
 
 # --- bodies ------------------------------------------------------------------------------------
 

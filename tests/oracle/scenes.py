@@ -22,9 +22,9 @@ PAPER = ROOT / "config" / "paper.yaml"
 DEFAULT = ROOT / "config" / "default.yaml"
 TEAM = ROOT / "config" / "team.yaml"
 BAG = ROOT / "bags" / "paper_formation"
-#: The paper's method, and the default one; this with a cap that StereoBM repeats itself with.
+#: The paper's method, and the default one.
 CELLS = load_team(PAPER, robots=("robot_a",)).robots["robot_a"]
-BODIES = RobotConfig.from_mapping({"disparity.pre_filter_cap": 31})
+BODIES = RobotConfig()
 
 #: Scans of one interval, and the robots' poses by name.
 Scene = tuple[list[Scan], dict[str, Pose]]

@@ -8,13 +8,11 @@ pytest.importorskip("rosbags", reason="reading bags needs rosbags")
 from mrs_people_loc.cells.scanner import filter_cloud
 from mrs_people_loc.config import PlannerConfig, RobotConfig
 from mrs_people_loc.planner import Planner
-from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.timing import StageTimes
 from mrs_studies.bench.differs import DiffersError
 from mrs_tools.bags.offline import BagRun
 from oracle.cells import cells_of
 from oracle.comparison import check_cells, check_people, check_places, check_view
-from oracle.disparity import is_repeatable
 from oracle.scenes import (
     BAG,
     BODIES,
@@ -178,24 +176,3 @@ def test_mixed_team_equals_the_oracle(with_walls):
 def test_places_of_a_furnished_room_equal_the_oracle(seed):
     lost = check_places(*furnished_room(seed), PlannerConfig())
     assert max(of.max() for of in lost) > 2.0
-
-
-@pytest.mark.slow
-def test_only_the_known_share_of_nondeterministic_pixels_is_allowed():
-    run = BagRun(BAG, [DEFAULT])
-    view = next(iter(next(run.intervals()).views.values()))
-    for cap, part in ((63, 0.004), (31, 0.0)):
-        config = RobotConfig.from_mapping({"disparity.pre_filter_cap": cap})
-        pipeline = RobotPipeline(view.robot, view.camera, config)
-        assert is_repeatable(config.disparity) == (cap == 31)
-        matched = pipeline.matcher(view.images)
-
-        def check(moved: int, matched=matched, pipeline=pipeline, config=config) -> None:
-            disparity = matched.copy()
-            disparity.reshape(-1)[:moved] = 9.0
-            pipeline.matcher = lambda _: disparity
-            check_view(view.images, pipeline.stages(view.images), view.camera, config)
-
-        check(int(part * matched.size))
-        with pytest.raises(DiffersError, match="disparity"):
-            check(int((part + 0.002) * matched.size))

@@ -16,7 +16,6 @@ from mrs_people_loc.bodies import (
     model,
     network,
     patches,
-    person_map,
     places,
     scanner,
     search,
@@ -193,10 +192,16 @@ OF_BODIES = {
         appearance.Scores, "combined", then(lambda score: score + 0.01), r"bodies",
     ),
     "network": (network.PersonNetwork, "__call__", then(lambda score: score + 0.05), r"bodies"),
-    "image": (person_map.PersonMap, "__call__", then(lambda score: score - 0.05), r"bodies"),
-    "map": (person_map.PersonMap, "log_odds", then(lambda shown: shown - F32(0.1)), r"bodies"),
-    "around": (person_map, "_AROUND", instead((9, 9)), r"bodies"),
-    "rows of parts": (person_map, "_ROWS", instead(person_map._ROWS[::-1]), r"bodies"),
+    "features": (network.PersonNetwork, "features", then(lambda seen: seen * F32(0.9)), r"bodies"),
+    "rows of windows": (
+        network, "WINDOW_HEIGHTS", instead(network.WINDOW_HEIGHTS + F32(0.05)), r"bodies",
+    ),
+    "columns of windows": (
+        network, "WINDOW_ACROSS", instead(-network.WINDOW_ACROSS), r"bodies",
+    ),
+    "size of windows": (network, "MIDDLE_SIZE", instead(30.0), r"bodies"),
+    "contrast of the image": (network, "_LEAST_CONTRAST", instead(F32(5.0)), r"bodies"),
+    "around": (network, "_AROUND", instead((9, 9)), r"bodies"),
     "axis": (model.Linear, "__call__", then(lambda place: place + 1e-3), r"bodies\.(x|y)"),
     "selection": (finder.BodyFinder, "_alone", then(lambda kept: kept[:-1]), "number of bodies"),
     "all selected": (

@@ -44,11 +44,11 @@ def smoothed(image: Gray, sigma: float = BLUR_PX) -> Float:
     return result
 
 
-def value_at(image: Float, u: float, v: float) -> float:
-    """An image between its pixels, bilinear; beyond its border that goes on."""
+def value_at(image: Float, u: float, v: float, steps: int = STEPS) -> float:
+    """An image between its pixels, bilinear in so many steps; beyond its border that goes on."""
     height, width = image.shape
-    if STEPS:
-        u, v = round(float(u) * STEPS) / STEPS, round(float(v) * STEPS) / STEPS
+    if steps:
+        u, v = round(float(u) * steps) / steps, round(float(v) * steps) / steps
     left, top = math.floor(u), math.floor(v)
     right_share, low_share = u - left, v - top
     columns = [min(max(c, 0), width - 1) for c in (left, left + 1)]

@@ -22,12 +22,8 @@ from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import ImagePreparer, StereoImages
 
-#: OpenCV's StereoBM does not repeat itself with small blocks and a cap over 31: some pixels
-#: differ from call to call. What is compared bit for bit is made with this cap.
-REPEATABLE = {"disparity.pre_filter_cap": 31}
-#: What a node runs that is started with these parameters, and else with its defaults.
-DEFAULTS = RobotConfig.from_mapping(REPEATABLE)
-PARAMS = {name: str(value) for name, value in REPEATABLE.items()}
+#: What a node runs that is started without parameters.
+DEFAULTS = RobotConfig()
 
 #: One view of a head: image and camera_info by camera.
 View = Mapping[str, tuple[Any, Any]]

@@ -24,13 +24,16 @@ from ros.recording import Recording, stamp_of
 pytestmark = pytest.mark.slow
 
 SECOND = 1_000_000_000
+#: The recorded cylinders stand in one place all the time, and one of them looks like a doubtful
+#: person only: its place counts against it in the end, after 15 s here, which is not what is tried.
+STANDING = {"tracking.static_score": "0.0"}
 
 
 @pytest.fixture(scope="module")
 def life(team: Team, domain: int, recording: Recording) -> Iterator[Life]:
     """Only the planner runs at first, and looks for robots."""
     peer = Peer(domain)
-    planner = team.start("planner_node")
+    planner = team.start("planner_node", params=STANDING)
     peer.until_active(planner.name)
     own = copy.deepcopy(recording)  # its stamps are changed
     yield Life(peer, team, own, planner, peer.hear(People, "/tracked_people"))
@@ -113,7 +116,7 @@ def test_node_is_on_the_network_before_its_libraries_are_loaded(
 
 def test_planner_that_was_killed_works_again_after_a_restart(life: Life) -> None:
     kill(life.planner)
-    life.planner = life.team.start("planner_node")
+    life.planner = life.team.start("planner_node", params=STANDING)
     life.until_seen_by(*ROBOTS)
     life.until(lambda: len(life.people[-1].persons) == 5, "all five people")
 

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from ros.harness import OK, WARN, Peer, Team
-from ros.recording import PARAMS, Recording, stamp_of
+from ros.recording import Recording, stamp_of
 from ros.robot_peer import MutableView, RobotPeer
 
 pytestmark = pytest.mark.slow
@@ -28,7 +28,7 @@ def robot(
 ) -> RobotPeer:
     """A robot whose head is level, with either method."""
     name = f"robot_{request.param}"
-    params = {**PARAMS, "bodies.search": "false"} if request.param == "paper" else PARAMS
+    params = {"bodies.search": "false"} if request.param == "paper" else {}
     made = RobotPeer(
         peer, team.start("robot_node", namespace=f"/{name}", params=params), recording, name
     )
@@ -169,7 +169,7 @@ def test_waiting_images_that_do_not_fit_count_against_the_image_topic(
     team: Team, peer: Peer, recording: Recording
 ) -> None:
     """Not against the camera_info that came last, which is as correct as the others."""
-    node = team.start("robot_node", namespace="/robot_wide", params=PARAMS)
+    node = team.start("robot_node", namespace="/robot_wide")
     robot = RobotPeer(peer, node, recording, "robot_wide")
     peer.until_active(node.name)
     view = robot.view()

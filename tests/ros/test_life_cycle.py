@@ -15,7 +15,7 @@ from mrs_people_loc.config import RobotConfig
 from mrs_ros import tf
 from ros.harness import STALE, NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
-from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
+from ros.recording import DEFAULTS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
 pytestmark = pytest.mark.slow
@@ -56,9 +56,7 @@ def doomed(team: Team) -> dict[str, NodeProcess]:
 
 @pytest.fixture(scope="module")
 def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
-    process = team.start(
-        "robot_node", namespace="/robot_a", params={"autostart": "false", **PARAMS}
-    )
+    process = team.start("robot_node", namespace="/robot_a", params={"autostart": "false"})
     return RobotPeer(peer, process, recording)
 
 

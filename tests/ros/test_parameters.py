@@ -16,7 +16,7 @@ from mrs_people_loc.scan import BODY_DTYPE, CELL_DTYPE
 from ros.forked_starts import Start, ends_of
 from ros.harness import NodeProcess, Peer, Team, holds
 from ros.planner_peer import PlannerPeer
-from ros.recording import DEFAULTS, PARAMS, Recording, stages_of, stamp_of
+from ros.recording import DEFAULTS, Recording, stages_of, stamp_of
 from ros.robot_peer import RobotPeer
 
 # --- bad from the start ---------------------------------------------------------------------------
@@ -193,7 +193,7 @@ def bad_start(team: Team) -> NodeProcess:
 def robot_process(bad_start: NodeProcess, team: Team) -> NodeProcess:
     """Whole numbers for those that need not be: `1` is taken for `1.0`."""
     params = {"mounting.height": "1", "zones.high": "1.5", "pose.map_from_odom": "[1, 2, 0]"}
-    return team.start("robot_node", namespace="/robot_a", params=params | PARAMS)
+    return team.start("robot_node", namespace="/robot_a", params=params)
 
 
 @pytest.fixture(scope="module")

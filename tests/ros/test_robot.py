@@ -27,7 +27,6 @@ from robot_node.node import RobotNode
 from ros.harness import OK, WARN, Peer, Team
 from ros.recording import (
     DEFAULTS,
-    PARAMS,
     Recording,
     records_of,
     set_stamp,
@@ -45,7 +44,7 @@ def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     """A robot with the default parameters, in a nested namespace."""
     made = RobotPeer(
         peer,
-        team.start("robot_node", namespace="/site/robot_a", params=PARAMS),
+        team.start("robot_node", namespace="/site/robot_a"),
         recording,
         "site/robot_a",
     )
@@ -332,7 +331,10 @@ def _xy(records: np.ndarray) -> np.ndarray:
 
 
 def _overlap(one: np.ndarray, other: np.ndarray) -> float:
-    """Part of the cells (5 cm) of either set that have one of the other beside them or on them."""
+    """Part of the cells (5 cm) of either set that have one of the other beside them or on them,
+    0 where a set is empty."""
+    if not (len(one) and len(other)):
+        return 0.0
     away = np.abs(one[:, np.newaxis] - other[np.newaxis]).max(axis=2)
     near = away < 0.075
     return float(min(near.any(axis=1).mean(), near.any(axis=0).mean()))

@@ -20,7 +20,7 @@ from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
 from mrs_ros.diagnostics import Input
 from ros.harness import ERROR, OK, WARN, Finding, Peer, Team, holds
-from ros.recording import DEFAULTS, PARAMS, Recording, set_stamp, stamp_of, stamped
+from ros.recording import DEFAULTS, Recording, set_stamp, stamp_of, stamped
 from ros.robot_peer import RobotPeer
 
 NAN, INF = math.nan, math.inf
@@ -30,14 +30,14 @@ SECOND = 1_000_000_000
 @pytest.fixture(scope="module")
 def silent(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     """A robot that nobody sends anything, as long as the test does not."""
-    process = team.start("robot_node", namespace="/robot_x", params=PARAMS)
+    process = team.start("robot_node", namespace="/robot_x")
     return RobotPeer(peer, process, recording, "robot_x")
 
 
 @pytest.fixture(scope="module")
 def robot(silent: RobotPeer, team: Team, peer: Peer, recording: Recording) -> RobotPeer:
     """A robot that works (started with the other, to save time)."""
-    made = RobotPeer(peer, team.start("robot_node", namespace="/robot_a", params=PARAMS), recording)
+    made = RobotPeer(peer, team.start("robot_node", namespace="/robot_a"), recording)
     made.warm_up()
     made.until_finding("left/image_rect", lambda f: True)
     return made

@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 from mrs_people_loc.messages import stamp_ns_of
 from ros.harness import OK, WARN, Peer, Team
 from ros.planner_peer import PlannerPeer, PlayedRobot, places, robots_in
-from ros.recording import DEFAULTS, PARAMS, Recording, stamp_of
+from ros.recording import DEFAULTS, Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
 pytestmark = pytest.mark.slow
@@ -44,9 +44,7 @@ def clock(peer: Peer) -> SimTime:
 
 @pytest.fixture(scope="module")
 def robot(team: Team, peer: Peer, recording: Recording) -> RobotPeer:
-    process = team.start(
-        "robot_node", namespace="/robot_r", params={"use_sim_time": "true", **PARAMS}
-    )
+    process = team.start("robot_node", namespace="/robot_r", params={"use_sim_time": "true"})
     return RobotPeer(peer, process, recording, "robot_r")
 
 

@@ -22,7 +22,7 @@ _TRUTH = "/ground_truth/people_poses"
 SCENE = """
 room: {length: 15.0, width: 5.0, posters: 10}
 layout: {people: 4, activity: guided}
-tour: {points: [[3.0, 2.5], [13.0, 2.5]]}
+tour: {points: [[3.0, 2.5], [11.0, 2.5]]}
 robots:
   robot_a: {x: 6.0, y: 2.5, head: {yaw: 3.14159}}
   robot_b: {x: 1.2, y: 3.2}

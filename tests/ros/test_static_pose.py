@@ -13,7 +13,7 @@ from mrs_people_msgs.msg import People
 from rosgraph_msgs.msg import Clock
 
 from ros.harness import ERROR, OK, Peer, Team
-from ros.recording import PARAMS, Recording, stamp_of
+from ros.recording import Recording, stamp_of
 from ros.robot_peer import RobotPeer
 
 pytestmark = pytest.mark.slow
@@ -24,7 +24,6 @@ PARAMETERS = {
     "pose.source": "static",
     "pose.static": str(list(PLACE)),
     "pose.sigmas": "[0.1, 0.2, 0.03]",
-    **PARAMS,
 }
 
 

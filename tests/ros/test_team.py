@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,6 @@ from mrs_people_loc.team.poses import Pose, PoseBuffer
 from mrs_people_sim.scoring.positions import match
 from ros.harness import ERROR, OK, ROOT, NodeProcess, Peer, Team
 from ros.recording import (
-    DEFAULTS,
     Recording,
     records_of,
     stages_of,
@@ -46,10 +44,8 @@ pytestmark = pytest.mark.slow
 ROBOTS = ("robot_a", "robot_b", "robot_c")
 PLANNER = "/planner_node"
 CONFIG = ROOT / "config"
-#: With what is said for StereoBM's sake in `ros.recording`.
-REPEATABLE = Path(__file__).with_name("repeatable.yaml")
 CONFIGS = {
-    "team": [CONFIG / "team.yaml", REPEATABLE],
+    "team": [CONFIG / "team.yaml"],
     "paper": [CONFIG / "paper.yaml", CONFIG / "team.yaml"],
 }
 #: Robots that send nothing in a frame: then the interval closes without them.
@@ -580,8 +576,3 @@ def test_no_message_was_lost(run: Run) -> None:
         assert findings["pairs"].count("stamp_resets") == 0
         for topic in ("left/camera_info", "right/camera_info", "odom"):
             assert findings[topic].count("dropped") == 0
-
-
-def test_team_file_agrees_with_the_tests_of_one_robot() -> None:
-    (robot,) = load_team(REPEATABLE, robots=("robot_a",)).robots.values()
-    assert robot == DEFAULTS

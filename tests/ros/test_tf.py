@@ -20,7 +20,7 @@ from mrs_people_loc.sensing.camera import StereoCamera, robot_from_optical
 from mrs_ros import tf as frames
 from ros.harness import ERROR, OK, Peer, Team
 from ros.planner_peer import pose_of
-from ros.recording import PARAMS, Recording, set_stamp, stamp_of
+from ros.recording import Recording, set_stamp, stamp_of
 from ros.robot_peer import RobotPeer
 from ros.tf2 import tf2
 
@@ -90,7 +90,7 @@ def robots(tf: Tf, team: Team, peer: Peer, recording: Recording) -> Callable[...
 
     def make(name: str, **params: Any) -> RobotPeer:
         given = {key.replace("__", "."): str(value) for key, value in params.items()}
-        process = team.start("robot_node", namespace=f"/{name}", params={**PARAMS, **given})
+        process = team.start("robot_node", namespace=f"/{name}", params=given)
         made = RobotPeer(peer, process, recording, name)
         peer.until_active(made.node)
         return made

@@ -19,19 +19,19 @@ BOX: tuple[Box, ...] = (((2.0, -1.4, 0.0), (2.6, -0.6, 0.5), 60),)
 
 
 def person(x: float, y: float) -> tuple[Box, ...]:
-    """Somebody who stands there: legs, trunk, arms and a head."""
+    """Somebody in dark clothes who stands there: legs, trunk, arms and a head."""
 
     def part(depth: float, left: float, right: float, low: float, high: float, grey: float) -> Box:
         return (x - depth, y + left, low), (x + depth, y + right, high), grey
 
     return (
-        part(0.09, -0.17, -0.02, 0.0, 0.85, 50),
-        part(0.09, 0.02, 0.17, 0.0, 0.85, 50),
-        part(0.12, -0.2, 0.2, 0.85, 1.46, 200),
-        part(0.07, -0.29, -0.21, 0.8, 1.42, 190),
-        part(0.07, 0.21, 0.29, 0.8, 1.42, 190),
-        part(0.06, -0.06, 0.06, 1.46, 1.54, 150),
-        part(0.1, -0.085, 0.085, 1.52, 1.76, 130),
+        part(0.09, -0.17, -0.02, 0.0, 0.85, 40),
+        part(0.09, 0.02, 0.17, 0.0, 0.85, 40),
+        part(0.12, -0.2, 0.2, 0.85, 1.46, 60),
+        part(0.07, -0.29, -0.21, 0.8, 1.42, 60),
+        part(0.07, 0.21, 0.29, 0.8, 1.42, 60),
+        part(0.06, -0.06, 0.06, 1.46, 1.54, 190),
+        part(0.1, -0.085, 0.085, 1.52, 1.76, 190),
     )
 
 

@@ -17,8 +17,9 @@ from mrs_people_loc.anthropometry import APART, APART_ACROSS, AXIS_ERROR
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.bodies import model as body_model
 from mrs_people_loc.bodies import votes as voting
-from mrs_people_loc.bodies.appearance import RULED_OUT, Appearance, Scores
+from mrs_people_loc.bodies.appearance import RULED_OUT, Scores
 from mrs_people_loc.bodies.model import BodyModel, Evidence, gather_evidence
+from mrs_people_loc.bodies.network import PersonNetwork
 from mrs_people_loc.bodies.patches import (
     ACROSS,
     CELL_HEIGHTS,
@@ -194,7 +195,7 @@ class BodyFinder:
         )
         self._sample = PatchSampler(camera, tuning.patches)
         looked_at = config.human_test and config.appearance
-        self._appearance = Appearance(camera) if looked_at else None
+        self._network = PersonNetwork(camera) if looked_at else None
 
     def __call__(self, disparity: Float32, images: StereoImages, times: StageTimes) -> Bodies:
         """The bodies of one view.
@@ -247,12 +248,12 @@ class BodyFinder:
         """
         bodies = self.all_bodies(view)
         times.mark("judge")
-        if self._appearance is not None:
+        if self._network is not None:
             weights = (self._model or body_model.fitted()).appearance.weights
             score, seen = bodies.score.copy(), bodies.score >= RULED_OUT
             some = bodies.select(seen)
-            looks = self._appearance(left, some.bearing, some.range, some.patches)
-            score[seen] = Scores(score[seen], looks).combined(weights)
+            by_network = self._network(left, some.bearing, some.range)
+            score[seen] = Scores(score[seen], by_network).combined(weights)
             bodies = replace(bodies, score=score)
             times.mark("appearance")
         bodies = bodies.select(self._alone(bodies))

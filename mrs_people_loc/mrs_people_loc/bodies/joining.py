@@ -176,8 +176,10 @@ def _likeliest_in_square(bodies: BodiesOnMap, index: Int, tuning: JoiningTuning)
     most = tuning.most_in_square
     if len(index) <= most:
         return index
-    squares = np.floor(bodies.xy[index] / tuning.square)
-    _, square, sizes = np.unique(squares, axis=0, return_inverse=True, return_counts=True)
+    # A square is one number: rows of two take NumPy ten times as long to sort.
+    column, row = np.floor(bodies.xy[index] / tuning.square).T
+    squares = column + 1j * row
+    _, square, sizes = np.unique(squares, return_inverse=True, return_counts=True)
     if sizes.max() <= most:
         return index
     square = square.reshape(-1)

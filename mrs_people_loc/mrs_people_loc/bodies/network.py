@@ -1,63 +1,66 @@
-"""A small convolutional network that recognizes people in the left image.
+"""A convolutional network that sees people in the left image, asked at bodies.
 
-At each place where a body may be, the grey values of an upright window that faces the lens are
-sampled in metres, so that bodies have one size at any range. The network sees them with a mask of
-what is in the image. `train_network.py` of the studies trains it on simulated rooms only; its
-weights are in `person_network.onnx`.
+It sees the whole image at once, so that its cost hardly grows with the bodies, and gives features
+of each 4 x 4 pixels. These are sampled in an upright window of a body, in metres, so that bodies
+have one size at any range, and a small second network judges whether a person stands just there.
+`train_network.py` of the studies trains both together on photographs and renderings; their weights
+are in `person_features.onnx` and `person_window.onnx`.
 """
 
 from __future__ import annotations
 
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Float32
+from mrs_people_loc.bodies.patches import in_rows, upright_pixels
 from mrs_people_loc.errors import ConfigError
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.images import Gray
 
-_FILE = "person_network.onnx"
-#: Samples from top to bottom and from left to right; edges of the window over the floor and half
-#: of its width [m]. The network is trained with them.
-ROWS, COLUMNS = 48, 24
+_FEATURES, _WINDOW = "person_features.onnx", "person_window.onnx"
+#: Focal length at which the network is trained [px]; images of longer lenses are reduced to it.
+FOCAL = 140.0
+#: Pixels of a cell of the features, and what the sides of the network's image are a multiple of.
+CELL, MULTIPLE = 4, 32
+#: The second channel is normalized by what is around, in a square of this size [px].
+_AROUND = (17, 17)
+#: Added to standard deviations [square roots of grey levels]: noise stays small.
+_LEAST_CONTRAST = np.float32(0.5)
+#: Samples of a window from top to bottom and from left to right; its edges over the floor and half
+#: of its width [m].
+ROWS, COLUMNS = 12, 6
 LOW, HIGH, HALF_WIDTH = -0.1, 2.1, 0.55
-#: Distance of two rows of samples [m].
-_STEP = (HIGH - LOW) / ROWS
-_HEIGHTS: Float32 = (HIGH - (np.arange(ROWS) + 0.5) * _STEP).astype(np.float32)
-_ACROSS: Float32 = (HALF_WIDTH * (1.0 - (2.0 * np.arange(COLUMNS) + 1.0) / COLUMNS)).astype(
+#: Samples over the floor, and to the left of a body's axis [m].
+WINDOW_HEIGHTS: Float32 = (HIGH - (np.arange(ROWS) + 0.5) * (HIGH - LOW) / ROWS).astype(np.float32)
+WINDOW_ACROSS: Float32 = (HALF_WIDTH * (1.0 - (2.0 * np.arange(COLUMNS) + 1.0) / COLUMNS)).astype(
     np.float32
 )
-#: Where a row covers as many pixels as the first number, the image is smoothed by the second one
-#: (sigma) first [px].
-_SMOOTHING = ((1.25, 0.7), (2.5, 1.4))
-#: Windows nearer than this are smoothed as if they were there [m].
-_LEAST_RANGE = 0.3
-#: Samples with less depth than this are not in the image [m].
-_LEAST_DEPTH = np.float32(0.05)
-#: Added to the standard deviation of a window [square roots of grey levels]: noise stays small.
-_LEAST_CONTRAST = np.float32(0.5)
+#: A window is told its size as the logarithm of its pixels of a metre over so many.
+MIDDLE_SIZE = 60.0
 
 
 class PersonNetwork:
-    """Scores places in the images of one head. Not for several threads at once.
+    """Sees people in the images of one head. Not for several threads at once.
 
     Args:
         camera: The head.
 
     Raises:
-        ConfigError: The file of the network is missing or cannot be read.
+        ConfigError: A network is missing or cannot be read.
     """
 
     def __init__(self, camera: StereoCamera) -> None:
         self.camera = camera
-        self._network = read_network(_FILE)
+        self._scale = min(1.0, FOCAL / camera.fx)
+        self._size = (round(camera.width * self._scale), round(camera.height * self._scale))
+        self._see, self._judge = _read(_FEATURES), _read(_WINDOW)
 
     def __call__(self, left: Gray, bearing: Float, ranges: Float) -> Float:
-        """Log-odds of a person, about -5 to 5, shape (n,).
+        """Log-odds of a person, about -6 to 6, shape (n,).
 
         Args:
             left: Left image, uint8, shape (height, width).
@@ -66,99 +69,67 @@ class PersonNetwork:
         """
         if not len(bearing):
             return np.zeros(0)
-        grey, inside = sample_windows(self.camera, left, bearing, ranges)
-        self._network.setInput(normalized(grey, inside))
-        return np.asarray(self._network.forward(), dtype=np.float64).reshape(-1)
+        place = self.camera, bearing, ranges
+        u, v, _, inside = upright_pixels(*place, WINDOW_HEIGHTS, WINDOW_ACROSS)
+        size = self.camera.fx * self._scale / ranges
+        self._judge.setInput(window_input(self._sampled(self.features(left), u, v), inside, size))
+        return np.asarray(self._judge.forward(), dtype=np.float64).reshape(-1)
+
+    def features(self, left: Gray) -> Float32:
+        """Features of cells, shape (rows, columns, channels).
+
+        Args:
+            left: Left image, uint8, shape (height, width).
+        """
+        if self._scale < 1.0:
+            left = np.asarray(cv2.resize(left, self._size, interpolation=cv2.INTER_AREA))
+        self._see.setInput(normalized(left)[np.newaxis])
+        return np.ascontiguousarray(self._see.forward()[0].transpose(1, 2, 0))
+
+    def _sampled(self, features: Float32, u: Any, v: Any) -> Float32:
+        """Features at pixels of the image, shape (n, rows, columns, channels)."""
+        cell, half = np.float32(self._scale / CELL), np.float32(0.5)
+        column, row = (in_rows((pixel + half) * cell - half) for pixel in (u, v))
+        border = cv2.BORDER_REPLICATE
+        values: Any = cv2.remap(features, column, row, cv2.INTER_LINEAR, borderMode=border)
+        return np.asarray(values.reshape(*u.shape, features.shape[2]))
 
 
-def read_network(file: str | Path) -> Any:
-    """A network.
-
-    Args:
-        file: Its name in this package, or its path.
-
-    Raises:
-        ConfigError: It is missing or cannot be read.
-    """
+def _read(name: str) -> Any:
     try:
-        own = resources.files("mrs_people_loc.bodies")
-        data = (file if isinstance(file, Path) else own.joinpath(file)).read_bytes()
+        data = resources.files("mrs_people_loc.bodies").joinpath(name).read_bytes()
         return cv2.dnn.readNetFromONNX(np.frombuffer(data, dtype=np.uint8))
     except (OSError, cv2.error) as err:
-        raise ConfigError(f"{file} cannot be read; wanted: the file of this package") from err
+        raise ConfigError(f"{name} cannot be read; wanted: the file of this package") from err
 
 
-def sample_windows(
-    camera: StereoCamera, left: Gray, bearing: Float, ranges: Float
-) -> tuple[Float32, Bool]:
-    """Grey values of the windows and which samples are in the image, shape (n, `ROWS`, `COLUMNS`).
-
-    Beyond the image its border is repeated. Args: as those of `PersonNetwork`.
-    """
-    u, v, inside = upright_pixels(camera, bearing, ranges, _HEIGHTS, _ACROSS)
-    covered = camera.fx * _STEP / np.maximum(ranges, _LEAST_RANGE)
-    level = np.searchsorted([px for px, _ in _SMOOTHING], covered, side="right")
-    image: Any = left.astype(np.float32)
-    values = np.empty(u.shape, dtype=np.float32)
-    for k in np.unique(level):
-        mine = level == k
-        smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING[k - 1][1]) if k else image
-        values[mine] = cv2.remap(
-            smooth,
-            u[mine].reshape(-1, COLUMNS),
-            v[mine].reshape(-1, COLUMNS),
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ).reshape(-1, ROWS, COLUMNS)
-    return values, inside
-
-
-def upright_pixels(
-    camera: StereoCamera, bearing: Float, ranges: Float, heights: Float32, across: Float32
-) -> tuple[Any, Any, Any]:
-    """Columns and rows [px] of the samples of upright windows, and whether they are in the image.
+def normalized(grey: Gray) -> Float32:
+    """The input of the network: square roots of grey values, normalized in the image and around.
 
     Args:
-        camera: The head.
-        bearing: Of the windows' axes, from the lens [rad], shape (n,).
-        ranges: Likewise, horizontal [m].
-        heights: Of the samples over the floor [m], float32, shape (rows,).
-        across: How far they are to the left of the axis [m], float32, shape (columns,).
+        grey: Shape (height, width).
 
     Returns:
-        Shapes (n, rows, columns).
+        Two channels, float32, with zeros below and to the right up to multiples of `MULTIPLE`.
     """
-    rotation, lens = camera.robot_from_optical
-    cos, sin, zero = np.cos(bearing), np.sin(bearing), np.zeros_like(bearing)
-    away: Any = np.stack([ranges * cos, ranges * sin, zero], axis=1) @ rotation
-    aside: Any = np.stack([-sin, cos, zero], axis=1) @ rotation
-    up: Any = (heights - lens[2])[:, np.newaxis]
-    x, y, z = (
-        (away[:, k, np.newaxis, np.newaxis] + up * rotation[2, k]).astype(np.float32)
-        + aside[:, k, np.newaxis, np.newaxis].astype(np.float32) * across
-        for k in range(3)
-    )
-    inverse = 1.0 / np.maximum(z, _LEAST_DEPTH)
-    u = x * inverse * np.float32(camera.fx) + np.float32(camera.cx)
-    v = y * inverse * np.float32(camera.fy) + np.float32(camera.cy)
-    inside = (z > _LEAST_DEPTH) & (u > -0.5) & (u < camera.width - 0.5)
-    inside &= (v > -0.5) & (v < camera.height - 0.5)
-    return u, v, inside
+    root = np.sqrt(grey.astype(np.float32) + np.float32(1.0))
+    mean = np.asarray(cv2.blur(root, _AROUND))
+    variance = np.maximum(np.asarray(cv2.blur(root * root, _AROUND)) - mean * mean, 0.0)
+    around = (root - mean) / (np.sqrt(variance) + _LEAST_CONTRAST)
+    whole = (root - root.mean()) / (root.std() + _LEAST_CONTRAST)
+    missing = [(0, 0), *((0, -side % MULTIPLE) for side in root.shape)]
+    return np.pad(np.stack([whole, around]), missing)
 
 
-def normalized(grey: Float32, inside: Bool) -> Float32:
-    """The input of the network: normalized square roots of grey values, and what is in the image.
+def window_input(features: Float32, inside: Bool, size: Float) -> Float32:
+    """The input of the network that judges windows, shape (n, `ROWS` * `COLUMNS` * (c + 1) + 1).
 
     Args:
-        grey: Shape (n, rows, columns).
-        inside: Which samples count, likewise; the others become 0.
-
-    Returns:
-        Shape (n, 2, rows, columns), float32.
+        features: Shape (n, `ROWS`, `COLUMNS`, c).
+        inside: Which samples are in the image, shape (n, `ROWS`, `COLUMNS`).
+        size: Pixels of a metre in the network's image, shape (n,).
     """
-    mask = inside.astype(np.float32)
-    count = np.maximum(mask.sum(axis=(1, 2), keepdims=True), 1.0)
-    root = np.sqrt(grey + np.float32(1.0))
-    offset = (root - (root * mask).sum(axis=(1, 2), keepdims=True) / count) * mask
-    deviation = np.sqrt((offset**2).sum(axis=(1, 2), keepdims=True) / count)
-    return np.stack([offset / (deviation + _LEAST_CONTRAST), mask], axis=1)
+    mask = inside[..., np.newaxis].astype(np.float32)
+    seen = np.concatenate([features * mask, mask], axis=3).reshape(len(size), -1)
+    told = np.log(size / MIDDLE_SIZE).astype(np.float32)[:, np.newaxis]
+    return np.concatenate([seen, told], axis=1)

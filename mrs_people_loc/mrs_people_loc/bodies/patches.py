@@ -113,9 +113,6 @@ class PatchSampler:
     def __init__(self, camera: StereoCamera, tuning: PatchTuning = PATCH_TUNING) -> None:
         self.camera = camera
         self.tuning = tuning
-        rotation, translation = camera.robot_from_optical
-        self._optical_from_robot = rotation.T
-        self._lens_height = np.float32(translation[2])
 
     def __call__(self, disparity: Float32, bearing: Float, inverse_range: Float) -> Patches:
         """Patches at some places.
@@ -150,26 +147,11 @@ class PatchSampler:
             `u`, `v`, `expected`, `difference` and `inside` of `Patches`, of shape (n, samples);
             disparity in the middle of the patches over their inverse range, shape (n,).
         """
-        camera, count = self.camera, len(bearing)
-        heights, across = HEIGHTS[rows], ACROSS[columns]
-        cos, sin = np.cos(bearing), np.sin(bearing)
-        # In the optical frame [m], shape (3, n): of the places, and of a metre to their left.
-        level = self._optical_from_robot[:, :2]
+        camera, across = self.camera, ACROSS[columns]
         ranges = camera.depth_disparity / inverse_range
-        away = (level @ np.array([ranges * cos, ranges * sin])).astype(np.float32)
-        left = (level @ np.array([-sin, cos])).astype(np.float32)[..., np.newaxis]
-        up = self._optical_from_robot[:, 2:].astype(np.float32)
-        upright = away[..., np.newaxis] + ((heights - self._lens_height) * up)[:, np.newaxis]
-        samples = upright[..., np.newaxis] + (left * across)[:, :, np.newaxis]
-        u, v, z = samples.reshape(3, count, len(heights) * len(across))
-        inside = z > 0.1
-        inverse = np.float32(1.0) / np.maximum(z, np.float32(0.05))
-        for part, focal, centre in ((u, camera.fx, camera.cx), (v, camera.fy, camera.cy)):
-            part *= inverse
-            part *= np.float32(focal)
-            part += np.float32(centre)
-        inside &= (u > -0.5) & (u < camera.width - 0.5) & (v > -0.5) & (v < camera.height - 0.5)
-        expected = inverse
+        u, v, expected, inside = map(
+            in_rows, upright_pixels(camera, bearing, ranges, HEIGHTS[rows], across)
+        )
         expected *= np.float32(camera.depth_disparity)
         column = np.clip(u + np.float32(0.5), 0, camera.width - 1).astype(np.int32)
         row = np.clip(v + np.float32(0.5), 0, camera.height - 1).astype(np.int32)
@@ -202,6 +184,40 @@ class PatchSampler:
             nearer = np.clip(middle, -tuning.max_px, tuning.max_px) / ratio
             inverse_range = np.maximum(inverse_range + nearer, 0.5 * inverse_range)
         return self(disparity, bearing, inverse_range)
+
+
+def upright_pixels(
+    camera: StereoCamera, bearing: Float, ranges: Float, heights: Float32, across: Float32
+) -> tuple[Float32, Float32, Float32, Bool]:
+    """Where the samples of upright rectangles that face the lens are in the left image.
+
+    Args:
+        camera: The head.
+        bearing: Of the rectangles' axes, from the lens [rad], shape (n,).
+        ranges: Likewise, horizontal [m].
+        heights: Of the samples over the floor [m], float32, shape (rows,).
+        across: How far they are to the left of the axis [m], float32, shape (columns,).
+
+    Returns:
+        Columns and rows [px], inverse depths [1/m], and which are in the image, shapes
+        (n, rows, columns).
+    """
+    rotation, lens = camera.robot_from_optical
+    cos, sin = np.cos(bearing), np.sin(bearing)
+    # In the optical frame [m], shape (3, n): of the places, and of a metre to their left.
+    level, up = rotation.T[:, :2], rotation.T[:, 2:].astype(np.float32)
+    away = (level @ np.array([ranges * cos, ranges * sin])).astype(np.float32)
+    left = (level @ np.array([-sin, cos])).astype(np.float32)[..., np.newaxis]
+    upright = away[..., np.newaxis] + ((heights - np.float32(lens[2])) * up)[:, np.newaxis]
+    u, v, z = upright[..., np.newaxis] + (left * across)[:, :, np.newaxis]
+    inside = z > 0.1
+    inverse = np.float32(1.0) / np.maximum(z, np.float32(0.05))
+    for part, focal, centre in ((u, camera.fx, camera.cx), (v, camera.fy, camera.cy)):
+        part *= inverse
+        part *= np.float32(focal)
+        part += np.float32(centre)
+    inside &= (u > -0.5) & (u < camera.width - 0.5) & (v > -0.5) & (v < camera.height - 0.5)
+    return u, v, inverse, inside
 
 
 def in_rows(values: NDArray[Any]) -> NDArray[Any]:

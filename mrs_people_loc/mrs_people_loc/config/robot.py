@@ -83,8 +83,10 @@ class Disparity(Section):
         10, "minimum sum of the absolute pre-filter output over the block", low=0, high=100_000
     )
     left_right_difference_px: int = field(
-        1, "left and right match must agree within this [px]; -1: not checked", low=-1, high=16
-    )
+        -1, "left and right match must agree within this [px], with pre_filter_cap up to 31 and "
+        "windows up to 21 px; -1: not checked",
+        low=-1, high=16,
+    )  # fmt: skip
     trinocular_difference_px: float = field(
         1.0, "horizontal and vertical pair must agree within this [px]", low=0.0, high=16.0
     )
@@ -101,6 +103,14 @@ class Disparity(Section):
             raise ConfigError(
                 f"disparity.fill_block_size_px is {self.fill_block_size_px}; "
                 "allowed: 0 or an odd whole number from 5 to 51"
+            )
+        if self.left_right_difference_px >= 0 and (
+            self.pre_filter_cap > 31 or self.largest_block_px > 21
+        ):  # OpenCV compares the costs of other pixels then, some of them never written
+            raise ConfigError(
+                f"disparity.left_right_difference_px is {self.left_right_difference_px} with a "
+                f"pre_filter_cap of {self.pre_filter_cap} and a window of {self.largest_block_px} "
+                "px; allowed: -1, or a cap up to 31 and windows up to 21 px"
             )
         if self.min_range >= self.max_range:
             raise ConfigError(

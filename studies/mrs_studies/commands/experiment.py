@@ -32,7 +32,7 @@ def command(
     Five people, three robots and a table, and one person 2 m before a robot, with the method as
     printed (config/paper.yaml); where poses are wrong, with config/default.yaml, too. People,
     clothes and textures differ from draw to draw. All figures but the planner's time follow from
-    the seed; those by default.yaml to the last digit or so, for StereoBM varies a little there.
+    the seed.
     """
     import sys
 

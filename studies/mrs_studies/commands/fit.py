@@ -7,8 +7,8 @@
 Each candidate of each view is an example: a person if somebody truly is there, none if nobody is
 near. What is in between, and what is another robot of the team (the planner knows where those
 are), is left out. Figures printed are cross-validated: each bag is judged by a model that has not
-seen it. The networks of the appearance are trained beforehand (`train_map.py`, `train_network.py`);
-only the weights of what they see are fitted.
+seen it. The networks of the appearance are trained beforehand (`train_network.py`); only the
+weights of what they see are fitted.
 
     mrs fit OUT_DIR/*/*/ --real RECORDINGS --out ...
 
@@ -146,6 +146,6 @@ def _combination(
     if real is not None and len(set(rooms)) > 1:
         typer.echo("\n".join(real_rooms(examples, scores, real, rooms, fitted)))
     weights = combination(examples, scores, real, fitted)
-    names = ("human", "above", "window", "image", "constant")
+    names = ("human", "above", "network", "constant")
     typer.echo(", ".join(f"{n} {w:.3g}" for n, w in zip(names, weights, strict=True)))
     return weights

@@ -5,8 +5,7 @@ the formation of five people, three robots and a table (`paper_formation.yaml`),
 before one robot (`single_person.yaml`, Fig. 4). The configuration is `config/paper.yaml`, the
 method as printed. `TRIALS` are runs of the formation with a value of its own where the paper leaves
 a choice; `compare_poses` gives the robots wrong poses, by the paper's method and by the default one
-(`config/default.yaml`). All figures depend on the seed alone, but for the times, and for the last
-digit of those by the default method, whose pre-filter cap makes StereoBM vary from call to call.
+(`config/default.yaml`). All figures depend on the seed alone, but for the times.
 
 The architecture's claim (section 4.2: filter first, then share) is tested on the same images:
 `FilterThenShare` sends what the robots send anyway, `ShareThenFilter` sends their raw clouds and

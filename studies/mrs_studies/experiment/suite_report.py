@@ -66,6 +66,12 @@ def markdown(rows: Sequence[Row], half: str) -> str:
         "",
         *_people_of_kinds(first, last, kinds),
         "",
+        "## Half-hidden people",
+        "",
+        "With default.yaml; recall by how much of a person the view shows that shows most of them.",
+        "",
+        *_by_visibility(last, kinds),
+        "",
         "## Tracks",
         "",
         "With default.yaml; velocity, and the groups' centre, are mean errors.",
@@ -105,6 +111,16 @@ def _people_of_kinds(first: Row, last: Row, kinds: Sequence[str]) -> list[str]:
             for report in (row.report(*chosen),)
         ],
     )
+
+
+def _by_visibility(last: Row, kinds: Sequence[str]) -> list[str]:
+    """Recall by how much of people is visible, over all short scenes and over each kind."""
+    lines = []
+    for label, chosen in (("standing and walking", ()), *((k, (k,)) for k in kinds)):
+        parts = last.report(*chosen)["by_visibility"].values()
+        cells = [(str(part["true"]), number(part["recall"], 1, 3)) for part in parts]
+        lines.append([label, *(cell for pair in cells for cell in pair)])
+    return table(("", "< 50 %", "recall", "< 75 %", "recall", "more", "recall"), lines)
 
 
 def _tracks_of_kinds(last: Row, kinds: Sequence[str]) -> list[str]:

@@ -65,11 +65,12 @@ def steps() -> list[Step]:
     return [
         Step("the printed method", {}, {}),
         Step(
-            "block 7, holes filled from block 11, pre-filter cap 63, from 0.7 m",
+            "block 7, holes filled from block 11, pre-filter cap 63, matched one way, from 0.7 m",
             default(
                 "disparity.block_size_px",
                 "disparity.fill_block_size_px",
                 "disparity.pre_filter_cap",
+                "disparity.left_right_difference_px",
                 "disparity.min_range",
             ),
             {},

@@ -1,9 +1,8 @@
 """Fits how the appearance of bodies, and the human test, count.
 
 The weights of the combination are fitted to scores of models that have not seen the bags that they
-judge; the networks are trained beforehand (`train_map.py`, `train_network.py`). Renderings
-overrate the human test, which was fitted to them: where real rooms are given, they count nearly as
-much as all renderings together.
+judge; the networks are trained beforehand (`train_network.py`). Renderings overrate the human
+test, which was fitted to them: where real rooms are given, they count a fifth of all.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def fit_combination(scores: Scores, person: Bool, weight: Float) -> Float:
         weight: Of the examples, shape (n,).
 
     Returns:
-        Shape (5,).
+        Shape (4,).
     """
     looked = scores.human >= RULED_OUT  # of the others the human test alone judges
     columns = np.column_stack([scores.columns, np.ones(len(scores))])[looked]
@@ -43,8 +42,8 @@ def fit_combination(scores: Scores, person: Bool, weight: Float) -> Float:
         cost = np.sum(weight * (np.logaddexp(0.0, z) - target * z)) + 0.5e-4 * np.sum(p**2)
         return float(cost), columns.T @ error + 1e-4 * p
 
-    bounds: Sequence[tuple[float | None, None]] = [(0.0, None)] * 4 + [(None, None)]
-    start = np.array([0.3, 0.3, 0.3, 0.3, 0.0])
+    bounds: Sequence[tuple[float | None, None]] = [(0.0, None)] * 3 + [(None, None)]
+    start = np.array([0.3, 0.3, 0.3, 0.0])
     found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
     return rounded(np.asarray(found.x))
 

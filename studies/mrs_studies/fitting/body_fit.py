@@ -67,7 +67,7 @@ class Parts:
 
     def scores(self, examples: Examples) -> Scores:
         """What the parts of the combination say of examples."""
-        return Scores(self.human(examples.even), examples.looks)
+        return Scores(self.human(examples.even), examples.network)
 
     def model(self, weights: Float) -> BodyModel:
         """The model with the weights of the combination."""
@@ -89,7 +89,7 @@ def held_out_scores(examples: Examples, parts: Sequence[tuple[Bool, Parts]]) -> 
     human = np.zeros(len(examples))
     for held, mine in parts:
         human[held] = mine.human(examples.even[held])
-    return Scores(human, examples.looks)
+    return Scores(human, examples.network)
 
 
 def combination(

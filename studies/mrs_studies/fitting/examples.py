@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,14 @@ import cv2
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float, Int, StructOfArrays
-from mrs_people_loc.bodies.appearance import Appearance, Looks
-from mrs_people_loc.bodies.finder import BODY_TUNING, BodyFinder, BodyTuning, CandidateEvidence
+from mrs_people_loc.bodies.finder import (
+    BODY_TUNING,
+    Bodies,
+    BodyFinder,
+    BodyTuning,
+    CandidateEvidence,
+)
+from mrs_people_loc.bodies.network import PersonNetwork
 from mrs_people_loc.config import RobotConfig, load_team
 from mrs_people_loc.errors import BagError
 from mrs_people_loc.geometry import rotation_2d, yaw_from_quaternion
@@ -59,7 +66,7 @@ class Examples(StructOfArrays):
         scale: Focal length times baseline of the head [px m].
         robot: Whether it is another robot.
         bag: Number of the bag.
-        looks: Appearance.
+        network: Log-odds by the network.
     """
 
     even: Float
@@ -72,7 +79,7 @@ class Examples(StructOfArrays):
     scale: Float
     robot: Bool
     bag: Int
-    looks: Looks
+    network: Float
 
     @property
     def person(self) -> Bool:
@@ -101,7 +108,6 @@ class _Looker:
         min_range = config.disparity.min_range
         shapes = replace(config.bodies, appearance=False)
         self._find = BodyFinder(camera, shapes, min_range=min_range, tuning=tuning)
-        self._appearance = Appearance(camera)
         self.views: list[tuple[int, CandidateEvidence, Gray]] = []
 
     def stages(self, images: StereoImages) -> ScanStages:
@@ -110,10 +116,18 @@ class _Looker:
         self.views.append((images.stamp_ns, view, images.left))
         return ScanStages(disparity, Scan(self.robot, images.stamp_ns, Cells.empty()), {})
 
-    def looks(self, view: CandidateEvidence, left: Gray) -> Looks:
-        """Appearance of the candidates at the axes that the present model gives."""
-        bodies = self._find.all_bodies(view)
-        return self._appearance(left, bodies.bearing, bodies.range, bodies.patches)
+    @functools.cached_property
+    def _network(self) -> PersonNetwork:
+        return PersonNetwork(self.camera)
+
+    def bodies(self, view: CandidateEvidence) -> Bodies:
+        """The candidates at the axes that the present model gives."""
+        return self._find.all_bodies(view)
+
+    def by_network(self, view: CandidateEvidence, left: Gray) -> Float:
+        """Their log-odds by the network."""
+        bodies = self.bodies(view)
+        return self._network(left, bodies.bearing, bodies.range)
 
 
 def _collected_lookers(
@@ -139,21 +153,43 @@ class _PoseCollector:
         self.poses.update(poses)
 
 
-def examples_of(
-    path: Path,
-    number: int,
-    *,
-    configs: Sequence[Path] = (),
-    views: int = 8,
-    tuning: BodyTuning = BODY_TUNING,
-) -> Examples:
-    """The examples of a bag.
+@dataclass(frozen=True)
+class TrueView:
+    """A view of a bag with ground truth.
+
+    Attributes:
+        looker: The robot.
+        index: Of the view among those of the robot.
+        seen: The candidates.
+        left: The left image.
+        pose: The robot's true pose: x, y [m], yaw [rad], shape (3,).
+        people: Where people truly are in the map [m], shape (n, 2); none is NaN.
+        others: The other robots, likewise, shape (m, 2).
+    """
+
+    looker: _Looker
+    index: int
+    seen: CandidateEvidence
+    left: Gray
+    pose: Float
+    people: Float
+    others: Float
+
+    def examples(self, number: int, network: Float) -> Examples:
+        """The candidates as examples of a bag, by what the network says of them."""
+        place = self.looker.camera, self.seen, self.pose
+        return _examples(*place, self.people, self.others, number, network)
+
+
+def true_views(
+    path: Path, views: int, *, configs: Sequence[Path] = (), tuning: BodyTuning = BODY_TUNING
+) -> Iterator[TrueView]:
+    """Views of a bag.
 
     Args:
         path: A bag with ground truth of people and robots, as `mrs simulate` writes it.
-        number: What `Examples.bag` shall say.
-        configs: Parameter files of the team.
         views: So many of each robot's views at most, evenly spread: neighbours are alike.
+        configs: Parameter files of the team.
         tuning: Constants of the search, patches and votes.
 
     Raises:
@@ -167,21 +203,43 @@ def examples_of(
     for _ in run.intervals():
         pass
     poses = _true_poses(path, [looker.robot for looker in lookers])
-    parts = []
     for looker in lookers:
         for index in _spread(len(looker.views), views):
-            stamp_ns, view, left = looker.views[index]
-            people, _ = truth.at(stamp_ns)
+            stamp_ns, seen, left = looker.views[index]
             at = {name: _at(track, stamp_ns) for name, track in poses.items()}
-            others = np.array([at[n][:2] for n in at if n != looker.robot]).reshape(-1, 2)
-            if index % 2:
-                left = _augmented(left, np.random.default_rng([number, index]))
-            parts.append(
-                _examples(
-                    looker.camera, view, at[looker.robot], people, others, number,
-                    looker.looks(view, left),
-                )
-            )  # fmt: skip
+            pose = at.pop(looker.robot)
+            people, _ = truth.at(stamp_ns)
+            people = people[np.isfinite(people[:, 0])]
+            others = np.array([place[:2] for place in at.values()]).reshape(-1, 2)
+            yield TrueView(looker, int(index), seen, left, pose, people, others)
+
+
+def examples_of(
+    path: Path,
+    number: int,
+    *,
+    configs: Sequence[Path] = (),
+    views: int = 8,
+    tuning: BodyTuning = BODY_TUNING,
+) -> Examples:
+    """The examples of a bag.
+
+    Args:
+        path: The bag, as of `true_views`.
+        number: What `Examples.bag` shall say.
+        configs: As of `true_views`.
+        views: Likewise.
+        tuning: Likewise.
+
+    Raises:
+        PeopleLocError: The bag cannot be used.
+    """
+    parts = []
+    for view in true_views(path, views, configs=configs, tuning=tuning):
+        left = view.left
+        if view.index % 2:
+            left = _augmented(left, np.random.default_rng([number, view.index]))
+        parts.append(view.examples(number, view.looker.by_network(view.seen, left)))
     return Examples.joined(parts)
 
 
@@ -209,10 +267,10 @@ def labelled_examples(path: Path, labels: Labels, number: int) -> Examples:
         at = np.array([pose.x, pose.y, pose.yaw])
         for stamp_ns, view, left in looker.views:
             people, must = truth.at(stamp_ns)
-            looks = looker.looks(view, left)
+            network = looker.by_network(view, left)
             common = looker.camera, view, at
-            some = _examples(*common, people[must], nobody, number, looks)
-            others = _examples(*common, people[~must], nobody, number, looks)
+            some = _examples(*common, people[must], nobody, number, network)
+            others = _examples(*common, people[~must], nobody, number, network)
             parts.append(some.select(some.person | (others.away >= _NOBODY)))
     return Examples.joined(parts)
 
@@ -231,8 +289,8 @@ def empty_examples(views: Sequence[StereoView], number: int) -> Examples:
         looker = _Looker(_ROBOT, camera, config, BODY_TUNING)
         looker.stages(StereoImages(index, *views[index % len(views)].images(rng)))
         ((_, view, left),) = looker.views
-        looks = looker.looks(view, left)
-        parts.append(_examples(camera, view, np.zeros(3), nobody, nobody, number, looks))
+        network = looker.by_network(view, left)
+        parts.append(_examples(camera, view, np.zeros(3), nobody, nobody, number, network))
     return Examples.joined(parts)
 
 
@@ -280,7 +338,7 @@ def _examples(
     people: Float,
     others: Float,
     number: int,
-    looks: Looks,
+    network: Float,
 ) -> Examples:
     """Compares the candidates of a view with the truth, as seen from the lens."""
     scale = camera.depth_disparity
@@ -317,5 +375,5 @@ def _examples(
         scale=np.full(count, scale),
         robot=np.asarray(robot.any(axis=1)),
         bag=np.full(count, number),
-        looks=looks,
+        network=network,
     )

@@ -16,7 +16,7 @@ from mrs_studies.fitting.body_fit import Parts, combination, held_out, held_out_
 from mrs_studies.fitting.examples import Examples
 
 #: Bins of the true range [m], and of focal length times baseline of heads [px m].
-_RANGES = (0.0, 1.5, 2.0, 3.0, 4.0, 5.0, 20.0)
+_RANGES = (0.0, 1.5, 2.5, 3.5, 20.0)
 _HEADS = (0.0, 7.5, 12.0, 20.0, 1000.0)
 #: Fewer examples than this are no row of the table.
 _FEW = 20
@@ -128,8 +128,13 @@ def _log_loss(score: Float, person: Bool) -> float:
 
 
 def table(examples: Examples, judged: Judged) -> list[str]:
-    """Lines of a table of errors by head and range, people only."""
-    lines = ["px m   range [m]  people  along: mean  sd  stated [cm]  across: sd  stated  in 95 %"]
+    """Lines of a table of errors by head and range, people only.
+
+    Behind the mean is its standard error, as far as bags differ.
+    """
+    lines = [
+        "px m   range [m]  people  along: mean        sd  stated [cm]  across: sd  stated  in 95 %"
+    ]
     far = true_range(examples)
     for low, high in itertools.pairwise(_HEADS):
         head = examples.person & (examples.scale >= low) & (examples.scale < high)
@@ -138,13 +143,16 @@ def table(examples: Examples, judged: Judged) -> list[str]:
             if chosen.sum() < _FEW:
                 continue
             part = judged.select(chosen)
+            apart = part.along - part.along.mean()
+            error = np.linalg.norm(np.bincount(examples.bag[chosen], apart)) / chosen.sum()
             stated = [
                 100 * np.sqrt(np.mean(sigma**2)) for sigma in (part.sigma_along, part.sigma_across)
             ]
             lines.append(
                 f"{examples.scale[chosen].mean():4.1f}   {near:3.1f}-{min(end, 9.0):3.1f}    "
                 f"{chosen.sum():6d}  "
-                f"{100 * part.along.mean():+11.1f} {100 * part.along.std():4.1f} "
+                f"{100 * part.along.mean():+11.1f} +- {100 * error:3.1f} "
+                f"{100 * part.along.std():4.1f} "
                 f"{stated[0]:12.1f}  {100 * part.across.std():10.1f} {stated[1]:7.1f}  "
                 f"{part.inside.mean():7.3f}"
             )

@@ -30,6 +30,10 @@ _LEAST_BOX = 30
 _LEAST_OUTLINE = 800
 _SIDES = "xmin", "ymin", "xmax", "ymax"
 _NO_BOXES = np.empty((0, 4))
+#: Boxes around people who stand are so many times as high as wide; height of people [m].
+_STANDING, BODY_HEIGHT = 2.1, 1.7
+#: What is nearer to the lower border of a picture is not seen whole [px].
+_BORDER = 3
 
 
 class Picture(NamedTuple):
@@ -39,11 +43,14 @@ class Picture(NamedTuple):
         grey: uint8, shape (height, width).
         label: `OTHER`, `PERSON` or `UNKNOWN` by pixel, uint8, likewise; None: `OTHER` everywhere.
         people: Left, upper, right and lower border of boxes around people [px], shape (n, 4).
+        places: Where bodies may stand, shape (k, 4): column and row of the foot [px], pixels of a
+            metre, 1 for a person and 0 for none.
     """
 
     grey: Gray
     label: NDArray[np.uint8] | None
     people: Float
+    places: Float = _NO_BOXES
 
 
 class Cutout(NamedTuple):
@@ -53,11 +60,13 @@ class Cutout(NamedTuple):
         grey: uint8, shape (height, width).
         opaque: From 0 to 255, uint8, likewise.
         label: As of `Picture`.
+        body: Rows of head and feet, as shares of the height; None: they are not seen whole.
     """
 
     grey: Gray
     opaque: NDArray[np.uint8]
     label: NDArray[np.uint8]
+    body: tuple[float, float] | None
 
 
 def figure(tall: bool) -> NDArray[np.uint8]:
@@ -70,6 +79,20 @@ def figure(tall: bool) -> NDArray[np.uint8]:
     else:
         person = ((down - 0.5) / 0.42) ** 2 + (aside / 0.5) ** 2 < 1
     return np.where(person, PERSON, UNKNOWN).astype(np.uint8)
+
+
+def standing(boxes: Float, rows: int) -> Float:
+    """Places of people who stand, as of `Picture`.
+
+    Args:
+        boxes: Around people [px], shape (n, 4).
+        rows: Height of the picture [px].
+    """
+    left, top, right, bottom = boxes.T
+    tall = bottom - top
+    whole = (tall > _STANDING * (right - left)) & (bottom < rows - _BORDER)
+    places = [(left + right) / 2, bottom, tall / BODY_HEIGHT, np.ones(len(boxes))]
+    return np.column_stack(places)[whole]
 
 
 def label_of(shape: tuple[int, ...], people: Float, unknown: Float) -> NDArray[np.uint8]:
@@ -178,7 +201,8 @@ def _cutout(image: Any, mask: Bool) -> Cutout | None:
             cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (grey, opaque)
         )
     label = np.where(opaque > 127, PERSON, np.where(opaque > 50, UNKNOWN, OTHER))
-    return Cutout(grey, opaque, label.astype(np.uint8))
+    whole = len(standing(box[np.newaxis], len(mask))) > 0
+    return Cutout(grey, opaque, label.astype(np.uint8), (0.0, 1.0) if whole else None)
 
 
 def fashion(folder: Path) -> Iterator[tuple[Picture, Cutout | None]]:
@@ -197,7 +221,7 @@ def fashion(folder: Path) -> Iterator[tuple[Picture, Cutout | None]]:
         beside[:, max(int(box[0]) - half, 0) : int(box[2]) + half] = False
         label[beside & ~mask] = UNKNOWN
         grey, boxes, label_ = reduced(image, box, label)
-        yield Picture(grey, label_, boxes), _cutout(image, mask)
+        yield Picture(grey, label_, boxes, standing(boxes, len(grey))), _cutout(image, mask)
 
 
 def outlines(folder: Path) -> Iterator[tuple[Picture, list[Cutout]]]:
@@ -220,7 +244,8 @@ def outlines(folder: Path) -> Iterator[tuple[Picture, list[Cutout]]]:
         found = [box for mask in masks if (box := _box_of(mask)) is not None]
         grey, boxes, label = reduced(image, np.array(found), (number > 0).astype(np.uint8))
         cutouts = [_cutout(image, mask) for mask in masks]
-        yield Picture(grey, label, boxes), [one for one in cutouts if one is not None]
+        places = standing(boxes, len(grey))
+        yield Picture(grey, label, boxes, places), [one for one in cutouts if one is not None]
 
 
 def meetings(folder: Path) -> Iterator[Picture]:
@@ -277,7 +302,8 @@ def _with_boxes(image: Any, people: Float, unknown: Float = _NO_BOXES) -> Pictur
     grey, boxes, _ = reduced(image, np.vstack([people, unknown]))
     people, unknown = boxes[: len(people)], boxes[len(people) :]
     tall = people[:, 3] - people[:, 1] > _LEAST_BOX
-    return Picture(grey, label_of(grey.shape, people, unknown), people[tall])
+    label, places = label_of(grey.shape, people, unknown), standing(people[tall], len(grey))
+    return Picture(grey, label, people[tall], places)
 
 
 def windows(folder: Path) -> Iterator[Cutout]:
@@ -287,4 +313,5 @@ def windows(folder: Path) -> Iterator[Cutout]:
     for path in sorted(root.glob("*.png"))[::2]:
         grey = _read(path, cv2.IMREAD_GRAYSCALE)
         label = label_of(grey.shape, person, _NO_BOXES)
-        yield Cutout(grey, np.full(grey.shape, 255, np.uint8), label)
+        body = person[0, 1] / len(grey), person[0, 3] / len(grey)
+        yield Cutout(grey, np.full(grey.shape, 255, np.uint8), label, body)

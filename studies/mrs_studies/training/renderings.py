@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from mrs_people_loc.arrays import Float
-from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.bodies.finder import Bodies
+from mrs_people_loc.bodies.patches import upright_pixels
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.scan import Cells, Scan, ScanStages
 from mrs_people_loc.sensing.camera import StereoCamera
-from mrs_people_loc.sensing.images import Gray, StereoImages
-from mrs_studies.fitting.examples import _at, _PoseCollector, _spread, _true_poses
-from mrs_studies.training.pictures import PERSON, UNKNOWN, Picture, figure
-from mrs_tools.bags.offline import BagRun
+from mrs_people_loc.sensing.images import Gray
+from mrs_studies.fitting.examples import Examples, true_views
+from mrs_studies.training.pictures import BODY_HEIGHT, PERSON, UNKNOWN, Picture, figure
 
 #: Views of each robot and bag, at most.
 _VIEWS = 16
@@ -25,42 +24,8 @@ _HALF, _PERSON_HEIGHT, _ROBOT_HEIGHT = 0.27, 1.78, 1.4
 _FARTHEST, _NEAREST = 6.0, 0.2
 
 
-class Looker:
-    """A robot that keeps its left images, with their stamps [ns]."""
-
-    def __init__(self, robot: str, camera: StereoCamera, _config: RobotConfig) -> None:
-        self.robot, self.camera = robot, camera
-        self.views: list[tuple[int, Gray]] = []
-
-    def stages(self, images: StereoImages) -> ScanStages:
-        """Keeps one."""
-        self.views.append((images.stamp_ns, images.left))
-        nothing = np.full(images.left.shape, np.nan, dtype=np.float32)
-        return ScanStages(nothing, Scan(self.robot, images.stamp_ns, Cells.empty()), {})
-
-
-def lookers_of(path: Path) -> list[Looker]:
-    """The robots of a bag, with all their left images.
-
-    Args:
-        path: The bag.
-
-    Raises:
-        PeopleLocError: It cannot be used.
-    """
-    lookers: list[Looker] = []
-
-    def make(robot: str, camera: StereoCamera, config: RobotConfig) -> Looker:
-        lookers.append(Looker(robot, camera, config))
-        return lookers[-1]
-
-    for _ in BagRun(path, pipeline=make, planner=lambda _: _PoseCollector()).intervals():
-        pass
-    return lookers
-
-
 def pictures_of(path: Path) -> Iterator[Picture]:
-    """Views of a bag of `mrs render-suite`.
+    """Views of a bag of `mrs render-suite`, with the candidates of the body finder.
 
     Args:
         path: The bag.
@@ -68,18 +33,21 @@ def pictures_of(path: Path) -> Iterator[Picture]:
     Raises:
         PeopleLocError: It cannot be used.
     """
-    lookers, truth = lookers_of(path), BagRun(path).truth()
-    poses = _true_poses(path, [looker.robot for looker in lookers])
-    for looker in lookers:
-        for k in _spread(len(looker.views), _VIEWS):
-            stamp_ns, left = looker.views[k]
-            at = {name: _at(track, stamp_ns) for name, track in poses.items()}
-            pose = at.pop(looker.robot)
-            people = truth.at(stamp_ns)[0]
-            people = people[np.isfinite(people[:, 0])]
-            others = np.array([place[:2] for place in at.values()]).reshape(-1, 2)
-            local = [(places - pose[:2]) @ rotation_2d(pose[2]) for places in (people, others)]
-            yield _labelled(left, looker.camera, *local)
+    for view in true_views(path, _VIEWS):
+        turn, camera = rotation_2d(view.pose[2]), view.looker.camera
+        people, robots = ((some - view.pose[:2]) @ turn for some in (view.people, view.others))
+        bodies = view.looker.bodies(view.seen)
+        places = _places(camera, bodies, view.examples(0, np.zeros(len(bodies))))
+        yield _labelled(view.left, camera, people, robots)._replace(places=places)
+
+
+def _places(camera: StereoCamera, bodies: Bodies, some: Examples) -> Float:
+    """Candidates as places of a picture."""
+    heights, across = np.array([0.0, BODY_HEIGHT], dtype=np.float32), np.zeros(1, np.float32)
+    u, v, _, _ = upright_pixels(camera, bodies.bearing, bodies.range, heights, across)
+    tall = np.hypot(u[:, 1, 0] - u[:, 0, 0], v[:, 1, 0] - v[:, 0, 0])
+    places = [u[:, 0, 0], v[:, 0, 0], tall / BODY_HEIGHT, some.person]
+    return np.column_stack(places)[some.decided].astype(np.float64)
 
 
 def _labelled(left: Gray, camera: StereoCamera, people: Float, robots: Float) -> Picture:

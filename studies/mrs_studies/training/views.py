@@ -10,23 +10,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mrs_people_loc.arrays import Float32
+from mrs_people_loc.arrays import Float, Float32
 from mrs_people_loc.sensing.images import Gray
-from mrs_studies.training.pictures import OTHER, UNKNOWN, Cutout, Picture
+from mrs_studies.training.pictures import BODY_HEIGHT, OTHER, UNKNOWN, Cutout, Picture
 
 WIDTH, HEIGHT = 160, 120
 #: Heights of the people that a view is centred on [px]: 8 m to 0.8 m away.
 _SMALLEST, _TALLEST = 30.0, 310.0
 #: People who walk past a near head are blurred by this much at most [px of a room's picture].
 _WALK_BLUR = 12
+#: A tilted body keeps the place of its middle, so far over the floor [m].
+_HALF_BODY = BODY_HEIGHT / 2
 #: No picture is enlarged more than this.
 _LARGEST_SCALE = 3.0
 
 
 def view_of(
     picture: Picture, rooms: Sequence[Picture], rng: np.random.Generator
-) -> tuple[Gray, NDArray[np.uint8]]:
-    """A part of a picture as a head's left image, and its label, shapes (`HEIGHT`, `WIDTH`).
+) -> tuple[Gray, NDArray[np.uint8], Float]:
+    """A part of a picture as a head's left image, its label, and places where bodies may stand.
+
+    Shapes (`HEIGHT`, `WIDTH`), likewise, and (k, 4) as of `Picture`.
 
     Args:
         picture: The picture.
@@ -74,7 +78,12 @@ def view_of(
         columns = slice(left, left + rng.integers(15, 90))
         other = cv2.resize(_one_of(rooms, rng).grey, (WIDTH, HEIGHT))
         seen[top:, columns], shown[top:, columns] = other[top:, columns], OTHER
-    return _by_a_cheap_camera(seen, rng), shown
+    up = picture.places[:, 2] * _HALF_BODY
+    middles = (picture.places[:, :2] - np.column_stack([0 * up, up])) @ linear.T + offset
+    places = np.column_stack([middles, scale * picture.places[:, 2:]])
+    places[:, 1] += places[:, 2] * _HALF_BODY
+    places[:, 3] = picture.places[:, 3]
+    return _by_a_cheap_camera(seen, rng), shown, places
 
 
 def _by_a_cheap_camera(image: Gray, rng: np.random.Generator) -> Gray:
@@ -109,13 +118,17 @@ def composite(
     image: Float32 = room.astype(np.float32)
     height, width = image.shape
     label = np.zeros(image.shape, np.uint8)
-    people = []
+    people, places = [], []
     for _ in range(rng.integers(1, 6)):
         cutout: Cutout = cutouts[int(rng.integers(len(cutouts)))]
         tall = math.exp(rng.uniform(math.log(0.22), math.log(1.9))) * height
         foot = height * rng.uniform(0.55, 0.8) + tall * rng.uniform(0.1, 0.6)
         at = rng.uniform(0, width)
-        if rng.random() < 0.65:
+        person = rng.random() < 0.65
+        if cutout.body:
+            low, high = foot - tall * (1.0 - cutout.body[1]), foot - tall * (1.0 - cutout.body[0])
+            places.append([at, low, (low - high) / BODY_HEIGHT, float(person)])
+        if person:
             half = 0.5 * tall * cutout.grey.shape[1] / cutout.grey.shape[0]
             people.append([at - half, foot - tall, at + half, foot])
         else:
@@ -123,7 +136,7 @@ def composite(
             if rng.random() < 0.5:
                 opaque = np.full(opaque.shape, 255, np.uint8)
             filling: Any = cv2.resize(_one_of(rooms, rng).grey, (opaque.shape[1], opaque.shape[0]))
-            cutout = Cutout(filling, opaque, np.zeros(opaque.shape, np.uint8))
+            cutout = Cutout(filling, opaque, np.zeros(opaque.shape, np.uint8), None)
         _put(image, label, cutout, tall=tall, foot=foot, at=at, rng=rng)
         if rng.random() < 0.35:  # furniture before them
             other = cv2.resize(_one_of(rooms, rng).grey, (width, height))
@@ -134,7 +147,8 @@ def composite(
             )
             image[part], label[part] = other[part], OTHER
     grey = np.clip(image, 0, 255).astype(np.uint8)
-    return Picture(grey, label, np.array(people, dtype=np.float64).reshape(-1, 4))
+    boxes, found = (np.array(some, dtype=np.float64).reshape(-1, 4) for some in (people, places))
+    return Picture(grey, label, boxes, found)
 
 
 def _put(

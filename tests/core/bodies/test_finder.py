@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrs_people_loc import config as cfg
-from mrs_people_loc.bodies import person_map
+from mrs_people_loc.bodies import network
 from mrs_people_loc.bodies.finder import Bodies, BodyFinder, CandidateEvidence, cells_of, points_of
 from mrs_people_loc.bodies.model import (
     DEPTH,
@@ -209,7 +209,7 @@ def test_bodies_are_sorted_by_score_and_low_scores_are_dropped(head):
 
 @pytest.mark.parametrize("off", ["appearance", "human_test"])
 def test_network_is_read_only_if_appearance_counts(head, monkeypatch, off):
-    monkeypatch.setattr(person_map, "_FILE", "absent.onnx")
+    monkeypatch.setattr(network, "_FEATURES", "absent.onnx")
     finder_of(head, **{"appearance": True, off: False})
     with pytest.raises(ConfigError, match="absent.onnx"):
         finder_of(head, appearance=True)

@@ -108,9 +108,10 @@ def test_configuration_is_immutable():
 
 # ------------------------------------------------------------------------------ values ----
 
-RELATED = {  # a value at its limit needs its partner out of the way
+RELATED: dict[str, dict[str, float]] = {  # a value at its limit needs its partner out of the way
     "disparity.min_range": {"disparity.max_range": 100.0},
     "disparity.max_range": {"disparity.min_range": 0.1},
+    "disparity.left_right_difference_px": {"disparity.pre_filter_cap": 31},
     "zones.low": {"zones.high": 10.0},
     "zones.high": {"zones.low": -1.0},
     "human.min_height": {"human.max_height": 10.0},

@@ -43,9 +43,9 @@ ROOT = Path(__file__).resolve().parents[3]
 PAPER = ROOT / "config" / "paper.yaml"
 DEFAULT = ROOT / "config" / "default.yaml"
 TEAM = ROOT / "config" / "team.yaml"
-#: The paper's method, and the default one; this with a cap that StereoBM repeats itself with.
+#: The paper's method, and the default one.
 CELLS = load_team(PAPER, robots=("robot_a",)).robots["robot_a"]
-BODIES = RobotConfig.from_mapping({"disparity.pre_filter_cap": 31})
+BODIES = RobotConfig()
 
 
 @pytest.fixture(scope="session")

@@ -256,7 +256,7 @@ def test_nobody_is_found_in_the_empty_room(real: Scores) -> None:
 
 
 def test_documented_table_is_that_of_the_command(real: Scores) -> None:
-    """Counts may differ by some people between machines: stereo matching is not deterministic."""
+    """Counts may differ by some people between machines and versions of OpenCV."""
     page = (ROOT / "docs" / "real_rooms.md").read_text("utf-8")
     documented = rows(page.partition("## Results")[2])
     for name, row in rows(markdown(real)).items():

@@ -153,6 +153,17 @@ def test_table_of_tracks_matches_hand_computed_values() -> None:
     assert cells_of(text, "test_c")[7:] == rows["walking group"][:-1]
 
 
+def test_people_have_rows_by_how_much_of_them_is_visible() -> None:
+    place = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]])
+    truth = Truth.build([0], [place], shares=[np.array([0.3, 0.6, 0.9])])
+    near = Estimate(0, place[:2], np.zeros((2, 2, 2)))
+    result = Result(frames=score(truth, [near]))
+    row = Row("ours", {"test_a": result}, {"test_a": suite.STANDING})
+    text = markdown([row, row], "test")
+    half_hidden = text[text.index("## Half-hidden people") : text.index("## Tracks")]
+    assert cells_of(half_hidden, "standing")[1:] == ["1", "1.000", "1", "1.000", "1", "0.000"]
+
+
 def test_stragglers_have_a_line() -> None:
     def of(kind: str, **scores: Any) -> str:
         found = {"test_a": dataclasses.replace(followed(1), stragglers=StragglerScores(**scores))}

@@ -23,8 +23,7 @@ pytest.importorskip("scipy", reason="fitting needs scipy")
 
 from typer.testing import CliRunner
 
-from mrs_people_loc.arrays import Bool
-from mrs_people_loc.bodies.appearance import Looks
+from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.bodies.finder import BodyTuning, CandidateEvidence
 from mrs_people_loc.bodies.patches import PatchSampler
 from mrs_people_loc.bodies.search import Candidates, SearchTuning
@@ -54,10 +53,9 @@ from tools.box_room import BOX, CAMERA, person, picture
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def looks_of(person: Bool, rng: np.random.Generator) -> Looks:
-    """People have more log-odds."""
-    window, image = rng.normal(0.0, 1.0, (2, len(person))) + 2.0 * person
-    return Looks(window, image - 1.0)
+def log_odds_of(person: Bool, rng: np.random.Generator) -> Float:
+    """People have more."""
+    return rng.normal(0.0, 1.0, len(person)) + 2.0 * person
 
 
 def examples(count: int, *, bags: int = 10, noise: float = 0.0, seed: int = 0) -> Examples:
@@ -76,7 +74,7 @@ def examples(count: int, *, bags: int = 10, noise: float = 0.0, seed: int = 0) -
         scale=np.full(count, 10.0),
         robot=np.zeros(count, dtype=bool),
         bag=np.arange(count) % bags,
-        looks=looks_of(even[:, 0] > 0, rng),
+        network=log_odds_of(even[:, 0] > 0, rng),
     )
 
 
@@ -142,8 +140,8 @@ def test_labels_of_candidates_match_hand_computed_values() -> None:
     view = view_of(camera, [0.0, math.pi / 4, -math.pi / 4, math.pi / 2], [2.0, 2.0, 2.0, 4.0])
     people = np.array([(0.9, 5.0), (math.nan, math.nan), (-3.0, 9.0)])
     others = np.array([(1.0 + math.sqrt(2), 2.5 + math.sqrt(2) + 0.2)])
-    looks = looks_of(np.zeros(4, dtype=bool), np.random.default_rng(0))
-    got = examples_module._examples(camera, view, pose, people, others, 7, looks)
+    network = log_odds_of(np.zeros(4, dtype=bool), np.random.default_rng(0))
+    got = examples_module._examples(camera, view, pose, people, others, 7, network)
     far = math.hypot(0.1, 2.5)
     allowed = 0.2 + 0.7 * far**2 / 10
     assert got.away[0] == pytest.approx(math.hypot(0.1 / 0.2, 0.5 / allowed))
@@ -158,9 +156,9 @@ def test_labels_of_candidates_match_hand_computed_values() -> None:
 def test_candidates_without_truth_are_clear_negatives() -> None:
     camera = StereoCamera(width=160, height=120, fx=100, fy=100, cx=79.5, cy=59.5, baseline=0.1)
     nobody = np.empty((0, 2))
-    looks = looks_of(np.zeros(1, dtype=bool), np.random.default_rng(0))
+    network = log_odds_of(np.zeros(1, dtype=bool), np.random.default_rng(0))
     got = examples_module._examples(
-        camera, view_of(camera, [0.1], [2.0]), np.zeros(3), nobody, nobody, 0, looks
+        camera, view_of(camera, [0.1], [2.0]), np.zeros(3), nobody, nobody, 0, network
     )
     assert not got.person.any()
     assert got.clear.all()
@@ -171,7 +169,7 @@ def test_candidates_without_truth_are_clear_negatives() -> None:
         np.ones((2, 2)),
         nobody,
         0,
-        looks.select(slice(0)),
+        network[:0],
     )
     assert len(none) == 0
     assert none.robot.shape == (0,)
@@ -291,9 +289,11 @@ def test_table_has_a_row_for_each_range_and_head() -> None:
     )
     both = Examples.joined([some, other])
     lines = table(both, cross_validate(both)[0])
-    far = (true_range(some) > 2.0) & (true_range(some) < 3.0) & some.person
+    far = (true_range(some) > 1.5) & (true_range(some) < 2.5) & some.person
     for scale in ("10.0", "20.0"):
-        (row,) = (line for line in lines if line.startswith(f"{scale}   2.0-3.0"))
+        (row,) = (line for line in lines if line.startswith(f"{scale}   1.5-2.5"))
+        mean, error = (float(row.split()[column]) for column in (3, 5))
+        assert abs(mean) < 4.0 * error < 10.0
         assert int(row.split()[2]) == pytest.approx(far.sum(), abs=0.1 * far.sum())
         assert 0.85 < float(row.split()[-1]) <= 1.0
 

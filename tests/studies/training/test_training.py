@@ -48,7 +48,7 @@ def test_views_show_what_the_picture_shows() -> None:
     picture = Picture((200 * (label == PERSON)).astype(np.uint8), label, people)
     contrasts = []
     for seed in range(40):
-        grey, shown = view_of(picture, [flat(0)], np.random.default_rng(seed))
+        grey, shown, _ = view_of(picture, [flat(0)], np.random.default_rng(seed))
         assert grey.shape == shown.shape == (HEIGHT, WIDTH)
         if (shown == PERSON).sum() > 200:
             level = grey.astype(float)
@@ -71,7 +71,9 @@ def test_view_is_the_same_for_the_same_draw() -> None:
 def test_people_of_a_composite_are_where_its_label_says() -> None:
     opaque = np.zeros((100, 40), np.uint8)
     opaque[10:90, 10:30] = 255
-    person = Cutout(np.full(opaque.shape, 255, np.uint8), opaque, (opaque > 0).astype(np.uint8))
+    person = Cutout(
+        np.full(opaque.shape, 255, np.uint8), opaque, (opaque > 0).astype(np.uint8), None
+    )
     seen = 0
     for seed in range(20):
         made = composite([flat(20)], [person], np.random.default_rng(seed))
@@ -82,6 +84,60 @@ def test_people_of_a_composite_are_where_its_label_says() -> None:
             assert len(made.people)
             seen += 1
     assert seen > 10
+
+
+@pytest.mark.parametrize(
+    ("box", "stands"),
+    [
+        ((100, 40, 150, 200), True),
+        ((100, 40, 190, 200), False),  # sits
+        ((100, 40, 150, 239), False),  # the feet are not seen
+    ],
+)
+def test_who_stands_has_a_place(box, stands) -> None:
+    places = pictures.standing(np.array([box], dtype=float), 240)
+    assert len(places) == stands
+    if stands:
+        np.testing.assert_allclose(places[0], [125, 200, 160 / 1.7, 1])
+
+
+def test_places_move_with_the_view() -> None:
+    # A bright bar as high as a body: it is seen from the foot to the head of its place.
+    label = np.zeros((240, 320), np.uint8)
+    label[60:180, 150:170] = PERSON
+    people = np.array([[150.0, 60.0, 170.0, 180.0]])
+    picture = Picture(200 * label, label, people, pictures.standing(people, 240))
+    persons = []
+    for seed in range(40):
+        _, shown, places = view_of(picture, [flat(0)], np.random.default_rng(seed))
+        u, foot, size, person = places[0]
+        assert person == 1
+        for height, wanted in ((0.3, PERSON), (1.4, PERSON), (2.1, OTHER), (-0.4, OTHER)):
+            column, row = round(u), round(foot - size * height)
+            seen = 0 <= column < WIDTH and 0 <= row < HEIGHT
+            if seen and (kind := shown[row, column]) != UNKNOWN:
+                if wanted == OTHER:
+                    assert kind == OTHER
+                else:
+                    persons.append(kind == PERSON)
+    assert len(persons) > 40
+    assert np.mean(persons) > 0.8  # something stands before the others
+
+
+def test_people_who_stand_in_a_composite_have_places() -> None:
+    opaque = np.full((100, 40), 255, np.uint8)
+    person = Cutout(opaque, opaque, np.full(opaque.shape, PERSON, np.uint8), (0.1, 0.9))
+    kinds = []
+    for seed in range(30):
+        made = composite([flat(20)], [person], np.random.default_rng(seed))
+        kinds += made.places[:, 3].tolist()
+        boxes = made.people
+        people = made.places[made.places[:, 3] == 1]
+        np.testing.assert_allclose(people[:, 0], boxes[:, [0, 2]].mean(axis=1))
+        tall = boxes[:, 3] - boxes[:, 1]
+        np.testing.assert_allclose(people[:, 1], boxes[:, 3] - 0.1 * tall)
+        np.testing.assert_allclose(people[:, 2], 0.8 * tall / 1.7)
+    assert set(kinds) == {0.0, 1.0}  # things of a person's shape are asked about, too
 
 
 def test_rendered_people_hide_who_is_behind_them() -> None:
