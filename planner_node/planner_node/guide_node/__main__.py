@@ -53,8 +53,9 @@ def _made() -> GuideNode:
     gc.disable()
     sys.setswitchinterval(_SWITCH_S)
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # of glibc
-    for parameter, value in _KEEP_MEMORY.items() if mallopt else ():
-        mallopt(parameter, value)
+    if mallopt is not None:
+        for parameter, value in _KEEP_MEMORY.items():
+            mallopt(parameter, value)
     _ = b"\1" * _AT_HAND
     return node
 
