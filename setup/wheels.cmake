@@ -19,3 +19,15 @@ function(drop_missing_include_directories)
   endforeach()
 endfunction()
 cmake_language(DEFER CALL drop_missing_include_directories)
+
+# The compiler reads the headers of these once for several files.
+function(compile_together)
+  foreach(of generator_py typesupport_c typesupport_cpp typesupport_fastrtps_c typesupport_fastrtps_cpp
+      typesupport_introspection_c)
+    if(TARGET ${PROJECT_NAME}__rosidl_${of})
+      set_target_properties(${PROJECT_NAME}__rosidl_${of}
+        PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 6)
+    endif()
+  endforeach()
+endfunction()
+cmake_language(DEFER CALL compile_together)

@@ -46,14 +46,8 @@ def _gaps_s(world: GuideWorld, robot: str = "robot_a") -> list[float]:
     return [(later - before) / 1e9 for before, later in pairwise(sent)]
 
 
-#: rclpy decodes a goal in one go, and no other thread of the process runs meanwhile.
-GOALS = pytest.mark.xfail(reason="pauses of 0.1 to 0.25 s (docs/guiding.md)", strict=False)
-
-
 @pytest.mark.alone
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[GOALS] * kind.endswith("goals")) for kind in KINDS]
-)
+@pytest.mark.parametrize("kind", KINDS)
 def test_no_message_delays_the_commands(
     world: GuideWorld, guide: NodeProcess, show: Callable[[str], None], kind: str
 ) -> None:

@@ -520,7 +520,7 @@ class Guide:
         It is the average of those that accompany the group.
         """
         robots = self._team.robots
-        if all(one.unseen_s <= self._tuning.unseen_s for one in self._group.guests):
+        if all(one.unseen_s <= self._tuning.unseen_s for one in self._group.guided):
             return 0.0
         off = [
             math.dist(post.xy, (robots[name].x, robots[name].y))

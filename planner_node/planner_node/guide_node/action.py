@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -11,7 +12,7 @@ from typing import Any
 
 from mrs_people_msgs.action import GuideTour
 from mrs_people_msgs.msg import GuideStatus
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 
 from mrs_people_loc.errors import PeopleLocError
 from mrs_people_loc.guiding.tour import LIMITS
@@ -39,7 +40,33 @@ class End:
 
 
 class _Server(ActionServer):
-    """Takes goals that are executed without a coroutine: their results come at the end."""
+    """Rejects goals as they are taken, and takes some that are executed without a coroutine.
+
+    rclpy takes all goals that have come before it asks whether they are accepted, and keeps them
+    and a task of each until then.
+
+    Args:
+        node: The guide's node.
+        rejects: Says of a goal whether it is rejected.
+        execute: Gives the result of a goal, at its end.
+        how: Further arguments of `ActionServer`.
+    """
+
+    def __init__(
+        self, node: ManagedNode, rejects: Callable[[Any], bool], execute: Any, **how: Any
+    ) -> None:
+        self._rejects = rejects
+        super().__init__(node, GuideTour, "guide_tour", execute, **how)
+
+    def take_data(self) -> Any:
+        """Takes what has come."""
+        data = super().take_data()
+        if "goal" in data and self._rejects(data["goal"][1].goal):
+            header, _ = data.pop("goal")
+            with contextlib.suppress(RuntimeError):  # the client may be gone
+                answer = GuideTour.Impl.SendGoalService.Response(accepted=False)
+                self._handle.send_goal_response(header, answer)
+        return data
 
     def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
         """Called by `execute` of a goal, which then is in the state EXECUTING."""
@@ -67,10 +94,8 @@ class TourAction:
         self._asked_s: deque[float] = deque(maxlen=_ANSWERED)
         self._server = _Server(
             node,
-            GuideTour,
-            "guide_tour",
+            self._rejects,
             self._execute,
-            goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
             result_timeout=_KEPT_S,
@@ -96,16 +121,16 @@ class TourAction:
             self._end = end
             self._server.notify_execute(self._handle, self._execute)
 
-    def _on_goal(self, goal: Any) -> GoalResponse:
+    def _rejects(self, goal: Any) -> bool:
         # A rejection has no message, so that what is wrong with a goal is in its result; but that
         # costs more than a flood of goals may.
         asked_s, now_s = self._asked_s, time.monotonic()
         is_flood = len(asked_s) == asked_s.maxlen and now_s - asked_s[0] < _FLOOD_S
         is_long = len(goal.path.poses) > LIMITS.points or len(goal.stops) > LIMITS.stops
-        if is_flood or is_long or not self._node.is_active:
-            return GoalResponse.REJECT
-        asked_s.append(now_s)
-        return GoalResponse.ACCEPT
+        rejected = is_flood or is_long or not self._node.is_active
+        if not rejected:
+            asked_s.append(now_s)
+        return rejected
 
     def _on_accepted(self, handle: Any) -> None:
         try:
