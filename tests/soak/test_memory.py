@@ -43,8 +43,6 @@ TOUR = goal_of((0.0, 0.0), (100.0, 0.0))
 SHORT_SETTLES_KB, LONG_SETTLES_KB = 4096, 4096
 START_S = 30.0
 
-pytestmark = pytest.mark.alone
-
 
 @pytest.fixture
 def peer() -> Iterator[Peer]:
