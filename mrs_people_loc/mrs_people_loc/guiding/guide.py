@@ -504,7 +504,7 @@ class Guide:
             gap=group.gap(self._team.leader_m, np.array([leader.x, leader.y])),
             stretch=group.stretch,
             dt_s=dt_s,
-            off=self._off_posts(),
+            off=self._companions_off_posts(),
         )
         if speed > 0.0:
             self._turn(Cue.FOLLOWS)
@@ -514,20 +514,20 @@ class Guide:
             is_long = group.stretch > config.stretch
             self._turn(Cue.STRETCHED if is_long else Cue.FAR_BEHIND)
 
-    def _off_posts(self) -> float:
+    def _companions_off_posts(self) -> float:
         """How far robots that could see somebody who is unseen are from their posts [m].
 
         It is the average of those that accompany the group.
         """
-        robots = self._team.robots
         if all(one.unseen_s <= self._tuning.unseen_s for one in self._group.guided):
             return 0.0
-        off = [
-            math.dist(post.xy, (robots[name].x, robots[name].y))
+        off, robots = self.off_posts(), self._team.robots
+        away = [
+            off[name]
             for name, post in self.guidance.posts.items()
             if post.role in (Role.REAR, Role.SIDE) and name in robots
         ]
-        return sum(off) / len(off) if off else 0.0
+        return sum(away) / len(away) if away else 0.0
 
     def _waits_for(self) -> str:
         """Whom the group waits for, in words; empty: nobody."""
