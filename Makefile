@@ -128,17 +128,15 @@ test: $(VENV)/.test ## Run the quick tests, of every layer (5 min)
 	$(PARALLEL) -m "not slow and not alone" $(PYTEST_ARGS)
 
 # One part after the other, with -j, too.
-test-all: $(VENV)/.test ## Run all tests but those of `make soak` (15 min)
+test-all: $(VENV)/.test ## Run all tests but those of `make soak` (19 min)
 	@$(MAKE) --no-print-directory test-all-parallel
 	@$(MAKE) --no-print-directory test-alone
 
 test-all-parallel: $(VENV)/.test
 	$(PARALLEL) -m "not alone" $(PYTEST_ARGS)
 
-# Reading all files of tests takes longer than finding these.
 test-alone: $(VENV)/.test
-	$(BIN)/python -m pytest -m alone $$(grep -rl 'mark\.alone' tests --include='test_*.py') \
-	    $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m alone $(PYTEST_ARGS)
 
 lint: $(VENV)/.lint ## Check style, types, layers (import-linter), workflows, Docker
 	$(BIN)/ruff check

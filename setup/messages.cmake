@@ -1,5 +1,5 @@
 # For messages that only Python uses, on the ROS wheels (CMAKE_PROJECT_INCLUDE of
-# setup/messages.sh): a third of the processor time of a whole build.
+# setup/messages.sh): in much less processor time than a whole build.
 include(${CMAKE_CURRENT_LIST_DIR}/wheels.cmake)
 
 # Nothing for C++. A package of ROS that was found is not looked for again, so that the project's
