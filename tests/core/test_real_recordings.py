@@ -159,6 +159,7 @@ def test_overhead_sees_one_person_in_every_frame_of_a_pass(
     assert (direction * steps[:, 1] > 0).mean() > 0.85
 
 
+@pytest.mark.slow
 def test_overhead_finds_nobody_in_an_empty_view(overhead: dict[int, View]) -> None:
     for first, last in EMPTY:
         frames = [n for n in overhead if first <= n <= last]
@@ -232,6 +233,7 @@ def _torsos_of(view: View, within_m: float = 0.15) -> list[list[int]]:
     return result
 
 
+@pytest.mark.slow
 def test_five_torsos_match_people_one_to_one(five: list[View]) -> None:
     for view in five:
         found = _torsos_of(view)

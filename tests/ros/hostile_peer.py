@@ -22,7 +22,7 @@ from ros.guide_peer import goal_of, path_of, people_of
 from ros.planner_peer import pose_of
 
 #: For so long, so often [s].
-LASTS_S, PERIOD_S = 1.5, 0.1
+LASTS_S, PERIOD_S = 0.8, 0.1
 FEW = QoSProfile(depth=10)
 WAY = [(0.1 * k, 0.0) for k in range(9000)]
 KINDS = (

@@ -457,6 +457,7 @@ def test_in_a_crowded_place_only_the_likeliest_are_joined():
     assert joined_of(bodies_of(*heap[:100])).of_body.min() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.6, 3.5])
 def test_fifty_robots_with_a_hundred_bodies_each_stay_in_bounds(size):
     """Comparing all pairs would take gigabytes and ten seconds."""

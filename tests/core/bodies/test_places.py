@@ -96,6 +96,7 @@ moving = pytest.mark.parametrize("moves", [False, True], ids=["still", "moving"]
 # -------------------------------------------------------------------------- furniture ----
 
 
+@pytest.mark.slow
 @moving
 def test_furniture_that_stands_doubtful_for_a_minute_is_nobody(watch, moves):
     """Also where a room makes it look more like a person, by half a unit of log-odds."""
@@ -149,6 +150,7 @@ def test_person_who_looked_like_one_stays_when_they_look_doubtful(watch):
     assert share_seen(out, 3.0, 0.0) > 0.98
 
 
+@pytest.mark.slow
 def test_person_who_walks_up_stays_though_they_look_doubtful_there(watch):
     def way(t):
         return (4.0, max(0.0, 2.0 - 0.8 * t), STANDS if t < 1.5 else CHAIR)
@@ -163,6 +165,7 @@ def test_person_who_walks_up_stays_though_they_look_doubtful_there(watch):
     assert seen_near(back[-1], 4.0, 0.0)
 
 
+@pytest.mark.slow
 def test_stranger_at_a_place_of_furniture_is_as_doubtful_as_the_furniture(watch):
     """The same looks as in the test before, where nobody had come."""
     planner = Planner(cfg.PlannerConfig())
@@ -171,6 +174,7 @@ def test_stranger_at_a_place_of_furniture_is_as_doubtful_as_the_furniture(watch)
     assert not any(people.everybody for people in out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.1, 0.5])
 def test_person_who_walks_up_and_stops_in_front_of_furniture(watch, gap):
     """They are seen while they are there, and the furniture is nobody afterwards."""
@@ -190,6 +194,7 @@ def test_person_who_walks_up_and_stops_in_front_of_furniture(watch, gap):
     assert not any(people.everybody for people in out[20:200])
 
 
+@pytest.mark.slow
 @moving
 def test_person_at_a_place_where_furniture_was_is_found(watch, moves):
     """They come into view there: nobody saw them walk up."""

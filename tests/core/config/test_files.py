@@ -329,6 +329,7 @@ documents = (
 )
 
 
+@pytest.mark.slow
 @given(documents, st.sampled_from([(), ("r",), ("r", "r/s")]))
 @settings(max_examples=200)
 def test_any_file_is_accepted_or_refused(file_with, content, robots):

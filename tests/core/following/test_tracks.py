@@ -81,6 +81,7 @@ def test_filter_equals_the_textbook_filter():
         assert not got.coasting
 
 
+@pytest.mark.slow
 def test_position_and_velocity_covariances_are_consistent():
     """With white noise: the share of the truth in the 95 % ellipses, over many people."""
     inside, inside_v, total = 0, 0, 0

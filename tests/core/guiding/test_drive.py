@@ -23,6 +23,7 @@ def is_at_post(robot: Robot) -> bool:
 # ----------------------------------------------------------------------------------- alone ----
 
 
+@pytest.mark.slow
 @settings(max_examples=7, deadline=None)
 @given(st.floats(0.3, 3.0), angles, angles)
 def test_post_is_reached_and_stood_on(away: float, bearing: float, yaw: float) -> None:
@@ -112,6 +113,7 @@ def test_robot_comes_near_nobody_by_its_own_motion(seed: int) -> None:
     assert world.closest > SAFETY.person_distance - 0.12
 
 
+@pytest.mark.slow
 def test_base_with_weak_brakes_stops_in_time() -> None:
     base = dataclasses.replace(CONFIG.base, deceleration=0.15, acceleration=0.15)
     config = dataclasses.replace(CONFIG, base=base)
@@ -189,6 +191,7 @@ def test_robot_too_near_to_a_wall_gets_no_nearer_and_leaves() -> None:
     assert is_at_post(robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", [True, False])
 def test_team_mates_who_meet_pass_each_other(plan: bool) -> None:
     space = FreeSpace(grid_of((10.0, 2.0), [])) if plan else FreeSpace.unbounded()
@@ -209,6 +212,7 @@ def test_team_mates_stay_on_posts_beside_each_other() -> None:
         assert is_at_post(robot)
 
 
+@pytest.mark.slow
 def test_one_of_two_that_meet_in_a_door_makes_room() -> None:
     one = Robot(2.5, 3.0, 0.0, post(7.5, 3.0))
     other = Robot(7.5, 3.0, math.pi, post(2.5, 3.0, math.pi))

@@ -39,6 +39,7 @@ def leading(**config: object) -> World:
 # ------------------------------------------------------------------------------------ the tour ----
 
 
+@pytest.mark.slow
 def test_tour_with_a_stop_goes_from_its_start_to_its_end():
     world = World(tour=FOYER)
     world.run_until(State.FINISHED)
@@ -84,6 +85,7 @@ def test_leader_keeps_its_lead_and_the_others_are_behind():
         assert world.last().posts[name].xy[0] < last - 0.8
 
 
+@pytest.mark.slow
 def test_the_same_inputs_give_the_same_guidance():
     one, other = World(tour=FOYER), World(tour=FOYER)
     one.run(30.0)
@@ -119,6 +121,7 @@ def test_cancelled_tour_gives_no_posts():
 # ---------------------------------------------------------------------------------- stragglers ----
 
 
+@pytest.mark.slow
 def test_straggler_is_waited_for_and_fetched_and_the_tour_goes_on_with_them():
     world = leading()
     last = world.walkers[-1]
@@ -165,6 +168,7 @@ def test_straggler_is_noticed_soon_after_they_are_apart():
     assert world.time_s - apart_s < 2.5
 
 
+@pytest.mark.slow
 def test_tour_goes_on_without_a_straggler_after_the_patience():
     world = leading(pace=Pace(patience=8.0))
     world.walkers[-1].stands = True
@@ -178,6 +182,7 @@ def test_tour_goes_on_without_a_straggler_after_the_patience():
     world.run_until(State.FINISHED)
 
 
+@pytest.mark.slow
 def test_person_who_fell_behind_and_left_is_waited_for_only_until_their_place_is_seen_empty():
     world = leading()
     world.walkers[-1].stands = True
@@ -191,6 +196,7 @@ def test_person_who_fell_behind_and_left_is_waited_for_only_until_their_place_is
     world.run_until(State.FINISHED)
 
 
+@pytest.mark.slow
 def test_person_who_is_lost_and_comes_back_is_guided_again():
     world = leading(pace=Pace(patience=3.0, speed=0.3))
     world.walkers[-1].stands = True
@@ -215,6 +221,7 @@ def test_person_who_was_given_up_while_hidden_is_back_when_seen_again():
     assert "person 17 is back" in world.events()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [10.0, 30.0])
 def test_group_that_never_follows_is_not_left_behind(length):
     tour = tour_from([[0.0, 0.0], [length, 0.0]], name="hall")
@@ -228,6 +235,7 @@ def test_group_that_never_follows_is_not_left_behind(length):
     assert world.robots["robot_a"][0] - foremost < 7.0
 
 
+@pytest.mark.slow
 def test_group_that_stays_a_little_before_the_end_has_arrived_but_not_everybody_is_there():
     world = World(tour=tour_from([[0.0, 0.0], [10.0, 0.0]], name="hall"))
     for walker in world.walkers:

@@ -268,6 +268,7 @@ def test_tour_that_comes_to_its_end_is_finished(team: Stepped) -> None:
     assert not [event for event in team.events if "has ended" in event]
 
 
+@pytest.mark.slow
 def test_tour_that_the_guide_gives_up_is_cancelled_for_its_reason(team: Stepped) -> None:
     while not team.ends:
         assert team.now_s < START + 120.0

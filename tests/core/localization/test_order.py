@@ -200,6 +200,7 @@ def test_own_messages_are_not_heard():
     assert localizer.pose_at(S).y == 0.0
 
 
+@pytest.mark.slow
 def test_history_is_bounded():
     localizer = Localizer("a", CONFIG)
     for k in range(2000):

@@ -106,6 +106,7 @@ def test_one_robot_is_no_team():
     assert len(scores.in_team) == 0
 
 
+@pytest.mark.slow
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3, 3))
 def test_relative_error_does_not_see_what_moves_the_whole_team(x, y, turn):
     true = {"a": driving(), "b": driving(y=2.0)}

@@ -429,6 +429,7 @@ def test_truth_itself_has_the_perfect_score(rng):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @given(walks)
 def test_neither_names_nor_order_matter(rng):
     frames, people = 15, 5

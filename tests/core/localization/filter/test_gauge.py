@@ -111,6 +111,7 @@ def test_relative_observation_tells_nothing_about_the_motion(state, kind, offset
     np.testing.assert_allclose(after, before, rtol=1e-5, atol=1e-5 * np.abs(before).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1))
 def test_team_that_sees_only_itself_never_knows_its_place_better_than_at_the_start(seed):

@@ -225,6 +225,7 @@ def test_tracks_of_people_who_pass_each_other_and_are_missed():
 # -------------------------------------------------------------------------- errors and drift ----
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robots", [2, 3])
 def test_errors_are_as_large_as_stated(robots):
     """First measurements of 60 teams that walk: normalized squared errors of 3 on average.
@@ -300,6 +301,7 @@ def test_ordinary_drift():
 # ------------------------------------------------------------------------------ rough starts ----
 
 
+@pytest.mark.slow
 def test_rough_start():
     """Poses wrong by 1 m and 15 degrees, known to be: most are measured at once, none is wrong."""
     measured, wrong = 0, 0
@@ -415,6 +417,7 @@ def test_reset_takes_older_stamps():
     assert max(one.stamp_ns for one in found) < 3_000_000_000
 
 
+@pytest.mark.slow
 def test_pairs_of_many_robots_come_in_turn():
     """Eight robots are 28 pairs; 6 per window."""
     team, relative = draw(9, 8, velocity=(0.5, 0.0)), RelativePoses()

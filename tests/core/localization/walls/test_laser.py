@@ -54,6 +54,7 @@ def test_room_with_all_its_corners():
     np.testing.assert_allclose(walls.extent[by_bearing(walls, 0.0)], (-3, 1), atol=1e-3)
 
 
+@pytest.mark.slow
 @given(
     st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3, 3)),
     st.floats(1.5, 4),

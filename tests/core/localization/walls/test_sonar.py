@@ -165,6 +165,7 @@ def test_person_whom_the_robot_passes_again_and_again_is_no_wall(distance: float
         assert not drive(post(0.6, distance, 0.15), poses, rng=np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 def test_what_is_not_flat_is_no_wall() -> None:
     """Waves of 4 cm, three standard deviations of a range, and 13 cm long."""
     flat = wall(1.2, math.pi / 2)
@@ -327,6 +328,7 @@ def test_people_who_walk_along_are_rarely_taken_for_walls() -> None:
     assert sum(wrong) < 0.15 * 3 * 60
 
 
+@pytest.mark.slow
 def test_team_mate_that_drives_beside_is_a_wall_only_where_it_is_not_known() -> None:
     def mate(time: float) -> np.ndarray:
         return np.array([[0.8 * time, -1.1, 0.25]])
@@ -340,6 +342,7 @@ def test_team_mate_that_drives_beside_is_a_wall_only_where_it_is_not_known() -> 
     assert len(left) > 15
 
 
+@pytest.mark.slow
 def test_people_who_walk_along_do_not_hide_the_walls() -> None:
     nees = nees_in_corridor(tour(CORRIDOR, 1, companions(1)))
     assert (nees < 25).sum() > 15
