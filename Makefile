@@ -10,7 +10,7 @@ RECORDINGS ?= .recordings
 # Folder of public pictures (docs/rooms.md).
 PICTURES ?= .pictures
 # Tests at the same time: those of nodes mostly wait, so more than there are processors.
-WORKERS ?= $(shell n=$$(nproc); echo $$((n < 4 ? 2 * n : 8)))
+WORKERS ?= $(shell n=$$(nproc); echo $$((n < 4 ? 5 * n / 2 : 8)))
 # Fuzzing time per target [s].
 FUZZ_SECONDS ?= 60
 

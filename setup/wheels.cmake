@@ -26,7 +26,7 @@ function(compile_together)
       typesupport_introspection_c)
     if(TARGET ${PROJECT_NAME}__rosidl_${of})
       set_target_properties(${PROJECT_NAME}__rosidl_${of}
-        PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 6)
+        PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 0)
     endif()
   endforeach()
 endfunction()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _REQUESTS = ("stop", "release")
 #: Options of each kind of tour that the other one does not have, by their parameters.
 _LIVE = ("namespace", "attended")
-_SIMULATED = ("scene", "seed", "poses", "kill", "record", "images", "duration", "open_")
+_SIMULATED = ("scene", "seed", "seeds", "poses", "kill", "record", "images", "duration", "open_")
 
 
 def command(
@@ -51,6 +51,14 @@ def command(
     ] = "guided_corridor",
     seed: Annotated[
         int, typer.Option(help="With --simulate: seed of all random numbers.", min=0)
+    ] = 1,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            help="With --simulate: so many tours, each with the next seed; scores of each and of "
+            "all.",
+            min=1,
+        ),
     ] = 1,
     poses: Annotated[
         str,
@@ -112,7 +120,7 @@ def command(
     simulated = importlib.import_module("mrs_people_sim.tour.command")
     console = Console(soft_wrap=True, highlight=False)
     with simulated.simulate(
-        scene, seed, poses, kill or [], record, images, duration, open_, console
+        scene, seed, seeds, poses, kill or [], record, images, duration, open_, console
     ) as (stop, result):
         if stop.is_set() and not stop.exit_code and not (result and result.finished):
             raise PeopleLocError(f"cancelled: the {duration:g} s asked for (--duration) are over")

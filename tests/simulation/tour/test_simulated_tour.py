@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -20,6 +21,7 @@ from typer.testing import CliRunner
 from mrs_people_loc.config import load_team
 from mrs_people_loc.errors import ConfigError
 from mrs_people_sim.guided import guided_scene
+from mrs_people_sim.scoring.tours import TourScores
 from mrs_people_sim.tour.simulated_tour import Plan, team_of
 from mrs_people_sim.tour.trouble import Kill, read_kill
 from mrs_tools.cli import app
@@ -89,6 +91,8 @@ def test_the_team_has_the_poses_that_were_asked_for(tmp_path: Path, poses: str) 
         (["--simulate", "--scene", "office"], "has no tour"),
         (["--simulate", "--kill", "robot_z@1"], "there is no robot_z"),
         (["--simulate", "--record", str(Path(__file__).parent)], "exists already"),
+        (["--simulate", "--record", "new", "--seeds", "2"], "keeps one tour, not 2"),
+        (["t.yaml", "--seeds", "2"], "--seeds: applies only with --simulate"),
     ],
 )
 def test_wrong_options_are_reported_before_anything_starts(arguments: list[str], part: str) -> None:
@@ -107,3 +111,36 @@ def test_tour_whose_time_is_over_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
     assert result.exit_code == 1
     assert "cancelled: the 40 s asked for (--duration) are over" in result.output
     assert re.search(r"^page: http://127\.0\.0\.1:\d+/$", result.output, re.MULTILINE)
+
+
+def test_tours_of_several_seeds_are_scored_one_by_one_and_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seeds = []
+
+    def run(plan: Plan, bag: Path, *_: Any) -> Any:
+        seeds.append(plan.scene.seed)
+        bag.touch()
+        return SimpleNamespace(finished=plan.scene.seed != 4, message=str(bag), lost=[])
+
+    def score(bag: Path, **_: Any) -> Any:
+        number = int(bag.stem[-1])
+        tour = TourScores(
+            tours=1, finished=int(number != 1), people=5, times_s=np.array([60.0 + number])
+        )
+        return SimpleNamespace(tour=tour)
+
+    monkeypatch.setattr("mrs_people_sim.tour.command.run_tour", run)
+    monkeypatch.setattr("mrs_people_sim.tour.command.evaluate_bag", score)
+    monkeypatch.setattr("mrs_people_sim.page.TeamSource.show_bag", lambda *_: None)
+    result = CliRunner().invoke(app, ["tour", "--simulate", "--seed", "3", "--seeds", "3"])
+    assert seeds == [3, 4, 5]
+    for row in (
+        r"seed 3 +1 of 1 +60\.0",
+        r"seed 4 +0 of 1",
+        r"seed 5 +1 of 1 +62\.0",
+        r"guided_corridor +2 of 3 +61\.0 .* 15 ",
+    ):
+        assert re.search(row, result.output), result.output
+    assert result.exit_code == 1
+    assert "tour_1" in result.output  # what the guide said of the one that failed
