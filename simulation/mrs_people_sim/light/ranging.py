@@ -76,7 +76,9 @@ class RangeSensors:
         ranges = laser_ranges(self._segments, _circles(bodies), pose.tolist(), laser, self._rng)
         scan = LaserScan(odometry.stamp_ns, "", laser.max_range, laser_angles(laser), ranges)
         mounting = laser.x, laser.y, laser.yaw
-        yield self._finder.in_laser(scan, mounting, lambda _: odometry, mates)
+        seen = self._finder.in_laser(scan, mounting, lambda _: odometry, mates)
+        if seen is not None:
+            yield seen
 
 
 def _circles(bodies: NDArray) -> NDArray:

@@ -103,14 +103,26 @@ def walls_known(own: RobotLocalization, stamp_ns: int) -> int:
     return len(own.state.walls)
 
 
-def test_laser_sees_no_wall_at_people_of_the_last_view_for_half_a_second(make_head):
+@pytest.mark.parametrize(("stamp_ns", "known"), [(S // 2, 0), (S // 2 + 1000, 1)])
+def test_laser_sees_no_wall_at_people_of_the_last_view_for_half_a_second(
+    make_head, stamp_ns, known
+):
     own = RobotLocalization("robot_a", RobotConfig(walls=WallSensors(stereo=False)))
     camera = make_head().camera()
     nothing = np.full((camera.height, camera.width), np.nan, np.float32)
     view = view_of((1, 3.0, [(2.0, 0.0)]))  # at 1 ns, before the middle of the wall
     own.take_view(view, nothing, camera)
-    assert walls_known(own, S // 2) == 0
-    assert walls_known(own, S // 2 + 1000) == 1
+    assert walls_known(own, stamp_ns) == known
+
+
+def test_walls_are_looked_for_in_four_laser_scans_a_second():
+    own = RobotLocalization("robot_a", RobotConfig(walls=WallSensors(stereo=False)))
+    stamps = set()
+    for step in range(40):
+        assert walls_known(own, S + step * S // 20) == 1
+        told = own.share()
+        stamps |= {seen.stamp_ns for seen in told.walls} if told else set()
+    assert stamps == {S + k * S // 4 for k in range(8)}
 
 
 def test_walls_in_a_laser_scan_are_as_seen_at_its_stamp():

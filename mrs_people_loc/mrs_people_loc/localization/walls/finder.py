@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrs_people_loc.arrays import Float, Float32
+from mrs_people_loc.clocks import RateLimit
 from mrs_people_loc.config import WallSensors
 from mrs_people_loc.localization.odometry import Odometry, motion
 from mrs_people_loc.localization.walls import NOBODY, SeenWalls
@@ -29,9 +30,12 @@ class WallFinderTuning:
 
     Attributes:
         people_ns: The people of a view are where no wall is for so long [ns].
+        laser_hz: Walls are looked for in so many scans of a laser scanner a second [Hz]: more tell
+            hardly more, and each costs all robots of the team.
     """
 
     people_ns: int = 500_000_000
+    laser_hz: float = 4.0
 
 
 _TUNING = WallFinderTuning()
@@ -52,6 +56,7 @@ class WallFinder:
     def clear(self) -> None:
         """Forgets the last echoes and people."""
         self._sonar = SonarWalls()
+        self._laser = RateLimit()
         self._people = 0, NOBODY
 
     def take_people(self, scan: Scan) -> None:
@@ -86,12 +91,14 @@ class WallFinder:
         mounting: Mounting,
         odometry_at: Callable[[int], Odometry],
         mates: Float = NOBODY,
-    ) -> SeenWalls:
-        """The walls in a scan of a laser scanner.
+    ) -> SeenWalls | None:
+        """The walls in a scan of a laser scanner; None: it is too early after the last one.
 
         Raises:
             PoseError: The scan takes time, and there is no odometry near its beginning or end.
         """
+        if not self._laser.lets_through(scan.stamp_ns, _TUNING.laser_hz):
+            return None
         ranges, angles = np.where(scan.ranges < 0.0, np.nan, scan.ranges), scan.angles
         if scan.sweep_s:
             end_ns = scan.stamp_ns + round(1e9 * abs(scan.sweep_s))
