@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
@@ -479,10 +479,10 @@ class TeamState:
         mean[1:robots:3] += way.imag - y
         i = np.arange(0, robots, 3)
         carried[i, i + 2], carried[i + 1, i + 2] = -way.imag, way.real
-        shape = np.zeros((robots, robots))
-        if not self.has_map and np.abs(turn).max() > STATE_TUNING.least_turn:
+        shape = None
+        if np.abs(turn).max() > STATE_TUNING.least_turn and not self.has_map:
             shape = self._turned_shape(turn)
-        carried[:robots, :robots] += shape
+            carried[:robots, :robots] += shape
         if self.people:
             self._step_people(step, int(reference[0]), shape, mean, carried)
         if self.walls:
@@ -490,16 +490,15 @@ class TeamState:
         return mean, carried
 
     def _step_walls(
-        self, step: Float, reference: int, shape: Float, mean: Float, carried: Float
+        self, step: Float, reference: int, shape: Float | None, mean: Float, carried: Float
     ) -> None:
         """Completes `stepped` for the walls, in place.
 
         A line has no error along it, but where a motion brings it depends on that, too, once its
         bearing is corrected: it is taken from the robot that has seen it first.
         """
-        robots, begin = len(shape), self.wall_at(0)
-        firsts = (next(iter(wall.sights), "") for wall in self.walls)
-        origin = np.array([self._tied_to(first, reference) for first in firsts])
+        begin = self.wall_at(0)
+        origin = self._origins((next(iter(wall.sights), "") for wall in self.walls), reference)
         # From the anchors; vectors of the plane are complex numbers.
         off = self.mean[origin] + 1j * self.mean[origin + 1]
         off -= np.array([complex(*wall.anchor) for wall in self.walls])
@@ -508,8 +507,9 @@ class TeamState:
         rise = after - before
         mean[begin::2] += (before.conj() * (_chord(shift, -step[begin + 1 :: 2]) - shift)).real
         lines = np.arange(begin, len(step), 2)
-        x, y = after.real[:, np.newaxis], after.imag[:, np.newaxis]
-        carried[lines, :robots] += x * shape[origin] + y * shape[origin + 1]
+        if shape is not None:
+            x, y = after.real[:, np.newaxis], after.imag[:, np.newaxis]
+            carried[lines, : len(shape)] += x * shape[origin] + y * shape[origin + 1]
         carried[lines, origin] += rise.real
         carried[lines, origin + 1] += rise.imag
         carried[lines, origin + 2] += (rise.conj() * -1j * off).real
@@ -537,23 +537,25 @@ class TeamState:
         return made
 
     def _step_people(
-        self, step: Float, reference: int, shape: Float, mean: Float, carried: Float
+        self, step: Float, reference: int, shape: Float | None, mean: Float, carried: Float
     ) -> None:
         """Completes `stepped` for people, in place: likewise."""
-        robots, i = len(shape), np.arange(self.person_at(0), self.wall_at(0), 2)
-        origin = np.array([self._tied_to(person.first, reference) for person in self.people])
+        i = np.arange(self.person_at(0), self.wall_at(0), 2)
+        origin = self._origins((person.first for person in self.people), reference)
         straight = step[i] + 1j * step[i + 1]
         way = _chord(straight, step[origin + 2])
         mean[i] += (way - straight).real
         mean[i + 1] += (way - straight).imag
-        carried[i, :robots] += shape[origin]
-        carried[i + 1, :robots] += shape[origin + 1]
+        if shape is not None:
+            carried[i, : len(shape)] += shape[origin]
+            carried[i + 1, : len(shape)] += shape[origin + 1]
         carried[i, origin + 2] -= way.imag
         carried[i + 1, origin + 2] += way.real
 
-    def _tied_to(self, first: str, reference: int) -> int:
-        """Where the pose of the robot that has seen something first begins in `mean`."""
-        return self.at(first) if first in self.odometry else reference
+    def _origins(self, firsts: Iterable[str], reference: int) -> Int:
+        """Where the poses of the robots that have seen things first begin in `mean`."""
+        at = {robot: 3 * k for k, robot in enumerate(self.odometry)}
+        return np.array([at.get(first, reference) for first in firsts])
 
     def moved(self, origin: Float, target: Float) -> TeamState:
         """The state moved and turned as a whole, so that one pose becomes another.
