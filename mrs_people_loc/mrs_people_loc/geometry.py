@@ -98,12 +98,12 @@ def margins(costs: Float) -> Float:
 
 
 def squared_mahalanobis(offset: Float, covariance: Float) -> Float:
-    """Squared Mahalanobis lengths, shape (m,).
+    """Squared Mahalanobis lengths, shape (...).
 
     Args:
-        offset: Shape (m, 2) [m].
-        covariance: Symmetric, of full rank, shape (m, 2, 2) [m^2].
+        offset: Shape (..., 2) [m].
+        covariance: Symmetric, of full rank, shape (..., 2, 2) [m^2].
     """
-    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    x, y = offset[:, 0], offset[:, 1]
+    xx, xy, yy = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
+    x, y = offset[..., 0], offset[..., 1]
     return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))

@@ -55,6 +55,10 @@ class FieldsOfView:
         np.minimum.at(self._least, (row, bearing), away)
         np.maximum.at(self._greatest, (row, bearing), away)
 
+    def farthest(self, robot: str) -> float:
+        """The distance of a robot's farthest detection [m]; 0 before the first."""
+        return float(self._greatest[self._row[robot]].max()) if robot in self._row else 0.0
+
     def are_seen(
         self,
         xy: Float,

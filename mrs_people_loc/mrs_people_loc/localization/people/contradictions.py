@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrs_people_loc.arrays import Bool, Float
+from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.team.fusion import map_from_robot
 from mrs_people_loc.team.poses import Pose
@@ -29,9 +30,12 @@ class ContradictionsTuning:
     """Constants, chosen by hand with simulated tours.
 
     Attributes:
-        same: Places of two robots nearer to each other than this are of one person [m] ...
-        sigmas: ... or than so many standard deviations of where the robots are to each other.
+        sigmas: Places of two robots are of one person within so many standard deviations: of what
+            each says, of where the robots are to each other, ...
+        moved: ... and of this, as people move and look different from two sides [m].
         unknown: A larger variance is taken for this [m^2].
+        reach: Whoever is farther away than so much of the way to the farthest detection of a robot
+            may be missed.
         lately_s: What was seen counts for so long: it fades with this time constant [s].
         longest_s: An interval counts for no longer than this [s].
         least: Two robots agree, or not, if they share so much: people, times how long [s].
@@ -40,9 +44,10 @@ class ContradictionsTuning:
         holds_s: ... and for no longer than this, until it agrees with one again [s].
     """
 
-    same: float = 0.4
     sigmas: float = 2.0
+    moved: float = 0.2
     unknown: float = 1e6
+    reach: float = 0.8
     lately_s: float = 0.5
     longest_s: float = 0.3
     least: float = 0.4
@@ -51,7 +56,7 @@ class ContradictionsTuning:
     holds_s: float = 15.0
 
 
-_TUNING = ContradictionsTuning()
+CONTRADICTIONS_TUNING = ContradictionsTuning()
 
 
 @dataclass
@@ -69,7 +74,7 @@ class Contradictions:
         tuning: Constants.
     """
 
-    def __init__(self, tuning: ContradictionsTuning = _TUNING) -> None:
+    def __init__(self, tuning: ContradictionsTuning = CONTRADICTIONS_TUNING) -> None:
         self._tuning = tuning
         self._views = FieldsOfView()
         self._pairs: dict[tuple[str, str], _Pair] = {}
@@ -93,6 +98,7 @@ class Contradictions:
         seconds = min(max(seconds, 0.0), self._tuning.longest_s)
         self._newest_ns = now_ns
         places = {name: map_from_robot(people.xy, poses[name]) for name, people in seen.items()}
+        unsure = {name: _turned(people.covariance, poses[name]) for name, people in seen.items()}
         robots = [name for name, xy in places.items() for _ in xy]
         self._views.learn(robots, np.concatenate(list(places.values())), poses)
         kept = math.exp(-seconds / self._tuning.lately_s)
@@ -101,24 +107,34 @@ class Contradictions:
         for names in itertools.combinations(sorted(seen), 2):
             pair = self._pairs.setdefault(names, _Pair())
             for name, other in (names, names[::-1]):
-                near, missed = self._compared(places[name], places[other], name, other, poses)
+                near, missed = self._compared(places, unsure, name, other, poses)
                 pair.agree += seconds * int(near.sum())
                 pair.contradict += seconds * int(missed.sum())
         return self._judged(now_ns)
 
     def _compared(
-        self, own: Float, others: Float, robot: str, other: str, poses: Mapping[str, Pose]
+        self,
+        places: Mapping[str, Float],
+        unsure: Mapping[str, Float],
+        robot: str,
+        other: str,
+        poses: Mapping[str, Pose],
     ) -> tuple[Bool, Bool]:
         """Which people of a robot another one sees at the same place, and which it should."""
+        own, others = places[robot], places[other]
         variances = np.diagonal([poses[name].covariance for name in (robot, other)], 0, 1, 2)[:, :2]
         # Larger ones, and NaN, stand for "unknown".
         variance = sum(min(self._tuning.unknown, value) for value in variances.ravel().tolist())
-        same = math.hypot(self._tuning.same, self._tuning.sigmas * math.sqrt(variance))
-        away = np.linalg.norm(own[:, np.newaxis] - others, axis=2)
-        near = (away < same).any(axis=1)
+        covariance = unsure[robot][:, np.newaxis] + unsure[other]
+        covariance = covariance + (variance + self._tuning.moved**2) * np.eye(2)
+        off = own[:, np.newaxis] - others
+        fits = squared_mahalanobis(off, covariance) < self._tuning.sigmas**2
+        near = np.asarray(fits.any(axis=1))
         everybody, index = np.concatenate([own, others]), np.arange(len(own))
         looking = {other: poses[other]}
         in_view = self._views.are_seen(own, everybody, index, looking=looking, robots=poses)
+        away = np.hypot(*(own - (poses[other].x, poses[other].y)).T)
+        in_view &= away <= self._tuning.reach * self._views.farthest(other)
         return near, in_view & ~near
 
     def _judged(self, now_ns: int) -> dict[str, bool]:
@@ -143,3 +159,9 @@ class Contradictions:
             if tuning.after_s <= (now_ns - since_ns) / 1e9 < tuning.holds_s
         )
         return dict.fromkeys(agreeing, True) | dict.fromkeys(contradicted, False)
+
+
+def _turned(covariance: Float, pose: Pose) -> Float:
+    """Covariances in base_link, in the map, shape (n, 2, 2)."""
+    rotation = rotation_2d(pose.yaw)
+    return np.asarray(rotation @ covariance @ rotation.T)

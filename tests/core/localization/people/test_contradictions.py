@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.geometry import rotation_2d
-from mrs_people_loc.localization.people.contradictions import Contradictions
+from mrs_people_loc.localization.people.contradictions import (
+    CONTRADICTIONS_TUNING,
+    Contradictions,
+    ContradictionsTuning,
+)
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.team.poses import Pose
 
@@ -23,12 +27,18 @@ ROBOTS = {
 class Team:
     """Robots that see all people in front of them, ten times a second; these walk in circles."""
 
-    def __init__(self, *robots: str) -> None:
+    def __init__(self, *robots: str, tuning: ContradictionsTuning = CONTRADICTIONS_TUNING) -> None:
         self.true = {name: ROBOTS[name] for name in robots}
         self.people = dict.fromkeys(robots, GROUP)
         self.told = dict(self.true)
+        #: How fast people go round [rad/s].
+        self.turns = 0.5
+        #: By robot: from where on it sees nobody, by how much people are too far [m], and the
+        #: standard deviation that it states along its line of sight [m].
+        self.reach = dict.fromkeys(robots, 10.0)
+        self.off = dict.fromkeys(robots, (0.0, 0.1))
         self.now_s = 0.0
-        self._contradictions = Contradictions()
+        self._contradictions = Contradictions(tuning)
         self._rng = np.random.default_rng(1)
 
     def runs(self, seconds: float) -> set[str]:
@@ -48,11 +58,15 @@ class Team:
 
     def _seen(self, name: str, stamp_ns: int) -> SeenPeople:
         pose = self.true[name]
-        people = self.people[name] @ rotation_2d(0.5 * self.now_s)
+        people = self.people[name] @ rotation_2d(self.turns * self.now_s)
         xy = (people - (pose.x, pose.y)) @ rotation_2d(pose.yaw)
-        ahead = np.abs(np.arctan2(xy[:, 1], xy[:, 0])) < 0.65
-        xy = xy[ahead] + 0.05 * self._rng.normal(size=(ahead.sum(), 2))
-        return SeenPeople(stamp_ns, xy, np.tile(0.01 * np.eye(2), (len(xy), 1, 1)))
+        away, bearing = np.hypot(*xy.T), np.arctan2(xy[:, 1], xy[:, 0])
+        seen = (np.abs(bearing) < 0.65) & (away < self.reach[name])
+        along = xy[seen] / away[seen, np.newaxis]
+        off, sigma = self.off[name]
+        xy = xy[seen] + off * along + 0.05 * self._rng.normal(size=(seen.sum(), 2))
+        outer = along[:, :, np.newaxis] * along[:, np.newaxis]
+        return SeenPeople(stamp_ns, xy, 0.01 * np.eye(2) + (sigma**2 - 0.01) * outer)
 
     def turn(self, name: str, by: float) -> None:
         """A robot is turned, and does not know."""
@@ -75,6 +89,24 @@ def test_robot_that_was_turned_is_named_in_3_s_and_until_it_agrees_again(name, d
     assert team.runs(1.0) == {name}
     team.told[name] = team.true[name]
     assert team.runs(1.5) == set()
+
+
+@pytest.mark.parametrize(("sigma", "named"), [(0.3, set()), (0.1, {"robot_a"})])
+def test_people_may_be_elsewhere_by_as_much_as_their_covariances_say(sigma, named):
+    team = Team(*ROBOTS)
+    team.runs(15.0)
+    team.off["robot_a"] = 0.55, sigma
+    assert team.runs(3.0) == named
+
+
+@pytest.mark.parametrize(("reach", "named"), [(0.8, set()), (1.0, {"robot_a"})])
+def test_people_near_the_end_of_what_a_robot_sees_may_be_missed(reach, named):
+    team = Team(*ROBOTS, tuning=ContradictionsTuning(reach=reach))
+    team.turns = 0.0
+    team.people = dict.fromkeys(ROBOTS, np.array([[-2.0, 0.0], [2.0, 0.5], [2.0, -0.5]]))
+    assert team.runs(5.0) == set()
+    team.reach = dict.fromkeys(ROBOTS, 4.2)
+    assert team.runs(3.0) == named
 
 
 def test_two_robots_cannot_tell_which_one_is_wrong():
