@@ -111,6 +111,7 @@ class Planner:
         tracker: Follows people.
         groups: Follows their groups.
         views: What robots have in view.
+        walls: Of the map; None: there is no map.
     """
 
     def __init__(self, config: PlannerConfig, tuning: PlannerTuning = PLANNER_TUNING) -> None:
@@ -120,7 +121,7 @@ class Planner:
         self.tracker = Tracker(config.tracking, tuning.tracks)
         self.groups = Groups(config.groups, tuning.groups)
         self.views = FieldsOfView()
-        self._walls: Walls | None = None
+        self.walls: Walls | None = None
 
     def reset(self) -> None:
         """Forgets all people and places: the time jumped back. Ids of people and groups go on."""
@@ -135,10 +136,10 @@ class Planner:
             grid: In the common frame; None: there is no map.
         """
         if grid is None:
-            self._walls = None
+            self.walls = None
             return
         occupied_from = self.config.masking.occupied_from
-        self._walls = Walls(grid, occupied_from=occupied_from, tuning=self.tuning.masking)
+        self.walls = Walls(grid, occupied_from=occupied_from, tuning=self.tuning.masking)
 
     def step(self, scans: Sequence[Scan], poses: Mapping[str, Pose], time_ns: int) -> People:
         """The people of one interval.
@@ -166,11 +167,11 @@ class Planner:
         fused = fuse(scans, placed)
         times.mark("fusion")
         seen = place_bodies(fused, placed, line_of_sight=config.joining.line_of_sight)
-        masked = mask(fused, seen, poses, self._walls, config.masking, tuning=tuning.masking)
+        masked = mask(fused, seen, poses, self.walls, config.masking, tuning=tuning.masking)
         times.mark("masking")
         # The default method detects in bodies, the paper's in cells that belong to no body.
         of_bodies = bodies.detect(
-            fused, seen, masked, self._walls, expected, config, tuning.joining,
+            fused, seen, masked, self.walls, expected, config, tuning.joining,
             places=self.places if config.tracking.enabled else None, time_ns=time_ns,
         )  # fmt: skip
         times.mark("joining")
@@ -209,10 +210,10 @@ class Planner:
         seen = [(name, person.position) for person in persons for name in person.robots]
         places = np.reshape([place for _, place in seen], (-1, 2))
         self.views.learn([name for name, _ in seen], places, looking)
-        sees = partial(self.views.are_seen, looking=looking, robots=poses, walls=self._walls)
+        sees = partial(self.views.are_seen, looking=looking, robots=poses, walls=self.walls)
         off_walls: Off = anywhere
-        if self._walls is not None:
-            off_walls = partial(self._walls.off, least=self.config.masking.wall_margin)
+        if self.walls is not None:
+            off_walls = partial(self.walls.off, least=self.config.masking.wall_margin)
         persons = self.tracker.step(persons, time_ns, sees, off_walls)
         times.mark("tracking")
         groups, events = self.groups.step(persons, time_ns)

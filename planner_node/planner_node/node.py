@@ -198,7 +198,10 @@ class PlannerNode(ManagedNode):
         if self._outputs.wants_relative_poses and (closed.scans or closed.apart):
             persons = self._result.everybody if self._result is not None and closed.scans else ()
             measured = self._relative_poses.step(
-                people_in(closed, persons, self.config), closed.everywhere, closed.quarantined
+                people_in(closed, persons, self.config),
+                closed.everywhere,
+                closed.quarantined,
+                self._planner.walls,
             )
             self._quarantine.compare(self._relative_poses.fits, self._now_ns())
             if measured:

@@ -146,7 +146,8 @@ class _Playback:
             people = self.planner.step(closed.scans, closed.all_poses, closed.time_ns)
             if closed.quarantined:
                 people = dataclasses.replace(people, quarantined=closed.quarantined)
-        self._team.measure(closed, people, self._config)
+        walls = getattr(self.planner, "walls", None)
+        self._team.measure(closed, people, self._config, walls)
         if people is not None:
             names = [scan.robot for scan in closed.scans if scan.robot in self._waiting]
             views = {name: self._waiting[name] for name in names}

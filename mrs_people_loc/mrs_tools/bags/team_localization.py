@@ -17,6 +17,7 @@ from mrs_people_loc.localization.robot_localization import RobotLocalization
 from mrs_people_loc.localization.walls.finder import Mounting
 from mrs_people_loc.planner import People
 from mrs_people_loc.team.intervals import Closed
+from mrs_people_loc.team.masking import Walls
 from mrs_people_loc.team.quarantine import Quarantine
 
 
@@ -74,18 +75,25 @@ class TeamLocalization:
             if name != robot:
                 other.take_teammate(told)
 
-    def measure(self, closed: Closed, people: People | None, config: PlannerConfig) -> None:
+    def measure(
+        self,
+        closed: Closed,
+        people: People | None,
+        config: PlannerConfig,
+        walls: Walls | None = None,
+    ) -> None:
         """Takes an interval: where robots are to each other, by their people.
 
         Args:
             closed: The interval.
             people: Whom the planner found; None: all of its scans are of robots in quarantine.
             config: What is human.
+            walls: What hides people, where it is known.
         """
         if not self._robots or not (closed.scans or closed.apart):
             return
         seen = people_in(closed, () if people is None else people.everybody, config)
-        measured = self._relative.step(seen, closed.everywhere, closed.quarantined)
+        measured = self._relative.step(seen, closed.everywhere, closed.quarantined, walls)
         self.quarantine.compare(self._relative.fits, closed.time_ns)
         for relative in measured:
             for robot in self._robots.values():

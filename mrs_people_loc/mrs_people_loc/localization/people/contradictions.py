@@ -21,6 +21,7 @@ from mrs_people_loc.arrays import Bool, Float
 from mrs_people_loc.geometry import rotation_2d, squared_mahalanobis
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.team.fusion import map_from_robot
+from mrs_people_loc.team.masking import Walls
 from mrs_people_loc.team.poses import Pose
 from mrs_people_loc.team.visibility import FieldsOfView
 
@@ -81,12 +82,18 @@ class Contradictions:
         self._since_ns: dict[str, int] = {}
         self._newest_ns: int | None = None
 
-    def step(self, seen: Mapping[str, SeenPeople], poses: Mapping[str, Pose]) -> dict[str, bool]:
+    def step(
+        self,
+        seen: Mapping[str, SeenPeople],
+        poses: Mapping[str, Pose],
+        walls: Walls | None = None,
+    ) -> dict[str, bool]:
         """Takes an interval.
 
         Args:
             seen: By robot, the people that it sees.
             poses: By robot, its pose in the map, with its covariance relative to the team.
+            walls: What hides people, where it is known.
 
         Returns:
             By robot, where that is known: whether it agrees with another one, or is contradicted.
@@ -107,7 +114,7 @@ class Contradictions:
         for names in itertools.combinations(sorted(seen), 2):
             pair = self._pairs.setdefault(names, _Pair())
             for name, other in (names, names[::-1]):
-                near, missed = self._compared(places, unsure, name, other, poses)
+                near, missed = self._compared(places, unsure, name, other, poses, walls)
                 pair.agree += seconds * int(near.sum())
                 pair.contradict += seconds * int(missed.sum())
         return self._judged(now_ns)
@@ -119,6 +126,7 @@ class Contradictions:
         robot: str,
         other: str,
         poses: Mapping[str, Pose],
+        walls: Walls | None,
     ) -> tuple[Bool, Bool]:
         """Which people of a robot another one sees at the same place, and which it should."""
         own, others = places[robot], places[other]
@@ -131,8 +139,9 @@ class Contradictions:
         fits = squared_mahalanobis(off, covariance) < self._tuning.sigmas**2
         near = np.asarray(fits.any(axis=1))
         everybody, index = np.concatenate([own, others]), np.arange(len(own))
-        looking = {other: poses[other]}
-        in_view = self._views.are_seen(own, everybody, index, looking=looking, robots=poses)
+        in_view = self._views.are_seen(
+            own, everybody, index, looking={other: poses[other]}, robots=poses, walls=walls
+        )
         away = np.hypot(*(own - (poses[other].x, poses[other].y)).T)
         in_view &= away <= self._tuning.reach * self._views.farthest(other)
         return near, in_view & ~near

@@ -53,6 +53,7 @@ from mrs_people_loc.localization.people.sighted_robots import SightedRobots
 from mrs_people_loc.localization.shared import RelativePose, StandingPeople, TeamMeasurement
 from mrs_people_loc.neighbours import connected
 from mrs_people_loc.team.fusion import map_from_robot
+from mrs_people_loc.team.masking import Walls
 from mrs_people_loc.team.poses import Pose
 
 
@@ -318,6 +319,7 @@ class RelativePoses:
         seen: Mapping[str, SeenPeople],
         poses: Mapping[str, Pose],
         lost: Collection[str] = (),
+        walls: Walls | None = None,
     ) -> tuple[TeamMeasurement, ...]:
         """Takes an interval.
 
@@ -329,6 +331,7 @@ class RelativePoses:
                 `mistaken` in the tuning.
             lost: Robots that may be anywhere. So may others that were not measured for some
                 windows (`anywhere_after`), whatever their poses say.
+            walls: What hides people, where it is known.
 
         Returns:
             The robots that see each other now, whose headings are unknown; and if a window ends
@@ -336,7 +339,7 @@ class RelativePoses:
         """
         in_team = {name: pose.relative_to_team() for name, pose in poses.items()}
         sighted = self._sighted.step(seen, in_team)
-        self.fits = self._contradictions.step(seen, in_team)
+        self.fits = self._contradictions.step(seen, in_team, walls)
         for name, people in seen.items():
             self._robots.setdefault(name, _Robot()).take(people, in_team[name], self.tuning)
         self._intervals += 1

@@ -13,6 +13,7 @@ from mrs_people_loc.localization.people.contradictions import (
     ContradictionsTuning,
 )
 from mrs_people_loc.localization.people.seen_people import SeenPeople
+from mrs_people_loc.team.masking import OccupancyGrid, Walls
 from mrs_people_loc.team.poses import Pose
 
 #: Five people, and three robots around them that look at them.
@@ -31,6 +32,7 @@ class Team:
         self.true = {name: ROBOTS[name] for name in robots}
         self.people = dict.fromkeys(robots, GROUP)
         self.told = dict(self.true)
+        self.walls: Walls | None = None
         #: How fast people go round [rad/s].
         self.turns = 0.5
         #: By robot: from where on it sees nobody, by how much people are too far [m], and the
@@ -52,7 +54,7 @@ class Team:
                 name: dataclasses.replace(pose, stamp_ns=stamp_ns)
                 for name, pose in self.told.items()
             }
-            fits = self._contradictions.step(seen, poses)
+            fits = self._contradictions.step(seen, poses, self.walls)
         assert set(fits) <= set(self.true)
         return {name for name, fit in fits.items() if not fit}
 
@@ -106,6 +108,21 @@ def test_people_near_the_end_of_what_a_robot_sees_may_be_missed(reach, named):
     team.people = dict.fromkeys(ROBOTS, np.array([[-2.0, 0.0], [2.0, 0.5], [2.0, -0.5]]))
     assert team.runs(5.0) == set()
     team.reach = dict.fromkeys(ROBOTS, 4.2)
+    assert team.runs(3.0) == named
+
+
+@pytest.mark.parametrize(("known", "named"), [(True, set()), (False, {"robot_a"})])
+def test_nobody_is_seen_through_walls_that_are_known(known, named):
+    team = Team(*ROBOTS)
+    team.turns = 0.0
+    everybody = np.array([[-1.5, 1.0], [-1.5, -1.0], [0.6, 0.5], [0.6, -0.5], [2.0, 0.0]])
+    team.people = {"robot_a": everybody, "robot_b": everybody, "robot_c": everybody}
+    assert team.runs(5.0) == set()
+    team.people = {"robot_a": everybody[2:4], "robot_b": everybody[:2], "robot_c": everybody[:2]}
+    occupied = np.zeros((100, 100), np.int8)
+    occupied[:, 50] = 100  # across, through the origin
+    if known:
+        team.walls = Walls(OccupancyGrid(0.1, -5.05, -5.0, 0.0, occupied), occupied_from=65)
     assert team.runs(3.0) == named
 
 
