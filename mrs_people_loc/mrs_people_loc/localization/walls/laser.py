@@ -23,7 +23,9 @@ class LaserWallTuning:
         min_range: Nearer rays hit the robot itself [m].
         bias: Standard deviation of the error that ranges have in common [m],
         yaw: and of the scanner's mounting [rad].
-        jump: Behind a wall's end the next ray goes on for more than this [m].
+        jump: Behind a wall's end the next rays go on for more than this [m].
+        gap: A wall's end is in the middle between the last ray on the wall and the next one, if
+            these are no farther apart on its line than this [m]; else nobody knows where it is.
         fit: Constants of the fit.
     """
 
@@ -33,6 +35,7 @@ class LaserWallTuning:
     bias: float = 0.01
     yaw: float = 0.004
     jump: float = 0.3
+    gap: float = 0.15
     fit: WallFitTuning = WALL_FIT_TUNING
 
 
@@ -112,7 +115,11 @@ def walls_of_laser(
     walls.covariance[:, 0, 0] += tuning.bias**2
     walls.covariance[:, 1, 1] += tuning.yaw**2
     free = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, max_range))
-    walls.is_end[:] |= _jumps(walls, free, angles, tuning.jump)
+    spacing = (angles[-1] - angles[0]) / max(1, len(angles) - 1)
+    gap = _gaps(walls, spacing)
+    is_end = _jumps(walls, free, angles, tuning.jump) & (gap < tuning.gap) & ~walls.is_end
+    walls.extent[:] += np.where(is_end, (-0.5, 0.5) * gap, 0.0)
+    walls.is_end[:] |= is_end
     return moved(walls, *mounting)
 
 
@@ -122,6 +129,19 @@ def _near(xy: Float, mounting: tuple[float, float, float], bodies: Float, radius
     points = xy @ rotation_2d(yaw).T + (x, y)
     apart = np.linalg.norm(points[:, np.newaxis] - bodies[:, :2], axis=2)
     return np.asarray((apart < radius + bodies[:, 2]).any(axis=1))
+
+
+def _gaps(walls: Walls, spacing: float) -> Float:
+    """How far beyond each end of walls the next ray is on their lines [m], shape (m, 2).
+
+    Args:
+        walls: In the scanner's frame.
+        spacing: Of the rays [rad].
+    """
+    distance, outwards = walls.distance[:, np.newaxis], np.array([-1.0, 1.0]) * walls.extent
+    following = np.arctan2(outwards, distance) + spacing
+    beyond = np.where(following < 0.5 * np.pi - 1e-3, distance * np.tan(following), np.inf)
+    return np.asarray(beyond - outwards)
 
 
 def _jumps(walls: Walls, free: Float, angles: Float, jump: float) -> Bool:

@@ -97,6 +97,23 @@ def test_end_before_the_open():
     assert find(ranges, AHEAD).is_end[0].tolist() == [False, False]
 
 
+def test_end_is_between_two_rays_or_unknown():
+    """A wall beside a robot that nears its end, and an open space behind it."""
+    wall = [((-5.0, 1.3), (0.0, 1.3)), ((-8.0, 6.0), (8.0, 6.0))]
+    degrees = np.linspace(0.0, math.pi, 181)
+    off = []
+    for x in np.arange(-4.5, -0.3, 0.07):
+        walls = find(scan(wall, degrees, (x, 0.0, 0.0)), degrees)
+        i = np.flatnonzero(np.abs(walls.distance - 1.3) < 0.05)[0]
+        # Along the wall its bearing, 90 degrees, leads backwards.
+        ends, extent = walls.is_end[i], -walls.extent[i]
+        if ends[0]:
+            off.append(x + extent[0])
+        assert ends[0] == (x > -2.9) or -3.3 < x < -2.5
+    assert np.abs(off).max() < 0.08
+    assert abs(np.mean(off)) < 0.02
+
+
 def test_bodies_are_left_out_also_where_they_may_be():
     # Somebody who looks like a flat board, 0.85 m wide.
     ranges = scan([((1.5, -0.42), (1.5, 0.43))], AHEAD)
