@@ -32,8 +32,9 @@ class ObstacleTuning:
         reach: Obstacles are looked for up to so far from a sensor [m].
         across: Of the pixels of a view so many columns are looked at, and rows as near together.
         level: Pixels whose ray's horizontal part is less than this share of it are left out.
-        support: So many pixels of a sector are nearer than what counts as an obstacle, less one:
-            matching errs in single ones.
+        support: So many pixels of a sector make an obstacle, in their middle: matching errs in
+            single ones, which are at all ranges, ...
+        depth: ... if the last is farther away than the first by no more than this share.
         seen: A head sees a sector where this share of its pixels has a disparity.
         pings: An echo of a sonar counts for so many of its ranges, for cloth is missed at times ...
         confirms: ... if another one of these is as long within this [m]; that of another sonar is
@@ -44,7 +45,8 @@ class ObstacleTuning:
     reach: float = 3.0
     across: int = 80
     level: float = 0.35
-    support: int = 6
+    support: int = 14
+    depth: float = 0.1
     seen: float = 0.4
     pings: int = 5
     confirms: float = 0.25
@@ -219,9 +221,12 @@ class HeadObstacles:
         is_obstacle &= ranges <= tuning.reach
         # One more, for where a sector has less pixels than others.
         ranges = np.append(np.where(is_obstacle, ranges, np.inf), np.inf)
-        nearest = np.partition(ranges[self._table], tuning.support - 1, axis=1)
+        near = np.sort(ranges[self._table], axis=1)
+        last = near[:, tuning.support - 1 :]
+        near = near[:, : last.shape[1]]
+        together = np.isfinite(last) & (last <= np.float32(1.0 + tuning.depth) * near)
+        nearest = np.where(together, np.float32(0.5) * (near + last), np.inf).min(axis=1)
         share = np.append(there, False)[self._table].sum(axis=1) / self._counts
-        nearest = nearest[:, tuning.support - 1]
         said, seen, looks = np.full(SECTORS, np.inf), *np.zeros((2, SECTORS), dtype=bool)
         said[self._sectors], looks[self._sectors] = nearest, True
         seen[self._sectors] = share >= tuning.seen
