@@ -20,7 +20,7 @@ function(drop_missing_include_directories)
 endfunction()
 cmake_language(DEFER CALL drop_missing_include_directories)
 
-# The compiler reads the headers of these once for several files.
+# The compiler reads the headers of these once for all files.
 function(compile_together)
   foreach(of generator_py typesupport_c typesupport_cpp typesupport_fastrtps_c typesupport_fastrtps_cpp
       typesupport_introspection_c)

@@ -89,8 +89,7 @@ def simulate(
         if page is not None and bags:
             page.source.show_bag(bags[-1])
         _print_scores(what.name, seed, bags, console)
-        unfinished = [result for result in results if result is None or not result.finished]
-        yield stop, (unfinished or results[-1:])[0]
+        yield stop, next((one for one in results if not (one and one.finished)), results[-1])
         if page is not None:
             page.stay(console)
 

@@ -117,7 +117,7 @@ def walls_of_laser(
     free = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, max_range))
     spacing = (angles[-1] - angles[0]) / max(1, len(angles) - 1)
     gap = _gaps(walls, spacing)
-    is_end = _jumps(walls, free, angles, tuning.jump) & (gap < tuning.gap) & ~walls.is_end
+    is_end = _jumps(walls, free, angles, spacing, tuning.jump) & (gap < tuning.gap) & ~walls.is_end
     walls.extent[:] += np.where(is_end, (-0.5, 0.5) * gap, 0.0)
     walls.is_end[:] |= is_end
     return moved(walls, *mounting)
@@ -144,13 +144,14 @@ def _gaps(walls: Walls, spacing: float) -> Float:
     return np.asarray(beyond - outwards)
 
 
-def _jumps(walls: Walls, free: Float, angles: Float, jump: float) -> Bool:
+def _jumps(walls: Walls, free: Float, angles: Float, spacing: float, jump: float) -> Bool:
     """Beyond which ends of walls the next rays go on behind them, shape (m, 2).
 
     Args:
         walls: In the scanner's frame.
         free: How far each ray goes freely [m], shape (n,).
         angles: Of the rays [rad], shape (n,).
+        spacing: Between two [rad].
         jump: [m].
     """
     # Two and three rays beyond the end: one may hit the edge.
@@ -158,7 +159,6 @@ def _jumps(walls: Walls, free: Float, angles: Float, jump: float) -> Bool:
     ends = np.repeat(walls.extent, 2, axis=1)
     bearing = walls.bearing[:, np.newaxis] + np.arctan2(ends, walls.distance[:, np.newaxis])
     off = np.mod(bearing - angles[0] + np.pi, 2.0 * np.pi) - np.pi
-    spacing = (angles[-1] - angles[0]) / max(1, len(angles) - 1)
     index = np.round(np.mod(off, 2.0 * np.pi) / spacing).astype(np.intp) + step
     inside = (index >= 0) & (index < len(angles))
     index = np.clip(index, 0, len(angles) - 1)
