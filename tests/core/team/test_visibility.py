@@ -14,11 +14,23 @@ from mrs_people_loc.team.visibility import FieldsOfView
 AHEAD = {"a": Pose(0, 0.0, 0.0, 0.0)}
 
 
+#: Bearings of detections: straight ahead, and on both sides [rad].
+BEARINGS = np.radians([-4.0, 1.0, 6.0])
+
+
+def learn(views, robot, poses, away, bearings=BEARINGS):
+    """People have been detected at some distances and bearings."""
+    at = poses[robot]
+    away, bearings = np.repeat(away, len(bearings)), np.tile(bearings + at.yaw, len(away))
+    xy = np.column_stack([at.x + away * np.cos(bearings), at.y + away * np.sin(bearings)])
+    views.learn([robot] * len(xy), xy, poses)
+
+
 @pytest.fixture
 def views():
-    """People have been detected straight ahead of the robot, at 1 to 4 m."""
+    """People have been detected ahead of the robot, at 1 to 4 m."""
     made = FieldsOfView()
-    made.learn(["a", "a"], np.array([[1.0, 0.02], [4.0, 0.08]]), AHEAD)
+    learn(made, "a", AHEAD, [1.0, 4.0])
     return made
 
 
@@ -44,6 +56,11 @@ def test_people_are_seen_where_some_were_detected_before(views, place, seen):
     assert are_seen(views, [place]) == [seen]
 
 
+def test_nobody_is_seen_for_sure_at_the_edge_of_the_view(views):
+    inside, outside = [(2 * math.cos(a), 2 * math.sin(a)) for a in BEARINGS[1:]]
+    assert are_seen(views, [inside, outside]) == [True, False]
+
+
 def test_fields_of_view_turn_with_the_robot(views):
     turned = {"a": Pose(0, 5.0, 5.0, math.pi / 2)}
     assert are_seen(views, [(4.95, 7.0), (7.0, 5.05)], looking=turned) == [True, False]
@@ -59,7 +76,7 @@ def test_people_and_robots_hide_people(views):
 def test_another_robot_sees_who_is_hidden_from_the_first(views):
     both = {**AHEAD, "b": Pose(0, 5.0, 0.0, math.pi)}
     assert are_seen(views, [(3.0, 0.05)], people=[(1.5, 0.02)], looking=both) == [False]
-    views.learn(["b", "b"], np.array([[2.0, -0.05], [4.0, -0.02]]), both)
+    learn(views, "b", both, [1.0, 3.0])
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], looking=both) == [True]
     # It has sent no scan in this interval.
     assert are_seen(views, [(3.0, -0.05)], people=[(1.5, -0.02)], robots=both) == [False]

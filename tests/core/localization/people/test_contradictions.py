@@ -85,7 +85,7 @@ def test_robots_at_their_places_do_not_contradict_each_other():
 @pytest.mark.parametrize("degrees", [25, -25, 40])
 def test_robot_that_was_turned_is_named_in_3_s_and_until_it_agrees_again(name, degrees):
     team = Team(*ROBOTS)
-    team.runs(15.0)
+    team.runs(40.0)
     team.turn(name, math.radians(degrees))
     assert team.runs(3.0) == {name}
     assert team.runs(1.0) == {name}
@@ -104,6 +104,7 @@ def test_people_may_be_elsewhere_by_as_much_as_their_covariances_say(sigma, name
 @pytest.mark.parametrize(("reach", "named"), [(0.8, set()), (1.0, {"robot_a"})])
 def test_people_near_the_end_of_what_a_robot_sees_may_be_missed(reach, named):
     team = Team(*ROBOTS, tuning=ContradictionsTuning(reach=reach))
+    assert team.runs(15.0) == set()
     team.turns = 0.0
     team.people = dict.fromkeys(ROBOTS, np.array([[-2.0, 0.0], [2.0, 0.5], [2.0, -0.5]]))
     assert team.runs(5.0) == set()
