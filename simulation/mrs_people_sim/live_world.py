@@ -452,12 +452,10 @@ class _Renderer:
         return found
 
     def end(self) -> None:
-        """Ends it."""
+        """Ends it, at once: it has nothing to tidy, and DDS may hang when it does."""
         self._pipe.close()
-        self._process.join(_GRACE_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        self._process.kill()
+        self._process.join()
 
 
 def _run_cameras(scene: Scene, robots: Sequence[str], pipe: Connection) -> None:

@@ -152,8 +152,8 @@ class Contradictions:
         agreeing: dict[str, set[str]] = {}
         against: dict[str, set[str]] = {}
         for names, pair in self._pairs.items():
-            contradict = pair.contradict > tuning.odds * pair.agree
-            if (pair.contradict if contradict else pair.agree) < tuning.least:
+            contradict = pair.contradict >= max(tuning.least, tuning.odds * pair.agree)
+            if not contradict and pair.agree < tuning.least:
                 continue
             for name, other in (names, names[::-1]):
                 (against if contradict else agreeing).setdefault(name, set()).add(other)
