@@ -48,7 +48,7 @@ class ContradictionsTuning:
     sigmas: float = 2.0
     moved: float = 0.2
     unknown: float = 1e6
-    reach: float = 0.8
+    reach: float = 0.7
     lately_s: float = 0.5
     longest_s: float = 0.3
     least: float = 0.4

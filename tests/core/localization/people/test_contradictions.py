@@ -116,7 +116,7 @@ def test_people_near_the_end_of_what_a_robot_sees_may_be_missed(reach, named):
 def test_nobody_is_seen_through_walls_that_are_known(known, named):
     team = Team(*ROBOTS)
     team.turns = 0.0
-    everybody = np.array([[-1.5, 1.0], [-1.5, -1.0], [0.6, 0.5], [0.6, -0.5], [2.0, 0.0]])
+    everybody = np.array([[-1.5, 1.0], [-1.5, -1.0], [0.4, 0.5], [0.4, -0.5], [2.0, 0.0]])
     team.people = {"robot_a": everybody, "robot_b": everybody, "robot_c": everybody}
     assert team.runs(5.0) == set()
     team.people = {"robot_a": everybody[2:4], "robot_b": everybody[:2], "robot_c": everybody[:2]}
