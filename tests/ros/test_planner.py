@@ -873,6 +873,7 @@ def test_scans_of_a_robot_that_is_lost_are_left_out_until_it_is_placed_again(
 
 def test_robot_is_left_out_if_two_doubt_it(planner: PlannerPeer, robots: list[PlayedRobot]) -> None:
     peer = planner.peer
+    peer.hear(RelativePoses, RELATIVE)  # measured for those who listen
     events = peer.hear(String, "/team/events")
 
     def tell(*names: str, people: Sequence[tuple[float, float]] = (SOMEBODY,)) -> Any:
