@@ -202,7 +202,7 @@ def test_empty_scans_make_an_interval_without_people(
     assert robots_in(message) == NAMES
     assert (list(message.persons), list(message.groups)) == ([], [])
     planner.peer.until(
-        lambda: any(stamp_of(poses) == stamp_ns for poses in planner.people_poses),
+        lambda: planner.people_poses and stamp_of(planner.people_poses[-1]) == stamp_ns,
         "empty people_poses, too",
     )
     assert list(planner.people_poses[-1].poses) == []

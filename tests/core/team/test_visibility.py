@@ -18,10 +18,10 @@ AHEAD = {"a": Pose(0, 0.0, 0.0, 0.0)}
 BEARINGS = np.radians([-4.0, 1.0, 6.0])
 
 
-def learn(views, robot, poses, away, bearings=BEARINGS):
+def learn(views, robot, poses, away):
     """People have been detected at some distances and bearings."""
     at = poses[robot]
-    away, bearings = np.repeat(away, len(bearings)), np.tile(bearings + at.yaw, len(away))
+    away, bearings = np.repeat(away, len(BEARINGS)), np.tile(BEARINGS + at.yaw, len(away))
     xy = np.column_stack([at.x + away * np.cos(bearings), at.y + away * np.sin(bearings)])
     views.learn([robot] * len(xy), xy, poses)
 
