@@ -339,7 +339,7 @@ class TeamFilter:
             if not state.trust.get(robot, Trust()).lost:
                 state = self._lost(state, robot, stamp_ns)
         lost = [robot for robot in pair if state.trust.get(robot, Trust()).lost]
-        if far and len(lost) == 1:
+        if len(lost) == 1:
             state = self._found_again(state, seen, lost[0])
         return state
 

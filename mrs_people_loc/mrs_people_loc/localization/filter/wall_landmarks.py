@@ -37,6 +37,8 @@ class WallTuning:
         same_turn: ... this are told apart by nothing; neither is one made so close to another.
         apart: Of several walls that fit, one is taken if its squared Mahalanobis length is less by
             this.
+        sure_offset: A wall that is not known is not recognized where its place, relative to the
+            robot, is less sure than this [m]: parallel ones may be as near.
         established: A wall is established for a robot that recognized it so often.
         lately_s: What a robot saw within this time it must see again [s].
         others_lately_s: What others saw within this time, likewise [s].
@@ -60,6 +62,7 @@ class WallTuning:
     same_offset: float = 0.15
     same_turn: float = 0.1
     apart: float = 9.0
+    sure_offset: float = 2.2
     established: int = 5
     lately_s: float = 5.0
     others_lately_s: float = 30.0
@@ -119,6 +122,7 @@ class _Candidate:
         turn: By how much its bearing is seen greater than predicted [rad].
         extent: The part that is seen now, along it from its anchor [m].
         squared: Squared Mahalanobis length of the two.
+        sigma: Standard deviation of the former [m].
     """
 
     index: int
@@ -128,6 +132,7 @@ class _Candidate:
     turn: float
     extent: Point
     squared: float = math.inf
+    sigma: float = 0.0
 
 
 class WallLandmarks:
@@ -169,7 +174,7 @@ class WallLandmarks:
         fits = sorted(
             (c for c in candidates if c.squared <= self.gates[2]), key=lambda c: c.squared
         )
-        if fits and self._is_clear(fits):
+        if fits and self._is_clear(fits) and self._is_sure(state, fits[0]):
             return self._take_fit(state, seen, fits[0], candidates, verdict)
         if fits:
             return state, verdict
@@ -222,6 +227,11 @@ class WallLandmarks:
             and abs(candidate.turn) < self.tuning.same_turn
         )
 
+    def _is_sure(self, state: TeamState, fit: _Candidate) -> bool:
+        """Whether no other wall, of those that nobody has seen yet, would fit as well."""
+        is_known = not fit.in_state or state.walls[fit.index].known >= 0
+        return is_known or fit.sigma < self.tuning.sure_offset
+
     def _is_clear(self, fits: list[_Candidate]) -> bool:
         """Whether the best of several is the one, or as good as another."""
         best = fits[0]
@@ -250,11 +260,14 @@ class WallLandmarks:
         candidates = [candidate for candidate in found if candidate is not None]
         if not candidates:
             return []
-        squared = squared_mahalanobis(
-            np.array([(c.offset, c.turn) for c in candidates]),
-            np.array([self._of_residual(state, seen, c) for c in candidates]),
-        )
-        return [changed(c, squared=s) for c, s in zip(candidates, squared.tolist(), strict=True)]
+        covariances = np.array([self._of_residual(state, seen, c) for c in candidates])
+        off = np.array([(c.offset, c.turn) for c in candidates])
+        squared = squared_mahalanobis(off, covariances).tolist()
+        sigmas = np.sqrt(covariances[:, 0, 0]).tolist()
+        return [
+            changed(c, squared=one, sigma=sigma)
+            for c, one, sigma in zip(candidates, squared, sigmas, strict=True)
+        ]
 
     def _candidate(
         self,

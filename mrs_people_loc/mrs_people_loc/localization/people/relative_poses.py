@@ -28,7 +28,7 @@ import dataclasses
 import itertools
 import math
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,6 +106,8 @@ class RelativePosesTuning:
             searched whatever their poses are wrong by ...
         anywhere_people: ... if each of them sees so many people, at least; and people in an
             alignment of that search, at least; it counts if the last window had the same.
+        anywhere_known: A robot whose place in the team is surer than this, and that is not lost,
+            knows where it is [m].
         anywhere_evidence: Log-odds of each of the two, at least ...
         anywhere_both: ... and their sum, at least. Where nobody was the same, by simulation, less
             than one of 1000 windows had the former by chance, and none of 30,000 both.
@@ -144,6 +146,7 @@ class RelativePosesTuning:
     unknown: float = 1e6
     anywhere_after: int = 3
     anywhere_people: int = 3
+    anywhere_known: float = 0.5
     anywhere_evidence: float = 0.0
     anywhere_both: float = 2.0
     anywhere_margin: float = 3.5
@@ -394,7 +397,7 @@ class RelativePoses:
                 is_anywhere = self._is_anywhere(names, pair, one[1], other[1], lost)
                 other, wrong_by = self._known_again(pair, one, other, factor, time_ns)
                 if wrong_by is None and is_anywhere:
-                    far = self._anywhere(names, pair)
+                    far = self._anywhere(names, pair, lost)
                     if far is not None:
                         other = _moved(*other, far.off)
                         wrong_by = self._compare(pair, one, other, factor, far.covariance)
@@ -450,25 +453,26 @@ class RelativePoses:
         is_lost = names[0] in lost or names[1] in lost
         return is_lost or pair.missed >= self.tuning.anywhere_after
 
-    def _anywhere(self, names: tuple[str, str], pair: _Pair) -> _Far | None:
+    def _anywhere(self, names: tuple[str, str], pair: _Pair, lost: Collection[str]) -> _Far | None:
         """What the pose of a robot is wrong by, relative to another's, whatever it is.
 
-        Their people over two windows are aligned. What these tell is used for nothing else: with
-        the pose corrected, the two are compared by the people of the last window, as usual.
+        Their people over two windows are aligned; where one of the two is lost, with those of all
+        that know where they are. What these tell is used for nothing else: with the pose corrected,
+        the two are compared by the people of the last window, as usual.
 
         Args:
             names: The other, and the robot.
             pair: The two.
+            lost: Robots that may be anywhere.
 
         Returns:
             None: not found, or not yet confirmed.
         """
-        tuning = dataclasses.replace(self.tuning, **_OVER_TWO_WINDOWS)
         last, pair.far = pair.far, None
-        seen = [self._robots[name].before + self._robots[name].seen for name in names]
-        stamps = [people.stamp_ns for of_robot in seen for people, _ in of_robot]
-        time_ns, pose = (max(stamps) + min(stamps)) // 2, seen[1][-1][1]
-        there, own = (tracks_of(of_robot, time_ns, tuning).moving(pose) for of_robot in seen)
+        pose = self._robots[names[1]].seen[-1][1]
+        teams = [self._with_others(name, names, lost) for name in names]
+        there, own = (people.moving(pose) for people in self._over_two_windows(teams))
+        tuning = self.tuning
         found = align_anywhere(own, there, tuning=tuning.anywhere)
         if (
             found is None
@@ -483,6 +487,31 @@ class RelativePoses:
         )
         pair.far = _Far(found.evidence, pose, off, covariance)
         return pair.far if pair.far.confirms(last, tuning) else None
+
+    def _with_others(
+        self, name: str, pair: tuple[str, str], lost: Collection[str]
+    ) -> Sequence[str]:
+        """A robot of a pair; if the other one alone is lost, with all that know where they are."""
+        if name in lost or not set(pair) & set(lost):
+            return [name]
+        known = self.tuning.anywhere_known**2
+        scans = {other: (r.before + r.seen)[-1] for other, r in self._robots.items()}
+        return [
+            other
+            for other, (_, pose) in scans.items()
+            if other == name or (other not in lost and np.trace(pose.covariance[:2, :2]) < known)
+        ]
+
+    def _over_two_windows(self, teams: Sequence[Sequence[str]]) -> Iterator[Tracks]:
+        """People in the last window and the one before, those of each team as if of one robot."""
+        robots = self._robots
+        seen = [[s for name in t for s in robots[name].before + robots[name].seen] for t in teams]
+        stamps = [people.stamp_ns for of_team in seen for people, _ in of_team]
+        for team, of_team in zip(teams, seen, strict=True):
+            bridged = len(team) * (self.tuning.bridged + 1) - 1
+            tuning = dataclasses.replace(self.tuning, bridged=bridged, **_OVER_TWO_WINDOWS)
+            of_team.sort(key=lambda scan: scan[0].stamp_ns)
+            yield tracks_of(of_team, (max(stamps) + min(stamps)) // 2, tuning)
 
     def _next_pairs(self, poses: Mapping[str, Pose]) -> list[tuple[str, str]]:
         """The pairs of robots that were not compared for the longest time, the nearest first."""

@@ -7,7 +7,7 @@ import pytest
 
 from core.localization.tours import as_walls
 from mrs_people_loc.config import Localization
-from mrs_people_loc.geometry import wrap_angle
+from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.filter.observations import (
     Claimed,
     Joined,
@@ -212,6 +212,38 @@ def test_robot_that_was_turned_and_carried_is_placed_by_one_relative_pose():
     assert {robot: trust.times_lost for robot, trust in state.trust.items()} == {
         "a": 0, "b": 1, "c": 0
     }  # fmt: skip
+
+
+def test_robot_that_was_known_less_surely_is_placed_as_soon_as_it_is_lost():
+    """3 m off is seven standard deviations: no odometry is wrong by that five times in a row."""
+    team, state = joined("")
+    state = meeting(team, state, np.arange(1.0, 3.0, 0.8))
+    state = state.widened("b", (0.4, 0.4, 0.4))
+    times = 4.0 + 0.8 * np.arange(REFUSED)
+    state = meeting(team, state, times[:-1], CARRIED)
+    assert lost(state) == set()
+    state = meeting(team, state, times[-1:], CARRIED, pairs=[("a", "b")])
+    assert lost(state) == {"b"}
+    assert not state.trust["b"].lost
+    np.testing.assert_allclose(wrong(state, "b", CARRIED), 0.0, atol=0.02)
+
+
+@pytest.mark.parametrize(("sigma", "is_recognized"), [(1.0, True), (3.0, False)])
+def test_unknown_wall_is_recognized_by_who_knows_about_where_it_is(sigma, is_recognized):
+    """A parallel one that nobody has seen yet would fit as well."""
+    team, state = joined("")
+    ends = np.array([(0.0, 1.5), (4.0, 1.5)])
+    by_a, by_b = (
+        WallsSeen(robot, standing(second), as_walls([np.ravel(of_robot)], (0.02, 0.01)))
+        for robot, second, of_robot in (
+            ("a", 1.0, ends),
+            ("b", 1.1, (ends - TRUE["b"][:2]) @ rotation_2d(TRUE["b"][2])),
+        )
+    )
+    state = before = team.apply(state, by_a).widened("b", (sigma, sigma, 0.02))
+    state = team.apply(state, by_b)
+    assert [set(wall.sights) for wall in state.walls] == [{"a", "b"} if is_recognized else {"a"}]
+    assert np.array_equal(state.mean, before.mean) != is_recognized
 
 
 def test_robots_that_fit_each_other_are_not_lost_because_a_third_was_carried():

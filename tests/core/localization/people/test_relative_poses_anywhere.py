@@ -5,7 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from core.localization.people.test_relative_poses import FIVE, TWO_ROBOTS, Team, draw
+from core.localization.people.test_relative_poses import (
+    FIVE,
+    THREE_ROBOTS,
+    TWO_ROBOTS,
+    Team,
+    draw,
+)
 from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.localization.people.alignment import MovingPlaces, align_anywhere
 from mrs_people_loc.localization.people.relative_poses import RelativePoses, RelativePosesTuning
@@ -188,6 +194,31 @@ def test_robots_that_drive_are_carried_on_by_odometry():
     assert len(measured) >= 3
     for one in measured:
         np.testing.assert_allclose(team.error(one), 0.0, atol=0.25)
+
+
+#: Whom robots do not see: two people are shared by a and b, two others by b and c.
+BY_TWO = {"a": [2, 3, 4], "b": [2], "c": [0, 1]}
+
+
+@pytest.mark.parametrize("robot", ["a", "b", "c"])
+def test_lost_robot_is_found_by_people_of_whom_each_other_robot_sees_two(robot):
+    """Whichever name it has: it sees 0, 1 and 3, 4; another one 0, 1; the third one 2, 3, 4."""
+    names = {"b": robot, **dict(zip("ac", sorted({*"abc"} - {robot}), strict=True))}
+    robots = {names[name]: pose for name, pose in THREE_ROBOTS.items()}
+    unseen = {names[name]: people for name, people in BY_TWO.items()}
+    team = Team(FIVE, robots, reported={robot: FAR}, unseen=unseen, pass_by=0.6 * APART)
+    measured = [one for of_window in windows(team, 5, lost={robot}) for one in of_window]
+    of_lost = [one for one in measured if robot in (one.robot, one.other)]
+    assert len({frozenset((one.robot, one.other)) for one in of_lost}) == 2
+    for one in of_lost:
+        np.testing.assert_allclose(team.error(one), 0.0, atol=0.25)
+
+
+def test_robot_that_does_not_know_where_it_is_helps_nobody():
+    options = {"reported": {"b": FAR}, "unseen": BY_TWO, "pass_by": 0.6 * APART}
+    unsure = Team(FIVE, THREE_ROBOTS, sigmas=(0.8, 0.8, 0.1), **options)
+    assert not any(windows(unsure, 5, lost={"b"}))
+    assert any(windows(Team(FIVE, THREE_ROBOTS, **options), 5, lost={"b"}))
 
 
 @pytest.mark.parametrize("xy", [SQUARE, TRIANGLE, LINE], ids=["square", "triangle", "line"])
