@@ -122,7 +122,7 @@ class _Candidate:
         turn: By how much its bearing is seen greater than predicted [rad].
         extent: The part that is seen now, along it from its anchor [m].
         squared: Squared Mahalanobis length of the two.
-        sigma: Standard deviation of the former [m].
+        sigma: Standard deviation of `offset` [m].
     """
 
     index: int

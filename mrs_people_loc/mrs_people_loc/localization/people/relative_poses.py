@@ -18,7 +18,8 @@ the covariances are multiplied accordingly.
 
 The search is as wide as the poses are unsure. Two robots that it does not find for some windows, or
 of which one is lost, are searched whatever their poses are wrong by (`align_anywhere`), with the
-people and velocities of two windows. What is found has to be found again in the next window. Then
+people and velocities of two windows; for a lost one, with those of all that know where they are,
+as if one robot had seen them. What is found has to be found again in the next window. Then
 the usual search begins there, and measures with the people of the last window.
 """
 
@@ -468,11 +469,10 @@ class RelativePoses:
         Returns:
             None: not found, or not yet confirmed.
         """
-        last, pair.far = pair.far, None
+        tuning, last, pair.far = self.tuning, pair.far, None
         pose = self._robots[names[1]].seen[-1][1]
         teams = [self._with_others(name, names, lost) for name in names]
         there, own = (people.moving(pose) for people in self._over_two_windows(teams))
-        tuning = self.tuning
         found = align_anywhere(own, there, tuning=tuning.anywhere)
         if (
             found is None
@@ -495,10 +495,10 @@ class RelativePoses:
         if name in lost or not set(pair) & set(lost):
             return [name]
         known = self.tuning.anywhere_known**2
-        scans = {other: (r.before + r.seen)[-1] for other, r in self._robots.items()}
+        newest = {other: (r.seen or r.before)[-1][1] for other, r in self._robots.items()}
         return [
             other
-            for other, (_, pose) in scans.items()
+            for other, pose in newest.items()
             if other == name or (other not in lost and np.trace(pose.covariance[:2, :2]) < known)
         ]
 
@@ -629,20 +629,27 @@ def _linked(xy: Float, scan: Int, seconds: Float, tuning: RelativePosesTuning) -
         seconds: Time of each [s].
         tuning: Constants.
     """
-    offset = xy - xy[:, np.newaxis]
-    away = np.hypot(offset[..., 0], offset[..., 1])
-    passed = scan - scan[:, np.newaxis]
-    away[away > tuning.step + tuning.speed * (seconds - seconds[:, np.newaxis])] = np.inf
-    index = np.arange(len(xy))
-    one, other = np.empty(0, np.intp), np.empty(0, np.intp)
+    # Each sighting with those of the next scans: far fewer pairs than all where scans are many.
+    last = np.searchsorted(scan, scan + tuning.bridged + 1, side="right")
+    later = last - np.searchsorted(scan, scan, side="right")
+    one = np.repeat(np.arange(len(xy)), later)
+    other = np.arange(len(one)) + np.repeat(last - np.cumsum(later), later)
+    away = np.hypot(*(xy[other] - xy[one]).T)
+    near = away <= tuning.step + tuning.speed * (seconds[other] - seconds[one])
+    one, other, away = one[near], other[near], away[near]
+    passed = scan[other] - scan[one]
+    has_next, has_last = np.zeros((2, len(xy)), dtype=bool)
+    links = []
     for scans in range(1, tuning.bridged + 2):
-        table = np.where(passed == scans, away, np.inf)
-        table[one], table[:, other] = np.inf, np.inf
-        nearest = table.argmin(axis=1)
-        mutual = np.isfinite(table[index, nearest]) & (table.argmin(axis=0)[nearest] == index)
-        one = np.concatenate([one, index[mutual]])
-        other = np.concatenate([other, nearest[mutual]])
-    return connected(one, other, len(xy))
+        free = np.flatnonzero((passed == scans) & ~has_next[one] & ~has_last[other])
+        nearest, its_nearest = np.full((2, len(xy)), np.inf)
+        np.minimum.at(nearest, one[free], away[free])
+        np.minimum.at(its_nearest, other[free], away[free])
+        mutual = free[(away[free] == nearest[one[free]]) & (away[free] == its_nearest[other[free]])]
+        has_next[one[mutual]] = has_last[other[mutual]] = True
+        links.append(mutual)
+    linked = np.concatenate(links)
+    return connected(one[linked], other[linked], len(xy))
 
 
 def _fitted(
