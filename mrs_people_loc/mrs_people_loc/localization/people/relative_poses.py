@@ -107,8 +107,6 @@ class RelativePosesTuning:
             searched whatever their poses are wrong by ...
         anywhere_people: ... if each of them sees so many people, at least; and people in an
             alignment of that search, at least; it counts if the last window had the same.
-        anywhere_known: A robot whose place in the team is surer than this, and that is not lost,
-            knows where it is [m].
         anywhere_evidence: Log-odds of each of the two, at least ...
         anywhere_both: ... and their sum, at least. Where nobody was the same, by simulation, less
             than one of 1000 windows had the former by chance, and none of 30,000 both.
@@ -147,7 +145,6 @@ class RelativePosesTuning:
     unknown: float = 1e6
     anywhere_after: int = 3
     anywhere_people: int = 3
-    anywhere_known: float = 0.5
     anywhere_evidence: float = 0.0
     anywhere_both: float = 2.0
     anywhere_margin: float = 3.5
@@ -491,16 +488,10 @@ class RelativePoses:
     def _with_others(
         self, name: str, pair: tuple[str, str], lost: Collection[str]
     ) -> Sequence[str]:
-        """A robot of a pair; if the other one alone is lost, with all that know where they are."""
+        """A robot of a pair; if the other one alone is lost, with all that are not."""
         if name in lost or not set(pair) & set(lost):
             return [name]
-        known = self.tuning.anywhere_known**2
-        newest = {other: (r.seen or r.before)[-1][1] for other, r in self._robots.items()}
-        return [
-            other
-            for other, pose in newest.items()
-            if other == name or (other not in lost and np.trace(pose.covariance[:2, :2]) < known)
-        ]
+        return [other for other in self._robots if other not in lost]
 
     def _over_two_windows(self, teams: Sequence[Sequence[str]]) -> Iterator[Tracks]:
         """People in the last window and the one before, those of each team as if of one robot."""

@@ -214,13 +214,6 @@ def test_lost_robot_is_found_by_people_of_whom_each_other_robot_sees_two(robot):
         np.testing.assert_allclose(team.error(one), 0.0, atol=0.25)
 
 
-def test_robot_that_does_not_know_where_it_is_helps_nobody():
-    options = {"reported": {"b": FAR}, "unseen": BY_TWO, "pass_by": 0.6 * APART}
-    unsure = Team(FIVE, THREE_ROBOTS, sigmas=(0.8, 0.8, 0.1), **options)
-    assert not any(windows(unsure, 5, lost={"b"}))
-    assert any(windows(Team(FIVE, THREE_ROBOTS, **options), 5, lost={"b"}))
-
-
 @pytest.mark.parametrize("xy", [SQUARE, TRIANGLE, LINE], ids=["square", "triangle", "line"])
 def test_ambiguous_constellations_wait(xy):
     robots = {"a": (-4.0, 0.5, 0.0), "b": (5.0, -3.0, 2.2), "c": (0.0, 6.0, -1.6)}
