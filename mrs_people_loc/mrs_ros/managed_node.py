@@ -18,6 +18,7 @@ from mrs_people_loc.errors import OutdatedError, PeopleLocError
 from mrs_people_loc.health.findings import Finding, of_state, without_clock
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.diagnostics import Input, ProcessUse, Reporter
+from mrs_ros.network import uninterrupted
 from mrs_ros.parameters import NodeConfig, declare, given_parameters
 
 AUTOSTART = Parameter("autostart", "bool", True, "configure and activate at the start", live=False)
@@ -39,7 +40,8 @@ class ManagedNode(LifecycleNode):
     """
 
     def __init__(self, name: str, config_type: type[Section]) -> None:
-        super().__init__(name)
+        with uninterrupted():
+            super().__init__(name)
         self.autostart = bool(AUTOSTART.check(given_parameters(self).get("autostart", True)))
         declare(self, AUTOSTART, self.autostart, read_only=True)
         self.inputs: dict[str, Input] = {}

@@ -41,7 +41,7 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
     from rclpy.context import Context
     from rclpy.signals import SignalHandlerOptions
 
-    from mrs_ros.network import use_shipped_profile
+    from mrs_ros.network import uninterrupted, use_shipped_profile
 
     own = context is None
     if context is None:
@@ -50,14 +50,15 @@ def node(name: str, context: Context | None = None, **how: Any) -> Iterator[Node
         context = Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        made = rclpy.create_node(
-            f"{name}_{os.getpid()}",
-            context=context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-            **how,
-        )
+        with uninterrupted():
+            made = rclpy.create_node(
+                f"{name}_{os.getpid()}",
+                context=context,
+                use_global_arguments=False,
+                enable_rosout=False,
+                start_parameter_services=False,
+                **how,
+            )
         try:
             yield made
         finally:

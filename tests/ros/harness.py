@@ -32,6 +32,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from mrs_people_sim.domain import own_domain as own_domain
+from mrs_ros.network import uninterrupted
 
 ROOT = Path(__file__).resolve().parents[2]
 #: What a condition is waited for, at most, on a machine that is busy with other things [s].
@@ -212,9 +213,10 @@ class Peer:
     def __init__(self, domain: int, name: str = "peer") -> None:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node(
-            name, context=self.context, start_parameter_services=False, enable_rosout=False
-        )
+        with uninterrupted():
+            self.node = rclpy.create_node(
+                name, context=self.context, start_parameter_services=False, enable_rosout=False
+            )
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}

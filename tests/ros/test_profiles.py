@@ -7,6 +7,8 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from typer.testing import CliRunner
 
 from mrs_people_loc.errors import ConfigError
 from mrs_ros.discovery import discovery_environment
+from mrs_ros.network import uninterrupted
 from mrs_ros.processes import NodeProcess, RunningTeam
 from mrs_tools import cli
 
@@ -239,3 +242,64 @@ def test_profiles_set_discovery_times_and_udp_buffers(file):
     assert set(locators) == {f"{space}udpv4"}
     assert [kind.text for kind in root.iter(f"{space}type")] == (["UDPv4"] if local else [])
     assert [one.text for one in root.iter(f"{space}useBuiltinTransports")] == ["false"] * local
+
+
+class Policies(threading.Thread):
+    """A thread of one policy, and what it and one that it starts have while it is uninterrupted."""
+
+    def __init__(self, before: int) -> None:
+        super().__init__()
+        self.before = before
+        self.own: list[int] = []
+        self.others: list[int] = []
+
+    def run(self) -> None:
+        os.sched_setscheduler(0, self.before, os.sched_param(0))
+        try:
+            with uninterrupted():
+                pass
+            with uninterrupted():  # of the next node of this thread
+                self._note(self.own)
+                other = threading.Thread(target=self._note, args=(self.others,))
+                other.start()
+                other.join()
+                raise RuntimeError
+        except RuntimeError:
+            self._note(self.own)
+
+    @staticmethod
+    def _note(policies: list[int]) -> None:
+        policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+
+    def done(self) -> tuple[list[int], list[int]]:
+        self.start()
+        self.join()
+        return self.own, self.others
+
+
+def _may_run_first() -> bool:
+    return Policies(os.SCHED_OTHER).done()[0][0] == os.SCHED_RR
+
+
+@pytest.mark.skipif(not _may_run_first(), reason="needs a user who may have real-time priority")
+def test_thread_that_makes_a_participant_is_not_interrupted():
+    usual = os.SCHED_OTHER
+    assert Policies(usual).done() == ([os.SCHED_RR, usual], [usual])
+
+
+def test_chosen_policy_is_left_alone():
+    assert Policies(os.SCHED_BATCH).done() == ([os.SCHED_BATCH] * 2, [os.SCHED_BATCH])
+
+
+def test_who_may_not_have_priority_rests_before_a_participant_is_made(monkeypatch):
+    set_policy, rests = os.sched_setscheduler, []
+
+    def refused(pid: int, policy: int, param: os.sched_param) -> None:
+        if policy & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR:
+            raise PermissionError
+        set_policy(pid, policy, param)
+
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    monkeypatch.setattr(time, "sleep", rests.append)
+    assert Policies(os.SCHED_OTHER).done() == ([os.SCHED_OTHER] * 2, [os.SCHED_OTHER])
+    assert len(rests) == 2
