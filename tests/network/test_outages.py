@@ -22,7 +22,7 @@ FAR, OTHERS = REAL, set(PLAYED)
 #: What docs/network.md promises for people after an outage, a long one (the lease is over), and one
 #: of all robots; and from the new start of a robot_node and of a planner_node [s].
 BACK_S, LONG_BACK_S, ALL_BACK_S = 0.6, 1.5, 1.5
-ROBOT_STARTS_S, PLANNER_STARTS_S = 3.0, 2.5
+ROBOT_STARTS_S, PLANNER_STARTS_S = 2.0, 2.0
 #: And the share of the robots' scans that is not used where so many packets are lost, at most. Of
 #: 135 scans, each lost by chance, 40 % +- 4 % are, where the bound is 55 %.
 LOST = {0.05: 0.25, 0.20: 0.55}

@@ -17,7 +17,7 @@ from ros.recording import Recording
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(400)]
 #: From the new start of a process, that is before it has loaded anything; this planner has to
 #: discover its robots [s].
-ROBOT_S, PLANNER_S = 3.0, 3.0
+ROBOT_S, PLANNER_S = 2.0, 2.0
 
 
 @pytest.fixture(scope="module")
