@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from contextlib import nullcontext
 
 import pytest
 
@@ -34,26 +33,22 @@ def test_one_slow_try_of_ten_passes(others: list[float]) -> None:
 
 
 def test_two_slow_tries_of_ten_fail(others: list[float]) -> None:
-    times = iter([9.0, *[1.0] * 8, 9.0])
+    times = iter([9.0, 9.0, *[1.0] * 8])
     with pytest.raises(AssertionError, match="it: 2 of 10 took longer than the promised 1 s"):
         nine_of_ten(lambda: next(times), 1.0, "it")
 
 
-@pytest.mark.parametrize(("tenth", "holds"), [(1.0, True), (9.0, False)])
-def test_after_a_slow_try_of_three_ten_are_made(
-    others: list[float], tenth: float, holds: bool
-) -> None:
-    times = iter([1.0, 9.0, *[1.0] * 7, tenth])
-    with nullcontext() if holds else pytest.raises(AssertionError, match="2 of 10 took longer"):
+def test_one_slow_try_of_three_fails(others: list[float]) -> None:
+    times = iter([1.0, 9.0, 1.0])
+    with pytest.raises(AssertionError, match="promised"):
         nine_of_ten(lambda: next(times), 1.0, "it", tries=3)
-    assert not list(times)
 
 
 def test_try_counts_by_the_load_of_others(others: list[float]) -> None:
     """A fast try may not count, and a slow one may."""
     others += [0.9, 0.0, 0.5]
-    times = iter([9.0, 1.0, 0.1, 2.0, 3.0])
-    with pytest.raises(AssertionError, match="it: 2 of 3 took longer"):
+    times = iter([9.0, 1.0, 0.1, 2.0])
+    with pytest.raises(AssertionError, match="it: 1 of 2 took longer"):
         nine_of_ten(lambda: next(times), 1.0, "it", tries=2)
 
 
