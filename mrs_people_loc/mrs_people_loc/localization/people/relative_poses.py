@@ -18,8 +18,8 @@ the covariances are multiplied accordingly.
 
 The search is as wide as the poses are unsure. Two robots that it does not find for some windows, or
 of which one is lost, are searched whatever their poses are wrong by (`align_anywhere`), with the
-people and velocities of two windows; for a lost one, with those of all that know where they are,
-as if one robot had seen them. What is found has to be found again in the next window. Then
+people and velocities of two windows; for a lost one, with those of all that are not, as if one
+robot had seen them. What is found has to be found again in the next window. Then
 the usual search begins there, and measures with the people of the last window.
 """
 

@@ -121,6 +121,12 @@ TRIANGLE = [(0.0, 0.0), (2.0, 0.0), (1.0, math.sqrt(3.0))]
 LINE = [(1.2 * k, 0.0) for k in range(5)]
 
 
+def test_robot_that_is_lost_helps_nobody():
+    """Two people are shared with each of the others: with one of them alone that is too few."""
+    team = Team(FIVE, THREE_ROBOTS, reported={"b": FAR}, unseen=BY_TWO, pass_by=0.6 * APART)
+    assert not any(windows(team, 5, lost={"a", "b"}))
+
+
 @pytest.mark.parametrize("xy", [SQUARE, TRIANGLE, LINE], ids=["square", "triangle", "line"])
 def test_constellations_that_look_alike_from_several_sides_have_no_margin(xy):
     found = align_anywhere(moving(xy, (0.0, 0.0)), moving(xy, (0.0, 0.0)))
