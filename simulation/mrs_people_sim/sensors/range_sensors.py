@@ -50,11 +50,13 @@ def sonar_ranges(
         Ranges [m], inf where there is no echo, -inf where it is nearer than `min_range`, shape
         (sonars,).
     """
+    if not sonars:
+        return np.empty(0)
+    chances, distances = _echoes(segments, circles, pose, sonars)
     ranges = np.full(len(sonars), np.inf)
     for k, sonar in enumerate(sonars):
-        origin, axis = _in_map(pose, sonar.x, sonar.y, sonar.yaw)
-        echoes = _echoes(segments, circles, origin, axis, sonar, rng)
-        nearest = float(echoes.min(initial=np.inf))
+        heard = rng.random(len(chances[k])) < chances[k]
+        nearest = float(distances[k][heard].min(initial=np.inf))
         if nearest > sonar.max_range or rng.random() < sonar.dropout:
             nearest = np.inf
         if len(sonars) > 1 and rng.random() < sonar.cross_talk:
@@ -67,36 +69,50 @@ def sonar_ranges(
 
 
 def _echoes(
-    segments: NDArray, circles: NDArray, origin: NDArray, axis: float, sonar: Sonar, rng: Rng
-) -> NDArray:
-    """Distances of the points that send an echo back [m], in no order."""
+    segments: NDArray, circles: NDArray, pose: Sequence[float], sonars: Sequence[Sonar]
+) -> tuple[list[NDArray], list[NDArray]]:
+    """Points that may send an echo back: by sonar, their chances and distances [m], in no order."""
+    origins, axes = zip(*(_in_map(pose, one.x, one.y, one.yaw) for one in sonars), strict=True)
+    origin, axis = np.array(origins)[:, None], np.array(axes)[:, None]
     start, end = segments[:, :2], segments[:, 2:]
     way = end - start
     length = np.maximum((way**2).sum(axis=1), 1e-12)
-    along = ((origin - start) * way).sum(axis=1) / length
-    on = (along > 0) & (along < 1)
-    feet = start[on] + along[on, None] * way[on]
+    along = ((origin - start) * way).sum(axis=2) / length
+    feet = start + along[:, :, None] * way
     middle = circles[:, :2] - origin
-    away = np.hypot(middle[:, 0], middle[:, 1])
-    surface = origin + middle * (1.0 - circles[:, 2] / np.maximum(away, 1e-9))[:, None]
-    points = np.concatenate([feet, start, end, surface])
-    chance = np.repeat(
-        [1.0, sonar.edge_echo, sonar.cloth_echo], [len(feet), 2 * len(start), len(surface)]
-    )
-    offset = points - origin
-    distance = np.hypot(offset[:, 0], offset[:, 1])
-    off_axis = np.abs(_wrapped(np.arctan2(offset[:, 1], offset[:, 0]) - axis))
+    away = np.hypot(middle[:, :, 0], middle[:, :, 1])
+    surface = origin + middle * (1.0 - circles[:, 2] / np.maximum(away, 1e-9))[:, :, None]
+    ends = np.broadcast_to(np.concatenate([start, end]), (len(sonars), 2 * len(start), 2))
+    offset = np.concatenate([feet, ends, surface], axis=1) - origin
+    distance = np.hypot(offset[:, :, 0], offset[:, :, 1])
+    off_axis = np.abs(_wrapped(np.arctan2(offset[:, :, 1], offset[:, :, 0]) - axis))
     inside = away < circles[:, 2]  # the sonar touches somebody
-    distance[len(points) - len(surface) :][inside] = 0.0
-    off_axis[len(points) - len(surface) :][inside] = 0.0
+    distance[:, 3 * len(start) :][inside] = 0.0
+    off_axis[:, 3 * len(start) :][inside] = 0.0
+    exists = np.ones(distance.shape, dtype=bool)
+    exists[:, : len(start)] = (along > 0) & (along < 1)
+    chance = np.array(
+        [np.repeat([1.0, one.edge_echo, one.cloth_echo], [len(way), 2 * len(way), len(circles)])
+         for one in sonars]
+    )  # fmt: skip
     # Full in the cone, none beyond the limit, and in between for the side lobes.
-    cone, limit = sonar.field_of_view / 2, sonar.specular_limit
-    lobes = np.clip((limit - off_axis) / max(limit - cone, 1e-9), 0.0, 1.0)
-    heard = rng.random(len(points)) < chance * lobes * (off_axis <= max(limit, 0.0))
-    heard &= distance <= sonar.max_range
-    unit = offset[heard] / np.maximum(distance[heard], 1e-9)[:, None]
-    clear = cast(origin, unit, segments, circles) >= distance[heard] - _HIDES
-    return distance[heard][clear]
+    cone, limit, most = (
+        np.array(values)[:, None]
+        for values in zip(
+            *((one.field_of_view / 2, one.specular_limit, one.max_range) for one in sonars),
+            strict=True,
+        )
+    )
+    chance *= np.clip((limit - off_axis) / np.maximum(limit - cone, 1e-9), 0.0, 1.0)
+    chance *= (off_axis <= np.maximum(limit, 0.0)) & (distance <= most) & exists
+    which, _ = audible = np.nonzero(chance)
+    unit = offset[audible] / np.maximum(distance[audible], 1e-9)[:, None]
+    clear = cast(origin[which, 0], unit, segments, circles) >= distance[audible] - _HIDES
+    chance[audible] *= clear
+    return (
+        [of_one[there] for of_one, there in zip(chance, exists, strict=True)],
+        [of_one[there] for of_one, there in zip(distance, exists, strict=True)],
+    )
 
 
 def laser_ranges(
@@ -200,7 +216,7 @@ def cast(origin: NDArray, directions: NDArray, segments: NDArray, circles: NDArr
     """Distance to the first thing on each ray, inf for none [m].
 
     Args:
-        origin: Of all rays [m], shape (2,).
+        origin: Of the rays [m], shape (2,) or (r, 2).
         directions: Unit vectors, shape (r, 2).
         segments: Shape (n, 4).
         circles: Shape (m, 3).
@@ -209,19 +225,21 @@ def cast(origin: NDArray, directions: NDArray, segments: NDArray, circles: NDArr
         Shape (r,).
     """
     nearest = np.full(len(directions), np.inf)
+    origin = np.atleast_2d(origin)[:, None]
+    dx, dy = directions[:, :1], directions[:, 1:]
     if len(segments):
-        start, way = segments[:, :2] - origin, segments[:, 2:] - segments[:, :2]
-        dx, dy = directions[:, :1], directions[:, 1:]
+        way = segments[:, 2:] - segments[:, :2]
+        x, y = np.moveaxis(segments[:, :2] - origin, 2, 0)
         across = dx * way[:, 1] - dy * way[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            at = (start[:, 0] * way[:, 1] - start[:, 1] * way[:, 0]) / across
-            share = (start[:, 0] * dy - start[:, 1] * dx) / across
+            at = (x * way[:, 1] - y * way[:, 0]) / across
+            share = (x * dy - y * dx) / across
         hit = (at >= 0) & (share >= 0) & (share <= 1)  # parallel ones compare false or miss
         nearest = np.where(hit, at, np.inf).min(axis=1)
     if len(circles):
-        middle = circles[:, :2] - origin
-        ahead = directions @ middle.T
-        rest = (middle**2).sum(axis=1) - circles[:, 2] ** 2
+        x, y = np.moveaxis(circles[:, :2] - origin, 2, 0)
+        ahead = dx * x + dy * y
+        rest = x**2 + y**2 - circles[:, 2] ** 2
         depth = ahead**2 - rest
         first = ahead - np.sqrt(np.maximum(depth, 0.0))
         at = np.where(rest <= 0, 0.0, np.where((depth >= 0) & (ahead > 0), first, np.inf))

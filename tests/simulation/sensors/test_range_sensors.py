@@ -116,6 +116,10 @@ def test_dropouts_are_infinite() -> None:
     assert lost.mean() == pytest.approx(0.25, abs=0.03)
 
 
+def test_robot_without_sonars_measures_nothing() -> None:
+    assert sonar_ranges(WALL, NOBODY, HERE, [], rng()).shape == (0,)
+
+
 # ---------------------------------------------------------------------------------------- laser
 
 
