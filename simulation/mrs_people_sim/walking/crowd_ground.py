@@ -58,6 +58,9 @@ class Trail:
     #: Distance of its points, and how far back a leader that returns, or another one, is
     #: recognized [m].
     _GRAIN, _BACK, _TAKEN = 0.1, 4.0, 15.0
+    #: It returns where it is so near to its trail [m], and by less than this share of the way along
+    #: it: nobody walks to the tip of a fold and back.
+    _BESIDE, _FOLD = 0.5, 0.5
 
     def __init__(self, xy: Float) -> None:
         self._points = np.asarray(xy, dtype=np.float64)[None]
@@ -81,12 +84,14 @@ class Trail:
             return
         recent = self._points[-round(self._BACK / self._GRAIN) :]
         back = np.linalg.norm(recent - xy, axis=1)
+        later = np.arange(len(recent) - 1, -1, -1)
+        back[back > np.minimum(self._FOLD * (self._GRAIN * later + away), self._BESIDE)] = np.inf
         nearest = len(recent) - 1 - int(back[::-1].argmin())
-        if nearest < len(recent) - 1 and back[nearest] < 0.7 * self._GRAIN:
-            self._points = self._points[: len(self._points) - (len(recent) - 1 - nearest)]
-            return
+        if np.isfinite(back[nearest]):
+            self._points = self._points[: len(self._points) - later[nearest]]
+            away = float(back[nearest])
         count = int(away / self._GRAIN)
-        ahead = (xy - self._points[-1]) / away
+        ahead = (xy - self._points[-1]) / max(away, self._GRAIN)
         more = self._points[-1] + self._GRAIN * np.arange(1, count + 1)[:, None] * ahead
         self._points = np.concatenate([self._points, more])
 

@@ -65,6 +65,31 @@ def test_a_trail_becomes_shorter_where_the_leader_comes_back():
     assert ahead == pytest.approx(np.array([[1.0, 0.0], [1.0, 0.0]]), abs=1e-9)
 
 
+@pytest.mark.parametrize("aside", [0.0, 0.1, 0.25, 0.4])
+def test_a_trail_has_no_fold_where_the_leader_comes_back_beside_it(aside: float) -> None:
+    trail = Trail(np.zeros(2))
+    for x in np.arange(0.0, 3.0, 0.04):
+        trail.extend(np.array([x, 0.0]))
+    for part in np.arange(0.0, 1.0, 0.05):
+        trail.extend(np.array([3.0 - part, aside * part]))
+    for x in np.arange(2.0, 6.0, 0.04):
+        trail.extend(np.array([x, aside]))
+    _, ahead = trail.at(np.arange(0.0, trail.length, 0.1))
+    assert ahead[:, 0].min() > 0.5
+    assert trail.length == pytest.approx(6.0, abs=0.5)
+
+
+def test_a_trail_goes_round_a_corner_and_the_end_of_a_wall() -> None:
+    trail = Trail(np.zeros(2))
+    for x in np.arange(0.0, 3.0, 0.04):
+        trail.extend(np.array([x, 0.0]))
+    for y in np.arange(0.0, 0.6, 0.04):
+        trail.extend(np.array([3.0, y]))
+    for x in np.arange(3.0, 0.0, -0.04):
+        trail.extend(np.array([x, 0.6]))
+    assert trail.length == pytest.approx(6.6, abs=0.3)
+
+
 # ------------------------------------------------------------------------------------ following
 
 
