@@ -35,6 +35,8 @@ _WAITING = (Code.NO_PUBLISHER, Code.NO_DATA, Code.NO_POSE)
 _FOUND_AFTER = math.ceil(SILENCE_S)
 #: Drops are a warning for this long [s].
 RECENT_S = 10.0
+#: The rate of an input is that over this time [s].
+_RATE_S = 5.0
 
 
 class Throttle:
@@ -49,12 +51,11 @@ class Throttle:
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last_s: dict[str, float] = {}
 
     def lets_through(self, kind: str) -> bool:
         """Whether one of this kind goes through now."""
-        now_s = self._clock.now().nanoseconds / 1e9
+        now_s = time.monotonic()
         last_s = self._last_s.get(kind)
         if last_s is not None and now_s - last_s < self._period_s:
             return False
@@ -66,23 +67,19 @@ class Growth:
     """Whether a count has grown within the last `RECENT_S`."""
 
     def __init__(self) -> None:
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._count = 0
         self._grown_s: float | None = None
 
     def update(self, count: int) -> None:
         """Takes the count as it is now."""
         if count > self._count:
-            self._grown_s = self._now_s()
+            self._grown_s = time.monotonic()
         self._count = count
 
     @property
     def lately(self) -> bool:
         """Whether it has grown."""
-        return self._grown_s is not None and self._now_s() - self._grown_s < RECENT_S
-
-    def _now_s(self) -> float:
-        return self._clock.now().nanoseconds / 1e9
+        return self._grown_s is not None and time.monotonic() - self._grown_s < RECENT_S
 
 
 class Input:
@@ -133,8 +130,7 @@ class Input:
         self._incompatible = ""
         self._losses = Growth()
         self._log = Throttle(LOG_PERIOD_S)
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._since = self._now()
+        self._since = time.monotonic()
         self._arrivals: deque[float] = deque(maxlen=1000)
         self.subscription = node.create_subscription(
             message_type,
@@ -151,15 +147,16 @@ class Input:
 
     @property
     def rate_hz(self) -> float:
-        """Messages per second over the last few seconds."""
-        now = self._now()
-        recent = [t for t in self._arrivals if now - t < 5.0]
+        """Messages per second over the last seconds."""
+        now, recent = time.monotonic(), self._arrivals
+        while len(recent) > 1 and now - recent[0] >= _RATE_S:
+            recent.popleft()
         return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 else 0.0
 
     @property
     def silent_s(self) -> float:
         """Since when nothing came [s]."""
-        return self._now() - (self._arrivals[-1] if self._arrivals else self._since)
+        return time.monotonic() - (self._arrivals[-1] if self._arrivals else self._since)
 
     @property
     def publishers(self) -> int:
@@ -208,14 +205,14 @@ class Input:
 
     def _take_bytes(self, data: bytes) -> None:
         if len(data) > self._most_bytes:
-            self._arrivals.append(self._now())
+            self._arrivals.append(time.monotonic())
             text = f"message has {len(data)} bytes; allowed: {self._most_bytes}"
             self._refuse(SizeError(text), self.reception.receive(0))
         else:
             self._take(deserialize_message(data, self._message_type))
 
     def _take(self, message: Any) -> None:
-        self._arrivals.append(self._now())
+        self._arrivals.append(time.monotonic())
         unordered = self._once or self.any_number
         order = self.reception.receive(0 if unordered else stamp_ns_of(message.header.stamp))
         try:
@@ -228,7 +225,7 @@ class Input:
 
     def _refuse(self, error: PeopleLocError, order: Order) -> None:
         reception, kind = self.reception, type(error).__name__
-        reception.refuse(kind, str(error), now_s=self._now(), order=order)
+        reception.refuse(kind, str(error), now_s=time.monotonic(), order=order)
         self._losses.update(reception.refused)
         if self._log.lets_through(kind):
             self._node.get_logger().warning(
@@ -242,9 +239,6 @@ class Input:
             f"{self.subscription.topic_name}: a publisher offers incompatible QoS: "
             f"{self._incompatible}; its messages do not arrive"
         )
-
-    def _now(self) -> float:
-        return self._clock.now().nanoseconds / 1e9
 
 
 def type_name(message_type: Any) -> str:
