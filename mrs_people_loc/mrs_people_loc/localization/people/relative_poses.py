@@ -1,9 +1,9 @@
 """Relative poses of robots, measured with the people whom both see.
 
-What each robot sees by itself over a window of some intervals becomes tracks of straight motion, so
-that people whom two robots see at different times are compared at one time. The tracks of two
-robots are aligned (`alignment`). Windows do not overlap: no sighting is used for two measurements
-of one pair of robots.
+What each robot sees by itself over a window of some intervals becomes tracks of straight motion
+(`tracks`), so that people whom two robots see at different times are compared at one time. The
+tracks of two robots are aligned (`alignment`). Windows do not overlap: no sighting is used for two
+measurements of one pair of robots.
 
 Part of a robot's error about a person lasts as long as it sees them from the same side. A filter
 that takes it for white noise is too certain after many windows. So the variance of that part is
@@ -31,18 +31,16 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from mrs_people_loc.arrays import Float, Int, StructOfArrays
+from mrs_people_loc.arrays import Float
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.people.alignment import (
     ALIGNMENT_TUNING,
     ANYWHERE_TUNING,
     Alignment,
     AlignmentTuning,
-    MovingPlaces,
     Places,
     align,
     align_anywhere,
@@ -51,9 +49,14 @@ from mrs_people_loc.localization.people.alignment import (
 from mrs_people_loc.localization.people.contradictions import Contradictions
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.localization.people.sighted_robots import SightedRobots
+from mrs_people_loc.localization.people.tracks import (
+    TRACKS_TUNING,
+    TWO_WINDOWS_TUNING,
+    Tracks,
+    TracksTuning,
+    tracks_of,
+)
 from mrs_people_loc.localization.shared import RelativePose, StandingPeople, TeamMeasurement
-from mrs_people_loc.neighbours import connected
-from mrs_people_loc.team.fusion import map_from_robot
 from mrs_people_loc.team.masking import Walls
 from mrs_people_loc.team.poses import Pose
 
@@ -62,27 +65,16 @@ from mrs_people_loc.team.poses import Pose
 class RelativePosesTuning:
     """Constants of `RelativePoses`.
 
-    The shares and times of errors were measured on the shipped bags and the suite's; the others
+    The times and the share of errors were measured on the shipped bags and the suite's; the others
     were chosen by hand, with simulated people who walk.
 
     Attributes:
         window_ns: Span of a window, at least [ns] ...
         intervals: ... and intervals in it.
-        sightings: Of a person in a window, at least.
         pairs: Pairs of robots that are compared per window, at most; the others come next.
-        step: Two sightings of a person are no farther apart than this [m] ...
-        speed: ... and this speed explains [m/s].
-        bridged: Scans that a person may be missed in, between two sightings.
-        any_velocity: Standard deviation of a person's velocity on each axis [m/s].
-        acceleration: Standard deviation of the change of a person's velocity in a second; it grows
-            with the square root of time [m/s].
-        bend: Variance of the middle of a line that is fitted to a path with such changes, over
-            `acceleration` squared and the cube of its span: by simulation 0.003 to 0.007, doubled.
-        slope: Variance of the slope of that line, against the velocity in the middle, over
-            `acceleration` squared and its span (exact: 33 / 560).
-        lasting: Share of a sighting's variance that lasts over windows.
-        lasting_s: For how long it lasts [s].
-        lasting_alone: That share where nobody else sees them from another side.
+        lasting_s: For how long the part of a sighting's error lasts that does (`tracks`) [s].
+        lasting_alone: Share of its variance that lasts where nobody else sees them from another
+            side.
         least: Standard deviations of a relative pose, at least, likewise lasting: what all people
             have in common, x, y, yaw [m, m, rad].
         told: Standard deviations of what a pose may be wrong by, beside its covariance, where that
@@ -101,6 +93,7 @@ class RelativePosesTuning:
         stands: A robot stands if it is no farther from where it was than this [m] ...
         stands_turn: ... and turned by no more than this [rad].
         unknown: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
+        tracks: Of people in a window.
         alignment: Constants of the search.
         anywhere: Constants of the search whatever poses are wrong by.
         anywhere_after: After so many comparisons in a row that found nothing, a pair of robots is
@@ -116,16 +109,7 @@ class RelativePosesTuning:
 
     window_ns: int = 700_000_000
     intervals: int = 4
-    sightings: int = 3
     pairs: int = 6
-    step: float = 0.15
-    speed: float = 2.0
-    bridged: int = 2
-    any_velocity: float = 1.0
-    acceleration: float = 0.5
-    bend: float = 0.01
-    slope: float = 0.06
-    lasting: float = 0.35
     lasting_s: float = 4.0
     lasting_alone: float = 0.7
     least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
@@ -149,6 +133,7 @@ class RelativePosesTuning:
     anywhere_both: float = 2.0
     anywhere_margin: float = 3.5
     anywhere_gate: float = 4.0
+    tracks: TracksTuning = TRACKS_TUNING
     alignment: AlignmentTuning = ALIGNMENT_TUNING
     anywhere: AlignmentTuning = ANYWHERE_TUNING
 
@@ -158,37 +143,6 @@ class RelativePosesTuning:
 
 
 RELATIVE_POSES_TUNING = RelativePosesTuning()
-#: What differs over the two windows of a search anywhere: a path that bends, bends for both robots.
-_OVER_TWO_WINDOWS: dict[str, Any] = {"step": 0.3, "sightings": 5, "bend": 0.0025, "slope": 0.015}
-
-
-@dataclass(frozen=True)
-class Tracks(StructOfArrays):
-    """People that a robot saw over a window, a struct of arrays of one length (n,).
-
-    Attributes:
-        xy: Places at one time, on the map [m], shape (n, 2).
-        white: Covariance of the places by errors that differ from scan to scan, shape (n, 2, 2).
-        lasting: Likewise by errors that last [m^2], shape (n, 2, 2).
-        velocity: [m/s], shape (n, 2).
-        velocity_covariance: [m^2/s^2], shape (n, 2, 2).
-    """
-
-    xy: Float
-    white: Float
-    lasting: Float
-    velocity: Float
-    velocity_covariance: Float
-
-    def moving(self, pose: Pose) -> MovingPlaces:
-        """The people relative to the place of a robot."""
-        return MovingPlaces(
-            self.xy - (pose.x, pose.y), self.white + self.lasting, np.zeros(len(self), np.intp),
-            self.velocity, self.velocity_covariance,
-        )  # fmt: skip
-
-
-NOBODY = Tracks(*(np.empty((0, *shape)) for shape in ((2,), (2, 2), (2, 2), (2,), (2, 2))))
 
 
 @dataclass
@@ -379,7 +333,7 @@ class RelativePoses:
         """Compares the robots that saw people in the window whose middle is at a time [ns]."""
         tracks, last = {}, {}
         for name, robot in self._robots.items():
-            people = tracks_of(robot.seen, time_ns, self.tuning)
+            people = tracks_of(robot.seen, time_ns, self.tuning.tracks)
             if len(people) >= 2:
                 tracks[name], last[name] = people, robot.seen[-1][1]
         found = {}
@@ -401,7 +355,7 @@ class RelativePoses:
                         wrong_by = self._compare(pair, one, other, factor, far.covariance)
                         pair.known, pair.known_ns = far, time_ns
             if wrong_by is not None:
-                inflated = 1.0 + self.tuning.lasting * (factor - 1.0)
+                inflated = 1.0 + self.tuning.tracks.lasting * (factor - 1.0)
                 found[names] = one[0], other[0], wrong_by, inflated
                 pair.measured_ns = time_ns
         oldest_ns = time_ns - self.tuning.memory_ns
@@ -499,8 +453,8 @@ class RelativePoses:
         seen = [[s for name in t for s in robots[name].before + robots[name].seen] for t in teams]
         stamps = [people.stamp_ns for of_team in seen for people, _ in of_team]
         for team, of_team in zip(teams, seen, strict=True):
-            bridged = len(team) * (self.tuning.bridged + 1) - 1
-            tuning = dataclasses.replace(self.tuning, bridged=bridged, **_OVER_TWO_WINDOWS)
+            bridged = len(team) * (TWO_WINDOWS_TUNING.bridged + 1) - 1
+            tuning = dataclasses.replace(TWO_WINDOWS_TUNING, bridged=bridged)
             of_team.sort(key=lambda scan: scan[0].stamp_ns)
             yield tracks_of(of_team, (max(stamps) + min(stamps)) // 2, tuning)
 
@@ -578,101 +532,6 @@ class RelativePoses:
             found.turn,
         )  # fmt: skip
         return state, covariance + factor * np.diag(np.square(tuning.least))
-
-
-def tracks_of(
-    seen: Sequence[tuple[SeenPeople, Pose]],
-    time_ns: int,
-    tuning: RelativePosesTuning = RELATIVE_POSES_TUNING,
-) -> Tracks:
-    """The people that a robot saw over a window, and where they were at a time.
-
-    Sightings of successive scans that are each other's nearest are of one person. Straight motion
-    is fitted to those of each, by weighted least squares.
-
-    Args:
-        seen: By scan, in their order, the people and the robot's pose in the map.
-        time_ns: The time [ns].
-        tuning: Constants.
-    """
-    sizes = [len(people.xy) for people, _ in seen]
-    if not sum(sizes):
-        return NOBODY
-    scan = np.repeat(np.arange(len(seen)), sizes)
-    xy = np.concatenate([map_from_robot(people.xy, pose) for people, pose in seen])
-    rotation = np.array([rotation_2d(pose.yaw) for _, pose in seen])[scan]
-    covariance = np.concatenate([people.covariance for people, _ in seen])
-    covariance = rotation @ covariance @ rotation.transpose(0, 2, 1)
-    seconds = np.array([(people.stamp_ns - time_ns) / 1e9 for people, _ in seen])[scan]
-    label = _linked(xy, scan, seconds, tuning)
-    _, number, count = np.unique(label, return_inverse=True, return_counts=True)
-    enough = count[number] >= tuning.sightings
-    _, number = np.unique(number[enough], return_inverse=True)
-    return _fitted(xy[enough], covariance[enough], seconds[enough], number, tuning)
-
-
-def _linked(xy: Float, scan: Int, seconds: Float, tuning: RelativePosesTuning) -> Int:
-    """Of each sighting the first one of the same person.
-
-    Args:
-        xy: Places [m], shape (n, 2).
-        scan: Number of the scan of each, ascending.
-        seconds: Time of each [s].
-        tuning: Constants.
-    """
-    # Each sighting with those of the next scans: far fewer pairs than all where scans are many.
-    last = np.searchsorted(scan, scan + tuning.bridged + 1, side="right")
-    later = last - np.searchsorted(scan, scan, side="right")
-    one = np.repeat(np.arange(len(xy)), later)
-    other = np.arange(len(one)) + np.repeat(last - np.cumsum(later), later)
-    away = np.hypot(*(xy[other] - xy[one]).T)
-    near = away <= tuning.step + tuning.speed * (seconds[other] - seconds[one])
-    one, other, away = one[near], other[near], away[near]
-    passed = scan[other] - scan[one]
-    has_next, has_last = np.zeros((2, len(xy)), dtype=bool)
-    links = []
-    for scans in range(1, tuning.bridged + 2):
-        free = np.flatnonzero((passed == scans) & ~has_next[one] & ~has_last[other])
-        nearest, its_nearest = np.full((2, len(xy)), np.inf)
-        np.minimum.at(nearest, one[free], away[free])
-        np.minimum.at(its_nearest, other[free], away[free])
-        mutual = free[(away[free] == nearest[one[free]]) & (away[free] == its_nearest[other[free]])]
-        has_next[one[mutual]] = has_last[other[mutual]] = True
-        links.append(mutual)
-    linked = np.concatenate(links)
-    return connected(one[linked], other[linked], len(xy))
-
-
-def _fitted(
-    xy: Float, covariance: Float, seconds: Float, number: Int, tuning: RelativePosesTuning
-) -> Tracks:
-    """Straight motion of numbered people: where they are at second 0."""
-    if not len(number):
-        return NOBODY
-    order = np.argsort(number, kind="stable")
-    size = np.bincount(number)
-    first = np.cumsum(size) - size
-    xy, covariance, t = xy[order], covariance[order], seconds[order][:, np.newaxis, np.newaxis]
-    information = np.linalg.inv((1.0 - tuning.lasting) * covariance)
-    normal = np.empty((len(xy), 4, 5))  # of place and velocity, with the right side
-    normal[:, :2, :2] = information
-    normal[:, :2, 4:] = information @ xy[:, :, np.newaxis]
-    normal[:, :2, 2:4] = normal[:, 2:, :2] = t * information
-    normal[:, 2:, 2:] = t * normal[:, :2, 2:]
-    normal = np.add.reduceat(normal, first)
-    normal[:, (2, 3), (2, 3)] += 1.0 / tuning.any_velocity**2
-    inverse = np.linalg.inv(normal[:, :, :4])
-    span = float(np.ptp(seconds))
-    bend = tuning.bend * tuning.acceleration**2 * span**3 * np.eye(2)
-    slope = tuning.slope * tuning.acceleration**2 * span * np.eye(2)
-    state = (inverse @ normal[:, :, 4:])[:, :, 0]
-    return Tracks(
-        state[:, :2],
-        inverse[:, :2, :2] + bend,
-        tuning.lasting * np.add.reduceat(covariance, first) / size[:, np.newaxis, np.newaxis],
-        state[:, 2:],
-        inverse[:, 2:, 2:] + slope,
-    )
 
 
 def _priors(one: Pose, other: Pose, tuning: RelativePosesTuning) -> list[Float]:

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_people_loc.localization.people.relative_poses import (
-    RelativePoses,
-    RelativePosesTuning,
-    tracks_of,
-)
+from mrs_people_loc.localization.people.relative_poses import RelativePoses
 from mrs_people_loc.localization.people.seen_people import SeenPeople
+from mrs_people_loc.localization.people.tracks import TracksTuning, tracks_of
 from mrs_people_loc.localization.shared import StandingPeople
 from mrs_people_loc.team.poses import Pose
 
@@ -201,7 +198,7 @@ def test_track_by_hand():
         )
         for k in range(3)
     ]
-    tuning = RelativePosesTuning(any_velocity=1e3, lasting=0.25, acceleration=0.0)
+    tuning = TracksTuning(any_velocity=1e3, lasting=0.25, acceleration=0.0)
     tracks = tracks_of(seen, 150_000_000, tuning)
     np.testing.assert_allclose(tracks.xy, [(10.0, 1.3)], atol=1e-6)
     # A line through three places at -0.15, -0.05 and 0.05 s: variance s^2 (1/3 + 0.05^2 / 0.02).
