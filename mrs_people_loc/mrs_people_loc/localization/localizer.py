@@ -351,7 +351,7 @@ class Localizer:
             assert last is not None
             place = state.pose_of(mate, last).place
             (x, y, _), by_own, by_mate = pose_from(own, place)
-            columns = np.r_[i : i + 3, j : j + 3]
+            columns = [*range(i, i + 3), *range(j, j + 3)]
             jacobian = np.hstack([by_own, by_mate])[:2]
             relative = jacobian @ state.covariance[np.ix_(columns, columns)] @ jacobian.T
             off = _TUNING.mate_sigmas * math.sqrt(np.linalg.eigvalsh(relative)[1])

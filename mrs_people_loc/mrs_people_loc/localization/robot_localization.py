@@ -201,22 +201,20 @@ class RobotLocalization:
             camera: The head.
         """
         self._walls.take_people(scan)
-        self._use(self._walls.in_view, scan.stamp_ns, disparity, scan.stamp_ns, camera)
+        self._use(self._walls.in_view, disparity, scan.stamp_ns, camera)
 
     def take_laser(self, scan: LaserScan, mounting: Mounting) -> None:
         """Finds walls in a scan of a laser scanner; errors as those of `WallFinder.in_laser`."""
-        odometry_at = self._localizer.odometry_at
-        self._use(self._walls.in_laser, scan.stamp_ns, scan, mounting, odometry_at)
+        self._use(self._walls.in_laser, scan, mounting, self._localizer.odometry_at)
 
     def take_range(self, measured: SonarRange, mounting: Mounting) -> None:
         """Finds walls in the ranges of sonars; errors as those of `WallFinder.in_range`."""
-        odometry_at = self._localizer.odometry_at
-        self._use(self._walls.in_range, measured.stamp_ns, measured, mounting, odometry_at)
+        self._use(self._walls.in_range, measured, mounting, self._localizer.odometry_at)
 
-    def _use(self, find: Callable[..., SeenWalls | None], stamp_ns: int, *measured: Any) -> None:
+    def _use(self, find: Callable[..., SeenWalls | None], *measured: Any) -> None:
         if not self.has_begun:
             return
-        seen = find(*measured, self._localizer.mates_at(stamp_ns))
+        seen = find(*measured, self._localizer.mates_at)
         if seen is not None and len(seen.walls):
             self._localizer.take_walls(seen)
 

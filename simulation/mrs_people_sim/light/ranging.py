@@ -59,7 +59,7 @@ class RangeSensors:
             limits = sonar.field_of_view, sonar.min_range, sonar.max_range
             echo = SonarRange(odometry.stamp_ns, "", *limits, measured)
             mounting = sonar.x, sonar.y, sonar.yaw
-            seen = self._finder.in_range(echo, mounting, lambda _: odometry, mates)
+            seen = self._finder.in_range(echo, mounting, lambda _: odometry, lambda _: mates)
             if seen is not None:
                 yield seen
 
@@ -76,7 +76,7 @@ class RangeSensors:
         ranges = laser_ranges(self._segments, _circles(bodies), pose.tolist(), laser, self._rng)
         scan = LaserScan(odometry.stamp_ns, "", laser.max_range, laser_angles(laser), ranges)
         mounting = laser.x, laser.y, laser.yaw
-        seen = self._finder.in_laser(scan, mounting, lambda _: odometry, mates)
+        seen = self._finder.in_laser(scan, mounting, lambda _: odometry, lambda _: mates)
         if seen is not None:
             yield seen
 

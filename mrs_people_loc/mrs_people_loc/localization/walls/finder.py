@@ -41,6 +41,15 @@ class WallFinderTuning:
 _TUNING = WallFinderTuning()
 
 
+#: Where team-mates are (`NOBODY`) at a time [ns].
+MatesAt = Callable[[int], Float]
+
+
+def nobody_at(_: int) -> Float:
+    """No team-mates, at any time."""
+    return NOBODY
+
+
 class WallFinder:
     """Finds walls in what a robot senses; where the robot was then, its odometry says.
 
@@ -63,13 +72,13 @@ class WallFinder:
         """Remembers the people of a view, to find no walls in them."""
         self._people = scan.stamp_ns, people_in(scan)
 
-    def _bodies(self, stamp_ns: int, mates: Float) -> Float:
+    def _bodies(self, stamp_ns: int, mates_at: MatesAt) -> Float:
         """Who may look like a wall at a time: team-mates, and the people of the last view."""
-        seen_ns, people = self._people
+        (seen_ns, people), mates = self._people, mates_at(stamp_ns)
         return mates if abs(stamp_ns - seen_ns) > _TUNING.people_ns else np.vstack([people, mates])
 
     def in_view(
-        self, disparity: Float32, stamp_ns: int, camera: StereoCamera, mates: Float = NOBODY
+        self, disparity: Float32, stamp_ns: int, camera: StereoCamera, mates_at: MatesAt = nobody_at
     ) -> SeenWalls | None:
         """The walls in the view whose people were taken last; None: they are not looked for.
 
@@ -77,20 +86,20 @@ class WallFinder:
             disparity: The view's [px], shape (height, width).
             stamp_ns: Its stamp [ns].
             camera: The head.
-            mates: Where team-mates are (`NOBODY`); likewise below.
+            mates_at: Where team-mates are (`NOBODY`) at a time [ns]; likewise below.
         """
         if not self.config.stereo:
             return None
         if self._stereo is None or self._stereo.camera is not camera:
             self._stereo = StereoWalls(camera)
-        return self._stereo.step(disparity, stamp_ns, self._bodies(stamp_ns, mates))
+        return self._stereo.step(disparity, stamp_ns, self._bodies(stamp_ns, mates_at))
 
     def in_laser(
         self,
         scan: LaserScan,
         mounting: Mounting,
         odometry_at: Callable[[int], Odometry],
-        mates: Float = NOBODY,
+        mates_at: MatesAt = nobody_at,
     ) -> SeenWalls | None:
         """The walls in a scan of a laser scanner; None: it is too early after the last one.
 
@@ -110,7 +119,7 @@ class WallFinder:
             sigma=self.config.laser_sigma,
             max_range=scan.max_range,
             mounting=mounting,
-            bodies=self._bodies(scan.stamp_ns, mates),
+            bodies=self._bodies(scan.stamp_ns, mates_at),
         )
         return SeenWalls(scan.stamp_ns, walls)
 
@@ -119,12 +128,12 @@ class WallFinder:
         measured: SonarRange,
         mounting: Mounting,
         odometry_at: Callable[[int], Odometry],
-        mates: Float = NOBODY,
+        mates_at: MatesAt = nobody_at,
     ) -> SeenWalls | None:
         """The walls in the ranges of sonars so far, now and then.
 
         Raises:
             PoseError: There is no odometry near that time.
         """
-        bodies = self._bodies(measured.stamp_ns, mates)
+        bodies = self._bodies(measured.stamp_ns, mates_at) if measured.is_echo else NOBODY
         return self._sonar.take(measured, mounting, odometry_at(measured.stamp_ns), bodies)

@@ -180,7 +180,8 @@ class GridTuning:
         tolerance: The faces of a wall's cells are this near to its line [cells], or ...
         tolerance_m: ... this [m], if that is more.
         facing: Sides of cells count whose normal has this cosine, at least, to the wall's.
-        bow: The middle of a wall is nearer than this to the line through its ends [cells].
+        bow: The middle of a wall is nearer than this to the line through its ends [cells]; one step
+            of the cells of a wall that is turned by less than a degree may look like 0.72.
         gap: A wall goes on behind a gap (a door) of at most this [m].
         covered: Faces are along at least this share of a wall.
         most: At most so many walls; the longest.
@@ -192,7 +193,7 @@ class GridTuning:
     tolerance: float = 1.0
     tolerance_m: float = 0.05
     facing: float = 0.2
-    bow: float = 0.7
+    bow: float = 0.9
     gap: float = 1.5
     covered: float = 0.5
     most: int = 300

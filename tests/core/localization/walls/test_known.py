@@ -183,6 +183,13 @@ def test_walls_of_a_room_are_found_to_within_a_cell(
     assert hit == {0, 1, 2, 3}
 
 
+def test_walls_that_are_turned_a_little_from_the_grid_are_all_found() -> None:
+    for yaw in np.radians(np.linspace(-2.0, 2.0, 81)):
+        walls = walls_of_grid(room(7.58, 2.07, float(yaw)), occupied_from=65)
+        sides = walls.extent[:, 1] - walls.extent[:, 0]
+        np.testing.assert_allclose(np.sort(sides), [2.07, 2.07, 7.58, 7.58], atol=4 * CELL)
+
+
 def test_both_faces_of_a_thin_wall_are_two_walls() -> None:
     data = np.zeros((60, 80), dtype=np.int8)
     data[30:32, 10:70] = 100
