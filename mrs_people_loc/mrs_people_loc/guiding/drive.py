@@ -42,7 +42,10 @@ class DriveTuning:
         gain_walking: ... if they go on [1/s]; less, for they may also turn.
         gain_robot: ... towards a team-mate [1/s].
         aside: People's places have errors: of any speed near them, this share counts as towards
-            them.
+            them, ...
+        aside_within: ... and more of it nearer than this, as the errors turn their bearing more
+            [m], ...
+        aside_most: ... but no more than so many times as much: whoever is too near is left.
         tolerance: Speeds towards somebody under this are none [m/s].
         clear: More distance than this beyond the smallest one is as good as any [m]: to people, to
             robots, to walls.
@@ -104,6 +107,8 @@ class DriveTuning:
     gain_walking: float = 0.8
     gain_robot: float = 1.5
     aside: float = 0.25
+    aside_within: float = 0.8
+    aside_most: float = 2.4
     tolerance: float = 0.03
     clear: tuple[float, float, float] = (0.35, 0.1, 0.15)
     near: float = 0.8
@@ -474,8 +479,10 @@ def _are_allowed(now: Situation, tried: Float, others: _Others, tuning: DriveTun
         x, y, distance = _offsets(arcs, others, times)
         yaw, speed = arcs.yaw[..., np.newaxis], arcs.speed[..., np.newaxis]
         towards = x * (speed * np.cos(yaw)) + y * (speed * np.sin(yaw))
-        towards /= np.maximum(distance, 1e-6)
-        towards += others.aside * np.abs(speed)
+        away = np.maximum(distance, 1e-6)
+        towards /= away
+        nearer = np.clip(tuning.aside_within / away, 1.0, tuning.aside_most)
+        towards += others.aside * nearer * np.abs(speed)
         most = np.maximum(others.gain * (distance - others.keep), tuning.tolerance)
         allowed &= (towards <= most).all(axis=(1, 2))
     clearance = now.space.clearance(arcs.xy)

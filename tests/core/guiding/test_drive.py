@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from core.guiding.driving import CONFIG, DT, Robot, World, post, standing
@@ -93,6 +93,7 @@ def test_robot_that_cannot_reverse_turns() -> None:
 
 @pytest.mark.slow
 @settings(max_examples=15, deadline=None)
+@example(628)  # somebody comes from aside, and is seen too far on by 0.2 m
 @given(st.integers(0, 10_000))
 def test_robot_comes_near_nobody_by_its_own_motion(seed: int) -> None:
     """People who walk across its way, and some who stop there; seen late and not exactly."""
