@@ -147,7 +147,7 @@ class Input:
 
     @property
     def rate_hz(self) -> float:
-        """Messages per second over the last seconds."""
+        """Messages per second over the last few seconds."""
         now, recent = time.monotonic(), self._arrivals
         while len(recent) > 1 and now - recent[0] >= _RATE_S:
             recent.popleft()

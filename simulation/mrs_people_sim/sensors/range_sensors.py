@@ -52,11 +52,11 @@ def sonar_ranges(
     """
     if not sonars:
         return np.empty(0)
-    chances, distances = _echoes(segments, circles, pose, sonars)
     ranges = np.full(len(sonars), np.inf)
-    for k, sonar in enumerate(sonars):
-        heard = rng.random(len(chances[k])) < chances[k]
-        nearest = float(distances[k][heard].min(initial=np.inf))
+    echoes = _echoes(segments, circles, pose, sonars)
+    for k, (sonar, (chance, distance)) in enumerate(zip(sonars, echoes, strict=True)):
+        heard = rng.random(len(chance)) < chance
+        nearest = float(distance[heard].min(initial=np.inf))
         if nearest > sonar.max_range or rng.random() < sonar.dropout:
             nearest = np.inf
         if len(sonars) > 1 and rng.random() < sonar.cross_talk:
@@ -70,7 +70,7 @@ def sonar_ranges(
 
 def _echoes(
     segments: NDArray, circles: NDArray, pose: Sequence[float], sonars: Sequence[Sonar]
-) -> tuple[list[NDArray], list[NDArray]]:
+) -> list[tuple[NDArray, NDArray]]:
     """Points that may send an echo back: by sonar, their chances and distances [m], in no order."""
     origins, axes = zip(*(_in_map(pose, one.x, one.y, one.yaw) for one in sonars), strict=True)
     origin, axis = np.array(origins)[:, None], np.array(axes)[:, None]
@@ -91,28 +91,20 @@ def _echoes(
     off_axis[:, 3 * len(start) :][inside] = 0.0
     exists = np.ones(distance.shape, dtype=bool)
     exists[:, : len(start)] = (along > 0) & (along < 1)
-    chance = np.array(
-        [np.repeat([1.0, one.edge_echo, one.cloth_echo], [len(way), 2 * len(way), len(circles)])
-         for one in sonars]
-    )  # fmt: skip
+    of_kind = np.array([(1.0, one.edge_echo, one.cloth_echo) for one in sonars])
+    chance = np.repeat(of_kind, [len(way), 2 * len(way), len(circles)], axis=1)
     # Full in the cone, none beyond the limit, and in between for the side lobes.
-    cone, limit, most = (
-        np.array(values)[:, None]
-        for values in zip(
-            *((one.field_of_view / 2, one.specular_limit, one.max_range) for one in sonars),
-            strict=True,
-        )
-    )
+    limits = [(one.field_of_view / 2, one.specular_limit, one.max_range) for one in sonars]
+    cone, limit, most = np.array(limits).T[:, :, None]
     chance *= np.clip((limit - off_axis) / np.maximum(limit - cone, 1e-9), 0.0, 1.0)
     chance *= (off_axis <= np.maximum(limit, 0.0)) & (distance <= most) & exists
     which, _ = audible = np.nonzero(chance)
     unit = offset[audible] / np.maximum(distance[audible], 1e-9)[:, None]
     clear = cast(origin[which, 0], unit, segments, circles) >= distance[audible] - _HIDES
     chance[audible] *= clear
-    return (
-        [of_one[there] for of_one, there in zip(chance, exists, strict=True)],
-        [of_one[there] for of_one, there in zip(distance, exists, strict=True)],
-    )
+    return [
+        (p[there], away[there]) for p, away, there in zip(chance, distance, exists, strict=True)
+    ]
 
 
 def laser_ranges(

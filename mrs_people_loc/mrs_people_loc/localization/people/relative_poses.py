@@ -1,9 +1,9 @@
 """Relative poses of robots, measured with the people whom both see.
 
 What each robot sees by itself over a window of some intervals becomes tracks of straight motion
-(`tracks`), so that people whom two robots see at different times are compared at one time. The
-tracks of two robots are aligned (`alignment`). Windows do not overlap: no sighting is used for two
-measurements of one pair of robots.
+(`window_tracks`), so that people whom two robots see at different times are compared at one time.
+The tracks of two robots are aligned (`alignment`). Windows do not overlap: no sighting is used for
+two measurements of one pair of robots.
 
 Part of a robot's error about a person lasts as long as it sees them from the same side. A filter
 that takes it for white noise is too certain after many windows. So the variance of that part is
@@ -49,7 +49,7 @@ from mrs_people_loc.localization.people.alignment import (
 from mrs_people_loc.localization.people.contradictions import Contradictions
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.localization.people.sighted_robots import SightedRobots
-from mrs_people_loc.localization.people.tracks import (
+from mrs_people_loc.localization.people.window_tracks import (
     TRACKS_TUNING,
     TWO_WINDOWS_TUNING,
     Tracks,
@@ -72,7 +72,7 @@ class RelativePosesTuning:
         window_ns: Span of a window, at least [ns] ...
         intervals: ... and intervals in it.
         pairs: Pairs of robots that are compared per window, at most; the others come next.
-        lasting_s: For how long the part of a sighting's error lasts that does (`tracks`) [s].
+        lasting_s: For how long that part of a sighting's error lasts (`tracks.lasting`) [s].
         lasting_alone: Share of its variance that lasts where nobody else sees them from another
             side.
         least: Standard deviations of a relative pose, at least, likewise lasting: what all people
@@ -93,7 +93,8 @@ class RelativePosesTuning:
         stands: A robot stands if it is no farther from where it was than this [m] ...
         stands_turn: ... and turned by no more than this [rad].
         unknown: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
-        tracks: Of people in a window.
+        tracks: Constants of tracks over a window, and
+        anywhere_tracks: ... over two, for the search whatever poses are wrong by.
         alignment: Constants of the search.
         anywhere: Constants of the search whatever poses are wrong by.
         anywhere_after: After so many comparisons in a row that found nothing, a pair of robots is
@@ -134,6 +135,7 @@ class RelativePosesTuning:
     anywhere_margin: float = 3.5
     anywhere_gate: float = 4.0
     tracks: TracksTuning = TRACKS_TUNING
+    anywhere_tracks: TracksTuning = TWO_WINDOWS_TUNING
     alignment: AlignmentTuning = ALIGNMENT_TUNING
     anywhere: AlignmentTuning = ANYWHERE_TUNING
 
@@ -453,8 +455,9 @@ class RelativePoses:
         seen = [[s for name in t for s in robots[name].before + robots[name].seen] for t in teams]
         stamps = [people.stamp_ns for of_team in seen for people, _ in of_team]
         for team, of_team in zip(teams, seen, strict=True):
-            bridged = len(team) * (TWO_WINDOWS_TUNING.bridged + 1) - 1
-            tuning = dataclasses.replace(TWO_WINDOWS_TUNING, bridged=bridged)
+            tuning = self.tuning.anywhere_tracks
+            bridged = len(team) * (tuning.bridged + 1) - 1
+            tuning = dataclasses.replace(tuning, bridged=bridged)
             of_team.sort(key=lambda scan: scan[0].stamp_ns)
             yield tracks_of(of_team, (max(stamps) + min(stamps)) // 2, tuning)
 

@@ -45,11 +45,6 @@ _TUNING = WallFinderTuning()
 MatesAt = Callable[[int], Float]
 
 
-def nobody_at(_: int) -> Float:
-    """No team-mates, at any time."""
-    return NOBODY
-
-
 class WallFinder:
     """Finds walls in what a robot senses; where the robot was then, its odometry says.
 
@@ -78,7 +73,7 @@ class WallFinder:
         return mates if abs(stamp_ns - seen_ns) > _TUNING.people_ns else np.vstack([people, mates])
 
     def in_view(
-        self, disparity: Float32, stamp_ns: int, camera: StereoCamera, mates_at: MatesAt = nobody_at
+        self, disparity: Float32, stamp_ns: int, camera: StereoCamera, mates_at: MatesAt
     ) -> SeenWalls | None:
         """The walls in the view whose people were taken last; None: they are not looked for.
 
@@ -99,7 +94,7 @@ class WallFinder:
         scan: LaserScan,
         mounting: Mounting,
         odometry_at: Callable[[int], Odometry],
-        mates_at: MatesAt = nobody_at,
+        mates_at: MatesAt,
     ) -> SeenWalls | None:
         """The walls in a scan of a laser scanner; None: it is too early after the last one.
 
@@ -128,7 +123,7 @@ class WallFinder:
         measured: SonarRange,
         mounting: Mounting,
         odometry_at: Callable[[int], Odometry],
-        mates_at: MatesAt = nobody_at,
+        mates_at: MatesAt,
     ) -> SeenWalls | None:
         """The walls in the ranges of sonars so far, now and then.
 

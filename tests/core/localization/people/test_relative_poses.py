@@ -8,7 +8,7 @@ import pytest
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
 from mrs_people_loc.localization.people.relative_poses import RelativePoses
 from mrs_people_loc.localization.people.seen_people import SeenPeople
-from mrs_people_loc.localization.people.tracks import TracksTuning, tracks_of
+from mrs_people_loc.localization.people.window_tracks import TracksTuning, tracks_of
 from mrs_people_loc.localization.shared import StandingPeople
 from mrs_people_loc.team.poses import Pose
 
