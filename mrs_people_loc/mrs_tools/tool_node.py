@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,6 +80,29 @@ def spinning(made: Node) -> Iterator[Executor]:
         yield executor
     finally:
         executor.shutdown()
+
+
+@contextmanager
+def working(made: Node) -> Iterator[None]:
+    """Lets a node work in a thread of its own.
+
+    The thread ends before its executor, as rclpy's `shutdown` destroys what would wake a spin that
+    is about to wait: it would wait for ever.
+    """
+    stop = threading.Event()
+    with spinning(made) as executor:
+
+        def work() -> None:
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.1)
+
+        thread = threading.Thread(target=work, name="working", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
 
 
 def message_class(msgtype: str) -> Any:

@@ -76,6 +76,16 @@ def ros2_command() -> str:
 # --- processes ------------------------------------------------------------------------------------
 
 
+def exit_code(process: subprocess.Popen[bytes], name: str, log: Path) -> int:
+    """Waits for the end of a process; one that hangs is ended, and says where it was."""
+    try:
+        return process.wait(DEADLINE_S)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGABRT)  # Python writes where it is: PYTHONFAULTHANDLER
+        process.wait()
+        raise AssertionError(f"{name} did not end:\n{log.read_text(errors='replace')}") from None
+
+
 class NodeProcess:
     """A node of ours as a process of its own.
 
@@ -135,12 +145,7 @@ class NodeProcess:
     def exit_code(self) -> int:
         """Waits for its end."""
         self._awaited = True
-        try:
-            return self.process.wait(DEADLINE_S)
-        except subprocess.TimeoutExpired:
-            self.process.send_signal(signal.SIGABRT)  # makes Python write where it is
-            self.process.wait()
-            raise AssertionError(f"{self.name} did not end:\n{self.log}") from None
+        return exit_code(self.process, self.name, self._log)
 
     def stop(self, number: int = signal.SIGINT) -> float:
         """Ends it as a user does, and holds that it ends cleanly; returns how long it took [s]."""

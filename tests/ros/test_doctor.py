@@ -275,11 +275,13 @@ def test_inactive_and_surplus_nodes_are_reported(robot: RobotPeer, team: Team, d
         assert "hang" not in str([waits.advice, ended.advice])
         assert people.text == "2 nodes publish it: /planner_node, /planner_two"
 
+        found: list[Check] = []
+
         def viewed() -> bool:
-            found = diagnose(look(peer.node, 0.5, lambda: peer.spin(0.1)))
+            found[:] = diagnose(look(peer.node, 0.5, lambda: peer.spin(0.1)))
             return found[-1].text == "2 run: /mrs_people_11, /mrs_people_22"
 
-        peer.until(viewed, "the last check does not name the viewers")
+        peer.until(viewed, lambda: f"the last check does not name the viewers: {found}")
     finally:
         for one in (second, *viewers):
             one.close()

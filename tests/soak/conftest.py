@@ -35,6 +35,7 @@ def _domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    monkeypatch.setenv("PYTHONFAULTHANDLER", "1")
     with own_domain() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
         yield

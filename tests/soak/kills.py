@@ -7,7 +7,6 @@ import random
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,13 +16,14 @@ from typing import Any
 
 import numpy as np
 from mrs_people_msgs.msg import People
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from mrs_ros.network import environment
 from mrs_ros.processes import NodeProcess, team_processes
 from mrs_tools.tool_node import node as rclpy_node
+from mrs_tools.tool_node import working
+from ros.harness import exit_code
 
 #: Who is not back after so long is lost [s]; and so long others are watched after a kill [s].
 LOST_S, WATCHED_S = 30.0, 2.5
@@ -139,7 +139,7 @@ def driver(
         assert process.poll() is None, log.read_text()
     finally:
         process.terminate()
-        process.wait()
+        exit_code(process, "driver", log)
 
 
 @contextmanager
@@ -147,15 +147,8 @@ def watching(robots: Sequence[str]) -> Iterator[Watched]:
     """A node that watches, in a thread of its own."""
     with rclpy_node("watches") as made:
         watched = Watched(made, robots)
-        executor = SingleThreadedExecutor(context=made.context)
-        executor.add_node(made)
-        hearing = threading.Thread(target=executor.spin, daemon=True)
-        hearing.start()
-        try:
+        with working(made):
             yield watched
-        finally:
-            executor.shutdown()
-            hearing.join()
 
 
 class Victims:
@@ -184,8 +177,8 @@ class Victims:
     def __exit__(self, *_: object) -> None:
         for process in self.processes.values():
             process.send_signal(signal.SIGINT)
-        for process in self.processes.values():
-            process.wait()
+        for label, process in self.processes.items():
+            exit_code(process, label, Path(self._log.name))
         self._log.close()
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import resource
-import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from mrs_people_msgs.msg import People
-from rclpy.executors import SingleThreadedExecutor
 
 from mrs_people_loc.messages import stamp_ns_of
 from mrs_ros.processes import NodeProcess, RunningTeam
 from mrs_studies.bench.live import Feeder, Recorded, Usage
 from mrs_tools.tool_node import node as rclpy_node
+from mrs_tools.tool_node import working
 
 #: Processes get this long to start and to find each other [s].
 START_S = 120.0
@@ -188,7 +186,8 @@ def run(
     """
     load = Load()
     with (
-        _node() as node,
+        rclpy_node("soak") as node,
+        working(node),
         log.open("w+") as out,
         RunningTeam(processes, log=out) as running,
     ):
@@ -219,21 +218,6 @@ def run(
         feeder.stop()
     load.cut(begin_ns)
     return load
-
-
-@contextmanager
-def _node() -> Iterator[Any]:
-    """A node that hears in a thread of its own."""
-    with rclpy_node("soak") as node:
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        hearing = threading.Thread(target=executor.spin, daemon=True)
-        hearing.start()
-        try:
-            yield node
-        finally:
-            executor.shutdown()
-            hearing.join()
 
 
 def _until_all_listen(node: Any, feeder: Feeder, running: RunningTeam, log: Path) -> None:

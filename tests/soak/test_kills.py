@@ -52,9 +52,12 @@ def check(result: Kills) -> None:
 @pytest.mark.slow
 @pytest.mark.alone
 @pytest.mark.parametrize(
-    "count", [pytest.param(3, id="short"), pytest.param(500, id="long", marks=pytest.mark.soak)]
+    "count",
+    [
+        pytest.param(3, id="short"),
+        pytest.param(500, id="long", marks=[pytest.mark.soak, pytest.mark.timeout(7200)]),
+    ],
 )
-@pytest.mark.timeout(7200)
 def test_nodes_recover_from_random_kills(show: Show, tmp_path: Path, count: int) -> None:
     result = kill_at_random(BAG, [PAPER, TEAM], tmp_path, count=count, seed=count)
     show(result.table())

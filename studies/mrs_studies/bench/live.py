@@ -32,7 +32,7 @@ from mrs_people_sim.domain import refuse_other_publishers
 from mrs_ros.processes import NodeProcess, RunningTeam, team_processes
 from mrs_tools.bags.offline import BagRun
 from mrs_tools.bags.reader import BagReader
-from mrs_tools.tool_node import message_class, wait_for_discovery
+from mrs_tools.tool_node import message_class, node, wait_for_discovery, working
 
 FRAME_HZ = 30.0
 POSE_HZ = 100.0
@@ -316,26 +316,23 @@ def measure_live(
     Raises:
         PeopleLocError: The bag or a file cannot be used, or the processes do not work.
     """
-    from mrs_ros.network import use_shipped_profile
-
     team = load_team(*files)
     recorded = read_recorded(bag, team)
     sizes = sizes_on_the_wire(bag, files)
-    use_shipped_profile()
     topic = f"/{team.planner.people_topic}"
-    with listening(topic) as (node, spinning, listener):
-        feeder = Feeder(node, recorded, frame_hz, pose_hz)
-        own = dict.fromkeys(feeder.publishers, node.get_fully_qualified_name())
-        wait_for_discovery(node)
-        refuse_other_publishers(node, {topic: "", **own})
+    with listening(topic) as (made, listener):
+        feeder = Feeder(made, recorded, frame_hz, pose_hz)
+        own = dict.fromkeys(feeder.publishers, made.get_fully_qualified_name())
+        wait_for_discovery(made)
+        refuse_other_publishers(made, {topic: "", **own})
         with (
             tempfile.TemporaryFile("w+") as log,
             RunningTeam(team_processes(files), log=log) as running,
+            working(made),
         ):
             on_step("starting " + ", ".join(n.label for n in running.processes))
-            spinning.start()
-            _wait_until_ready(node, topic, running, feeder, log)
-            refuse_other_publishers(node, {topic: f"/{PLANNER_NODE}", **own})
+            _wait_until_ready(made, topic, running, feeder, log)
+            refuse_other_publishers(made, {topic: f"/{PLANNER_NODE}", **own})
             measured = _measure(running, feeder, listener, seconds, on_step)
             check_alive("while it was measured", running, log)
     return _figures(recorded, sizes, measured)
@@ -349,40 +346,25 @@ class _Listener:
 
 
 @contextmanager
-def listening(topic: str) -> Iterator[tuple[Any, threading.Thread, _Listener]]:
-    """A ROS node that hears the team.
+def listening(topic: str) -> Iterator[tuple[Any, _Listener]]:
+    """A ROS node that hears the team while it works.
 
     Args:
         topic: The planner's mrs_people_msgs/People.
 
     Yields:
-        The node, the thread that spins it once it is started, and what takes the messages.
+        The node, and what takes the messages.
     """
-    import rclpy
     from diagnostic_msgs.msg import DiagnosticArray
     from mrs_people_msgs.msg import People
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.signals import SignalHandlerOptions
 
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("mrs_bench", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    listener = _Listener()
-    node.create_subscription(People, topic, lambda m: listener.heard.on_people(m), 10)
-    node.create_subscription(
-        DiagnosticArray, "/diagnostics", lambda m: listener.heard.on_diagnostics(m), 10
-    )
-    spinning = threading.Thread(target=executor.spin, daemon=True)
-    try:
-        yield node, spinning, listener
-    finally:
-        executor.shutdown()
-        if spinning.is_alive():
-            spinning.join()
-        node.destroy_node()
-        rclpy.shutdown(context=context)
+    with node("mrs_bench") as made:
+        listener = _Listener()
+        made.create_subscription(People, topic, lambda m: listener.heard.on_people(m), 10)
+        made.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda m: listener.heard.on_diagnostics(m), 10
+        )
+        yield made, listener
 
 
 @dataclass(frozen=True)

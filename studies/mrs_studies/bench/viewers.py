@@ -30,7 +30,7 @@ from mrs_ros import convert
 from mrs_ros.processes import NodeProcess, RunningTeam
 from mrs_studies.bench.live import Feeder, Heard, Recorded, Usage, check_alive, listening
 from mrs_studies.bench.scenes import PEOPLE, ROBOTS, drawn_scans
-from mrs_tools.tool_node import wait_for_discovery
+from mrs_tools.tool_node import wait_for_discovery, working
 
 #: Viewers, one measurement each; 0: no `mrs view` runs.
 COUNTS = (0, 1, 10)
@@ -62,13 +62,16 @@ def measure_viewers(
     team = load_team(config, robots=tuple(ROBOTS))
     topic = f"/{team.planner.people_topic}"
     planner = NodeProcess(PLANNER_NODE, "", (str(config.resolve()),), sim_time=False)
-    with listening(topic) as (node, spinning, listener):
+    with listening(topic) as (node, listener):
         feeder = Feeder(node, _recorded(team), RATE_HZ, RATE_HZ)
         wait_for_discovery(node)
         own = dict.fromkeys(feeder.publishers, node.get_fully_qualified_name())
         refuse_other_publishers(node, {topic: "", **own})
-        with tempfile.TemporaryFile("w+") as log, RunningTeam([planner], log=log) as running:
-            spinning.start()
+        with (
+            tempfile.TemporaryFile("w+") as log,
+            RunningTeam([planner], log=log) as running,
+            working(node),
+        ):
             feeder.frames_on.set()
             feeder.start()
             rows = []
