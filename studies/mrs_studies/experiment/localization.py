@@ -46,6 +46,7 @@ class Case:
         scene: Its scene file, in `config/scenes` unless its path is absolute.
         trouble: What goes wrong.
         robots: By robot, what differs from the scene, as in `scene.Robot`.
+        people: How many walk with them; 0: as many as in the scene.
         wheels: Whether the robots have the wheels of `WHEELS`, one after the other, and `BUMPS`.
         event_s: When something happens that the team has to recover from [s]; None: nothing does.
     """
@@ -54,6 +55,7 @@ class Case:
     scene: str
     trouble: Trouble = field(default_factory=Trouble)
     robots: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    people: int = 0
     wheels: bool = False
     event_s: float | None = None
 
@@ -85,6 +87,7 @@ CASES = (
     Case("robot_b restarted 40 m from its start", _L, Trouble(restarted=("robot_b", 48.0)),
          event_s=48.0),
     Case("L corridor, wheels", _L, wheels=True),
+    Case("L corridor, wheels, one person", _L, wheels=True, people=1),
     Case("hall, wheels", _HALL, wheels=True),
     *(Case(f"niches, wheels, sonars at 5 Hz{more}", "tour_niches.yaml",
            Trouble(known=bool(more), sonars=5.0), wheels=True) for more in ("", ", walls known")),
@@ -178,7 +181,8 @@ def run_cases(
 def run_case(case: Case, seed: int) -> CaseScores:
     """Runs a case with one seed."""
     scene = load_scene(default_file("config", "scenes") / case.scene)
-    scene = dataclasses.replace(scene, robots=_changed(scene.robots, case))
+    layout = dataclasses.replace(scene.layout, people=case.people or scene.layout.people)
+    scene = dataclasses.replace(scene, layout=layout, robots=_changed(scene.robots, case))
     tour = tour_of(scene, seed)
     run = LightTeam(tour, case.trouble, seed).run()
     since = case.event_s or 0.0

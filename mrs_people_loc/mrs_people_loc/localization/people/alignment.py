@@ -5,7 +5,8 @@ apart give a move and a turn. Each is refined with all people that match. The be
 evidence: the log-odds that the matched people are the same against that all are different people,
 which takes into account how wide the search is (Laplace's approximation; MacKay, Information
 Theory, Inference, and Learning Algorithms, 2003, chapter 28). So two people that match prove little
-where the pose is hardly known, and five prove it.
+where the pose is hardly known, and five prove it. One person is enough where each of the two robots
+sees nobody else and the pose is known well; they tell nothing about the turn.
 
 Where nothing is known of the pose (`align_anywhere`), velocities are compared, too. Chance has many
 tries then. Evidence is the logarithm of a ratio of likelihoods in which the prior probabilities of
@@ -35,6 +36,7 @@ class AlignmentTuning:
         gate: A move and turn is within so many standard deviations of the expected one.
         baseline: Two people are a hypothesis if they are farther apart than this [m].
         density: People whom only one of two robots sees [1/m^2]; what a match has to beat.
+        density_of_one: Likewise where each of them sees one person.
         candidates: Possible matches that hypotheses are made of, at most.
         hypotheses: Hypotheses that are scored, at most: those of people whose distance agrees best.
         refined: Different ones that are refined, at most: the best.
@@ -50,6 +52,7 @@ class AlignmentTuning:
     gate: float = 3.5
     baseline: float = 0.4
     density: float = 0.5
+    density_of_one: float = 0.1
     candidates: int = 80
     hypotheses: int = 128
     refined: int = 10
@@ -128,13 +131,16 @@ def align(
         tuning: Constants.
 
     Returns:
-        The likeliest, the priors taken into account; None: no two people match.
+        The likeliest, the priors taken into account; None: no two people match, or not the one
+        whom both see.
     """
-    prior = priors[-1]
-    matches = _possible_matches(own, others, prior, tuning)
-    if len(matches) < 2:
+    least = 2
+    if len(own) == len(others) == 1:
+        least, tuning = 1, dataclasses.replace(tuning, density=tuning.density_of_one)
+    matches = _possible_matches(own, others, priors[-1], tuning)
+    if len(matches) < least:
         return None
-    return _likeliest(matches, priors, tuning)
+    return _likeliest(matches, priors, tuning, least=least)
 
 
 def align_anywhere(
@@ -190,16 +196,18 @@ def fit(
     """The move and turn that bring places nearest to others, one by one: weighted least squares.
 
     Args:
-        own: Places relative to that of the robot that is moved [m], shape (m, 2), m >= 2.
+        own: Places relative to that of the robot that is moved [m], shape (m, 2), m >= 1.
         own_covariance: Of these [m^2], shape (m, 2, 2).
         others: Where they are brought to [m], shape (m, 2).
         others_covariance: Of these [m^2], shape (m, 2, 2).
         turn: First guess [rad].
 
     Returns:
-        x, y, turn [m, m, rad], shape (3,), and their covariance, shape (3, 3).
+        x, y, turn [m, m, rad], shape (3,), and their covariance, shape (3, 3). One place tells
+        nothing about the turn: it is as guessed, with a standard deviation of 1 rad.
     """
     state = np.array([0.0, 0.0, turn])
+    of_turn = np.diag([0.0, 0.0, float(len(own) == 1)])
     for _ in range(4):
         rotation = rotation_2d(state[2])
         turned = own @ rotation.T
@@ -208,7 +216,7 @@ def fit(
         jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
         jacobian[:, 0, 2], jacobian[:, 1, 2] = -turned[:, 1], turned[:, 0]
         weighted = np.linalg.solve(total, jacobian)
-        covariance = np.linalg.inv(np.einsum("nji,njk->ik", jacobian, weighted))
+        covariance = np.linalg.inv(np.einsum("nji,njk->ik", jacobian, weighted) + of_turn)
         off = others - turned - state[:2]
         state = state + covariance @ np.einsum("nji,nj->i", weighted, off)
     return state, covariance
@@ -219,16 +227,19 @@ def _likeliest(
     priors: Sequence[Float],
     tuning: AlignmentTuning,
     extra: Float | None = None,
+    *,
+    least: int = 2,
 ) -> Alignment | None:
     """The likeliest move and turn.
 
     Args:
-        matches: Two at least.
+        matches: `least` of them, at least.
         priors: See `align`.
         tuning: Constants.
         extra: By number of matches, what is added to the evidence; None: nothing. If given, each
             turn is as likely as the others: a normal distribution about it with a variance of
             2 pi has a density of 1 / (2 pi) there.
+        least: So many match, at least.
     """
     prior = priors[-1]
     few = matches.select(slice(tuning.candidates))
@@ -247,7 +258,7 @@ def _likeliest(
     count = matched.sum(axis=1)
     if extra is not None:
         evidence += extra[count]
-    evidence[count < 2] = -np.inf
+    evidence[count < least] = -np.inf
     best = int(evidence.argmax())
     if not np.isfinite(evidence[best]):
         return None
@@ -524,8 +535,11 @@ def _log_group(own: MovingPlaces, others: MovingPlaces, tuning: AlignmentTuning)
 def _hypotheses(matches: _Matches, prior: Float, tuning: AlignmentTuning) -> Float:
     """Moves and turns of two people each, shape (h, 3): those whose distance agrees best; and none.
 
-    A move and turn of two people is their middle's and that of the line between them.
+    A move and turn of two people is their middle's and that of the line between them. Where one
+    match is all there is, it is that match's, without a turn.
     """
+    if len(matches) == 1:
+        return np.array([np.zeros(3), [*(matches.there - matches.here)[0], 0.0]])
     k, n = np.nonzero(np.triu(matches.sample[:, np.newaxis] == matches.sample, 1))
     two = (matches.own[k] != matches.own[n]) & (matches.others[k] != matches.others[n])
     k, n = k[two], n[two]

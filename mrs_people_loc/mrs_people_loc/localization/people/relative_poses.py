@@ -336,7 +336,7 @@ class RelativePoses:
         tracks, last = {}, {}
         for name, robot in self._robots.items():
             people = tracks_of(robot.seen, time_ns, self.tuning.tracks)
-            if len(people) >= 2:
+            if len(people):
                 tracks[name], last[name] = people, robot.seen[-1][1]
         found = {}
         for names in self._next_pairs(last):

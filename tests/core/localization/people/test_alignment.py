@@ -86,6 +86,27 @@ def test_two_people_are_evidence_only_where_poses_are_known():
     assert narrow.evidence > 4.0 > wide.evidence
 
 
+def test_one_person_is_evidence_where_nobody_else_is_seen_and_poses_are_known():
+    one, near = places([(2.0, 1.0)]), places([(2.1, 0.95)])
+    narrow, wide = align(one, near, NARROW), align(one, near, WIDE)
+    assert narrow is not None
+    assert wide is not None
+    assert narrow.evidence > 3.0 > wide.evidence
+    assert align(one, places([(4.0, 1.0)]), NARROW) is None
+    assert align(one, places([(2.1, 0.95), (3.0, -1.0)]), NARROW) is None
+
+
+def test_one_place_tells_nothing_about_the_turn():
+    own, others = np.array([[2.0, 0.0]]), np.array([[2.3, 0.1]])
+    covariance = np.array([np.diag([0.01, 0.0025])])
+    state, unsure = fit(own, covariance, others, covariance, 0.0)
+    np.testing.assert_allclose(state, (0.3, 0.1, 0.0), atol=1e-9)
+    assert unsure[2, 2] == pytest.approx(1.0)
+    # Where the place is brought to is as sure as both places are, whatever the turn.
+    to_place = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 2.0]])
+    np.testing.assert_allclose(to_place @ unsure @ to_place.T, 2.0 * covariance[0], atol=1e-9)
+
+
 def test_priors_are_equally_likely():
     """Of two priors the mean likelihood counts: half of one where the other makes it impossible."""
     own, others = places(PEOPLE), places(np.array(PEOPLE) + (0.8, 0.0))

@@ -365,11 +365,40 @@ def test_robots_that_see_different_people_are_not_measured():
         assert team.run(3.0) == []
 
 
-def test_one_person_nobody_and_one_robot_give_nothing():
-    assert Team(FIVE[:1], TWO_ROBOTS).run(3.0) == []
+def test_nobody_and_one_robot_give_nothing():
     assert Team(FIVE, TWO_ROBOTS, unseen={"b": range(5)}).run(3.0) == []
     assert Team(FIVE, {"a": THREE_ROBOTS["a"]}).run(3.0) == []
     assert RelativePoses().step({}, {}) == ()
+
+
+def test_one_person_whom_both_see_tells_all_but_the_turn():
+    """Robots of a tour with one visitor drift apart no more than they see."""
+    off = (0.15, -0.1, 0.0)
+    squared = []
+    for seed in range(20):
+        team = Team(
+            FIVE[:1], TWO_ROBOTS, (0.7, 0.0), {"b": off}, sigmas=(0.1, 0.1, 0.02), seed=seed
+        )
+        found = team.run(6.0)
+        assert len(found) >= 4
+        for one in found:
+            error = team.error(one)
+            squared.append(error @ np.linalg.solve(one.covariance, error))
+            assert one.covariance[2, 2] > 0.5  # the turn is unknown: this counts with the place
+            assert np.hypot(*error[:2]) < 0.25
+    assert np.mean(squared) < 3.0
+
+
+def test_one_person_tells_nothing_where_poses_are_unsure():
+    assert Team(FIVE[:1], TWO_ROBOTS, sigmas=(1.5, 1.5, 0.1)).run(6.0) == []
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_two_people_of_whom_each_robot_sees_another_are_not_taken_for_one(seed):
+    two = np.array([(3.0, 3.0), (3.0, 3.9)])
+    unseen = {"a": [0], "b": [1]}
+    team = Team(two, TWO_ROBOTS, (0.7, 0.0), sigmas=(0.1, 0.1, 0.02), unseen=unseen, seed=seed)
+    assert team.run(6.0) == []
 
 
 def test_covariance_may_be_unknown():
