@@ -48,6 +48,20 @@ def test_a_team_knows_better_than_its_odometry_where_it_is():
     assert {len(people) for people in result.people.values()} == {30}
 
 
+@pytest.mark.slow
+def test_robots_that_see_nobody_in_a_corridor_know_how_unsure_they_are():
+    """Its walls tell nothing about the way along it, however often they are seen."""
+    read = load_scene(SCENES / "tour_straight_corridor.yaml")
+    read = dataclasses.replace(read, timing=dataclasses.replace(read.timing, frames=800))
+    tour = tour_of(read, 11)
+    tour = dataclasses.replace(tour, people=tour.people + np.array([0.0, 500.0]))
+    result = LightTeam(tour, Trouble(), 11).run()
+    scores = score_poses(result.true, result.localized)
+    assert scores is not None
+    assert np.mean(scores.squares < 14.2) > 0.99  # 3 sigma of three components
+    assert np.mean(scores.squares) < 5.0
+
+
 def test_a_run_depends_on_its_seed_alone():
     one, same, other = (run("tour_hall", frames=60, seed=seed) for seed in (1, 1, 2))
     for name, track in one.localized.items():

@@ -45,9 +45,8 @@ class WallTuning:
         doubtful_s: Walls that were not established are dropped after this time [s].
         new_sigmas: Walls that are measured worse than this are not added [m, rad].
         end_sigma: Standard deviation of the place of a wall's end [m].
-        sure_turn: A wall's direction relative to a robot is sure if its standard deviation is less
-            than this [rad]. If it is not,
-        direction_lasts: ... its error is the same in so many sights.
+        direction_lasts: The error of a wall's direction relative to a robot is the same in so many
+            sights.
         misfits: A known wall that was seen elsewhere so often, and never recognized, is no longer
             looked for ...
         forgiven: ... until a wall was seen where the map says so often in a row.
@@ -69,7 +68,6 @@ class WallTuning:
     doubtful_s: float = 3.0
     new_sigmas: tuple[float, float] = (0.2, 0.2)
     end_sigma: float = 0.1
-    sure_turn: float = 0.01
     direction_lasts: float = 50.0
     misfits: int = 10
     forgiven: int = 50
@@ -367,16 +365,15 @@ class WallLandmarks:
 
         A wall tells nothing about the way along it. An EKF believes to learn that, too, when it
         takes distances to one wall with different directions; that of a known wall stays the same.
-        The product of the two errors is
-        the second-order term of the prediction (Bar-Shalom, Li & Kirubarajan 2001, "Estimation with
-        Applications to Tracking and Navigation", section 10.3), and is taken for noise here, as
-        much more of it as it is the same from sight to sight.
+        The product of the two errors is the second-order term of the prediction (Bar-Shalom, Li &
+        Kirubarajan 2001, "Estimation with Applications to Tracking and Navigation", section 10.3),
+        and is taken for noise here, as much more of it as it is the same from sight to sight.
         """
         added, joint = np.zeros((2, 2)), state.covariance
+        if state.walls[index].known >= 0:
+            return added
         _, _, yaw, _, at = state.columns(seen.robot, index).tolist()
         variance = float(joint[yaw, yaw] + joint[at, at] - joint[yaw, at] - joint[at, yaw])
-        if state.walls[index].known >= 0 or variance < self.tuning.sure_turn**2:
-            return added
         bearing = float(state.mean[at])
         along = np.array([-math.sin(bearing), math.cos(bearing)])
         place = state.in_team(seen.robot, state.odometry)[:2, :2]
