@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import threading
@@ -14,6 +15,8 @@ LIFELINE = "MRS_ENDS_WITH_STDIN"
 _GRACE_S = 5.0
 #: `ros2 launch` may pass on a Ctrl-C that the terminal has sent, too; a second one comes later [s].
 _TWICE_S = 0.5
+#: A node that has begun to leave its network has ended after this, or is ended [s].
+_LEAVE_S = 10
 
 
 def end_in_order() -> threading.Event:
@@ -45,6 +48,15 @@ def end_in_order() -> threading.Event:
     if os.environ.get(LIFELINE):
         threading.Thread(target=_watch_parent, args=[stop], name="lifeline", daemon=True).start()
     return stop
+
+
+def end_soon() -> None:
+    """Has the process ended by SIGALRM, which says where it is, if it does not end by itself.
+
+    A middleware that hangs while a node is destroyed is not Python: no handler of ours would run.
+    """
+    faulthandler.register(signal.SIGALRM, chain=True)
+    signal.alarm(_LEAVE_S)
 
 
 def ignore_signals() -> None:

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from mrs_people_loc.errors import ConfigError
 from mrs_ros import security
-from mrs_ros.ending import end_in_order, ignore_signals
+from mrs_ros.ending import end_in_order, end_soon, ignore_signals
 from mrs_ros.managed_node import ManagedNode
 from mrs_ros.network import given_domain, use_shipped_profile
 
@@ -65,6 +65,7 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
         rclpy.logging.get_logger(usage.split()[1]).error(str(err))
         return EXIT_USAGE
     finally:
+        end_soon()
         if node is not None:
             node.destroy_node()
         rclpy.utilities.try_shutdown()

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 #: A node that tells itself to end where it is told to, and goes on for longer than rclpy's own
 #: signal handler takes to shut the context down.
 PROGRAM = """
-import os, signal, sys, time
+import ctypes, os, signal, sys, time
 from std_msgs.msg import String
 from mrs_people_loc.config import PlannerConfig
 from mrs_ros import ending
@@ -27,6 +27,8 @@ from mrs_ros.running import run
 where, number = sys.argv[1], int(sys.argv[2])
 if where == "hang":
     ending._GRACE_S = 0.5
+if where == "leave":
+    ending._LEAVE_S = 1
 
 class Node(ManagedNode):
     def __init__(self):
@@ -53,6 +55,13 @@ class Node(ManagedNode):
         self.meet("callback")
         self.out.publish(String())
         print("published", flush=True)
+        if where == "leave":
+            os.kill(os.getpid(), number)
+
+    def destroy_node(self):
+        if where == "leave":
+            ctypes.CDLL(None).sleep(1000)  # as where a middleware hangs: not in Python
+        super().destroy_node()
 
 sys.exit(run(Node, "usage: node", ["node"]))
 """
@@ -119,6 +128,13 @@ def test_second_interrupt_ends_a_node_that_hangs(domain: int) -> None:
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=DEADLINE_S)
     assert process.returncode == -signal.SIGINT
+
+
+def test_node_that_hangs_as_it_leaves_its_network_is_ended_and_says_where(domain: int) -> None:
+    process = program("leave", signal.SIGINT)
+    reported, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == -signal.SIGALRM, reported
+    assert "in destroy_node" in reported
 
 
 def test_closed_standard_input_ends_a_node_only_with_a_lifeline(domain: int) -> None:
