@@ -44,7 +44,8 @@ class WallTuning:
         others_lately_s: What others saw within this time, likewise [s].
         doubtful_s: Walls that were not established are dropped after this time [s].
         new_sigmas: Walls that are measured worse than this are not added [m, rad].
-        end_sigma: Standard deviation of the place of a wall's end [m].
+        end_sigma: Standard deviation of the place of a wall's end [m], and ...
+        end_turn: ... of the direction in which it is seen, about a pixel [rad].
         direction_lasts: The error of a wall's direction relative to a robot is the same in so many
             sights.
         misfits: A known wall that was seen elsewhere so often, and never recognized, is no longer
@@ -68,6 +69,7 @@ class WallTuning:
     doubtful_s: float = 3.0
     new_sigmas: tuple[float, float] = (0.2, 0.2)
     end_sigma: float = 0.1
+    end_turn: float = 0.01
     direction_lasts: float = 50.0
     misfits: int = 10
     forgiven: int = 50
@@ -383,12 +385,15 @@ class WallLandmarks:
     def _ends(self, state: TeamState, seen: _Seen, index: int, side: float) -> TeamState:
         """The state corrected by the ends of a known wall."""
         wall, columns = state.walls[index], state.columns(seen.robot, index)
-        noise = np.array([[self.tuning.end_sigma**2]])
         for k in range(2):
             which = k if side > 0 else 1 - k
             if not (seen.is_end[k] and self.known.is_end[wall.known][which]):
                 continue
             end, at = self.known.landmarks[wall.known].extent[which], seen.extent[k]
+            # The farther along the wall, the flatter it is seen.
+            away = max(float(seen.line[0]), self.tuning.end_sigma)
+            turned = self.tuning.end_turn * (away**2 + at**2) / away
+            noise = np.array([[self.tuning.end_sigma**2 + turned**2]])
 
             def model(part: Float, end: float = end, at: float = at) -> tuple[Float, Float]:
                 predicted, jacobian = end_from(part, wall.anchor, end, side)

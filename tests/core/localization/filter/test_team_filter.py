@@ -1,6 +1,7 @@
 """Who is lost, when relative poses of two robots do not fit; who is doubted after a silence."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -212,6 +213,19 @@ def test_robot_that_was_turned_and_carried_is_placed_by_one_relative_pose():
     assert {robot: trust.times_lost for robot, trust in state.trust.items()} == {
         "a": 0, "b": 1, "c": 0
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("away", "least", "most"), [(1.0, 0.85, 0.95), (4.5, 0.5, 0.7)])
+def test_end_of_a_known_wall_counts_the_less_the_flatter_it_is_seen(away, least, most):
+    """By how much of 0.25 m a robot is corrected that is 1 m beside a wall, so far from its end."""
+    known = replace(as_walls([[0.0, -1.0, 10.0, -1.0]]), is_end=np.array([[True, True]]))
+    team, place = TeamFilter("a", Localization(), known), np.array([10.0 - away, 0.0, 0.0])
+    told, covariance = place + [0.25, 0.0, 0.0], np.diag([0.3**2, 1e-4, 1e-5])
+    state = team.apply(TeamState(), Joined("a", standing(0), told, covariance))
+    seen = as_walls([[-2.0, -1.0, away, -1.0]], (0.01, 0.01))
+    seen = replace(seen, is_end=np.array([[False, True]]))
+    state = team.apply(state, WallsSeen("a", standing(0.1), seen))
+    assert least < (told[0] - state.mean[0]) / 0.25 < most
 
 
 def test_robot_that_was_known_less_surely_is_placed_as_soon_as_it_is_lost():
