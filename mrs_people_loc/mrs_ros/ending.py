@@ -55,7 +55,7 @@ def end_soon() -> None:
 
     A middleware that hangs while a node is destroyed is not Python: no handler of ours would run.
     """
-    faulthandler.register(signal.SIGALRM, chain=True)
+    faulthandler.register(signal.SIGALRM, file=2, chain=True)  # sys.stderr may be closed
     signal.alarm(_LEAVE_S)
 
 

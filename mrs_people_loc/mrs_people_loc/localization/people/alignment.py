@@ -134,13 +134,13 @@ def align(
         The likeliest, the priors taken into account; None: no two people match, or not the one
         whom both see.
     """
-    least = 2
-    if len(own) == len(others) == 1:
-        least, tuning = 1, dataclasses.replace(tuning, density=tuning.density_of_one)
+    alone = len(own) == len(others) == 1
+    if alone:
+        tuning = dataclasses.replace(tuning, density=tuning.density_of_one)
     matches = _possible_matches(own, others, priors[-1], tuning)
-    if len(matches) < least:
+    if len(matches) < (1 if alone else 2):
         return None
-    return _likeliest(matches, priors, tuning, least=least)
+    return _likeliest(matches, priors, tuning)
 
 
 def align_anywhere(
@@ -227,19 +227,16 @@ def _likeliest(
     priors: Sequence[Float],
     tuning: AlignmentTuning,
     extra: Float | None = None,
-    *,
-    least: int = 2,
 ) -> Alignment | None:
     """The likeliest move and turn.
 
     Args:
-        matches: `least` of them, at least.
+        matches: Two at least, or one that is all there is.
         priors: See `align`.
         tuning: Constants.
         extra: By number of matches, what is added to the evidence; None: nothing. If given, each
             turn is as likely as the others: a normal distribution about it with a variance of
             2 pi has a density of 1 / (2 pi) there.
-        least: So many match, at least.
     """
     prior = priors[-1]
     few = matches.select(slice(tuning.candidates))
@@ -258,7 +255,7 @@ def _likeliest(
     count = matched.sum(axis=1)
     if extra is not None:
         evidence += extra[count]
-    evidence[count < least] = -np.inf
+    evidence[count < min(2, len(matches))] = -np.inf
     best = int(evidence.argmax())
     if not np.isfinite(evidence[best]):
         return None
