@@ -22,12 +22,13 @@ describe`.
 
 
 #: The thread of velocities waits no longer than this for a step [s]; Python's own is 5 ms.
-_SWITCH_S = 0.5e-3
+_SWITCH_S = 0.1e-3
 #: Parameters of mallopt(3) and their values: no mapping of its own for a large message, and only
 #: what is free beyond so much goes back to the system [bytes].
-_KEEP_MEMORY = {-4: 0, -1: 256_000_000}  # M_MMAP_MAX, M_TRIM_THRESHOLD
-#: Memory that is there from the beginning, for messages that are too large, too [bytes].
-_AT_HAND = 128_000_000
+_KEEP_MEMORY = {-4: 0, -1: 512_000_000}  # M_MMAP_MAX, M_TRIM_THRESHOLD
+#: Memory that is there from the beginning: for the maps that are kept, and beside them for messages
+#: that are too large [bytes].
+_AT_HAND = 256_000_000
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from mrs_people_loc import messages
 from mrs_people_loc.config import GuideConfig
 from mrs_people_loc.config.parameters import check_robots
-from mrs_people_loc.errors import AheadError, PeopleError, PoseError, TourError
+from mrs_people_loc.errors import AheadError, PeopleError, PoseError, SizeError, TourError
 from mrs_people_loc.guiding.guidance import Guidance, State
 from mrs_people_loc.guiding.tour import Tour
 from mrs_people_loc.guiding.tour_control import Ends, Now, TourControl
@@ -47,10 +47,11 @@ from planner_node.loading import load_scipy
 
 #: Period of steps, and of velocities: those may be 70 ms late and come within 100 ms [s].
 _PERIOD_S, _VELOCITIES_S = 0.05, 0.03
-#: Larger messages are refused unread: about 400 people, a path of 1,000 poses, a map of 200 by 200
-#: m with cells of 5 cm [bytes].
-_MOST_BYTES = {People: 320_000, Path: 128_000, OccupancyGrid: 17_000_000}
-_MOST_BYTES[PoseWithCovarianceStamped] = 4_000
+#: Larger messages are refused unread: about 400 people, a path of 1,000 poses [bytes].
+_MOST_BYTES = {People: 320_000, Path: 128_000, PoseWithCovarianceStamped: 4_000}
+#: Larger maps are refused: 200 by 200 m with cells of 5 cm. To refuse them unread would copy them
+#: once more, and nothing else runs meanwhile.
+_MOST_CELLS = 17_000_000
 #: Robots whose poses are heard, at most.
 _MOST_ROBOTS = 16
 #: At the end of the process the result of a tour gets this long to get out [s].
@@ -98,7 +99,7 @@ class GuideNode(ManagedNode):
         self._timer = self.create_timer(_PERIOD_S, self._tick, clock=steady)
         self._beat = Beat(_VELOCITIES_S, self._drive)
         self._take(People, self.config.people_topic, self._on_people, STREAM)
-        self._take(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
+        self.listen(OccupancyGrid, "map", self._on_map, MAP, any_number=True)
         for topic, take in (("stop", self._on_stop_topic), ("attended", self._on_attended)):
             self.listen(Empty, topic, take, QoSProfile(depth=1), once=True, any_number=True)
         self._take(Path, "tour_path", self._on_path, QoSProfile(depth=1), any_number=True)
@@ -179,6 +180,8 @@ class GuideNode(ManagedNode):
 
     def _on_map(self, message: OccupancyGrid) -> None:
         """Has the free floor of a map found beside the steps of a tour; the newest map counts."""
+        if len(message.data) > _MOST_CELLS:
+            raise SizeError(f"data has {len(message.data)} cells; allowed: {_MOST_CELLS}")
         grid = messages.read_occupancy_grid(message, self.config.map_frame)
         if self._map is not None:
             self._map[1].cancel()
