@@ -38,6 +38,7 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
     Returns:
         Exit code: 0 after a clean end, 2 if the configuration is wrong, 1 if it cannot start.
     """
+    _open_streams()
     argv = sys.argv if argv is None else argv
     if {"-h", "--help"} & set(argv[1:]):
         sys.stdout.write(usage.strip() + "\n")
@@ -71,6 +72,17 @@ def run(make_node: Callable[[], ManagedNode], usage: str, argv: list[str] | None
         rclpy.utilities.try_shutdown()
         ignore_signals()
     return 0
+
+
+def _open_streams() -> None:
+    """Opens closed standard streams, to nowhere.
+
+    What the process opens first would take their places: a socket would get what is logged. rclpy's
+    executor asks for `sys.stderr`.
+    """
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # each takes the lowest number that is free: its own
+            setattr(sys, name, open(os.devnull, "r+"))  # noqa: SIM115
 
 
 def _join_network(argv: list[str]) -> tuple[str, str]:

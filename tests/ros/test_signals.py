@@ -147,3 +147,9 @@ def test_closed_standard_input_ends_a_node_only_with_a_lifeline(domain: int) -> 
     process.send_signal(signal.SIGTERM)
     reported, _ = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, reported
+
+
+def test_node_starts_without_standard_streams(domain: int) -> None:
+    closed = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh"]
+    node = [sys.executable, "-c", PROGRAM, "callback", str(int(signal.SIGINT))]
+    assert subprocess.run([*closed, *node], timeout=DEADLINE_S).returncode == 0
