@@ -322,7 +322,10 @@ class Walls:
         if not len(near):
             return xy
         step = _GRADIENT_CELLS * self._grid.resolution * np.eye(2)
-        ahead, behind = (self.distance(xy[near, np.newaxis] + way) for way in (step, -step))
+        here = away[near, np.newaxis]
+        around = [self.distance(xy[near, np.newaxis] + way) for way in (step, -step)]
+        # It is inf off the grid, and where nothing is known yet.
+        ahead, behind = (np.where(np.isinf(one), here, one) for one in around)
         gradient = ahead - behind
         length = np.hypot(gradient[:, 0], gradient[:, 1])
         unit = gradient / np.maximum(length, 1e-9)[:, np.newaxis]

@@ -296,6 +296,7 @@ def test_places_are_moved_straight_off_walls():
         (0.05, 0.05): (diagonal, diagonal),
         (3.05, -0.05): (3.05, 0.4),  # in the wall, at 0 m from it
         (3.05, 0.55): (3.05, 0.55),  # far enough
+        (3.05, -0.5): (3.05, -0.5),  # deep behind it, beside what is off the grid
         (3.05, -9.0): (3.05, -9.0),  # off the grid
     }
     np.testing.assert_allclose(walls.off(np.array([*moved]), 0.45), [*moved.values()], atol=1e-6)
