@@ -25,6 +25,7 @@ from ros.planner_peer import pose_of
 LASTS_S, PERIOD_S = 0.8, 0.1
 FEW = QoSProfile(depth=10)
 WAY = [(0.1 * k, 0.0) for k in range(9000)]
+LONG = "x" * 30_000_000
 KINDS = (
     "many people",
     "too many people",
@@ -32,6 +33,7 @@ KINDS = (
     "long path",
     "large map",
     "too large map",
+    "map with a long frame",
     "long string",
     "goals",
     "long goals",
@@ -46,10 +48,10 @@ def people(count: int, ahead_s: float = 0.0) -> People:
     return people_of(now_ns, places, np.zeros((count, 2)), ["robot_a", "robot_b"])
 
 
-def map_of(size: int) -> OccupancyGrid:
+def map_of(size: int, frame_id: str = "map") -> OccupancyGrid:
     """A free map, with one wall beside the tour, another one each time."""
     grid = OccupancyGrid()
-    grid.header.frame_id = "map"
+    grid.header.frame_id = frame_id
     grid.info.resolution = 0.05
     grid.info.width = grid.info.height = size
     grid.info.origin.position.x = grid.info.origin.position.y = -0.5 * size * 0.05
@@ -82,6 +84,7 @@ def messages(node: Any, kind: str) -> tuple[Callable[[], object], Callable[[], o
         "long path": (Path, "tour_path", FEW, lambda: path_of(*WAY)),
         "large map": (OccupancyGrid, "map", MAP, lambda: map_of(4000)),
         "too large map": (OccupancyGrid, "map", MAP, lambda: map_of(6000)),
+        "map with a long frame": (OccupancyGrid, "map", MAP, lambda: map_of(400, LONG)),
         "long string": (
             PoseWithCovarianceStamped,
             "robot_a/pose",

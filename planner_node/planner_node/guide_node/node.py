@@ -50,8 +50,8 @@ _PERIOD_S, _VELOCITIES_S = 0.05, 0.03
 #: Larger messages are refused unread: about 400 people, a path of 1,000 poses [bytes].
 _MOST_BYTES = {People: 320_000, Path: 128_000, PoseWithCovarianceStamped: 4_000}
 #: Larger maps are refused: 200 by 200 m with cells of 5 cm. To refuse them unread would copy them
-#: once more, and nothing else runs meanwhile.
-_MOST_CELLS = 17_000_000
+#: once more, and nothing else runs meanwhile [bytes].
+_MOST_OF_MAP = 17_000_000
 #: Robots whose poses are heard, at most.
 _MOST_ROBOTS = 16
 #: At the end of the process the result of a tour gets this long to get out [s].
@@ -180,8 +180,9 @@ class GuideNode(ManagedNode):
 
     def _on_map(self, message: OccupancyGrid) -> None:
         """Has the free floor of a map found beside the steps of a tour; the newest map counts."""
-        if len(message.data) > _MOST_CELLS:
-            raise SizeError(f"data has {len(message.data)} cells; allowed: {_MOST_CELLS}")
+        size = len(message.data) + len(message.header.frame_id)
+        if size > _MOST_OF_MAP:
+            raise SizeError(f"cells and frame_id have {size} bytes; allowed: {_MOST_OF_MAP}")
         grid = messages.read_occupancy_grid(message, self.config.map_frame)
         if self._map is not None:
             self._map[1].cancel()
