@@ -119,7 +119,11 @@ class Alignment:
 
 
 def align(
-    own: Places, others: Places, *priors: Float, tuning: AlignmentTuning = ALIGNMENT_TUNING
+    own: Places,
+    others: Places,
+    *priors: Float,
+    last: float | None = None,
+    tuning: AlignmentTuning = ALIGNMENT_TUNING,
 ) -> Alignment | None:
     """Finds the move and turn with which most of a robot's people are where others see people.
 
@@ -127,7 +131,9 @@ def align(
         own: Places of people that the robot sees.
         others: Places of people that others see, relative to the same point.
         *priors: Covariances of what its pose may be wrong by, x, y, turn [m, m, rad], shape (3, 3),
-            one at least; each is as likely as the others, and the last is the widest.
+            one at least; the last is the widest.
+        last: Probability of that, where there are others, which are equally likely; None: it is
+            as likely as each of them.
         tuning: Constants.
 
     Returns:
@@ -140,7 +146,10 @@ def align(
     matches = _possible_matches(own, others, priors[-1], tuning)
     if len(matches) < (1 if alone else 2):
         return None
-    return _likeliest(matches, priors, tuning)
+    likely = np.full(len(priors), 1.0 / len(priors))
+    if last is not None and len(priors) > 1:
+        likely = np.append(np.full(len(priors) - 1, (1.0 - last) / (len(priors) - 1)), last)
+    return _likeliest(matches, priors, likely, tuning)
 
 
 def align_anywhere(
@@ -183,7 +192,7 @@ def align_anywhere(
     # Each number of matches is equally likely, and so is each choice of so many.
     ways = [math.log((fewer + 1) * math.comb(fewer, m)) for m in range(fewer + 1)]
     extra = _log_group(own, others, tuning) - np.array(ways)
-    found = _likeliest(_moving(matches, own, others), (prior,), tuning, extra)
+    found = _likeliest(_moving(matches, own, others), (prior,), np.ones(1), tuning, extra)
     if found is None:
         return None
     move = found.move + there - rotation_2d(found.turn) @ middle
@@ -225,6 +234,7 @@ def fit(
 def _likeliest(
     matches: _Matches,
     priors: Sequence[Float],
+    likely: Float,
     tuning: AlignmentTuning,
     extra: Float | None = None,
 ) -> Alignment | None:
@@ -233,6 +243,7 @@ def _likeliest(
     Args:
         matches: Two at least, or one that is all there is.
         priors: See `align`.
+        likely: Their probabilities.
         tuning: Constants.
         extra: By number of matches, what is added to the evidence; None: nothing. If given, each
             turn is as likely as the others: a normal distribution about it with a variance of
@@ -250,8 +261,11 @@ def _likeliest(
         states = states + np.linalg.solve(normal + information, step[:, :, np.newaxis])[:, :, 0]
     matched, gain = matches.matched(states)
     normal, gradient = matches.normal_equations(states, matched)
-    freedom = [_log_mean(states * known, normal, gradient, one) for one in priors]
-    evidence = gain + np.logaddexp.reduce(freedom) - math.log(len(priors))
+    freedom = [
+        math.log(share) + _log_mean(states * known, normal, gradient, one)
+        for one, share in zip(priors, likely.tolist(), strict=True)
+    ]
+    evidence = gain + np.logaddexp.reduce(freedom)
     count = matched.sum(axis=1)
     if extra is not None:
         evidence += extra[count]

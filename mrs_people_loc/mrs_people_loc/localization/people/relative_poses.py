@@ -18,9 +18,10 @@ the covariances are multiplied accordingly.
 
 The search is as wide as the poses are unsure. Two robots that it does not find for some windows, or
 of which one is lost, are searched whatever their poses are wrong by (`align_anywhere`), with the
-people and velocities of two windows; for a lost one, with those of all that are not, as if one
-robot had seen them. What is found has to be found again in the next window. Then
-the usual search begins there, and measures with the people of the last window.
+people and velocities of two windows: those of all robots that were measured with one of the two
+lately, as if one robot had seen them; for a lost one, with those of all that are not. What is found
+has to be found again in the next window. Then the usual search begins there, and measures with the
+people of the last window.
 """
 
 from __future__ import annotations
@@ -79,7 +80,11 @@ class RelativePosesTuning:
             have in common, x, y, yaw [m, m, rad].
         told: Standard deviations of what a pose may be wrong by, beside its covariance, where that
             is right: x, y, yaw [m, m, rad].
-        mistaken: Likewise, where it is not.
+        mistaken: Likewise, where it is not: people who walk two by two look like those behind them,
+            and a pose wrong by their distance would explain it ...
+        often: ... so this is its probability, for two robots that were not measured lately or are
+            still, ...
+        often_missed: ... and for those that were, and are not.
         farthest: Likewise, at most.
         evidence: Log-odds of an alignment that counts by itself, at least ...
         margin: ... and log-odds over the next best one.
@@ -116,6 +121,8 @@ class RelativePosesTuning:
     least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
     told: tuple[float, float, float] = (0.1, 0.1, math.radians(2.0))
     mistaken: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
+    often: float = 0.25
+    often_missed: float = 0.5
     farthest: tuple[float, float, float] = (4.0, 4.0, math.radians(60.0))
     evidence: float = 3.5
     margin: float = 5.0
@@ -424,7 +431,7 @@ class RelativePoses:
         """
         tuning, last, pair.far = self.tuning, pair.far, None
         pose = self._robots[names[1]].seen[-1][1]
-        teams = [self._with_others(name, names, lost) for name in names]
+        teams = self._teams(names, lost)
         there, own = (people.moving(pose) for people in self._over_two_windows(teams))
         found = align_anywhere(own, there, tuning=tuning.anywhere)
         if (
@@ -441,15 +448,26 @@ class RelativePoses:
         pair.far = _Far(found.evidence, pose, off, covariance)
         return pair.far if pair.far.confirms(last, tuning) else None
 
-    def _with_others(
-        self, name: str, pair: tuple[str, str], lost: Collection[str]
-    ) -> Sequence[str]:
-        """A robot of a pair; if the other one alone is lost, with all that are not."""
-        if name in lost or not set(pair) & set(lost):
-            return [name]
-        return [other for other in self._robots if other not in lost]
+    def _teams(self, names: tuple[str, str], lost: Collection[str]) -> list[Collection[str]]:
+        """Each robot of a pair, with those that it was measured with lately, or these with others.
 
-    def _over_two_windows(self, teams: Sequence[Sequence[str]]) -> Iterator[Tracks]:
+        If one of the two alone is lost, the other one is with all that are not.
+        """
+        present = [name for name in self._robots if name not in lost]
+        if set(names) & set(lost):
+            return [[name] if name in lost else present for name in names]
+        lately_ns = max(p.compared_ns for p in self._pairs.values()) - self.tuning.memory_ns
+        teams = [{name} for name in names]
+        links = [
+            set(measured)
+            for measured, pair in self._pairs.items()
+            if pair.measured_ns > max(lately_ns, 0) and set(measured) <= set(present)
+        ]
+        for team in teams * len(links):
+            team.update(*(link for link in links if link & team))
+        return [[name] for name in names] if teams[0] & teams[1] else [*map(sorted, teams)]
+
+    def _over_two_windows(self, teams: Sequence[Collection[str]]) -> Iterator[Tracks]:
         """People in the last window and the one before, those of each team as if of one robot."""
         robots = self._robots
         seen = [[s for name in t for s in robots[name].before + robots[name].seen] for t in teams]
@@ -485,7 +503,11 @@ class RelativePoses:
     ) -> Alignment | None:
         """Which people are the same as others, if it is sure; notes it if it is to be confirmed."""
         tuning = self.tuning
-        found = align(sees, seen, *_priors(one, other, tuning), tuning=tuning.alignment)
+        lately_ns = max(other.stamp_ns - tuning.memory_ns, 0)
+        is_missed = pair.missed > 0 and pair.measured_ns > lately_ns
+        last = tuning.often_missed if is_missed else tuning.often
+        priors = _priors(one, other, tuning)
+        found = align(sees, seen, *priors, last=last, tuning=tuning.alignment)
         if found is None or not tuning.may_count(found):
             pair.guess = None
             return None

@@ -220,6 +220,26 @@ def test_lost_robot_is_found_by_people_of_whom_each_other_robot_sees_two(robot):
         np.testing.assert_allclose(team.error(one), 0.0, atol=0.25)
 
 
+@pytest.mark.parametrize("robot", ["a", "b", "c"])
+def test_robot_that_nobody_calls_lost_is_found_by_those_who_are_measured_with_each_other(robot):
+    """It shares two people with each of them, who share two others."""
+    six = np.concatenate([FIVE, [(3.3, 2.8)]])
+    names = {"b": robot, **dict(zip("ac", sorted({*"abc"} - {robot}), strict=True))}
+    robots = {names[name]: pose for name, pose in THREE_ROBOTS.items()}
+    unseen = {
+        names[name]: people for name, people in {"a": [3, 4], "b": [2, 5], "c": [0, 1]}.items()
+    }
+    team = Team(
+        six, robots, reported={robot: FAR}, sigmas=(0.1, 0.1, 0.03), unseen=unseen,
+        pass_by=0.6 * np.concatenate([APART, [(0.2, 0.7)]]),
+    )  # fmt: skip
+    measured = [one for of_window in windows(team, 8) for one in of_window]
+    of_wrong = [one for one in measured if robot in (one.robot, one.other)]
+    assert of_wrong
+    for one in of_wrong:
+        np.testing.assert_allclose(team.error(one), 0.0, atol=0.25)
+
+
 @pytest.mark.parametrize("xy", [SQUARE, TRIANGLE, LINE], ids=["square", "triangle", "line"])
 def test_ambiguous_constellations_wait(xy):
     robots = {"a": (-4.0, 0.5, 0.0), "b": (5.0, -3.0, 2.2), "c": (0.0, 6.0, -1.6)}
