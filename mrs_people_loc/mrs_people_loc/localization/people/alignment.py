@@ -122,7 +122,7 @@ def align(
     own: Places,
     others: Places,
     *priors: Float,
-    last: float | None = None,
+    wider: float = 0.5,
     tuning: AlignmentTuning = ALIGNMENT_TUNING,
 ) -> Alignment | None:
     """Finds the move and turn with which most of a robot's people are where others see people.
@@ -130,10 +130,9 @@ def align(
     Args:
         own: Places of people that the robot sees.
         others: Places of people that others see, relative to the same point.
-        *priors: Covariances of what its pose may be wrong by, x, y, turn [m, m, rad], shape (3, 3),
-            one at least; the last is the widest.
-        last: Probability of that, where there are others, which are equally likely; None: it is
-            as likely as each of them.
+        *priors: Covariances of what its pose may be wrong by, x, y, turn [m, m, rad], shape (3, 3):
+            one, or two of which the second is wider.
+        wider: Probability of the second.
         tuning: Constants.
 
     Returns:
@@ -146,9 +145,7 @@ def align(
     matches = _possible_matches(own, others, priors[-1], tuning)
     if len(matches) < (1 if alone else 2):
         return None
-    likely = np.full(len(priors), 1.0 / len(priors))
-    if last is not None and len(priors) > 1:
-        likely = np.append(np.full(len(priors) - 1, (1.0 - last) / (len(priors) - 1)), last)
+    likely = (1.0 - wider, wider) if len(priors) == 2 else (1.0,)
     return _likeliest(matches, priors, likely, tuning)
 
 
@@ -192,7 +189,7 @@ def align_anywhere(
     # Each number of matches is equally likely, and so is each choice of so many.
     ways = [math.log((fewer + 1) * math.comb(fewer, m)) for m in range(fewer + 1)]
     extra = _log_group(own, others, tuning) - np.array(ways)
-    found = _likeliest(_moving(matches, own, others), (prior,), np.ones(1), tuning, extra)
+    found = _likeliest(_moving(matches, own, others), (prior,), (1.0,), tuning, extra)
     if found is None:
         return None
     move = found.move + there - rotation_2d(found.turn) @ middle
@@ -234,7 +231,7 @@ def fit(
 def _likeliest(
     matches: _Matches,
     priors: Sequence[Float],
-    likely: Float,
+    likely: Sequence[float],
     tuning: AlignmentTuning,
     extra: Float | None = None,
 ) -> Alignment | None:
@@ -263,7 +260,7 @@ def _likeliest(
     normal, gradient = matches.normal_equations(states, matched)
     freedom = [
         math.log(share) + _log_mean(states * known, normal, gradient, one)
-        for one, share in zip(priors, likely.tolist(), strict=True)
+        for one, share in zip(priors, likely, strict=True)
     ]
     evidence = gain + np.logaddexp.reduce(freedom)
     count = matched.sum(axis=1)

@@ -80,12 +80,11 @@ class RelativePosesTuning:
             have in common, x, y, yaw [m, m, rad].
         told: Standard deviations of what a pose may be wrong by, beside its covariance, where that
             is right: x, y, yaw [m, m, rad].
-        mistaken: Likewise, where it is not: people who walk two by two look like those behind them,
-            and a pose wrong by their distance would explain it ...
-        often: ... so this is its probability, for two robots that were not measured lately or are
-            still, ...
-        often_missed: ... and for those that were, and are not.
+        mistaken: Likewise, where it is not.
         farthest: Likewise, at most.
+        often_mistaken: Probability that a pose is: low, as people who walk two by two look like
+            those behind them, and a pose wrong by their distance would explain that ...
+        often_missed: ... but higher if the two robots were measured lately, and are not any more.
         evidence: Log-odds of an alignment that counts by itself, at least ...
         margin: ... and log-odds over the next best one.
         evidence_again: Likewise of one that counts if the last one of the two robots was such, and
@@ -121,9 +120,9 @@ class RelativePosesTuning:
     least: tuple[float, float, float] = (0.02, 0.02, math.radians(0.4))
     told: tuple[float, float, float] = (0.1, 0.1, math.radians(2.0))
     mistaken: tuple[float, float, float] = (0.35, 0.35, math.radians(6.0))
-    often: float = 0.25
-    often_missed: float = 0.5
     farthest: tuple[float, float, float] = (4.0, 4.0, math.radians(60.0))
+    often_mistaken: float = 0.25
+    often_missed: float = 0.5
     evidence: float = 3.5
     margin: float = 5.0
     evidence_again: float = 2.0
@@ -505,9 +504,9 @@ class RelativePoses:
         tuning = self.tuning
         lately_ns = max(other.stamp_ns - tuning.memory_ns, 0)
         is_missed = pair.missed > 0 and pair.measured_ns > lately_ns
-        last = tuning.often_missed if is_missed else tuning.often
+        wider = tuning.often_missed if is_missed else tuning.often_mistaken
         priors = _priors(one, other, tuning)
-        found = align(sees, seen, *priors, last=last, tuning=tuning.alignment)
+        found = align(sees, seen, *priors, wider=wider, tuning=tuning.alignment)
         if found is None or not tuning.may_count(found):
             pair.guess = None
             return None

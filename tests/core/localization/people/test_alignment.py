@@ -116,14 +116,14 @@ def test_priors_are_equally_likely():
     assert both.evidence == pytest.approx(alone.evidence - math.log(2.0), abs=1e-3)
 
 
-def test_probability_of_the_widest_prior():
+def test_probability_of_the_wider_prior():
     own, others = places(PEOPLE), places(np.array(PEOPLE) + (0.8, 0.0))
     alone = align(own, others, WIDE)
-    rarely = align(own, others, NARROW, WIDE, last=0.1)
+    rarely = align(own, others, NARROW, WIDE, wider=0.1)
     assert alone is not None
     assert rarely is not None
     assert rarely.evidence == pytest.approx(alone.evidence - math.log(10.0), abs=1e-3)
-    only = align(own, others, WIDE, last=0.1)
+    only = align(own, others, WIDE, wider=0.1)
     assert only is not None
     assert only.evidence == pytest.approx(alone.evidence)
 

@@ -361,10 +361,10 @@ def test_two_by_two_of_whom_each_robot_sees_another_row_are_not_the_same():
     others = replace(own, xy=own.xy + (0.6, 0.03))
     told, mistaken = (np.diag(np.square(s)) for s in ((0.17, 0.12, 0.04), (0.37, 0.35, 0.11)))
     tuning = RELATIVE_POSES_TUNING
-    found = align(own, others, told, mistaken, last=tuning.often)
+    found = align(own, others, told, mistaken, wider=tuning.often_mistaken)
     assert found is not None
     assert not tuning.may_count(found)
-    found = align(own, others, told, mistaken, last=tuning.often_missed)
+    found = align(own, others, told, mistaken, wider=tuning.often_missed)
     assert found is not None
     assert tuning.may_count(found)
 
