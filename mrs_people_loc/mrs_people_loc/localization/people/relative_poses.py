@@ -58,6 +58,7 @@ from mrs_people_loc.localization.people.window_tracks import (
     tracks_of,
 )
 from mrs_people_loc.localization.shared import RelativePose, StandingPeople, TeamMeasurement
+from mrs_people_loc.neighbours import connected
 from mrs_people_loc.team.masking import Walls
 from mrs_people_loc.team.poses import Pose
 
@@ -82,8 +83,8 @@ class RelativePosesTuning:
             is right: x, y, yaw [m, m, rad].
         mistaken: Likewise, where it is not.
         farthest: Likewise, at most.
-        often_mistaken: Probability that a pose is: low, as people who walk two by two look like
-            those behind them, and a pose wrong by their distance would explain that ...
+        often_mistaken: Probability that a pose is mistaken: low, as people who walk two by two look
+            like those behind them, and a pose wrong by their distance would explain that ...
         often_missed: ... but higher if the two robots were measured lately, and are not any more.
         evidence: Log-odds of an alignment that counts by itself, at least ...
         margin: ... and log-odds over the next best one.
@@ -234,6 +235,10 @@ class _Pair:
     far: _Far | None = None
     known: _Far | None = None
     known_ns: int = 0
+
+    def was_measured(self, since_ns: int) -> bool:
+        """Whether their relative pose was measured after a time [ns]."""
+        return self.measured_ns > max(since_ns, 0)
 
     def confirms(self, found: Alignment, pose: Pose, tuning: RelativePosesTuning) -> bool:
         """Whether an alignment of the second robot, at a pose, is the last one again."""
@@ -456,15 +461,16 @@ class RelativePoses:
         if set(names) & set(lost):
             return [[name] if name in lost else present for name in names]
         lately_ns = max(p.compared_ns for p in self._pairs.values()) - self.tuning.memory_ns
-        teams = [{name} for name in names]
-        links = [
-            set(measured)
+        linked = [
+            [present.index(name) for name in measured]
             for measured, pair in self._pairs.items()
-            if pair.measured_ns > max(lately_ns, 0) and set(measured) <= set(present)
+            if pair.was_measured(lately_ns) and set(measured) <= set(present)
         ]
-        for team in teams * len(links):
-            team.update(*(link for link in links if link & team))
-        return [[name] for name in names] if teams[0] & teams[1] else [*map(sorted, teams)]
+        one, other = np.array(linked, dtype=np.intp).reshape(-1, 2).T
+        team = dict(zip(present, connected(one, other, len(present)).tolist(), strict=True))
+        if team[names[0]] == team[names[1]]:
+            return [[name] for name in names]
+        return [sorted(mate for mate in present if team[mate] == team[name]) for name in names]
 
     def _over_two_windows(self, teams: Sequence[Collection[str]]) -> Iterator[Tracks]:
         """People in the last window and the one before, those of each team as if of one robot."""
@@ -502,8 +508,7 @@ class RelativePoses:
     ) -> Alignment | None:
         """Which people are the same as others, if it is sure; notes it if it is to be confirmed."""
         tuning = self.tuning
-        lately_ns = max(other.stamp_ns - tuning.memory_ns, 0)
-        is_missed = pair.missed > 0 and pair.measured_ns > lately_ns
+        is_missed = pair.missed > 0 and pair.was_measured(other.stamp_ns - tuning.memory_ns)
         wider = tuning.often_missed if is_missed else tuning.often_mistaken
         priors = _priors(one, other, tuning)
         found = align(sees, seen, *priors, wider=wider, tuning=tuning.alignment)

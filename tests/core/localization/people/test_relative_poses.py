@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from core.localization.people.test_alignment import places
 from mrs_people_loc.geometry import rotation_2d, wrap_angle
-from mrs_people_loc.localization.people.alignment import Places, align
+from mrs_people_loc.localization.people.alignment import align
 from mrs_people_loc.localization.people.relative_poses import RELATIVE_POSES_TUNING, RelativePoses
 from mrs_people_loc.localization.people.seen_people import SeenPeople
 from mrs_people_loc.localization.people.window_tracks import TracksTuning, tracks_of
@@ -16,8 +17,6 @@ from mrs_people_loc.team.poses import Pose
 #: Standard deviations along and across the line of sight [m].
 ALONG, ACROSS = 0.08, 0.04
 ROUGH = (1.0, 1.0, math.radians(15.0))
-#: Of two people over a window [m^2].
-ROWS_COVARIANCE = np.tile(0.042**2 * np.eye(2), (2, 1, 1))
 
 
 @dataclass
@@ -357,7 +356,7 @@ def test_two_people_and_poses_that_are_known():
 
 def test_two_by_two_of_whom_each_robot_sees_another_row_are_not_the_same():
     """A pose that is wrong by how far the rows are apart would explain it, in every window."""
-    own = Places(np.array([(2.4, 0.92), (2.3, -0.07)]), ROWS_COVARIANCE, np.zeros(2, np.intp))
+    own = places([(2.4, 0.92), (2.3, -0.07)], 0.042)
     others = replace(own, xy=own.xy + (0.6, 0.03))
     told, mistaken = (np.diag(np.square(s)) for s in ((0.17, 0.12, 0.04), (0.37, 0.35, 0.11)))
     tuning = RELATIVE_POSES_TUNING
