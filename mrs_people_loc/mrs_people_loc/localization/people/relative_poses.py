@@ -329,7 +329,7 @@ class RelativePoses:
         Who tells a pair where they are to each other must not do so twice.
         """
         tuning, lately_ns = self.tuning, now_ns - self.tuning.alone_ns
-        pairs = (names for names, pair in self._pairs.items() if pair.measured_ns > lately_ns)
+        pairs = (names for names, pair in self._pairs.items() if pair.was_measured(lately_ns))
         sharing = {name for names in pairs for name in names}
         factor = 1.0 + 2.0 * tuning.lasting_alone * tuning.lasting_s / (tuning.window_ns / 1e9)
         found = []
