@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import fcntl
 import importlib.util
 import os
 import subprocess
@@ -112,10 +113,15 @@ def add(patch: pytest.MonkeyPatch, variable: str, path: Path) -> None:
 
 
 def built(factory: pytest.TempPathFactory, packages: tuple[str, ...]) -> Path:
-    """Prefix of packages, which are built once in a session."""
-    folder = factory.getbasetemp() / "-".join(("interfaces", *packages))
-    if not folder.exists():
-        _build(folder, packages)
+    """Prefix of packages, which are built once for all workers."""
+    shared = factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    folder = shared / "-".join(("interfaces", *packages))
+    with Path(f"{folder}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            _build(folder, packages)
     return folder / "prefix"
 
 
