@@ -425,16 +425,12 @@ class Localizer:
         return wheels + state.mean[i], np.sqrt(state.covariance[i, i])
 
     def _doubted(self, state: TeamState) -> dict[str, float]:
-        tuning = self._filter.tuning
+        disputed = self._filter.tuning.lost_after
         return {
             robot: trust.off
             for robot, trust in state.trust.items()
             if robot != self.robot
-            and (
-                trust.lost
-                or trust.claims_refused >= tuning.claims_refused
-                or trust.disputed >= tuning.lost_after
-            )
+            and (trust.lost or self._filter.is_refused(trust) or trust.disputed >= disputed)
         }
 
     # -------------------------------------------------------------------------------------- inside

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -301,14 +302,12 @@ class LightTour:
         now_ns: int,
     ) -> None:
         """Robots see walls, and share what they know; the planner measures relative poses."""
-        world = self.world
         told = []
         for name in alive:
-            walls = self._eyes[name].walls(world.walls, places[name], self._bodies(name))
-            sees = name in views and not self._has(self._trouble.blind, name)
-            if len(walls) and sees:
-                self._localizers[name].take_walls(SeenWalls(now_ns, walls))
-            said = self._localizers[name].share()
+            localizer = self._localizers[name]
+            for walls in self._seen_walls(name, places[name], views.get(name), now_ns):
+                localizer.take_walls(walls)
+            said = localizer.share()
             said = dataclasses.replace(said, pose=self._misplaced(name, said.pose))
             self._quarantine.hear(name, said.lost, said.doubted, now_ns)
             told.append(said)
@@ -321,6 +320,19 @@ class LightTour:
                     self._localizers[name].take_teammate(message)
             for pose in relative:
                 self._localizers[name].take_relative(pose)
+
+    def _seen_walls(
+        self, name: str, place: Float, view: PeopleInView | None, now_ns: int
+    ) -> Iterator[SeenWalls]:
+        """What the laser scanner and the head of a robot show; a head may have failed."""
+        sensors, localizer, bodies = self._ranging[name], self._localizers[name], self._bodies(name)
+        if view is not None:
+            sensors.take_people(scan_of(name, now_ns, view))
+        odometry, mates = localizer.odometry_at(now_ns), localizer.mates_at(now_ns)
+        yield from sensors.by_laser(place, bodies, odometry, mates)
+        walls = self._eyes[name].walls(self.world.walls, place, bodies)
+        if len(walls) and view is not None and not self._has(self._trouble.blind, name):
+            yield SeenWalls(now_ns, walls)
 
     def _bodies(self, name: str) -> Float:
         """Where people and the other robots are, shape (n, 2)."""

@@ -63,6 +63,20 @@ def test_robots_take_estimated_poses_for_theirs(tmp_path, poses, largest_m):
         assert 0.0 < error.max() < largest_m
 
 
+def test_walls_that_the_laser_scanner_shows_keep_robots_in_the_map(tmp_path):
+    poor = SCENE.replace("drift: 0.02, drift_yaw: 0.006", "drift: 0.1, drift_yaw: 0.05")
+    medians = []
+    for reach in ("2.0", "10.0"):  # the walls are 4 m away
+        scene = poor.replace("6.2832", f"6.2832, max_range: {reach}")
+        result = run(tmp_path, 6.0, "localized", scene)
+        off = [
+            result.poses[name].poses - track.at(result.poses[name].stamps_ns)
+            for name, track in result.record.robots.items()
+        ]
+        medians.append(np.median(np.linalg.norm(np.concatenate(off)[:, :2], axis=1)))
+    assert medians[1] < 0.6 * medians[0]
+
+
 def test_robots_stand_while_there_is_no_planner_and_one_that_is_killed_stays(tmp_path):
     trouble = Trouble(killed=("robot_c", 8.0), planner_gone=(10.16, 12.0))
     result = run(tmp_path, 14.0, trouble=trouble)

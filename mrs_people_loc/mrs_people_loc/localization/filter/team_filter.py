@@ -51,7 +51,8 @@ class FilterTuning:
     """Constants, chosen by hand.
 
     Attributes:
-        lost_after: A robot is lost after so many observations in a row that do not fit ...
+        lost_after: A robot is lost after so many observations in a row that do not fit,
+        refuted_after: or so many relative poses, which have windows of their own, ...
         lost_after_s: ... and this time [s].
         bumped_after: After so many walls in a row it may have been bumped: its pose is less sure
         bump_sigmas: by this [m, m, rad].
@@ -66,7 +67,8 @@ class FilterTuning:
         lost_sigmas: How much less sure its pose is then [m, m, rad].
         fitted_lately_s: What fitted within this time still speaks for a robot [s].
         claim_gain: Least weight with which a claim is fused.
-        claims_refused: From so many claims in a row that do not fit, a robot is doubted.
+        claims_refused: From so many claims in a row that do not fit, a robot is doubted ...
+        claims_refused_s: ... and this time [s]: where a loop closes, filters differ for a moment.
         silence_s: A robot that claimed nothing for so long was out of contact [s].
         agree_s: After that, filters have this time to agree [s].
         max_differ: Otherwise claims differ by less than this [m] ...
@@ -79,6 +81,7 @@ class FilterTuning:
     """
 
     lost_after: int = 5
+    refuted_after: int = 3
     lost_after_s: float = 0.4
     bumped_after: int = 2
     bump_sigmas: tuple[float, float, float] = (0.03, 0.03, math.radians(2.0))
@@ -92,6 +95,7 @@ class FilterTuning:
     fitted_lately_s: float = 2.0
     claim_gain: float = 0.05
     claims_refused: int = 3
+    claims_refused_s: float = 1.0
     silence_s: float = 2.0
     agree_s: float = 3.0
     max_differ: float = 0.45
@@ -226,7 +230,8 @@ class TeamFilter:
         state = noted(state, robot, "claim", accepted, Residual(squared, 3), stamp_ns)
         if not accepted:
             off, refused = math.hypot(offset[0], offset[1]), trust.claims_refused + 1
-            trust = changed(trust, claims_refused=refused, off=off)
+            since_ns = trust.claims_refused_ns if refused > 1 else stamp_ns
+            trust = changed(trust, claims_refused=refused, claims_refused_ns=since_ns, off=off)
             return _with_trust(state, robot, trust)
         trust = changed(trust, claims_refused=0)
         again = self._is_in_contact_again(trust, stamp_ns)
@@ -249,6 +254,12 @@ class TeamFilter:
         if state.has_map or not step.any():
             return _with_trust(state, robot, trust)
         return _with_trust(state.moved(place, place + step), robot, trust)
+
+    def is_refused(self, trust: Trust) -> bool:
+        """Whether a robot's claims have not fitted for long."""
+        seconds = (trust.claimed_ns - trust.claims_refused_ns) / 1e9
+        enough = trust.claims_refused >= self.tuning.claims_refused
+        return enough and seconds >= self.tuning.claims_refused_s
 
     def _heard(self, trust: Trust, stamp_ns: int) -> Trust:
         """The same at the time of a further claim."""
@@ -325,13 +336,15 @@ class TeamFilter:
                 if state.trust.get(robot, Trust()).lost:
                     state = self._fitted(state, robot, stamp_ns, True)
             return state
-        far = found.squared > self.tuning.far * self.gates[3]
+        tuning = self.tuning
+        refuted_s = (stamp_ns - met.since_ns) / 1e9
+        far = found.squared > tuning.far * self.gates[3]
         suspects: tuple[str, ...] = ()
-        if self._is_long(met.in_a_row, met.since_ns, stamp_ns):
-            suspects = self._suspects(state, pair, stamp_ns)
+        if met.in_a_row >= tuning.refuted_after and refuted_s >= tuning.lost_after_s:
+            suspects = self._suspects(state, pair)
             state = _with_meetings(state, pair, met.restarted())
-        elif far and (met.in_a_row >= self.tuning.far_after or not met.accepted):
-            lately_ns = stamp_ns - round(1e9 * self.tuning.fitted_lately_s)
+        elif far and (met.in_a_row >= tuning.far_after or not met.accepted):
+            lately_ns = stamp_ns - round(1e9 * tuning.fitted_lately_s)
             since_ns = met.since_ns - 1 if met.accepted else lately_ns
             lonely = [r for r in pair if self._confirmed_ns(state, r, pair) <= since_ns]
             suspects = tuple(lonely) if len(lonely) == 1 else ()
@@ -359,15 +372,16 @@ class TeamFilter:
         state = state.replaced(robot, placed, across, own)
         return self._fitted(state, robot, seen.odometry.stamp_ns, True)
 
-    def _suspects(self, state: TeamState, pair: tuple[str, str], stamp_ns: int) -> tuple[str, ...]:
+    def _suspects(self, state: TeamState, pair: tuple[str, str]) -> tuple[str, ...]:
         """Which of two robots, whose relative pose does not fit, are lost.
 
-        Those that fit no third robot and no map lately; where that does not tell them apart, those
-        that never did: they are new, and nothing confirms yet where they say that they are. Where
-        that does not, either: both if they fitted each other before; else the team-mate if it is
-        the own robot that does not fit, and of two team-mates none, until more is known.
+        Those that fit no third robot and no map since the two do not fit; where that does not tell
+        them apart, those that never did: they are new, and nothing confirms yet where they say that
+        they are. Where that does not, either: both if they fitted each other before; else the
+        team-mate if it is the own robot that does not fit, and of two team-mates none, until more
+        is known.
         """
-        for since_ns in (stamp_ns - round(1e9 * self.tuning.fitted_lately_s), 0):
+        for since_ns in (state.meetings[pair].since_ns - 1, 0):
             lonely = tuple(r for r in pair if self._confirmed_ns(state, r, pair) <= since_ns)
             if len(lonely) == 1:
                 return lonely

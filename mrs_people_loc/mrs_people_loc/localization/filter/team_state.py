@@ -156,6 +156,7 @@ class Trust:
         contradicted_ns: When the first of these was [ns].
         disputed: Observations in a row that contradict what only one other robot has seen.
         claims_refused: Claims in a row of its pose that do not fit.
+        claims_refused_ns: When the first of these was [ns].
         off: How far the last refused claim or disputed wall was off [m].
         claimed_ns: When it claimed its pose last [ns]; 0: never.
         contact_ns: When it was heard again after its last silence [ns]; 0: it was never silent.
@@ -176,6 +177,7 @@ class Trust:
     contradicted_ns: int = 0
     disputed: int = 0
     claims_refused: int = 0
+    claims_refused_ns: int = 0
     off: float = 0.0
     claimed_ns: int = 0
     contact_ns: int = 0

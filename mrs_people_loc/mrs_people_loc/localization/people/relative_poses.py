@@ -93,8 +93,7 @@ class RelativePosesTuning:
         same: ... this distance [m] and ...
         same_turn: ... this turn [rad].
         memory_ns: After so long a pair of robots is a new one [ns].
-        alone_ns: A robot shares nobody with others if no relative pose of it was measured for so
-            long [ns].
+        alone_ns: Robots whose relative pose was not measured for so long share nobody [ns].
         stands: A robot stands if it is no farther from where it was than this [m] ...
         stands_turn: ... and turned by no more than this [rad].
         unknown: A covariance with a larger element is taken for unknown [m^2, m rad, rad^2].
@@ -460,7 +459,7 @@ class RelativePoses:
         present = [name for name in self._robots if name not in lost]
         if set(names) & set(lost):
             return [[name] if name in lost else present for name in names]
-        lately_ns = max(p.compared_ns for p in self._pairs.values()) - self.tuning.memory_ns
+        lately_ns = max(p.compared_ns for p in self._pairs.values()) - self.tuning.alone_ns
         linked = [
             [present.index(name) for name in measured]
             for measured, pair in self._pairs.items()

@@ -135,6 +135,17 @@ def test_team_mate_that_pulled_the_team_far_after_a_silence_is_not_doubted_once_
     assert refused_after(1.5, 35.0, 35.25, 35.5) == 3
 
 
+@pytest.mark.parametrize(("seconds", "doubted"), [(0.8, False), (1.0, True)])
+def test_robot_is_doubted_once_its_claims_have_not_fitted_for_a_second(seconds, doubted):
+    """Of two filters one closes a loop a moment earlier, and its whole team jumps."""
+    team, state = joined("")
+    for second in np.arange(2.0, 2.05 + seconds, 0.2):
+        said = TRUE["b"] + (1.0, 0.0, 0.0)
+        state = team.apply(state, Claimed("b", standing(second), said, np.diag([1.0, 1.0, 0.01])))
+        assert state.trust["b"].claims_refused
+    assert team.is_refused(state.trust["b"]) == doubted
+
+
 @pytest.mark.parametrize(("speed", "doubted"), [(0.02, False), (0.1, True)])
 def test_filters_may_drift_apart_slowly_for_long(speed, doubted):
     """What b states runs away from where a has it, and pulls a's whole team along."""
@@ -229,11 +240,11 @@ def test_end_of_a_known_wall_counts_the_less_the_flatter_it_is_seen(away, least,
 
 
 def test_robot_that_was_known_less_surely_is_placed_as_soon_as_it_is_lost():
-    """3 m off is seven standard deviations: no odometry is wrong by that five times in a row."""
+    """3 m off is seven standard deviations: no odometry is wrong by that three times in a row."""
     team, state = joined("")
     state = meeting(team, state, np.arange(1.0, 3.0, 0.8))
     state = state.widened("b", (0.4, 0.4, 0.4))
-    times = 4.0 + 0.8 * np.arange(REFUSED)
+    times = 4.0 + 0.8 * np.arange(FilterTuning().refuted_after)
     state = meeting(team, state, times[:-1], CARRIED)
     assert lost(state) == set()
     state = meeting(team, state, times[-1:], CARRIED, pairs=[("a", "b")])
