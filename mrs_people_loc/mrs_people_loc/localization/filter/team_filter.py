@@ -168,7 +168,7 @@ class TeamFilter:
             trust = changed(trust, disputed=trust.disputed + 1, off=verdict.off)
             state = _with_trust(state, seen.robot, trust)
         if verdict.fitted:
-            state = self._fitted(state, seen.robot, seen.odometry.stamp_ns, verdict.shared)
+            state = self._fitted(state, seen.robot, verdict.shared)
             return self._contradicted(state, seen, verdict) if verdict.refused else state
         if verdict.refused:
             return self._refused(state, seen.robot, seen.odometry.stamp_ns)
@@ -193,7 +193,7 @@ class TeamFilter:
         state = noted(made if accepted else state, robot, "absolute", accepted, found, stamp_ns)
         if not accepted:
             return self._misplaced(state, robot, stamp_ns)
-        return self._fitted(state, robot, stamp_ns, True)
+        return self._fitted(state, robot, True)
 
     def _misplaced(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
         """An absolute pose did not fit; if none did for long, the robot is lost.
@@ -334,7 +334,7 @@ class TeamFilter:
         if fits:
             for robot in pair:
                 if state.trust.get(robot, Trust()).lost:
-                    state = self._fitted(state, robot, stamp_ns, True)
+                    state = self._fitted(state, robot, True)
             return state
         tuning = self.tuning
         refuted_s = (stamp_ns - met.since_ns) / 1e9
@@ -370,7 +370,7 @@ class TeamFilter:
         own = across[:, of_mate : of_mate + 3] @ by_mate.T
         own += turned(covariance, float(state.mean[of_mate + 2]))
         state = state.replaced(robot, placed, across, own)
-        return self._fitted(state, robot, seen.odometry.stamp_ns, True)
+        return self._fitted(state, robot, True)
 
     def _suspects(self, state: TeamState, pair: tuple[str, str]) -> tuple[str, ...]:
         """Which of two robots, whose relative pose does not fit, are lost.
@@ -406,15 +406,16 @@ class TeamFilter:
             and stamp_ns - since_ns >= patience * 1e9 * self.tuning.lost_after_s
         )
 
-    def _fitted(self, state: TeamState, robot: str, stamp_ns: int, shared: bool) -> TeamState:
+    def _fitted(self, state: TeamState, robot: str, shared: bool) -> TeamState:
         """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""
         before = state.trust.get(robot, Trust())
+        if not (before.refused or before.lost or before.astray or before.disputed):
+            return state
         alone = len(state.odometry) == 1
         trust = changed(
             before,
             refused=0,
             since_ns=0,
-            fitted_ns=stamp_ns,
             lost=before.lost and not (shared or alone),
             astray=before.astray and not (shared or alone),
             disputed=0 if shared else before.disputed,

@@ -146,7 +146,6 @@ class Trust:
     Attributes:
         refused: Observations in a row that did not.
         since_ns: When the first of these was [ns].
-        fitted_ns: When one fitted last [ns]; 0: never.
         lost: Whether it was carried away or placed wrongly, and nothing has fitted since.
         astray: Whether it began again where it cannot be, and nothing has fitted since.
         lost_ns: When that was noticed last [ns]; 0: never.
@@ -168,7 +167,6 @@ class Trust:
 
     refused: int = 0
     since_ns: int = 0
-    fitted_ns: int = 0
     lost: bool = False
     astray: bool = False
     lost_ns: int = 0
