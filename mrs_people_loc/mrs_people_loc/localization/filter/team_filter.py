@@ -52,7 +52,7 @@ class FilterTuning:
 
     Attributes:
         lost_after: A robot is lost after so many observations in a row that do not fit,
-        refuted_after: or so many relative poses, which have windows of their own, ...
+        refuted_after: or so many relative poses, if others tell which of the two, ...
         lost_after_s: ... and this time [s].
         bumped_after: After so many walls in a row it may have been bumped: its pose is less sure
         bump_sigmas: by this [m, m, rad].
@@ -342,7 +342,10 @@ class TeamFilter:
         suspects: tuple[str, ...] = ()
         if met.in_a_row >= tuning.refuted_after and refuted_s >= tuning.lost_after_s:
             suspects = self._suspects(state, pair)
-            state = _with_meetings(state, pair, met.restarted())
+            if len(suspects) == 1 or met.in_a_row >= tuning.lost_after:
+                state = _with_meetings(state, pair, met.restarted())
+            else:
+                suspects = ()
         elif far and (met.in_a_row >= tuning.far_after or not met.accepted):
             lately_ns = stamp_ns - round(1e9 * tuning.fitted_lately_s)
             since_ns = met.since_ns - 1 if met.accepted else lately_ns
