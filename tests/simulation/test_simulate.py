@@ -136,7 +136,7 @@ def test_missing_scenes_and_invalid_yaml_are_errors(tmp_path: Path) -> None:
 def test_every_scene_of_the_repository_can_be_built(path: Path) -> None:
     scene = expand(load_scene(path))
     assert scene.robots
-    start = dataclasses.replace(scene.timing, frames=min(scene.timing.frames, 20))
+    start = dataclasses.replace(scene.timing, frames=min(scene.timing.frames, 100))
     scene = dataclasses.replace(scene, timing=start, tracks="")
     assert World(scene).names == list(scene.robots)
 

@@ -27,6 +27,15 @@ def run(tmp_path, seconds, poses="exact", scene=SCENE, seed=1, **how):
     return LightTour(guided_scene(file, seed), poses, **how).run(seconds)
 
 
+def off(result):
+    """By robot, how far it is from where it believes to be, at each of its poses [m]."""
+    true = result.record.robots
+    return {
+        name: np.linalg.norm((track.poses - true[name].at(track.stamps_ns))[:, :2], axis=1)
+        for name, track in result.poses.items()
+    }
+
+
 def test_a_group_is_guided_to_the_end(tmp_path):
     result = run(tmp_path, 60.0)
     record = result.record
@@ -56,10 +65,9 @@ def test_tour_goes_on_without_somebody_who_leaves(tmp_path):
 @pytest.mark.parametrize(("poses", "largest_m"), [("localized", 0.1), ("odometry", 0.3)])
 def test_robots_take_estimated_poses_for_theirs(tmp_path, poses, largest_m):
     result = run(tmp_path, 7.0, poses)
-    for name, track in result.record.robots.items():
-        believed = result.poses[name]
-        off = believed.poses - track.at(believed.stamps_ns)
-        error = np.linalg.norm(off[:, :2], axis=1)
+    errors = off(result)
+    assert set(errors) == set(result.record.robots)
+    for error in errors.values():
         assert 0.0 < error.max() < largest_m
 
 
@@ -69,11 +77,7 @@ def test_walls_that_the_laser_scanner_shows_keep_robots_in_the_map(tmp_path):
     for reach in ("2.0", "10.0"):  # the walls are 4 m away
         scene = poor.replace("6.2832", f"6.2832, max_range: {reach}")
         result = run(tmp_path, 6.0, "localized", scene)
-        off = [
-            result.poses[name].poses - track.at(result.poses[name].stamps_ns)
-            for name, track in result.record.robots.items()
-        ]
-        medians.append(np.median(np.linalg.norm(np.concatenate(off)[:, :2], axis=1)))
+        medians.append(np.median(np.concatenate([*off(result).values()])))
     assert medians[1] < 0.6 * medians[0]
 
 

@@ -179,9 +179,8 @@ class TeamFilter:
         trust, stamp_ns = state.trust[seen.robot], seen.odometry.stamp_ns
         is_new = not trust.contradicted or verdict.missed_ns > trust.contradicted_ns
         since_ns = stamp_ns if is_new else trust.contradicted_ns
-        count = 1 if is_new else trust.contradicted + 1
-        seconds = (stamp_ns - since_ns) / 1e9
-        if count >= self.tuning.lost_after and seconds >= self.tuning.contradicted_s:
+        count, tuning = 1 if is_new else trust.contradicted + 1, self.tuning
+        if _is_long(count, since_ns, stamp_ns, tuning.lost_after, tuning.contradicted_s):
             return self._lost(state, seen.robot, stamp_ns)
         trust = changed(trust, contradicted=count, contradicted_ns=since_ns)
         return _with_trust(state, seen.robot, trust)
@@ -205,7 +204,9 @@ class TeamFilter:
         patience = 1 if absolute.accepted else tuning.start_patience
         known_ns = state.sources.get((robot, "known walls"), Source()).stamp_ns
         is_known = known_ns > 0 and stamp_ns - known_ns < 1e9 * tuning.fitted_lately_s
-        if is_known or not self._is_long(absolute.in_a_row, absolute.since_ns, stamp_ns, patience):
+        least, least_s = patience * tuning.lost_after, patience * tuning.lost_after_s
+        is_long = _is_long(absolute.in_a_row, absolute.since_ns, stamp_ns, least, least_s)
+        if is_known or not is_long:
             return state
         return self._lost(state, robot, stamp_ns)
 
@@ -257,9 +258,9 @@ class TeamFilter:
 
     def is_refused(self, trust: Trust) -> bool:
         """Whether a robot's claims have not fitted for long."""
-        seconds = (trust.claimed_ns - trust.claims_refused_ns) / 1e9
-        enough = trust.claims_refused >= self.tuning.claims_refused
-        return enough and seconds >= self.tuning.claims_refused_s
+        refused, since_ns = trust.claims_refused, trust.claims_refused_ns
+        least, least_s = self.tuning.claims_refused, self.tuning.claims_refused_s
+        return _is_long(refused, since_ns, trust.claimed_ns, least, least_s)
 
     def _heard(self, trust: Trust, stamp_ns: int) -> Trust:
         """The same at the time of a further claim."""
@@ -337,10 +338,10 @@ class TeamFilter:
                     state = self._fitted(state, robot, True)
             return state
         tuning = self.tuning
-        refuted_s = (stamp_ns - met.since_ns) / 1e9
         far = found.squared > tuning.far * self.gates[3]
         suspects: tuple[str, ...] = ()
-        if met.in_a_row >= tuning.refuted_after and refuted_s >= tuning.lost_after_s:
+        refuted_after, lost_after_s = tuning.refuted_after, tuning.lost_after_s
+        if _is_long(met.in_a_row, met.since_ns, stamp_ns, refuted_after, lost_after_s):
             suspects = self._suspects(state, pair)
             if len(suspects) == 1 or met.in_a_row >= tuning.lost_after:
                 state = _with_meetings(state, pair, met.restarted())
@@ -403,12 +404,6 @@ class TeamFilter:
         known = state.sources.get((robot, "known walls"), Source()).stamp_ns
         return max(absolute, known, *met)
 
-    def _is_long(self, refused: int, since_ns: int, stamp_ns: int, patience: int = 1) -> bool:
-        return (
-            refused >= patience * self.tuning.lost_after
-            and stamp_ns - since_ns >= patience * 1e9 * self.tuning.lost_after_s
-        )
-
     def _fitted(self, state: TeamState, robot: str, shared: bool) -> TeamState:
         """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""
         before = state.trust.get(robot, Trust())
@@ -427,13 +422,14 @@ class TeamFilter:
 
     def _refused(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
         """Notes that observations did not fit, though such had done; if for long, it is lost."""
-        before = state.trust.get(robot, Trust())
+        before, tuning = state.trust.get(robot, Trust()), self.tuning
+        refused = before.refused + 1
         since_ns = before.since_ns if before.refused else stamp_ns
-        if self._is_long(before.refused + 1, since_ns, stamp_ns):
+        if _is_long(refused, since_ns, stamp_ns, tuning.lost_after, tuning.lost_after_s):
             return self._lost(state, robot, stamp_ns)
-        if before.refused + 1 == self.tuning.bumped_after:
-            state = state.widened(robot, self.tuning.bump_sigmas)
-        trust = changed(before, refused=before.refused + 1, since_ns=since_ns)
+        if refused == tuning.bumped_after:
+            state = state.widened(robot, tuning.bump_sigmas)
+        trust = changed(before, refused=refused, since_ns=since_ns)
         return _with_trust(state, robot, trust)
 
     def _lost(self, state: TeamState, robot: str, stamp_ns: int) -> TeamState:
@@ -454,6 +450,11 @@ class TeamFilter:
             sources = {**wide.sources, (robot, "absolute"): absolute.restarted()}
             wide = changed(wide, sources=sources)
         return _with_trust(wide, robot, trust)
+
+
+def _is_long(count: int, since_ns: int, now_ns: int, least: int, least_s: float) -> bool:
+    """Whether there were so many in a row, at least, and over this time [s]."""
+    return count >= least and (now_ns - since_ns) / 1e9 >= least_s
 
 
 def _beyond(offset: Float, within: tuple[float, float]) -> Float:
