@@ -217,8 +217,8 @@ class TeamFilter:
         is much surer, it is fused by covariance intersection. Else both know as much, but have
         drifted apart as a whole: the whole state moves towards the claim, as covariance
         intersection of equally sure estimates does, and nothing changes between robots and walls.
-        At any other time they drift apart by little and slowly, and agree likewise. Known walls
-        hold a state in its place.
+        At any other time they drift apart by little and slowly, and agree likewise. With known
+        walls, which stay, the pose moves alone, and what is unsure with it.
         """
         robot, i, stamp_ns = claim.robot, state.at(claim.robot), claim.odometry.stamp_ns
         place, own = state.mean[i : i + 3], state.covariance[i : i + 3, i : i + 3]
@@ -252,9 +252,10 @@ class TeamFilter:
         pulled = math.hypot(step[0], step[1])
         kept = 1.0 if again else self.tuning.pull_kept
         trust = changed(trust, pulled=kept * trust.pulled + pulled if pulled else 0.0)
-        if state.has_map or not step.any():
-            return _with_trust(state, robot, trust)
-        return _with_trust(state.moved(place, place + step), robot, trust)
+        state = _with_trust(state, robot, trust)
+        if not step.any():
+            return state
+        return state.drawn(robot, step) if state.has_map else state.moved(place, place + step)
 
     def is_refused(self, trust: Trust) -> bool:
         """Whether a robot's claims have not fitted for long."""

@@ -557,6 +557,25 @@ class TeamState:
         at = {robot: 3 * k for k, robot in enumerate(self.odometry)}
         return np.array([at.get(first, reference) for first in firsts])
 
+    def drawn(self, robot: str, step: Float) -> TeamState:
+        """The state with a pose moved, and the others as far as their errors go with it.
+
+        What a map holds in its place hardly moves, and known walls do not.
+
+        Args:
+            robot: Whose pose.
+            step: By how much: x, y [m], yaw [rad], shape (3,).
+        """
+        pose = self.at(robot) + np.arange(3)
+        across = self.covariance[:, pose]
+        steps = across @ np.linalg.solve(across[pose], step)
+        for k, wall in enumerate(self.walls):
+            if wall.known >= 0:
+                steps[self.wall_at(k) + np.arange(2)] = 0.0
+        mean, carried = self.stepped(steps, pose)
+        covariance = carried @ self.covariance @ carried.T
+        return changed(self, mean=mean, covariance=0.5 * (covariance + covariance.T))
+
     def moved(self, origin: Float, target: Float) -> TeamState:
         """The state moved and turned as a whole, so that one pose becomes another.
 

@@ -164,7 +164,7 @@ def test_filters_may_drift_apart_slowly_for_long(speed, doubted):
         assert off(state, "a") > 0.9 * speed * 60.0 - 0.1
 
 
-def test_known_walls_are_not_moved_by_claims():
+def test_claims_move_what_no_known_wall_holds_and_no_known_wall():
     """Else filters that agree with each other would turn the map, and believe it."""
     line = as_walls([(0.0, 1.5, 4.0, 1.5)], (0.02, 0.01))
     team, state = TeamFilter("a", Localization(), line), TeamState()
@@ -172,12 +172,18 @@ def test_known_walls_are_not_moved_by_claims():
         state = team.apply(state, Joined(robot, standing(0), TRUE[robot], np.diag([0.01] * 3)))
     state = team.apply(state, WallsSeen("a", standing(0.1), line))
     assert state.has_map
-    before = state.mean
+    before = state
     for second in np.arange(0.25, 5.0, 0.25):
         said = TRUE["b"] + (0.2, 0.1, 0.05)
         state = team.apply(state, Claimed("b", standing(second), said, np.diag([0.01] * 3)))
     assert state.sources["b", "claim"].accepted == 19
-    np.testing.assert_array_equal(state.mean, before)
+    walls = slice(state.wall_at(0), None)
+    np.testing.assert_array_equal(state.mean[walls], before.mean[walls])
+    a, b = state.at("a"), state.at("b")
+    np.testing.assert_allclose(state.mean[a : a + 3], before.mean[a : a + 3], atol=0.001)
+    assert np.linalg.norm(state.mean[b : b + 2] - said[:2]) < 0.1
+    unsure, as_unsure = (np.sqrt(np.diag(s.covariance)) for s in (state, before))
+    np.testing.assert_allclose(unsure, as_unsure, rtol=0.01)
 
 
 # ------------------------------------------------------------------------------------ found again
