@@ -315,7 +315,7 @@ class Localization(Section):
         low=0.5, high=0.999999, live=False,
     )  # fmt: skip
     share_rate: float = field(
-        100.0, "rate at which the robot tells its team where it is [Hz]", low=1.0, high=1e3
+        20.0, "rate at which the robot tells its team where it is [Hz]", low=1.0, high=1e3
     )
 
     def _check_relations(self) -> None:

@@ -18,6 +18,7 @@ from mrs_people_loc.team.poses import Pose
 
 #: Numbers of robots; poses and frames per second; seconds that are timed, and before.
 SIZES, _POSES_HZ, _FRAMES_HZ, _SECONDS, _BEFORE_S = (3, 8), 100, 10, 6, 2
+_SHARED_HZ = round(Localization().share_rate)
 _HALF_WIDTH, _SPEED = 1.25, 0.7
 _SIGMAS = np.array([0.02, 0.01])
 
@@ -70,9 +71,10 @@ def _drive(count: int) -> dict[str, list[float]]:
                 seen = SeenWalls(stamp_ns, _sides(pose, rng))
                 _timed(first["walls"], _seen, one, seen)
         for message in told:
-            _timed(took["shared"], _heard, team[0], message, stamp_ns)
+            _timed(took["shared"], team[0].take_teammate, message)
         # What the others send now arrives with the next step.
-        told = [one.share() for one in team[1:]]
+        shares = step % (_POSES_HZ // _SHARED_HZ) == 0
+        told = [one.share() for one in team[1:]] if shares else []
     # Of each kind, the same number falls on every frame.
     parts = [np.reshape(ms, (_SECONDS * _FRAMES_HZ, -1)).sum(axis=1) for ms in took.values()]
     return {**took, "frame": np.sum(parts, axis=0).tolist()}
@@ -87,11 +89,6 @@ def _timed(times: list[float], call: Callable[..., object], *values: object) -> 
 def _seen(one: Localizer, seen: SeenWalls) -> None:
     one.take_walls(seen)
     one.pose_at(seen.stamp_ns)
-
-
-def _heard(one: Localizer, message: TeamPose, stamp_ns: int) -> None:
-    one.take_teammate(message)
-    one.pose_at(stamp_ns)
 
 
 def _sides(pose: Pose, rng: np.random.Generator) -> Walls:
