@@ -62,6 +62,8 @@ class FilterTuning:
         restart_speed: ... and this speed explains [m/s] is not believed until something fits.
         contradicted_s: Likewise where other walls of the same sights fit, as they do if it was
             carried along them [s].
+        across: Known walls speak for a robot that is off in a direction whose cosine with theirs is
+            larger.
         start_patience: It takes so many times as many absolute poses, and as long, where none has
             ever fitted.
         lost_sigmas: How much less sure its pose is then [m, m, rad].
@@ -90,6 +92,7 @@ class FilterTuning:
     restart: float = 2.0
     restart_speed: float = 1.0
     contradicted_s: float = 2.0
+    across: float = 0.5
     start_patience: int = 5
     lost_sigmas: tuple[float, float, float] = (1.0, 1.0, math.radians(30.0))
     fitted_lately_s: float = 2.0
@@ -338,12 +341,12 @@ class TeamFilter:
                 if state.trust.get(robot, Trust()).lost:
                     state = self._fitted(state, robot, True)
             return state
-        tuning = self.tuning
+        tuning, off = self.tuning, self._misfit(state, seen)
         far = found.squared > tuning.far * self.gates[3]
         suspects: tuple[str, ...] = ()
         refuted_after, lost_after_s = tuning.refuted_after, tuning.lost_after_s
         if _is_long(met.in_a_row, met.since_ns, stamp_ns, refuted_after, lost_after_s):
-            suspects = self._suspects(state, pair)
+            suspects = self._suspects(state, pair, off)
             if len(suspects) == 1 or met.in_a_row >= tuning.lost_after:
                 state = _with_meetings(state, pair, met.restarted())
             else:
@@ -351,7 +354,7 @@ class TeamFilter:
         elif far and (met.in_a_row >= tuning.far_after or not met.accepted):
             lately_ns = stamp_ns - round(1e9 * tuning.fitted_lately_s)
             since_ns = met.since_ns - 1 if met.accepted else lately_ns
-            lonely = [r for r in pair if self._confirmed_ns(state, r, pair) <= since_ns]
+            lonely = [r for r in pair if self._confirmed_ns(state, r, pair, off) <= since_ns]
             suspects = tuple(lonely) if len(lonely) == 1 else ()
         for robot in suspects:
             if not state.trust.get(robot, Trust()).lost:
@@ -377,7 +380,18 @@ class TeamFilter:
         state = state.replaced(robot, placed, across, own)
         return self._fitted(state, robot, True)
 
-    def _suspects(self, state: TeamState, pair: tuple[str, str]) -> tuple[str, ...]:
+    def _misfit(self, state: TeamState, seen: Met) -> float | None:
+        """In which direction of the map a relative pose does not fit [rad]; None: it is turned."""
+        i, j = state.at(seen.robot), state.at(seen.other)
+        own = state.mean[i : i + 3]
+        off = wrapped(seen.place - pose_from(own, state.mean[j : j + 3])[0])
+        if abs(off[2]) > self.tuning.max_turn:
+            return None
+        return float(own[2]) + math.atan2(off[1], off[0])
+
+    def _suspects(
+        self, state: TeamState, pair: tuple[str, str], off: float | None
+    ) -> tuple[str, ...]:
         """Which of two robots, whose relative pose does not fit, are lost.
 
         Those that fit no third robot and no map since the two do not fit; where that does not tell
@@ -387,23 +401,34 @@ class TeamFilter:
         is known.
         """
         for since_ns in (state.meetings[pair].since_ns - 1, 0):
-            lonely = tuple(r for r in pair if self._confirmed_ns(state, r, pair) <= since_ns)
+            lonely = tuple(r for r in pair if self._confirmed_ns(state, r, pair, off) <= since_ns)
             if len(lonely) == 1:
                 return lonely
         if state.meetings[pair].accepted:
             return pair
         return tuple(robot for robot in pair if robot != self.robot and self.robot in pair)
 
-    def _confirmed_ns(self, state: TeamState, robot: str, pair: tuple[str, str]) -> int:
-        """When a third robot or the map confirmed last where one of two is [ns]; 0: never."""
+    def _confirmed_ns(
+        self, state: TeamState, robot: str, pair: tuple[str, str], off: float | None
+    ) -> int:
+        """When a third robot or the map confirmed last where one of two is [ns]; 0: never.
+
+        A known wall confirms nothing of what is off along it.
+        """
         met = (
             value.stamp_ns
             for other, value in state.meetings.items()
             if robot in other and other != pair
         )
         absolute = state.sources.get((robot, "absolute"), Source()).stamp_ns
-        known = state.sources.get((robot, "known walls"), Source()).stamp_ns
-        return max(absolute, known, *met)
+        bearings = state.mean[state.wall_at(0) + 1 :: 2].tolist()
+        known = (
+            wall.sights[robot].stamp_ns
+            for wall, bearing in zip(state.walls, bearings, strict=True)
+            if wall.known >= 0 and robot in wall.sights
+            if off is None or abs(math.cos(bearing - off)) > self.tuning.across
+        )
+        return max(absolute, *met, *known, 0)
 
     def _fitted(self, state: TeamState, robot: str, shared: bool) -> TeamState:
         """Notes that an observation fitted; `shared`: it ties the robot to the team or the map."""

@@ -57,7 +57,7 @@ class WallTuning:
     max_walls: int = 12
     max_gap: float = 2.0
     max_offset: float = 1.5
-    max_turn: float = 0.6
+    max_turn: float = 1.2
     max_behind: float = 0.5
     same_offset: float = 0.15
     same_turn: float = 0.1

@@ -102,6 +102,42 @@ def test_of_the_own_robot_and_a_team_mate_that_never_fitted_the_team_mate_is_los
         assert lost(met(team, state, ("a", "b"), 1.0, REFUSED)) == {"b"}
 
 
+@pytest.mark.parametrize(
+    ("wrong", "wall"),
+    [("b", (0.0, 1.5, 4.0, 1.5)), ("a", (4.0, -2.0, 4.0, 2.0))],
+    ids=["along", "across"],
+)
+def test_known_wall_confirms_nothing_along_itself(wrong, wall):
+    """One of two robots says that it is 1 m farther on; b alone sees the wall, which fits."""
+    known = as_walls([wall], (0.02, 0.01))
+    _, state = joined(wrong)
+    team = TeamFilter("a", Localization(), known)
+    x, y, yaw = TRUE["b"]
+    seen = (np.reshape(wall, (2, 2)) - (x, y)) @ rotation_2d(yaw)
+    state = team.apply(
+        state, WallsSeen("b", standing(0.5), as_walls([seen.reshape(-1)], (0.02, 0.01)))
+    )
+    assert state.sources["b", "known walls"].accepted == 1
+    assert lost(met(team, state, ("a", "b"), 1.0, REFUSED)) == {wrong}
+
+
+@pytest.mark.parametrize("degrees", [25.0, 40.0, -52.0, 65.0])
+def test_robot_that_sees_its_wall_turned_was_turned_itself(degrees):
+    team, state = joined("")
+    wall = np.array([[-3.0, 1.5], [3.0, 1.5]])
+    for k in range(6):
+        state = team.apply(
+            state, WallsSeen("a", standing(0.2 * k), as_walls([wall.reshape(-1)], (0.02, 0.01)))
+        )
+    assert len(state.walls) == 1
+    seen = (wall @ rotation_2d(math.radians(degrees))).reshape(1, 4)
+    turned = as_walls(seen, (0.02, 0.01))
+    for k in range(REFUSED):
+        assert lost(state) == set()
+        state = team.apply(state, WallsSeen("a", standing(2.0 + 0.2 * k), turned))
+    assert lost(state) == {"a"}
+
+
 def test_both_are_lost_if_they_fitted_each_other_alone():
     team, state = joined("")
     state = met(team, state, ("b", "c"), 1.0)
