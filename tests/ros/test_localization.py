@@ -86,10 +86,6 @@ class Driven:
         stamp_ns = self.step(*place)
         return self.peer.until(lambda: self.at(stamp_ns), f"no pose; log:\n{self.process.log}")
 
-    def settled(self) -> Any:
-        """The pose in which all counts that was sent before: it does after 50 ms."""
-        return [self.stepped() for _ in range(3)][-1]
-
     def at(self, stamp_ns: int) -> Any:
         """The pose of a stamp; None: it has not come."""
         return next((m for m in reversed(self.poses) if stamp_of(m) == stamp_ns), None)
@@ -151,7 +147,7 @@ def test_absolute_pose_corrects_and_an_outlier_is_refused(first: Driven, peer: P
     def corrected() -> bool:
         first.step()
         first.tell_absolute(x + 0.2, y - 0.1, yaw, 0.01)
-        return planar(first.settled().pose.pose)[0] > x + 0.19
+        return planar(first.stepped().pose.pose)[0] > x + 0.19
 
     peer.until(corrected, "the correction")
     pose = first.stepped()
@@ -165,7 +161,7 @@ def test_absolute_pose_corrects_and_an_outlier_is_refused(first: Driven, peer: P
     refused = first.localization(lambda f: f.count("absolute.refused") > 0)
     assert float(refused.values["absolute.innovation"]) > 10.0
     assert refused.level == OK, "of one outlier nobody need know"
-    assert planar(first.settled().pose.pose) == pytest.approx((x + 0.2, y - 0.1, yaw), abs=0.02)
+    assert planar(first.stepped().pose.pose) == pytest.approx((x + 0.2, y - 0.1, yaw), abs=0.02)
 
 
 # --- the team -------------------------------------------------------------------------------------
@@ -425,14 +421,14 @@ def test_errors_of_wheels_are_kept_for_the_next_start(make: Callable[..., Driven
         driven.tell_absolute(0.102 * k, 0.0, 0.0, 0.01)
     (given,) = driven.peer.set(driven.node, localization__wheels=[0.02, 0.0, 0.0])
     assert not given.successful, "it is not live"
-    before = planar(driven.settled().pose.pose)
+    before = planar(driven.stepped().pose.pose)
     kept = keep()
     assert kept.success, kept
     names = "localization.wheels", "localization.wheel_sigmas"
     wheels, sigmas = driven.peer.get(driven.node, *names)
     assert list(wheels) == pytest.approx([0.02, 0.0, 0.0], abs=3e-3)
     assert list(sigmas) == pytest.approx([0.005, 0.002, 0.03], abs=1e-3)
-    assert planar(driven.settled().pose.pose) == pytest.approx(before, abs=1e-6)
+    assert planar(driven.stepped().pose.pose) == pytest.approx(before, abs=1e-6)
     driven.localization(lambda f: abs(float(f.values["wheel_scale"]) - wheels[0]) < 1e-4)
     driven.process.stop()
 

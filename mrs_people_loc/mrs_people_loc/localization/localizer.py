@@ -227,7 +227,7 @@ class Localizer:
         else:
             self._tick(self.robot, self._track, before.stamp_ns)
         self._add_due()
-        return self._own_pose(odometry, self._history.lately(odometry.stamp_ns))
+        return self._own_pose(odometry, self._history.newest)
 
     def _start(self, odometry: Odometry) -> None:
         start = self.config.start or (odometry.x, odometry.y, odometry.yaw)

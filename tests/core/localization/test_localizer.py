@@ -151,20 +151,6 @@ def test_absolute_pose_of_a_moment_ago_counts_there():
     assert localizer.pose_at(3 * S).x == pytest.approx(2.2, abs=1e-3)
 
 
-def test_poses_at_the_rate_of_the_odometry_have_corrections_after_50_ms():
-    """Until then only who asks for a time gets them: what comes by then is applied at once."""
-    localizer = Localizer("a", CONFIG)
-    taken = []
-    for k in range(8):
-        pose = localizer.take_odometry(Pose(S + 10_000_000 * k, 0.0, 0.0, 0.0))
-        taken.append(pose.x)
-        if k == 1:
-            localizer.take_absolute(Pose(pose.stamp_ns, 0.2, 0.0, 0.0, covariance(0.1, 0.1, 0.05)))
-    assert taken == pytest.approx([0.0] * 5 + [0.1] * 3, abs=1e-6)
-    localizer.take_absolute(Pose(pose.stamp_ns, 0.2, 0.0, 0.0, covariance(1e-3, 1e-3, 1e-3)))
-    assert localizer.pose_at(pose.stamp_ns).x == pytest.approx(0.2, abs=1e-3)
-
-
 def test_wild_absolute_pose_is_refused_and_counted():
     localizer = Localizer("a", CONFIG)
     localizer.take_odometry(Pose(S, 0.0, 0.0, 0.0))

@@ -524,32 +524,21 @@ class History:
     Attributes:
         filter: Applies them.
         span_ns: Observations older than the newest by more are not taken [ns].
-        pooled_ns: `lately` applies them together so often [ns].
     """
 
     filter: TeamFilter
     span_ns: int = 3_000_000_000
-    pooled_ns: int = 50_000_000
     _first: TeamState = field(default_factory=TeamState)
     _keys: list[_Key] = field(default_factory=list)
     _observations: list[Observation] = field(default_factory=list)
     _states: list[TeamState] = field(default_factory=list)  # after each; some may be missing
     _begin_ns: int = 0
-    _latest: TeamState = field(default_factory=TeamState)
-    _latest_ns: int | None = None
 
     @property
     def newest(self) -> TeamState:
         """The state after all observations."""
         self._settle()
         return self._states[-1] if self._states else self._first
-
-    def lately(self, now_ns: int) -> TeamState:
-        """The newest state, or the last one that was asked for if that is not long ago."""
-        if self._latest_ns is not None and 0 <= now_ns - self._latest_ns < self.pooled_ns:
-            return self._latest
-        self._latest_ns = now_ns
-        return self.newest
 
     def until(self, stamp_ns: int) -> TeamState:
         """The state after the observations up to a time, or the oldest that is there."""
@@ -580,7 +569,6 @@ class History:
         for observation in self._observations[len(states) :]:
             state = self.filter.apply(state, observation)
             states.append(state)
-        self._latest = state
 
     def _forget(self, begin_ns: int) -> None:
         self._settle()
