@@ -341,7 +341,7 @@ class TeamFilter:
                 if state.trust.get(robot, Trust()).lost:
                     state = self._fitted(state, robot, True)
             return state
-        tuning, off = self.tuning, self._misfit(state, seen)
+        tuning, off = self.tuning, self._towards(state, seen)
         far = found.squared > tuning.far * self.gates[3]
         suspects: tuple[str, ...] = ()
         refuted_after, lost_after_s = tuning.refuted_after, tuning.lost_after_s
@@ -354,8 +354,7 @@ class TeamFilter:
         elif far and (met.in_a_row >= tuning.far_after or not met.accepted):
             lately_ns = stamp_ns - round(1e9 * tuning.fitted_lately_s)
             since_ns = met.since_ns - 1 if met.accepted else lately_ns
-            lonely = [r for r in pair if self._confirmed_ns(state, r, pair, off) <= since_ns]
-            suspects = tuple(lonely) if len(lonely) == 1 else ()
+            suspects = self._lonely(state, pair, off, since_ns)
         for robot in suspects:
             if not state.trust.get(robot, Trust()).lost:
                 state = self._lost(state, robot, stamp_ns)
@@ -380,7 +379,7 @@ class TeamFilter:
         state = state.replaced(robot, placed, across, own)
         return self._fitted(state, robot, True)
 
-    def _misfit(self, state: TeamState, seen: Met) -> float | None:
+    def _towards(self, state: TeamState, seen: Met) -> float | None:
         """In which direction of the map a relative pose does not fit [rad]; None: it is turned."""
         i, j = state.at(seen.robot), state.at(seen.other)
         own = state.mean[i : i + 3]
@@ -401,12 +400,18 @@ class TeamFilter:
         is known.
         """
         for since_ns in (state.meetings[pair].since_ns - 1, 0):
-            lonely = tuple(r for r in pair if self._confirmed_ns(state, r, pair, off) <= since_ns)
-            if len(lonely) == 1:
+            if lonely := self._lonely(state, pair, off, since_ns):
                 return lonely
         if state.meetings[pair].accepted:
             return pair
         return tuple(robot for robot in pair if robot != self.robot and self.robot in pair)
+
+    def _lonely(
+        self, state: TeamState, pair: tuple[str, str], off: float | None, since_ns: int
+    ) -> tuple[str, ...]:
+        """The one of two robots that nothing confirmed since a time [ns]; empty: both, or none."""
+        found = tuple(r for r in pair if self._confirmed_ns(state, r, pair, off) <= since_ns)
+        return found if len(found) == 1 else ()
 
     def _confirmed_ns(
         self, state: TeamState, robot: str, pair: tuple[str, str], off: float | None
