@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from functools import partial
 
+import cv2
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
@@ -36,6 +37,9 @@ from robot_node.localization import LocalizationTopics
 from robot_node.pose_source import PoseSource
 from robot_node.range_topics import RangeTopics
 
+#: Images up to this size are processed by one thread [px]: OpenCV's StereoBM divides larger ones
+#: only, and in its other functions threads spend more on waiting for each other than they gain.
+_ONE_THREAD_PX = 320 * 240
 #: By stage, what the number of its points is called on `/diagnostics`.
 _COUNTED = {"cloud": "points", "cropped": "points_cropped", "foreground": "points_foreground"}
 
@@ -154,7 +158,9 @@ class RobotNode(ManagedNode):
         except WaitedError as err:
             self._images[err.camera].refuse(ImageError(str(err)))
         if self._head.pipeline is not None:
-            self._pose.camera_known(self._head.pipeline.camera)
+            head = self._head.pipeline.camera
+            cv2.setNumThreads(1 if head.width * head.height <= _ONE_THREAD_PX else -1)
+            self._pose.camera_known(head)
         self._step(view)
 
     def _on_image(self, camera: str, message: Image) -> None:

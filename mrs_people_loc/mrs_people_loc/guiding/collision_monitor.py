@@ -16,12 +16,16 @@ stops it. Beyond that:
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from mrs_people_loc.arrays import Bool, Float, StructOfArrays
 from mrs_people_loc.config import CollisionMonitoring
@@ -144,6 +148,20 @@ class _Obstacles(StructOfArrays):
     seen_s: Float
 
 
+class _Past(NamedTuple):
+    """A scan of before.
+
+    Attributes:
+        scan: It.
+        seen_s: Of that time [s].
+        free: How far it saw in each sector and in those around it [m], shape (SECTORS,).
+    """
+
+    scan: ObstacleScan
+    seen_s: float
+    free: Float
+
+
 @dataclass(frozen=True)
 class _Source:
     """What is known by one sensor.
@@ -154,7 +172,7 @@ class _Source:
         came_s: When it came [s].
         covered: The sectors that are seen, or that nobody fits into, shape (SECTORS,).
         obstacles: What it has seen, in the frame of `_Motion`.
-        past: Scans of before, and when they were made [s].
+        past: Scans of before.
     """
 
     scan: ObstacleScan
@@ -162,7 +180,7 @@ class _Source:
     came_s: float
     covered: Bool
     obstacles: _Obstacles
-    past: tuple[tuple[ObstacleScan, float], ...] = ()
+    past: tuple[_Past, ...] = ()
 
 
 class CollisionMonitor:
@@ -204,12 +222,14 @@ class CollisionMonitor:
         """
         tuning, before = self._tuning, self._sources.get(name)
         self._refused.pop(name, None)
-        past: tuple[tuple[ObstacleScan, float], ...] = ()
+        past: tuple[_Past, ...] = ()
         self._motion.advance(now_s)
         is_cone = np.count_nonzero(scan.looks) < tuning.cone / (2.0 * math.pi) * SECTORS
         if before is not None and not is_cone:
-            past = (*before.past, (before.scan, before.seen_s))
-            past = tuple(one for one in past if one[1] >= seen_s - tuning.before[1])
+            through = np.where(before.scan.seen, before.scan.ranges, 0.0)
+            free = _around(through, tuning.around).min(axis=1)
+            past = (*before.past, _Past(before.scan, before.seen_s, free))
+            past = tuple(one for one in past if one.seen_s >= seen_s - tuning.before[1])
         points = self._motion.from_robot(scan.places, seen_s)
         moves = self._were_free(points, past, seen_s)
         new = _Obstacles(points, moves, np.full(len(points), seen_s))
@@ -222,19 +242,13 @@ class CollisionMonitor:
         for other in self._sources.keys() - {name}:
             self._sources[other] = self._without_gone(self._sources[other], scan, seen_s)
 
-    def _were_free(
-        self, points: Float, past: Sequence[tuple[ObstacleScan, float]], seen_s: float
-    ) -> Bool:
+    def _were_free(self, points: Float, past: Sequence[_Past], seen_s: float) -> Bool:
         """Where a sensor saw past a place a moment ago, shape (n,)."""
         tuning, free = self._tuning, np.zeros(len(points), dtype=bool)
-        for scan, past_s in past:
-            if past_s > seen_s - tuning.before[0]:
-                continue
-            sectors, away = scan.sectors_of(self._motion.to_robot(points, past_s))
-            shifts = range(-tuning.around, tuning.around + 1)
-            through = np.where(scan.seen, scan.ranges, 0.0)
-            nearest = np.min([np.roll(through, k) for k in shifts], axis=0)
-            free |= nearest[sectors] > away + tuning.moved[0] + tuning.moved[1] * away
+        for one in past if len(points) else ():
+            if one.seen_s <= seen_s - tuning.before[0]:
+                sectors, away = one.scan.sectors_of(self._motion.to_robot(points, one.seen_s))
+                free |= one.free[sectors] > away + tuning.moved[0] + tuning.moved[1] * away
         return free
 
     def _are_out_of_sight(self, before: _Source, scan: ObstacleScan, seen_s: float) -> Bool:
@@ -536,9 +550,13 @@ class _Motion:
             dx, dy, turned = self._as_told(min(at_s - last_s, self._tuning.odometry))
             (ahead, left) = rotation_2d(yaw) @ (dx, dy)
             return x + float(ahead), y + float(left), yaw + turned
-        times, *values = np.array(self._poses).T
-        found = [float(np.interp(at_s, times, value)) for value in values]
-        return found[0], found[1], found[2]
+        after = bisect_left(self._poses, (at_s,))
+        if after == 0:
+            return self._poses[0][1:]
+        (first_s, *first), (then_s, *then) = self._poses[after - 1], self._poses[after]
+        since, dt = at_s - first_s, then_s - first_s
+        x, y, yaw = ((b - a) / dt * since + a for a, b in zip(first, then, strict=True))
+        return x, y, yaw
 
     def _as_told(self, dt: float) -> tuple[float, float, float]:
         """Motion in base_link for a time [s]."""
@@ -563,9 +581,13 @@ def _along_arc(ways: Float, velocity: Velocity) -> Float:
 
 def _widened(sectors: Bool, angle: float) -> Bool:
     """The sectors, and those that are no farther from one of them than an angle [rad]."""
-    count = round(angle / (2.0 * math.pi) * SECTORS)
-    near = [np.roll(sectors, k) for k in range(-count, count + 1)]
-    return np.asarray(np.any(near, axis=0))
+    return np.asarray(_around(sectors, round(angle / (2.0 * math.pi) * SECTORS)).any(axis=1))
+
+
+def _around(sectors: NDArray[Any], count: int) -> NDArray[Any]:
+    """What holds in each sector and in so many to both sides, shape (SECTORS, 2 count + 1)."""
+    padded = sectors[np.arange(-count, SECTORS + count) % SECTORS]
+    return sliding_window_view(padded, 2 * count + 1)
 
 
 def _in_words(xy: Float, source: str) -> str:

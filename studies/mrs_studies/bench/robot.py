@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mrs_people_loc import timing
+from mrs_people_loc.arrays import Float32
 from mrs_people_loc.config import RobotConfig
+from mrs_people_loc.guiding.collision_monitor import CollisionMonitor
+from mrs_people_loc.guiding.obstacles import HeadObstacles
 from mrs_people_loc.robot import RobotPipeline
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import make_stereo_bm
@@ -20,14 +23,45 @@ from mrs_tools.bags.sources import RobotView
 
 #: A head's two cameras of three.
 PAIR_OF_THREE = "pair of three"
+#: Views a second, for the collision monitor.
+_VIEWS_HZ = 15.0
 
 
-@dataclass(frozen=True)
 class TimedHead:
-    """One robot's pipeline, and what to run it on."""
+    """One robot's pipeline and collision monitor, and what to run them on."""
 
-    pipeline: RobotPipeline
-    images: Sequence[StereoImages]
+    def __init__(self, pipeline: RobotPipeline, images: Sequence[StereoImages]) -> None:
+        self.pipeline, self.images = pipeline, images
+        config = pipeline.config
+        self._monitor = CollisionMonitor(config.collision_monitor)
+        self._obstacles = HeadObstacles(
+            pipeline.camera, config.collision_monitor, nearest=config.disparity.min_range
+        )
+        self._views = 0
+
+    def time_view(self, turn: int) -> tuple[dict[str, float], int]:
+        """What each stage of a view takes [ms], and how many bodies its scan has."""
+        pipeline, images = self.pipeline, self.images[turn % len(self.images)]
+        began = timing.now_ns()
+        stages = pipeline.stages(images)
+        whole = (timing.now_ns() - began) / 1e6
+        stereo_bm = pipeline.matcher.stereo_bm_ms
+        after = {stage: ms for stage, ms in stages.times_ms.items() if stage != "disparity"}
+        times = {
+            "StereoBM": stereo_bm,
+            "disparity around it": stages.times_ms["disparity"] - stereo_bm,
+            **after,
+            "all but StereoBM": whole - stereo_bm,
+            "whole": whole,
+            "collision monitor, beside it": self._time_monitor(stages.disparity),
+        }
+        return times, int(stages.scan.cells.body.max(initial=0))
+
+    def _time_monitor(self, disparity: Float32) -> float:
+        self._views += 1
+        began, now_s = timing.now_ns(), self._views / _VIEWS_HZ
+        self._monitor.take_scan("head", self._obstacles(disparity), now_s, now_s)
+        return (timing.now_ns() - began) / 1e6
 
 
 def heads_of(
@@ -75,13 +109,12 @@ def time_robot(
             for kind, of_kind in kinds.items():
                 sample, head = samples[name, kind], of_kind[block % len(of_kind)]
                 for turn, counts in turns:
-                    images = head.images[turn % len(head.images)]
-                    times, bodies = _time_view(head.pipeline, images)
+                    times, bodies = head.time_view(turn)
                     if counts:
                         sample.add(times)
                         seen[name, kind].append(bodies)
                 bare = sample.ms["StereoBM on the bare pair"]
-                bare += _time_bare_pair(head.pipeline, images, len(turns))
+                bare += _time_bare_pair(head.pipeline, head.images[0], len(turns))
     result: dict[str, dict[str, Any]] = {}
     for (name, kind), sample in sorted(samples.items(), key=lambda item: item[0][1]):
         pipelines = [head.pipeline for head in heads[name][kind]]
@@ -97,23 +130,6 @@ def time_robot(
             "bodies": float(np.median(seen[name, kind])),
         }
     return result
-
-
-def _time_view(pipeline: RobotPipeline, images: StereoImages) -> tuple[dict[str, float], int]:
-    """What each stage of a view takes [ms], and how many bodies its scan has."""
-    began = timing.now_ns()
-    stages = pipeline.stages(images)
-    whole = (timing.now_ns() - began) / 1e6
-    stereo_bm = pipeline.matcher.stereo_bm_ms
-    after = {stage: ms for stage, ms in stages.times_ms.items() if stage != "disparity"}
-    times = {
-        "StereoBM": stereo_bm,
-        "disparity around it": stages.times_ms["disparity"] - stereo_bm,
-        **after,
-        "all but StereoBM": whole - stereo_bm,
-        "whole": whole,
-    }
-    return times, int(stages.scan.cells.body.max(initial=0))
 
 
 def _time_bare_pair(pipeline: RobotPipeline, images: StereoImages, count: int) -> list[float]:

@@ -1,9 +1,10 @@
-"""Streams keep only the newest message while a node is busy."""
+"""Nodes at work: of streams they keep only the newest message, small images take one thread."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import pytest
 import rclpy
 
@@ -65,6 +66,26 @@ def test_newest_of_the_waiting_images_are_used(
         return counts == [1, 1, 1, 1, 3] and made == stamps[-1:]
 
     peer.until(one_of_three, "a scan of the last of three views, and only that")
+
+
+@pytest.mark.parametrize("node", [(RobotNode,)], indirect=True)
+def test_small_images_are_processed_by_one_thread(
+    node: ManagedNode, peer: Peer, recording: Recording
+) -> None:
+    robot = RobotPeer(peer, None, recording, "busy")
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(3)
+
+    def is_one() -> bool:
+        robot.send(robot.view())
+        peer.spin(0.1)
+        rclpy.spin_once(node, timeout_sec=0.01)
+        return cv2.getNumThreads() == 1
+
+    try:
+        peer.until(is_one, "one thread")
+    finally:
+        cv2.setNumThreads(before)
 
 
 @pytest.mark.parametrize("node", [(PlannerNode, "-p", "robots:=[robot_a]")], indirect=True)
