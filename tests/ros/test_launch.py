@@ -157,6 +157,9 @@ def test_launch_reports_wrong_arguments(
 
 # --- what is right works --------------------------------------------------------------------------
 
+#: The nodes of the launched team.
+OF_TEAM = ("/robot_a/robot_node", "/planner_node", "/guide_node")
+
 
 @pytest.fixture(scope="module")
 def team(ros2: str, home: Path) -> Iterator[Launched]:
@@ -182,7 +185,7 @@ def test_team_with_autostart_false_waits_unconfigured(
     ros2: str, team: Launched, included: Launched, peer: Peer
 ) -> None:
     """`autostart:=false` and the file, in `~` and with sections of others, apply to all nodes."""
-    for node in ("/robot_a/robot_node", "/planner_node", "/guide_node"):
+    for node in OF_TEAM:
         peer.until(lambda n=node: peer.state(n) == "unconfigured", f"{node} does not wait")  # type: ignore[misc]
     where = ("/robot_a/robot_node", "--no-daemon", "--spin-time", "2")
     asked = [
@@ -208,7 +211,9 @@ def test_launch_file_can_be_included_by_one_with_more_arguments(
 
 
 @pytest.mark.slow
-def test_launch_ends_its_nodes_in_order(team: Launched, included: Launched) -> None:
+def test_launch_ends_its_nodes_in_order(team: Launched, included: Launched, peer: Peer) -> None:
+    for node in (*OF_TEAM, "/robot_b/robot_node"):
+        peer.until(lambda n=node: peer.state(n), f"{node} does not start")  # type: ignore[misc]
     for one, count in ((team, 3), (included, 1)):
         reported = one.end()
         assert one.process.returncode == 0, reported
