@@ -6,6 +6,7 @@ many there are in all: what looks at neighbours only grows no faster than the te
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +35,8 @@ def pairs_within(xy: Float, reach: float) -> tuple[Int, Int, Float]:
     """
     if len(xy) < 2:
         return _nobody()
+    if len(xy) * (len(xy) - 1) <= 2 * _FEW:
+        return _near(xy, xy, *each_pair(len(xy)), reach)
     pairs = _tree(xy).query_pairs(_a_little_more(reach), output_type="ndarray")
     return _near(xy, xy, pairs[:, 0], pairs[:, 1], reach)
 
@@ -52,7 +55,7 @@ def pairs_between(xy: Float, others: Float, reach: float) -> tuple[Int, Int, Flo
     if not len(xy) or not len(others):
         return _nobody()
     if len(xy) * len(others) <= _FEW:
-        one, other = np.indices((len(xy), len(others))).reshape(2, -1)
+        one, other = np.divmod(np.arange(len(xy) * len(others)), len(others))
         return _near(xy, others, one, other, reach)
     pairs = _tree(xy).sparse_distance_matrix(
         _tree(others), _a_little_more(reach), output_type="ndarray"
@@ -75,6 +78,12 @@ def nearest_to(places: Float, xy: Float, most: int) -> Int:
         return np.arange(len(xy))
     away = np.hypot(*(xy[:, np.newaxis] - places).T).min(axis=0, initial=np.inf)
     return np.sort(np.argpartition(away, most - 1)[:most])
+
+
+@functools.lru_cache(maxsize=64)
+def each_pair(count: int) -> tuple[Int, Int]:
+    """Indices of each pair of a few points, the smaller one first; to be read only."""
+    return np.triu_indices(count, 1)
 
 
 def _nobody() -> tuple[Int, Int, Float]:

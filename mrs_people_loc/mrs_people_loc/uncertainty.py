@@ -24,8 +24,10 @@ def bounded(covariance: Float) -> Float:
         covariance: [m^2], any values, NaN included, shape (n, 2, 2).
     """
     largest = LARGEST_SIGMA**2
-    usable: Any = (np.abs(covariance) < _USABLE).all(axis=(1, 2))  # NaN compares false
-    covariance = np.where(usable[:, np.newaxis, np.newaxis], covariance, largest * np.eye(2))
+    usable: Any = np.abs(covariance) < _USABLE  # NaN compares false
+    if not usable.all():
+        usable = usable.all(axis=(1, 2), keepdims=True)
+        covariance = np.where(usable, covariance, largest * np.eye(2))
     values, vectors = np.linalg.eigh(covariance)
     values = np.clip(values, LEAST_SIGMA**2, largest)
     return np.asarray((vectors * values[:, np.newaxis]) @ vectors.transpose(0, 2, 1))

@@ -115,10 +115,12 @@ def normalized(grey: Gray) -> Float32:
     root = np.sqrt(grey.astype(np.float32) + np.float32(1.0))
     mean = np.asarray(cv2.blur(root, _AROUND))
     variance = np.maximum(np.asarray(cv2.blur(root * root, _AROUND)) - mean * mean, 0.0)
-    around = (root - mean) / (np.sqrt(variance) + _LEAST_CONTRAST)
-    whole = (root - root.mean()) / (root.std() + _LEAST_CONTRAST)
-    missing = [(0, 0), *((0, -side % MULTIPLE) for side in root.shape)]
-    return np.pad(np.stack([whole, around]), missing)
+    whole = root - root.mean()
+    rows, columns = root.shape
+    made = np.zeros((2, rows + -rows % MULTIPLE, columns + -columns % MULTIPLE), np.float32)
+    made[0, :rows, :columns] = whole / (np.sqrt((whole * whole).mean()) + _LEAST_CONTRAST)
+    made[1, :rows, :columns] = (root - mean) / (np.sqrt(variance) + _LEAST_CONTRAST)
+    return made
 
 
 def window_input(features: Float32, inside: Bool, size: Float) -> Float32:

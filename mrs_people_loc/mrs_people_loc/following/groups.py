@@ -163,8 +163,10 @@ class Groups:
         config = self.config
         ids = np.array([person.id for person in people], dtype=np.int64)
         xy = np.array([person.position for person in people]).reshape(-1, 2)
-        waiting = self._pairs[self._waiting(ids, group_of)]
-        pairs, linked, doubt_s = self._candidates(ids, xy)
+        followed = np.isin(self._pairs, ids)
+        held = np.asarray(followed.all(axis=1))
+        waiting = self._pairs[self._waiting(followed, ids, group_of)]
+        pairs, linked, doubt_s = self._candidates(held, ids, xy)
         one, other = np.searchsorted(ids, pairs).T
         apart, together = self._compare(people, xy, one, other)
 
@@ -184,23 +186,33 @@ class Groups:
         self._linked = np.concatenate([linked[keep], np.ones(len(waiting), dtype=bool)])
         self._doubt_s = np.concatenate([doubt_s[keep], np.zeros(len(waiting))])
 
-    def _waiting(self, ids: Ids, group_of: Mapping[int, int]) -> Bool:
-        """Which pairs are links of members who are not followed at the moment; they stay."""
-        there = np.isin(self._pairs, ids)
-        hidden = set(group_of) - set(ids.tolist())
-        waiting = self._linked & ~there.all(axis=1)
-        waiting &= (there | np.isin(self._pairs, list(hidden))).all(axis=1)
+    def _waiting(self, followed: Bool, ids: Ids, group_of: Mapping[int, int]) -> Bool:
+        """Which pairs are links of members who are not followed at the moment; they stay.
+
+        Args:
+            followed: Who of the pairs is, shape (n, 2).
+            ids: The followed people.
+            group_of: By member, their group.
+        """
+        waiting = self._linked & ~followed.all(axis=1)
+        if waiting.any():
+            hidden = set(group_of) - set(ids.tolist())
+            waiting &= (followed | np.isin(self._pairs, list(hidden))).all(axis=1)
         return waiting
 
-    def _candidates(self, ids: Ids, xy: Float) -> tuple[Ids, Bool, Float]:
+    def _candidates(self, held: Bool, ids: Ids, xy: Float) -> tuple[Ids, Bool, Float]:
         """Pairs of followed people that are near each other or were kept.
+
+        Args:
+            held: Pairs that were kept of followed people, shape (m,).
+            ids: The followed people.
+            xy: Where they are [m].
 
         Returns:
             Their ids, shape (n, 2); whether they are linked; for how long that has been in doubt
             [s]; shape (n,) each.
         """
         one, other, _ = pairs_within(xy, self.config.distance)
-        held = np.isin(self._pairs, ids).all(axis=1)
         keys = np.concatenate([_key(self._pairs[held]), _key(ids[np.stack([one, other], axis=1)])])
         keys, first = np.unique(keys, return_index=True)
         old = first < np.count_nonzero(held)

@@ -141,7 +141,7 @@ class _Tracks(StructOfArrays):
     travelled: Bool
     last: NDArray[np.object_]
 
-    def move(self, rows: Int | Bool, motion: _Motion, velocity: Float | float = 0.0) -> None:
+    def move(self, rows: Int | slice, motion: _Motion, velocity: Float | float = 0.0) -> None:
         """The Kalman filter's prediction of some tracks.
 
         Args:
@@ -158,7 +158,7 @@ class _Tracks(StructOfArrays):
 
     def bound(self, max_variance: float) -> None:
         """Bounds the variances, by one factor for the whole matrix: it stays a covariance."""
-        largest = self.covariance[:, (0, 1, 2, 3), (0, 1, 2, 3)].max(axis=1, initial=0.0)
+        largest = self.covariance.diagonal(axis1=1, axis2=2).max(axis=1, initial=0.0)
         factor = np.minimum(1.0, max_variance / np.maximum(largest, 1e-12))
         self.covariance *= factor[:, np.newaxis, np.newaxis]
 
@@ -320,12 +320,12 @@ class Tracker:
         if dt_s <= 0 or not len(tracks):
             return
         rows, velocity = self._company(tracks)
-        alone = np.ones(len(tracks), dtype=bool)
-        alone[rows] = False
         acceleration, tuning = self.config.acceleration, self.tuning
-        tracks.move(alone, _Motion.alone(dt_s, acceleration))
+        alone: Int | slice = slice(None)
         if len(rows):
+            alone = np.delete(np.arange(len(tracks)), rows)
             tracks.move(rows, _Motion.in_company(dt_s, acceleration, tuning.adapt_s), velocity)
+        tracks.move(alone, _Motion.alone(dt_s, acceleration))
         tracks.bound(tuning.max_variance)
         tracks.age_s = tracks.age_s + dt_s
         tracks.unseen_s = tracks.unseen_s + dt_s
@@ -337,8 +337,9 @@ class Tracker:
             Rows of them; and the mean velocity of the others around, shape (k, 2) [m/s].
         """
         rows = np.flatnonzero(~tracks.seen & tracks.travelled)
-        group = self._groups(tracks.id[rows])
-        rows, group = rows[group > 0], group[group > 0]
+        if len(rows):
+            group = self._groups(tracks.id[rows])
+            rows, group = rows[group > 0], group[group > 0]
         if not len(rows):
             return rows, np.empty((0, 2))
         tuning, seen = self.tuning, self._tracks.seen
@@ -390,7 +391,9 @@ class Tracker:
         if len(free):
             tracks = _Tracks.joined([tracks, _begun(found.select(free[:room]), config)])
         self._tracks = tracks
-        self._confirm(np.flatnonzero(tracks.id == 0))
+        new = np.flatnonzero(tracks.id == 0)
+        if len(new):
+            self._confirm(new)
 
     def _forget(self) -> None:
         """Forgets lost tracks: after a while, and those unseen for longest where there are many."""
@@ -607,12 +610,14 @@ def _best(row: Int, column: Int, gain: Float, rows: int, columns: int) -> Int:
     Connected components of the pairs are independent problems. Where the best pairs of all rows are
     in different columns, these are the solution.
     """
-    component = connected(row, rows + column, rows + columns)[row]
     order = np.argsort(gain)
     best = np.full(rows, -1)
     best[row[order]] = order  # the last one stays
     best = best[best >= 0]
     contested = np.bincount(column[best], minlength=columns)[column[best]] > 1
+    if not contested.any():
+        return best
+    component = connected(row, rows + column, rows + columns)[row]
     open_ones = np.unique(component[best[contested]])
     taken = [best[~np.isin(component[best], open_ones)]]
     for number in open_ones.tolist():

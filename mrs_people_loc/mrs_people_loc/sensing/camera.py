@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -206,7 +207,7 @@ class StereoCamera:
         """Depth times disparity, fx * baseline [px m]: Z = depth_disparity / (d - offset)."""
         return self.fx * self.baseline
 
-    @property
+    @functools.cached_property
     def robot_from_optical(self) -> tuple[Float, Float]:
         """Rotation (3, 3) and translation (3,) [m] from the left optical to the robot frame."""
         return robot_from_optical(self.mounting)

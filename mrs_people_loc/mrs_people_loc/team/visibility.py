@@ -38,9 +38,6 @@ class FieldsOfView:
         self._row: dict[str, int] = {}
         self._least = np.empty((0, _BEARINGS))
         self._greatest = np.empty((0, _BEARINGS))
-        #: Whether there are detections at the bearings on both sides, too: bodies at the edge of
-        #: what a head sees are cut, and often missed.
-        self._inside = np.empty((0, _BEARINGS), dtype=bool)
 
     def learn(self, robots: Sequence[str], xy: Float, poses: Mapping[str, Pose]) -> None:
         """Takes detections of people.
@@ -57,8 +54,6 @@ class FieldsOfView:
         bearing, away = _seen_from(xy, _numbers(poses[name] for name in robots))
         np.minimum.at(self._least, (row, bearing), away)
         np.maximum.at(self._greatest, (row, bearing), away)
-        seen = np.isfinite(self._least)
-        self._inside = np.roll(seen, 1, axis=1) & np.roll(seen, -1, axis=1)
 
     def farthest(self, robot: str) -> float:
         """The distance of a robot's farthest detection [m]; 0 before the first."""
@@ -95,7 +90,10 @@ class FieldsOfView:
         at = _numbers(looking[name] for name in known)
         bearing, away = _seen_from(xy, at[:, np.newaxis])
         in_range = (away >= self._least[row, bearing]) & (away <= self._greatest[row, bearing])
-        in_range &= self._inside[row, bearing]
+        # Bodies at the edge of what a head sees are cut, and often missed: there have to be
+        # detections on both sides, too.
+        for aside in (bearing - 1, (bearing + 1) % _BEARINGS):
+            in_range &= np.isfinite(self._least[row, aside])
         for k in np.flatnonzero(in_range.any(axis=1)).tolist():
             rows = np.flatnonzero(in_range[k] & ~seen)
             if not len(rows):

@@ -116,10 +116,12 @@ def fit_walls(xy: Float, covariance: Float, *, tuning: WallFitTuning = WALL_FIT_
         )
     if len(xy) < tuning.min_points:
         return walls_of([])
-    xx, yy = covariance[:, 0, 0], covariance[:, 1, 1]
-    metres = np.minimum(_spacing(xy), tuning.spacing)
-    sweep = _Sweep(xy[:, 0], xy[:, 1], xx, covariance[:, 0, 1], yy, metres)
-    lines = _window_lines(xy, tuning)
+    # In rows, which are faster than columns.
+    x, y = np.ascontiguousarray(xy.T)
+    xx, cross, _, yy = np.ascontiguousarray(covariance.reshape(-1, 4).T)
+    metres = np.minimum(_spacing(x, y), tuning.spacing)
+    sweep = _Sweep(x, y, xx, cross, yy, metres)
+    lines = _window_lines(x, y, tuning)
     some = slice(None, None, max(1, -(-len(xy) // tuning.max_scored)))
     near = np.maximum(tuning.tolerance, tuning.sigmas * np.sqrt(xx[some] + yy[some]))
     support = _support(lines, xy[some], near)
@@ -180,26 +182,25 @@ def meeting(walls: Walls, tuning: WallFitTuning = WALL_FIT_TUNING) -> Walls:
     # The point of line i that is `place` from its foot, d_i n_i + place t_i, is on line j.
     with np.errstate(divide="ignore", invalid="ignore"):
         beside = walls.distance[:, np.newaxis] * np.cos(crossing) - walls.distance
-        place = beside / np.sin(crossing)
-    place = np.where(np.abs(np.sin(crossing)) > math.sin(tuning.min_crossing), place, np.inf)
+        place = beside / (sine := np.sin(crossing))
+    place = np.where(np.abs(sine) > math.sin(tuning.min_crossing), place, np.inf)
     low, high = walls.extent[:, :1] - tuning.max_off, walls.extent[:, 1:] + tuning.max_off
     on_other = ((place > low) & (place < high)).T
     off = np.abs(place[:, np.newaxis, :] - walls.extent[:, :, np.newaxis])
-    off[~np.repeat(on_other[:, np.newaxis, :], 2, axis=1)] = np.inf
+    off = np.where(on_other[:, np.newaxis], off, np.inf)
     nearest = off.argmin(axis=2)
     met = off.min(axis=2) < tuning.max_off
-    extent = np.where(met, np.take_along_axis(place, nearest, axis=1), walls.extent)
+    extent = np.where(met, place[np.arange(len(walls))[:, np.newaxis], nearest], walls.extent)
     return Walls(walls.distance, walls.bearing, walls.covariance, extent, walls.is_end | met)
 
 
-def _window_lines(xy: Float, tuning: WallFitTuning) -> Float:
+def _window_lines(x: Float, y: Float, tuning: WallFitTuning) -> Float:
     """Total least squares lines of windows that overlap by half: distance, bearing, shape (m, 2).
 
     The distance may be negative here.
     """
-    x, y = xy.T
-    moments = np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
-    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(moments, axis=1)], axis=1)
+    sums = np.zeros((6, len(x) + 1))
+    np.cumsum([np.ones(len(x)), x, y, x * x, x * y, y * y], axis=1, out=sums[:, 1:])
     starts = [np.arange(0, max(0, len(x) - size + 1), size // 2) for size in tuning.windows]
     size = np.repeat(tuning.windows, [len(start) for start in starts])
     start = np.concatenate(starts)
@@ -222,10 +223,12 @@ def _support(lines: Float, xy: Float, tolerance: Float) -> Float32:
     return support
 
 
-def _spacing(xy: Float) -> Float:
+def _spacing(x: Float, y: Float) -> Float:
     """Half the way from each point's neighbour before it to that after it [m], shape (n,)."""
-    steps = np.hypot(*np.diff(xy, axis=0).T)
-    return np.asarray(0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)))
+    steps, both = np.hypot(np.diff(x), np.diff(y)), np.zeros(len(x))
+    both[:-1] = steps
+    both[1:] += steps
+    return 0.5 * both
 
 
 def _refined(
@@ -257,7 +260,7 @@ def _refined(
     extent = float(along.min()), float(along.max())
     if len(index) < tuning.min_points or extent[1] - extent[0] < tuning.min_length:
         return None, index
-    if _is_bowed(along, off, variance, tuning):
+    if _is_bowed(along, extent, off, variance, tuning):
         return None, index
     excess = max(1.0, float((off * off / variance).sum()) / (len(index) - 2))
     return Line(*line, covariance * excess, extent), index
@@ -267,14 +270,19 @@ def _longest_run(along: Float, metres: Float, tuning: WallFitTuning) -> Bool:
     """Which points belong to the run with most metres and without longer gaps, shape (n,)."""
     order = np.argsort(along, kind="stable")
     ascending = along[order]
+    gaps = ascending[1:] - ascending[:-1] > tuning.max_gap
+    if not gaps.any():
+        return np.ones(len(along), dtype=bool)
     run = np.zeros(len(along), dtype=np.intp)
-    run[order[1:]] = np.cumsum(ascending[1:] - ascending[:-1] > tuning.max_gap)
+    run[order[1:]] = np.cumsum(gaps)
     return np.asarray(run == np.bincount(run, metres).argmax())
 
 
-def _is_bowed(along: Float, off: Float, variance: Float, tuning: WallFitTuning) -> bool:
+def _is_bowed(
+    along: Float, extent: tuple[float, float], off: Float, variance: Float, tuning: WallFitTuning
+) -> bool:
     """Whether points near a line are on a curve: the middle half is to one side of the rest."""
-    low, high = along.min(), along.max()
+    low, high = extent
     middle = np.abs(along - 0.5 * (low + high)) < 0.25 * (high - low)
     weight = 1.0 / variance
     inside, whole = float(weight @ middle), float(weight.sum())

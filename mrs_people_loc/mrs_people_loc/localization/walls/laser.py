@@ -102,7 +102,8 @@ def walls_of_laser(
         )
     hit = (ranges >= tuning.min_range) & (ranges < max_range)  # NaN compares false
     cos, sin = np.cos(angles[hit]), np.sin(angles[hit])
-    xy = ranges[hit, np.newaxis] * np.stack([cos, sin], axis=1)
+    xy = np.empty((len(cos), 2))
+    xy[:, 0], xy[:, 1] = ranges[hit] * cos, ranges[hit] * sin
     kept = ~_near(xy, mounting, bodies, tuning.body)
     xy, cos, sin = xy[kept], cos[kept], sin[kept]
     along = sigma**2
@@ -127,8 +128,8 @@ def _near(xy: Float, mounting: tuple[float, float, float], bodies: Float, radius
     """Which points of the scanner's frame may be of bodies, shape (n,)."""
     x, y, yaw = mounting
     points = xy @ rotation_2d(yaw).T + (x, y)
-    apart = np.linalg.norm(points[:, np.newaxis] - bodies[:, :2], axis=2)
-    return np.asarray((apart < radius + bodies[:, 2]).any(axis=1))
+    dx, dy = points[:, 0] - bodies[:, :1], points[:, 1] - bodies[:, 1:2]
+    return np.asarray((np.sqrt(dx * dx + dy * dy) < radius + bodies[:, 2:]).any(axis=0))
 
 
 def _gaps(walls: Walls, spacing: float) -> Float:
@@ -161,7 +162,7 @@ def _jumps(walls: Walls, free: Float, angles: Float, spacing: float, jump: float
     off = np.mod(bearing - angles[0] + np.pi, 2.0 * np.pi) - np.pi
     index = np.round(np.mod(off, 2.0 * np.pi) / spacing).astype(np.intp) + step
     inside = (index >= 0) & (index < len(angles))
-    index = np.clip(index, 0, len(angles) - 1)
+    index = np.maximum(np.minimum(index, len(angles) - 1), 0)
     cosine = np.cos(angles[index] - walls.bearing[:, np.newaxis])
     with np.errstate(divide="ignore"):
         line = np.where(cosine > 1e-3, walls.distance[:, np.newaxis] / cosine, np.inf)

@@ -23,6 +23,7 @@ import numpy as np
 from mrs_people_loc.arrays import Bool, Float, Float32, Int, StructOfArrays
 from mrs_people_loc.localization.walls import SeenWalls
 from mrs_people_loc.localization.walls.fit import Line, meeting, walls_of
+from mrs_people_loc.neighbours import each_pair
 from mrs_people_loc.precision import PIXEL_SIGMA_PX
 from mrs_people_loc.sensing.camera import StereoCamera
 from mrs_people_loc.sensing.disparity import SUBPIXELS
@@ -294,7 +295,7 @@ class StereoWalls:
         # Over three bins each; the rows at both ends are empty.
         height3 = height[:-2] + height[1:-1] + height[2:]
         left = height3.copy()
-        column = np.arange(columns)
+        column, beside = np.arange(columns), np.arange(-2, 3)[:, np.newaxis]
         at_rows, at_columns = [], []
         for _ in range(tuning.peaks):
             row = left.argmax(axis=0)
@@ -302,8 +303,8 @@ class StereoWalls:
             high &= (row + 0.5) * tuning.bin_px > self._least - tuning.tolerances_px[0]
             at_rows.append(row[high])
             at_columns.append(column[high])
-            near = np.clip(row + np.arange(-2, 3)[:, np.newaxis], 0, tuning.rows - 1)
-            left[near, column] = 0.0
+            near = row + beside
+            left[np.minimum(np.maximum(near, 0), tuning.rows - 1), column] = 0.0
         row, column = np.concatenate(at_rows), np.concatenate(at_columns)
         extent = height3[row, column]
         inverse = (moment[row, column] + moment[row + 1, column] + moment[row + 2, column]) / extent
@@ -316,7 +317,7 @@ class StereoWalls:
         The latter is 1 for a peak on the plane and 0 for one beyond the tolerance, shape (k, n).
         """
         tuning = self._tuning
-        i, j = np.triu_indices(len(peaks), 1)
+        i, j = each_pair(len(peaks))
         apart = np.abs(peaks.column[i] - peaks.column[j])
         near = (apart >= tuning.min_apart) & (apart <= tuning.max_apart)
         chosen = np.flatnonzero(near)
@@ -383,7 +384,7 @@ class StereoWalls:
         # No wall is nearer than 10 cm; so the matrix has an inverse, whatever the rays are.
         upright = max(upright, self._tuning.least_variance)
         nearest = self._tuning.nearest**2
-        information += np.diag([nearest, nearest, 1.0 / upright])
+        information.flat[::4] += (nearest, nearest, 1.0 / upright)  # its diagonal
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         plane = covariance @ (rays.T @ disparity.astype(np.float64)) * weight
         return plane, covariance

@@ -62,17 +62,13 @@ def moved(walls: Walls, x: float | Float, y: float | Float, yaw: float) -> Walls
     jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
     jacobian[:, 0, 1] = along
     covariance = jacobian @ walls.covariance @ jacobian.transpose(0, 2, 1)
-    flip = distance < 0.0
-    sign = np.where(flip, -1.0, 1.0)
-    covariance[:, 0, 1] *= sign
-    covariance[:, 1, 0] *= sign
-    extent = walls.extent + along[:, np.newaxis]
-    bearing = np.where(flip, bearing + np.pi, bearing)
-    flip = flip[:, np.newaxis]
-    return Walls(
-        distance=distance * sign,
-        bearing=np.pi - np.mod(np.pi - bearing, 2.0 * np.pi),
-        covariance=covariance,
-        extent=np.where(flip, -extent[:, ::-1], extent),
-        is_end=np.where(flip, walls.is_end[:, ::-1], walls.is_end),
-    )
+    extent, is_end = walls.extent + along[:, np.newaxis], walls.is_end.copy()
+    flip = np.flatnonzero(distance < 0.0)
+    if len(flip):
+        distance[flip] *= -1.0
+        bearing[flip] += np.pi
+        covariance[flip, 0, 1] *= -1.0
+        covariance[flip, 1, 0] *= -1.0
+        extent[flip], is_end[flip] = -extent[flip, ::-1], is_end[flip, ::-1]
+    bearing = np.pi - np.mod(np.pi - bearing, 2.0 * np.pi)
+    return Walls(distance, bearing, covariance, extent, is_end)
