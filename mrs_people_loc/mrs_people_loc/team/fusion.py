@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -66,9 +65,12 @@ def allow_for_walking(
     for scan in scans:
         walked = walking_speed * (time_ns - scan.stamp_ns) / 1e9
         if walked:
-            spread = np.diag([walked**2, walked**2, 0.0])
             pose = poses[scan.robot]
-            placed[scan.robot] = dataclasses.replace(pose, covariance=pose.covariance + spread)
+            covariance = pose.covariance.astype(np.float64)
+            covariance.flat[:5:4] += walked**2  # of x and y
+            placed[scan.robot] = Pose(
+                pose.stamp_ns, pose.x, pose.y, pose.yaw, covariance, pose.in_team
+            )
     return placed
 
 

@@ -58,10 +58,12 @@ def moved(walls: Walls, x: float | Float, y: float | Float, yaw: float) -> Walls
     cos, sin = np.cos(bearing), np.sin(bearing)
     along = y * cos - x * sin
     distance = walls.distance + x * cos + y * sin
-    jacobian = np.zeros((len(walls), 2, 2))
-    jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
-    jacobian[:, 0, 1] = along
-    covariance = jacobian @ walls.covariance @ jacobian.transpose(0, 2, 1)
+    covariance = walls.covariance.copy()
+    if along.any():
+        jacobian = np.zeros((len(walls), 2, 2))
+        jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
+        jacobian[:, 0, 1] = along
+        covariance = jacobian @ covariance @ jacobian.transpose(0, 2, 1)
     extent, is_end = walls.extent + along[:, np.newaxis], walls.is_end.copy()
     flip = np.flatnonzero(distance < 0.0)
     if len(flip):
