@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -207,7 +206,7 @@ class StereoCamera:
         """Depth times disparity, fx * baseline [px m]: Z = depth_disparity / (d - offset)."""
         return self.fx * self.baseline
 
-    @functools.cached_property
+    @property
     def robot_from_optical(self) -> tuple[Float, Float]:
         """Rotation (3, 3) and translation (3,) [m] from the left optical to the robot frame."""
         return robot_from_optical(self.mounting)
