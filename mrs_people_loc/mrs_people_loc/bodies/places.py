@@ -272,7 +272,7 @@ def _add_looks(
 
 
 def _median(values: Float) -> Float:
-    """Of each row, as `np.median`, in a fifth of the time; NaN: one of them is, shape (n,)."""
+    """Of each row, as `np.median`, which takes long for so few; NaN: one is, shape (n,)."""
     ordered, half = np.sort(values, axis=1), values.shape[1] // 2
     middle = 0.5 * (ordered[:, -1 - half] + ordered[:, half])
     return np.where(np.isnan(ordered[:, -1]), np.nan, middle)
