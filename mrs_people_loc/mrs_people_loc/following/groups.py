@@ -163,6 +163,7 @@ class Groups:
         config = self.config
         ids = np.array([person.id for person in people], dtype=np.int64)
         xy = np.array([person.position for person in people]).reshape(-1, 2)
+        # As `np.isin`; the ids ascend.
         followed = np.append(ids, 0)[np.searchsorted(ids, self._pairs)] == self._pairs
         held = np.asarray(followed.all(axis=1))
         waiting = self._pairs[self._waiting(followed, ids, group_of)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,9 @@ from mrs_people_loc.geometry import rotation_2d
 from mrs_people_loc.scan import Cells, Scan
 from mrs_people_loc.team.poses import Pose, places_and_covariances
 from mrs_people_loc.uncertainty import LARGEST_SIGMA, LEAST_SIGMA, bounded, covariance_of_places
+
+#: Which elements of the covariance of a pose grow with the variance of its place.
+_OF_PLACE = np.diag([1.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -66,11 +70,8 @@ def allow_for_walking(
         walked = walking_speed * (time_ns - scan.stamp_ns) / 1e9
         if walked:
             pose = poses[scan.robot]
-            covariance = pose.covariance.astype(np.float64)
-            covariance.flat[:5:4] += walked**2  # of x and y
-            placed[scan.robot] = Pose(
-                pose.stamp_ns, pose.x, pose.y, pose.yaw, covariance, pose.in_team
-            )
+            covariance = pose.covariance + walked**2 * _OF_PLACE
+            placed[scan.robot] = dataclasses.replace(pose, covariance=covariance)
     return placed
 
 
